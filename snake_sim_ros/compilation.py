@@ -1,0 +1,55 @@
+"""
+How the hot path is compiled: Numba, without the interpreter lock, cached on disk.
+
+Numba's cache notices a change in the file of a function, but not in a function that it calls from
+another file. Therefore the cache folder is named after the contents of all physics modules.
+"""
+
+from collections.abc import Callable
+import hashlib
+import os
+from pathlib import Path
+import tempfile
+from typing import Any
+from typing import TypeVar
+
+try:
+    import numba
+except ImportError as error:
+    raise ImportError(
+        'snake_sim_ros compiles its physics with Numba, which is not installed: '
+        'pip install numba, or apt install python3-numba'
+    ) from error
+
+F = TypeVar('F', bound=Callable[..., Any])
+
+# Everything LLVM may reorder, except what assumes that no value is infinite or not a number.
+FAST_MATH = {'contract', 'reassoc', 'nsz', 'arcp'}
+
+
+def _cache_folder() -> str:
+    """Return a folder that belongs to exactly these sources and can be written."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob('*.py')):
+        digest.update(path.read_bytes())
+    name = f'snake_sim_ros/{digest.hexdigest()[:16]}'
+    home = os.environ.get('XDG_CACHE_HOME') or os.path.expanduser('~/.cache')
+    for root in (home, os.path.join(tempfile.gettempdir(), f'cache-{os.getuid()}')):
+        folder = Path(root) / name
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(folder, os.W_OK):
+            return str(folder)
+    return ''
+
+
+if 'NUMBA_CACHE_DIR' not in os.environ:
+    numba.config.CACHE_DIR = _cache_folder()
+
+
+def compiled(function: F) -> F:
+    """Return `function` compiled on its first call; plain Python with NUMBA_DISABLE_JIT=1."""
+    options = {'cache': True, 'nogil': True, 'error_model': 'numpy', 'fastmath': FAST_MATH}
+    return numba.njit(**options)(function)  # type: ignore[no-any-return]

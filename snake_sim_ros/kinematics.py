@@ -1,0 +1,237 @@
+"""
+Compiled kinematics of the chain of links: eqs. (6), (66), (72), (83) and section VII-C.
+
+The same relations as in `reference.py`, for whole arrays of links and without temporary arrays. Every
+function fills the arrays named in its first line.
+"""
+
+import math
+
+from snake_sim_ros.compilation import compiled
+from snake_sim_ros.parameters import DRIFT_CORRECTIONS
+
+PAPER, CENTER_OF_MASS, NONE = range(len(DRIFT_CORRECTIONS))
+
+
+@compiled
+def link_frames(p, R):  # type: ignore[no-untyped-def]
+    """Fill R with the rotation matrices of Euler parameters p (n, 4) of any length, eq. (6)."""
+    for i in range(len(p)):
+        e0, e1, e2, e3 = p[i, 0], p[i, 1], p[i, 2], p[i, 3]
+        s = 1.0 / (e0 * e0 + e1 * e1 + e2 * e2 + e3 * e3)
+        R[i, 0, 0] = s * (e0 * e0 + e1 * e1 - e2 * e2 - e3 * e3)
+        R[i, 1, 1] = s * (e0 * e0 - e1 * e1 + e2 * e2 - e3 * e3)
+        R[i, 2, 2] = s * (e0 * e0 - e1 * e1 - e2 * e2 + e3 * e3)
+        R[i, 0, 1] = 2.0 * s * (e1 * e2 - e0 * e3)
+        R[i, 1, 0] = 2.0 * s * (e1 * e2 + e0 * e3)
+        R[i, 0, 2] = 2.0 * s * (e1 * e3 + e0 * e2)
+        R[i, 2, 0] = 2.0 * s * (e1 * e3 - e0 * e2)
+        R[i, 1, 2] = 2.0 * s * (e2 * e3 - e0 * e1)
+        R[i, 2, 1] = 2.0 * s * (e2 * e3 + e0 * e1)
+
+
+@compiled
+def rates_in_inertial_frame(R, u, omega):  # type: ignore[no-untyped-def]
+    """Fill omega (n, 3) with the angular velocities in I."""
+    for i in range(len(u)):
+        for k in range(3):
+            omega[i, k] = R[i, k, 0] * u[i, 3] + R[i, k, 1] * u[i, 4] + R[i, k, 2] * u[i, 5]
+
+
+@compiled
+def half_rotation(p, omega, step):  # type: ignore[no-untyped-def]
+    """Return p + step H_bar(p)^T omega, omega in B: half of a step of the kinematic map (74)."""
+    e0, e1, e2, e3 = p
+    x, y, z = omega
+    return (
+        e0 - step * (e1 * x + e2 * y + e3 * z),
+        e1 + step * (e0 * x + e2 * z - e3 * y),
+        e2 + step * (e0 * y + e3 * x - e1 * z),
+        e3 + step * (e0 * z + e1 * y - e2 * x),
+    )
+
+
+@compiled
+def middle_coordinates(dt, q, u, q_mid):  # type: ignore[no-untyped-def]
+    """Fill q_mid with q_M = q_A + dt/2 F(q_M) u_A, eq. (72), solved in closed form for p_M."""
+    for i in range(len(q)):
+        for k in range(3):
+            q_mid[i, k] = q[i, k] + dt / 2 * u[i, k]
+        x, y, z = u[i, 3], u[i, 4], u[i, 5]
+        s = 1.0 / (1.0 + dt * dt / 16 * (x * x + y * y + z * z))
+        e0, e1, e2, e3 = half_rotation((q[i, 3], q[i, 4], q[i, 5], q[i, 6]), (x, y, z), dt / 4)
+        q_mid[i, 3], q_mid[i, 4], q_mid[i, 5], q_mid[i, 6] = s * e0, s * e1, s * e2, s * e3
+
+
+@compiled
+def end_coordinates(dt, q_mid, u, q):  # type: ignore[no-untyped-def]
+    """Fill q with q_E = q_M + dt/2 F(q_M) u_E, eq. (83), Euler parameters of length 1 (VII-C)."""
+    for i in range(len(q)):
+        for k in range(3):
+            q[i, k] = q_mid[i, k] + dt / 2 * u[i, k]
+        p = q_mid[i, 3], q_mid[i, 4], q_mid[i, 5], q_mid[i, 6]
+        e0, e1, e2, e3 = half_rotation(p, (u[i, 3], u[i, 4], u[i, 5]), dt / 4)
+        s = 1.0 / math.sqrt(e0 * e0 + e1 * e1 + e2 * e2 + e3 * e3)
+        q[i, 3], q[i, 4], q[i, 5], q[i, 6] = s * e0, s * e1, s * e2, s * e3
+
+
+@compiled
+def joint_coordinates(R, omega, coordinate):  # type: ignore[no-untyped-def]
+    """Fill coordinate (n-1, 2, 2) with the (angle, rate) of yaw and pitch, eq. (66)."""
+    for j in range(len(R) - 1):
+        xx = xz = yy = yz = yaw_rate = pitch_rate = 0.0
+        for k in range(3):
+            xx += R[j, k, 0] * R[j + 1, k, 0]
+            xz += R[j, k, 2] * R[j + 1, k, 0]
+            yy += R[j, k, 1] * R[j + 1, k, 1]
+            yz += R[j, k, 1] * R[j + 1, k, 2]
+            relative = omega[j + 1, k] - omega[j, k]
+            yaw_rate += R[j, k, 1] * relative
+            pitch_rate += R[j + 1, k, 0] * relative
+        coordinate[j, 0, 0], coordinate[j, 0, 1] = math.atan2(-xz, xx), yaw_rate
+        coordinate[j, 1, 0], coordinate[j, 1, 1] = math.atan2(-yz, yy), pitch_rate
+
+
+@compiled
+def chain_geometry(half_length, R, center, axis):  # type: ignore[no-untyped-def]
+    """Fill the link centers from O, the center of the middle link, and the joint axis twists."""
+    n = len(R)
+    for k in range(3):
+        center[0, k] = 0.0
+        for i in range(1, n):
+            step = half_length[i - 1] * R[i - 1, k, 2] + half_length[i] * R[i, k, 2]
+            center[i, k] = center[i - 1, k] + step
+        origin = center[n // 2, k]
+        for i in range(n):
+            center[i, k] -= origin
+    for j in range(n - 1):
+        x = center[j, 0] + half_length[j] * R[j, 0, 2]
+        y = center[j, 1] + half_length[j] * R[j, 1, 2]
+        z = center[j, 2] + half_length[j] * R[j, 2, 2]
+        for k, i, column in ((0, j, 1), (1, j + 1, 0)):  # yaw about e_y^i, pitch about e_x^i+1
+            ax, ay, az = R[i, 0, column], R[i, 1, column], R[i, 2, column]
+            axis[j, k, 0], axis[j, k, 1], axis[j, k, 2] = ax, ay, az
+            axis[j, k, 3] = y * az - z * ay
+            axis[j, k, 4] = z * ax - x * az
+            axis[j, k, 5] = x * ay - y * ax
+
+
+@compiled
+def end_velocities(twist, R, center, u):  # type: ignore[no-untyped-def]
+    """Fill u_E (n, 6) from the twists about O."""
+    for i in range(len(u)):
+        wx, wy, wz = twist[i, 0], twist[i, 1], twist[i, 2]
+        x, y, z = center[i, 0], center[i, 1], center[i, 2]
+        u[i, 0] = twist[i, 3] + wy * z - wz * y
+        u[i, 1] = twist[i, 4] + wz * x - wx * z
+        u[i, 2] = twist[i, 5] + wx * y - wy * x
+        for k in range(3):
+            u[i, 3 + k] = R[i, 0, k] * wx + R[i, 1, k] * wy + R[i, 2, k] * wz
+
+
+@compiled
+def axis_z(q, i):  # type: ignore[no-untyped-def]
+    """Return e_z of link i in I."""
+    e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
+    return (
+        2.0 * (e1 * e3 + e0 * e2),
+        2.0 * (e2 * e3 - e0 * e1),
+        e0 * e0 - e1 * e1 - e2 * e2 + e3 * e3,
+    )
+
+
+@compiled
+def close_joints(rule, half_length, mass, q):  # type: ignore[no-untyped-def]
+    """
+    Remove the joint drift from q, section VII-C, link by link from the first one.
+
+    Deviation, for CENTER_OF_MASS: afterwards the robot is moved back to its center of mass.
+
+    Returns
+    -------
+    gap, twist : float
+        Largest joint violation found, in position [m] and angle [rad].
+
+    """
+    gap = twist = 0.0
+    shift_x = shift_y = shift_z = mass_sum = 0.0  # moment and sum of masses of the corrections
+    correction_x = correction_y = correction_z = 0.0
+    for i in range(len(q)):
+        if i > 0:
+            # Turn link i about its own axis until e_y of the link before is normal to its e_x.
+            theta = joint_twist(q, i - 1)
+            twist = max(twist, abs(theta))
+            if rule != NONE:
+                turn_about_axis(q, i, theta)
+            a, b = axis_z(q, i - 1), axis_z(q, i)
+            dx = q[i - 1, 0] + half_length[i - 1] * a[0] + half_length[i] * b[0] - q[i, 0]
+            dy = q[i - 1, 1] + half_length[i - 1] * a[1] + half_length[i] * b[1] - q[i, 1]
+            dz = q[i - 1, 2] + half_length[i - 1] * a[2] + half_length[i] * b[2] - q[i, 2]
+            if rule == NONE:
+                gap = max(gap, abs(dx), abs(dy), abs(dz))
+            else:
+                gap = max(
+                    gap,
+                    abs(dx - correction_x),
+                    abs(dy - correction_y),
+                    abs(dz - correction_z),
+                )
+                correction_x, correction_y, correction_z = dx, dy, dz
+                q[i, 0] += dx
+                q[i, 1] += dy
+                q[i, 2] += dz
+        shift_x += mass[i] * correction_x
+        shift_y += mass[i] * correction_y
+        shift_z += mass[i] * correction_z
+        mass_sum += mass[i]
+    if rule == CENTER_OF_MASS:
+        for i in range(len(q)):
+            q[i, 0] -= shift_x / mass_sum
+            q[i, 1] -= shift_y / mass_sum
+            q[i, 2] -= shift_z / mass_sum
+    return gap, twist
+
+
+@compiled
+def joint_twist(q, j):  # type: ignore[no-untyped-def]
+    """Return the angle by which link j+1 must turn about its own axis so that g_Jphi = 0, eq. (13)."""
+    e0, e1, e2, e3 = q[j, 3], q[j, 4], q[j, 5], q[j, 6]
+    yx, yy, yz = (
+        2.0 * (e1 * e2 - e0 * e3),
+        e0 * e0 - e1 * e1 + e2 * e2 - e3 * e3,
+        2.0 * (e2 * e3 + e0 * e1),
+    )
+    e0, e1, e2, e3 = q[j + 1, 3], q[j + 1, 4], q[j + 1, 5], q[j + 1, 6]
+    along_x = (
+        yx * (e0 * e0 + e1 * e1 - e2 * e2 - e3 * e3)
+        + yy * 2.0 * (e1 * e2 + e0 * e3)
+        + yz * 2.0 * (e1 * e3 - e0 * e2)
+    )
+    along_y = (
+        yx * 2.0 * (e1 * e2 - e0 * e3)
+        + yy * (e0 * e0 - e1 * e1 + e2 * e2 - e3 * e3)
+        + yz * 2.0 * (e2 * e3 + e0 * e1)
+    )
+    return -math.atan2(along_x, along_y)
+
+
+@compiled
+def turn_about_axis(q, i, theta):  # type: ignore[no-untyped-def]
+    """Turn link i by theta about its own e_z: p_i becomes p_i o (cos theta/2, 0, 0, sin theta/2)."""
+    c, s = math.cos(theta / 2), math.sin(theta / 2)
+    e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
+    q[i, 3], q[i, 4], q[i, 5], q[i, 6] = (
+        c * e0 - s * e3,
+        c * e1 + s * e2,
+        c * e2 - s * e1,
+        c * e3 + s * e0,
+    )
+
+
+@compiled
+def penetration(offset, radius, q):  # type: ignore[no-untyped-def]
+    """Return how deep the lowest contact sphere is below the floor [m], 0 if it is not."""
+    lowest = 0.0
+    for i in range(len(q)):
+        lowest = min(lowest, q[i, 2] - offset[i] * abs(axis_z(q, i)[2]) - radius[i])
+    return -lowest

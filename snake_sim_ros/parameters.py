@@ -1,0 +1,408 @@
+"""
+Every physical number of a scene: frozen records, their validation, YAML in and out.
+
+The defaults are the numbers of the paper [1]; what the paper leaves open is called an assumption.
+NOTATION.md maps the symbols of the paper to the names used here. All values are SI and radians; in
+YAML a key may end in ``_deg`` and is then converted.
+
+.. [1] A. A. Transeth, R. I. Leine, Ch. Glocker, K. Y. Pettersen, "3-D snake robot motion: nonsmooth
+   modeling, simulations, and experiments", IEEE T-RO 24(2), 2008.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from dataclasses import field
+from dataclasses import fields
+from dataclasses import is_dataclass
+from dataclasses import replace
+import difflib
+from functools import cache
+import math
+from pathlib import Path
+from types import UnionType
+from typing import Any
+from typing import get_args
+from typing import get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+import yaml
+
+Array = NDArray[np.float64]
+PerLink = float | tuple[float, ...]
+
+CONFIG = Path(__file__).parent / 'config'
+
+
+class ParameterError(ValueError):
+    """A number, name or file of a scene is not usable; the message says which and why."""
+
+
+def quantity(
+    default: Any,
+    unit: str,
+    meaning: str,
+    *,
+    above: float = -math.inf,
+    minimum: float = -math.inf,
+    maximum: float = math.inf,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """Return a dataclass field that knows its unit, its meaning and its admissible values."""
+    limits = {'above': above, 'minimum': minimum, 'maximum': maximum, 'choices': choices}
+    return field(default=default, metadata={'unit': unit, 'meaning': meaning, **limits})
+
+
+@cache
+def _type_hints(cls: type) -> dict[str, Any]:
+    return get_type_hints(cls)
+
+
+def _converted(name: str, value: Any, kind: Any) -> Any:
+    """Return `value` as `kind`; numbers are never taken from text or truth values."""
+    kinds = get_args(kind) if isinstance(kind, UnionType) else (kind,)
+    if is_dataclass(kind):
+        if isinstance(value, kind):  # type: ignore[arg-type]
+            return value
+        raise ParameterError(f'{name} must be a mapping of names to values, got {value!r}')
+    if str in kinds and isinstance(value, str):
+        return value
+    number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+    if int in kinds and number and float(value).is_integer():
+        return int(value)
+    if float in kinds and number:
+        return float(value)
+    if isinstance(value, (list, tuple, np.ndarray)) and kinds[-1] not in (int, float, str):
+        return tuple(_converted(name, entry, float) for entry in value)
+    wanted = {str: 'text', int: 'a whole number', float: 'a number'}.get(kinds[0], 'numbers')
+    raise ParameterError(f'{name} must be {wanted}, got {value!r}')
+
+
+def _check(name: str, value: Any, limits: Mapping[str, Any]) -> None:
+    """Raise if one value of a field is not finite, out of range or not among the choices."""
+    if isinstance(value, str):
+        if limits['choices'] and value not in limits['choices']:
+            choices = ', '.join(limits['choices'])
+            raise ParameterError(f'{name} must be one of {choices}; got {value!r}')
+        return
+    if not isinstance(value, (int, float)):
+        return
+    unit = '' if limits['unit'] in ('', '1') else f' {limits["unit"]}'
+    if not math.isfinite(value):
+        raise ParameterError(f'{name} must be finite, got {value}{unit}')
+    if not value > limits['above']:
+        raise ParameterError(f'{name} must be above {limits["above"]:g}{unit}, got {value:g}{unit}')
+    if not limits['minimum'] <= value <= limits['maximum']:
+        low, high = limits['minimum'], limits['maximum']
+        bound = f'at least {low:g}' if value < low else f'at most {high:g}'
+        raise ParameterError(f'{name} must be {bound}{unit}, got {value:g}{unit}')
+
+
+class Record:
+    """What all records share: every field is checked when the record is made."""
+
+    def __post_init__(self) -> None:
+        """
+        Convert and check every field.
+
+        Raises
+        ------
+        ParameterError
+            If a value has the wrong type, is not finite or is out of range.
+
+        """
+        hints = _type_hints(type(self))
+        for item in fields(self):  # type: ignore[arg-type]
+            value = _converted(item.name, getattr(self, item.name), hints[item.name])
+            for number in value if isinstance(value, tuple) else (value,):
+                _check(item.name, number, item.metadata)
+            object.__setattr__(self, item.name, value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Robot(Record):
+    """
+    Links and joints of the robot, section VIII-A.
+
+    A quantity of a link is one number for all links or one number for each.
+    """
+
+    link_count: int = quantity(11, '1', 'number of links n', minimum=1, maximum=200)
+    link_length: PerLink = quantity(0.122, 'm', 'distance between adjacent joints L', above=0)
+    link_mass: PerLink = quantity(7.5 / 11, 'kg', 'link mass m', above=0)
+    inertia_transversal: PerLink = quantity(
+        9.63e-4, 'kg m^2', 'moment of inertia Theta_1 across the link', above=0
+    )
+    inertia_axial: PerLink = quantity(
+        2.35e-4, 'kg m^2', 'moment of inertia Theta_3 along the link', above=0
+    )
+    contact_offset: PerLink = quantity(
+        0.0393, 'm', 'distance L_GS from the center of a link to a contact sphere', minimum=0
+    )
+    contact_radius: PerLink = quantity(0.0525, 'm', 'contact sphere radius L_SC', minimum=0)
+    yaw_stiffness: float = quantity(40.0, 'N m/rad', 'horizontal gain K_hp', minimum=0)
+    yaw_damping: float = quantity(0.2, 'N m s/rad', 'horizontal gain K_hd', minimum=0)
+    pitch_stiffness: float = quantity(800.0, 'N m/rad', 'vertical gain K_vp', minimum=0)
+    pitch_damping: float = quantity(0.2, 'N m s/rad', 'vertical gain K_vd', minimum=0)
+    joint_limit: float = quantity(
+        math.pi / 4, 'rad', 'largest joint reference accepted', above=0, maximum=math.pi / 2
+    )
+
+    def __post_init__(self) -> None:
+        """Check every field, and that per-link values have one entry a link."""
+        super().__post_init__()
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, tuple) and len(value) != self.link_count:
+                raise ParameterError(
+                    f'{item.name} must be one number or one for each of the {self.link_count} '
+                    f'links, got {len(value)} numbers'
+                )
+
+    def per_link(self, name: str) -> Array:
+        """Return the quantity `name` of every link, shape (n,)."""
+        value = np.asarray(getattr(self, name), dtype=float)
+        return np.ascontiguousarray(np.broadcast_to(value, (self.link_count,)))
+
+    @property
+    def middle_link(self) -> int:
+        """Index of the middle link: 5 for Aiko, the paper's link 6."""
+        return self.link_count // 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Friction(Record):
+    """Coefficients of spatial Coulomb friction (an ellipse) and of rolling friction."""
+
+    longitudinal: float = quantity(0.1, '1', 'Coulomb mu_Tx along the link', minimum=0)
+    transversal: float = quantity(0.5, '1', 'Coulomb mu_Ty across the link', minimum=0)
+    rolling: float = quantity(0.0, '1', 'rolling friction mu_V (assumption: none)', minimum=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wave(Record):
+    """A wave of joint references, eqs. (70), (71)."""
+
+    amplitude: float = quantity(0.0, 'rad', 'amplitude A')
+    angular_frequency: float = quantity(0.0, 'rad/s', 'angular frequency omega')
+    phase_lag: float = quantity(0.0, 'rad', 'phase lag delta from one joint to the next')
+    phase: float = quantity(0.0, 'rad', 'phase delta_0 of the first joint')
+    offset: float = quantity(0.0, 'rad', 'offset psi')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gait(Record):
+    """A yaw wave, a pitch wave and the time over which both fade in."""
+
+    yaw: Wave = Wave()
+    pitch: Wave = Wave()
+    soft_start: float = quantity(0.0, 's', 'time T_s over which both waves fade in', minimum=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solver(Record):
+    """Numbers of the contact iteration, section VII-B."""
+
+    tolerance: float = quantity(
+        1e-7, 'N s', 'stopping tolerance eps of eq. (93) (assumption)', above=0
+    )
+    iteration_limit: int = quantity(
+        5000, '1', 'iterations after which a step counts as unconverged', minimum=1
+    )
+    r_normal: float = quantity(0.1, 'kg', 'prox parameter r_N', above=0)
+    r_sliding: float = quantity(0.01, 'kg', 'prox parameter r_T', above=0)
+    r_rolling: float = quantity(0.05, 'kg', 'prox parameter r_V', above=0)
+
+
+PD_SCHEMES = ('start', 'midpoint', 'end')
+DRIFT_CORRECTIONS = ('paper', 'center_of_mass', 'none')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene(Record):
+    """All that is needed to repeat a run."""
+
+    robot: Robot = Robot()
+    friction: Friction = Friction()
+    gait: Gait = Gait()
+    solver: Solver = Solver()
+    gravity: tuple[float, ...] = quantity(
+        (0.0, 0.0, -9.81), 'm/s^2', 'gravity in the inertial frame; tilt it for a slope'
+    )
+    dt: float = quantity(1 / 4000, 's', 'time step', above=0, maximum=0.1)
+    duration: float = quantity(15.0, 's', 'length of an offline run', above=0)
+    method: str = quantity('paper', '', 'time stepper, a name of stepping.METHODS')
+    pd_scheme: str = quantity(
+        'midpoint', '', 'where in the step the joint controller acts', choices=PD_SCHEMES
+    )
+    drift_correction: str = quantity(
+        'paper', '', 'what section VII-C holds fixed', choices=DRIFT_CORRECTIONS
+    )
+
+    def __post_init__(self) -> None:
+        """Check every field, and that gravity has three components."""
+        super().__post_init__()
+        if len(self.gravity) != 3:
+            raise ParameterError(f'gravity must have 3 components, got {len(self.gravity)}')
+
+
+def load_scene(source: str | Path) -> Scene:
+    """
+    Read a scene from a YAML file, or by name from those that come with the package.
+
+    Parameters
+    ----------
+    source : str or Path
+        A file, or the name of a scene in config/ with or without ``.yaml``.
+
+    Raises
+    ------
+    ParameterError
+        If the file is missing or unreadable, or if anything in it is not usable.
+
+    """
+    path = _find(source, CONFIG)
+    mapping = _read(path)
+    if isinstance(mapping.get('robot'), str):
+        mapping['robot'] = _read(_find(mapping['robot'], path.parent, CONFIG))
+    return record_from(Scene, mapping, str(path.name))
+
+
+def scene_from_text(text: str) -> Scene:
+    """Return the scene that `scene_to_text` wrote."""
+    return record_from(Scene, yaml.safe_load(text), 'scene')
+
+
+def scene_to_text(scene: Scene) -> str:
+    """Return the scene as YAML text, in SI and radians, with nothing left to a default."""
+    return yaml.safe_dump(_mapping(scene), sort_keys=False)
+
+
+def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
+    """
+    Return the scene with some values replaced.
+
+    Parameters
+    ----------
+    scene : Scene
+    settings : mapping
+        Dotted names to values, such as ``{'friction.longitudinal': 0.2}``.
+
+    Raises
+    ------
+    ParameterError
+        If a name is unknown or a value not usable.
+
+    """
+    groups: dict[str, dict[str, Any]] = {}
+    for name, value in settings.items():
+        group, _, leaf = name.rpartition('.')
+        groups.setdefault(group, {})[leaf] = value
+    for group, values in groups.items():
+        scene = _replaced(scene, [part for part in group.split('.') if part], values, '')
+    return scene
+
+
+def flat_fields(record: Any, prefix: str = '') -> dict[str, tuple[Any, Mapping[str, Any]]]:
+    """Return dotted name -> (value, metadata of the field) of a record and those inside it."""
+    flat: dict[str, tuple[Any, Mapping[str, Any]]] = {}
+    for item in fields(record):
+        value = getattr(record, item.name)
+        if is_dataclass(value):
+            flat.update(flat_fields(value, f'{prefix}{item.name}.'))
+        else:
+            flat[prefix + item.name] = (value, item.metadata)
+    return flat
+
+
+def record_from(cls: type, mapping: Any, where: str) -> Any:
+    """
+    Return a record of type `cls` from nested mappings.
+
+    Raises
+    ------
+    ParameterError
+        If a key is unknown (the nearest right one is named) or a value not usable.
+
+    """
+    if mapping is None:
+        mapping = {}
+    if not isinstance(mapping, Mapping):
+        raise ParameterError(f'{where} must be a mapping of names to values, got {mapping!r}')
+    hints = _type_hints(cls)
+    values: dict[str, Any] = {}
+    for key, value in mapping.items():
+        name = key.removesuffix('_deg') if isinstance(key, str) else key
+        if name not in hints:
+            raise ParameterError(f'{where}: unknown key {key!r}; {_nearest(key, hints)}')
+        if name in values:
+            raise ParameterError(f'{where}: {name} is given twice, as {name} and as {name}_deg')
+        if is_dataclass(hints[name]):
+            value = record_from(hints[name], value, f'{where}: {name}')  # type: ignore[arg-type]
+        elif name != key:
+            value = _radians(key, value, cls, where)
+        values[name] = value
+    try:
+        return cls(**values)
+    except ParameterError as error:
+        raise ParameterError(f'{where}: {error}') from None
+
+
+def _find(source: str | Path, *folders: Path) -> Path:
+    names = [str(source), f'{source}.yaml']
+    candidates = [Path(name) for name in names]
+    candidates += [folder / Path(name).name for folder in folders for name in names]
+    for candidate in candidates:
+        if candidate.is_file():
+            return candidate
+    scenes = ', '.join(sorted(path.stem for path in CONFIG.glob('*.yaml')))
+    raise ParameterError(f'no file {source}; the scenes that come with the package: {scenes}')
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        mapping = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        reason = ' '.join(str(error).split())
+        raise ParameterError(f'{path}: not readable as YAML: {reason}') from None
+    if not isinstance(mapping, dict):
+        raise ParameterError(f'{path}: must be a mapping of names to values, got {mapping!r}')
+    return mapping
+
+
+def _mapping(record: Any) -> dict[str, Any]:
+    mapping: dict[str, Any] = {}
+    for item in fields(record):
+        value = getattr(record, item.name)
+        if is_dataclass(value):
+            value = _mapping(value)
+        mapping[item.name] = list(value) if isinstance(value, tuple) else value
+    return mapping
+
+
+def _replaced(record: Any, path: list[str], values: dict[str, Any], prefix: str) -> Any:
+    names = {item.name for item in fields(record)}
+    for name in path[:1] or values:
+        if name not in names:
+            raise ParameterError(f'unknown name {prefix + name!r}; {_nearest(name, names)}')
+    if path:
+        inner = getattr(record, path[0])
+        if not is_dataclass(inner):
+            raise ParameterError(f'{prefix}{path[0]} is a value, it has no parts')
+        values = {path[0]: _replaced(inner, path[1:], values, f'{prefix}{path[0]}.')}
+    try:
+        return replace(record, **values)
+    except ParameterError as error:
+        raise ParameterError(f'{prefix}{error}' if not path else str(error)) from None
+
+
+def _nearest(name: Any, names: Any) -> str:
+    close = difflib.get_close_matches(str(name), list(names), n=1)
+    return f'did you mean {close[0]!r}?' if close else f'choose from: {", ".join(sorted(names))}'
+
+
+def _radians(key: str, value: Any, cls: type, where: str) -> Any:
+    unit = cls.__dataclass_fields__[key.removesuffix('_deg')].metadata['unit']  # type: ignore[attr-defined]
+    if not unit.startswith('rad'):
+        raise ParameterError(f'{where}: {key}: {key.removesuffix("_deg")} is not an angle')
+    return math.radians(_converted(key, value, float))

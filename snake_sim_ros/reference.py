@@ -1,0 +1,329 @@
+"""
+The time step of the paper as printed: dense matrices in NumPy, to read beside the paper [1].
+
+This is the definition that the compiled steppers are tested against; it is slow. Single letters are
+the paper's; NOTATION.md maps them to names. Time is marked ``_A`` (start), ``_M`` (middle) and ``_E``
+(end of the step). Contacts are numbered as in eq. (10): the front spheres F of all links, then the
+rear spheres R.
+
+.. [1] A. A. Transeth, R. I. Leine, Ch. Glocker, K. Y. Pettersen, "3-D snake robot motion: nonsmooth
+   modeling, simulations, and experiments", IEEE T-RO 24(2), 2008.
+"""
+
+import math
+
+import numpy as np
+
+from snake_sim_ros import posture
+from snake_sim_ros.contact_laws import prox_disc
+from snake_sim_ros.contact_laws import prox_ellipse
+from snake_sim_ros.contact_laws import prox_half_line
+from snake_sim_ros.joint_control import pd_law
+from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import PD_SCHEMES
+from snake_sim_ros.parameters import Robot
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.rotations import about
+from snake_sim_ros.rotations import H_bar
+from snake_sim_ros.rotations import product
+from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.rotations import tilde
+from snake_sim_ros.stepping import Report
+from snake_sim_ros.stepping import State
+
+E_X, E_Y, E_Z = np.eye(3)
+
+
+def link_rows(i: int) -> slice:
+    """Return the rows of link i in u, h and W."""
+    return slice(6 * i, 6 * i + 6)
+
+
+def contact_lever(robot: Robot, R: Array, i: int, sign: int) -> Array:
+    """Return r_GC from link center to contact point [m, frame I], eq. (14); sign +1 front, -1 rear."""
+    offset = sign * robot.per_link('contact_offset')[i] * R[i] @ E_Z
+    return np.asarray(offset - robot.per_link('contact_radius')[i] * E_Z)
+
+
+def contact_frame(R: Array, i: int) -> tuple[Array, Array]:
+    """
+    Return e_x and e_y of the contact frame Pi of link i: along and across the link, horizontal.
+
+    Deviation: the direction of a vertical link has no meaning; e_x^I stands in for it, so that a step
+    depends on nothing but its arguments.
+    """
+    a = R[i] @ E_Z
+    c = math.hypot(a[0], a[1])
+    e_x = np.array([a[0] / c, a[1] / c, 0.0]) if c > 1e-6 else E_X
+    return e_x, np.cross(E_Z, e_x)
+
+
+def contact_directions(robot: Robot, R: Array) -> tuple[Array, Array, Array]:
+    """
+    Return the generalized force directions of the contacts, eqs. (17)-(37).
+
+    Returns
+    -------
+    W_N : ndarray, shape (6n, 2n)
+        ``gamma_N = W_N^T u``: normal velocities [m/s].
+    W_T : ndarray, shape (6n, 4n)
+        ``gamma_T = W_T^T u``: sliding velocities along and across the link [m/s].
+    W_V : ndarray, shape (6n, 4n)
+        ``gamma_V = W_V^T u``: rolling velocities along e_x, e_y of I [m/s].
+
+    """
+    n = robot.link_count
+    W_N, W_T, W_V = np.zeros((6 * n, 2 * n)), np.zeros((6 * n, 4 * n)), np.zeros((6 * n, 4 * n))
+    for a in range(2 * n):
+        i, sign = a % n, 1 if a < n else -1
+        r_GC = contact_lever(robot, R, i, sign)
+        e_x, e_y = contact_frame(R, i)
+        W_N[link_rows(i), a] = _point_direction(R[i], r_GC, E_Z)
+        W_T[link_rows(i), 2 * a] = _point_direction(R[i], r_GC, e_x)
+        W_T[link_rows(i), 2 * a + 1] = _point_direction(R[i], r_GC, e_y)
+        D = np.column_stack([E_X, E_Y])
+        r_CS = robot.per_link('contact_radius')[i] * E_Z
+        W_V[6 * i + 3 : 6 * i + 6, 2 * a : 2 * a + 2] = (D.T @ tilde(r_CS) @ R[i]).T
+    return W_N, W_T, W_V
+
+
+def joint_gaps(robot: Robot, q: Array) -> Array:
+    """Return the joint violations g_J, eqs. (11)-(13), shape (n-1, 4) [m, m, m, 1]."""
+    R, half = rotation_matrices(q[:, 3:]), robot.per_link('link_length') / 2
+    g_J = np.zeros((robot.link_count - 1, 4))
+    for i in range(robot.link_count - 1):
+        r_JF = q[i, :3] + half[i] * R[i] @ E_Z
+        r_JR = q[i + 1, :3] - half[i + 1] * R[i + 1] @ E_Z
+        g_J[i, :3] = r_JF - r_JR
+        g_J[i, 3] = (R[i] @ E_Y) @ (R[i + 1] @ E_X)
+    return g_J
+
+
+def joint_directions(robot: Robot, R: Array) -> Array:
+    """Return W_J, eqs. (38)-(43), so that ``dg_J/dt = W_J^T u``, shape (6n, 4(n-1))."""
+    n, half = robot.link_count, robot.per_link('link_length') / 2
+    W_J = np.zeros((6 * n, 4 * (n - 1)))
+    for i in range(n - 1):
+        for k, e_chi in enumerate((E_X, E_Y, E_Z)):
+            W_J[link_rows(i), 4 * i + k] = _point_direction(R[i], half[i] * R[i] @ E_Z, e_chi)
+            arm = -half[i + 1] * R[i + 1] @ E_Z
+            W_J[link_rows(i + 1), 4 * i + k] = -_point_direction(R[i + 1], arm, e_chi)
+        cross = np.cross(R[i] @ E_Y, R[i + 1] @ E_X)
+        W_J[6 * i + 3 : 6 * i + 6, 4 * i + 3] = R[i].T @ cross
+        W_J[6 * i + 9 : 6 * i + 12, 4 * i + 3] = -R[i + 1].T @ cross
+    return W_J
+
+
+def torque_directions(R: Array) -> Array:
+    """
+    Return W_tau, so that the rates of (yaw, pitch) are ``W_tau^T u``, shape (6n, 2(n-1)).
+
+    Yaw turns about e_y of link i, pitch about e_x of link i+1; a joint torque acts on link i+1 and,
+    with the opposite sign, on link i.
+    """
+    n = len(R)
+    W_tau = np.zeros((6 * n, 2 * (n - 1)))
+    for i in range(n - 1):
+        for k, axis in enumerate((R[i] @ E_Y, R[i + 1] @ E_X)):
+            W_tau[6 * i + 3 : 6 * i + 6, 2 * i + k] = -R[i].T @ axis
+            W_tau[6 * i + 9 : 6 * i + 12, 2 * i + k] = R[i + 1].T @ axis
+    return W_tau
+
+
+def mass_matrix(robot: Robot) -> Array:
+    """Return M, eqs. (47), (48), shape (6n, 6n): constant and diagonal."""
+    m, theta_1, theta_3 = (
+        robot.per_link(name) for name in ('link_mass', 'inertia_transversal', 'inertia_axial')
+    )
+    return np.diag(np.column_stack([m, m, m, theta_1, theta_1, theta_3]).ravel())
+
+
+def smooth_forces(robot: Robot, gravity: Array, u: Array) -> Array:
+    """Return h(u): gravity and gyroscopic torque -omega x Theta omega, shape (6n,)."""
+    h = np.zeros_like(u)
+    for i, m in enumerate(robot.per_link('link_mass')):
+        theta_1, theta_3 = (
+            robot.per_link(name)[i] for name in ('inertia_transversal', 'inertia_axial')
+        )
+        omega = u[i, 3:]
+        h[i, :3] = m * gravity
+        h[i, 3:] = -tilde(omega) @ (np.array([theta_1, theta_1, theta_3]) * omega)
+    return h.ravel()
+
+
+def joint_torque_law(
+    scene: Scene, state: State, q_M: Array, angle: Array, rate: Array
+) -> tuple[Array, Array]:
+    """Return torque [N m] and damping [N m s] of `pd_law` for every joint axis, shapes (2(n-1),)."""
+    robot = scene.robot
+    kp = (robot.yaw_stiffness, robot.pitch_stiffness)
+    kd = (robot.yaw_damping, robot.pitch_damping)
+    starts = np.stack([posture.joint_angles(state.q), posture.joint_rates(state.q, state.u)], -1)
+    mids = np.stack([posture.joint_angles(q_M), posture.joint_rates(q_M, state.u)], -1)
+    scheme = PD_SCHEMES.index(scene.pd_scheme)
+    terms = [
+        pd_law(scheme, scene.dt, tuple(starts[j, k]), tuple(mids[j, k]),
+               (angle[j, k], rate[j, k]), kp[k], kd[k])
+        for j in range(robot.link_count - 1)
+        for k in range(2)
+    ]  # fmt: skip
+    torque, damping = np.array(terms).reshape(-1, 2).T
+    return torque, damping
+
+
+def middle_coordinates(state: State, dt: float) -> Array:
+    """
+    Return q_M = q_A + dt/2 F(q_M) u_A, eq. (72), with Euler parameters of length 1.
+
+    F(q_M) makes the equation implicit; it is linear in p_M and solved in closed form.
+    """
+    q_M = state.q.copy()
+    for i, (v, omega) in enumerate(zip(state.u[:, :3], state.u[:, 3:], strict=True)):
+        q_M[i, :3] += dt / 2 * v
+        p_M = q_M[i, 3:] + dt / 4 * H_bar(q_M[i, 3:]).T @ omega
+        q_M[i, 3:] = p_M / np.linalg.norm(p_M)
+    return q_M
+
+
+def end_coordinates(q_A: Array, q_M: Array, u_A: Array, u_E: Array, dt: float) -> Array:
+    """Return q_E = q_M + dt/2 F(q_M) u_E, eq. (83); p_M has the length that eq. (72) gives it."""
+    q_E = q_M.copy()
+    for i in range(len(q_M)):
+        length = 1.0 / math.sqrt(1.0 + dt**2 / 16 * (u_A[i, 3:] @ u_A[i, 3:]))
+        p_M = length * np.linalg.norm(q_A[i, 3:]) * q_M[i, 3:]
+        q_E[i, :3] += dt / 2 * u_E[i, :3]
+        q_E[i, 3:] = p_M + dt / 4 * H_bar(p_M).T @ u_E[i, 3:]
+    return q_E
+
+
+def without_drift(robot: Robot, q: Array, rule: str) -> Array:
+    """
+    Return the coordinates with joints closed, section VII-C: link 1 is held, velocities are kept.
+
+    Deviation, for the rule ``center_of_mass``: afterwards the robot is moved back so that its center
+    of mass is where it was, which section VII-C does not keep.
+    """
+    q = q.copy()
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1)[:, None]
+    if rule == 'none':
+        return q
+    center = posture.center_of_mass(robot, q)
+    half = robot.per_link('link_length') / 2
+    for i in range(robot.link_count - 1):
+        R_i, R_next = rotation_matrices(q[i : i + 2, 3:])
+        e_y = R_i @ E_Y
+        theta = -math.atan2(e_y @ (R_next @ E_X), e_y @ (R_next @ E_Y))
+        q[i + 1, 3:] = product(q[i + 1, 3:], about(2, theta))
+        q[i + 1, :3] = q[i, :3] + half[i] * R_i @ E_Z + half[i + 1] * R_next @ E_Z
+    if rule == 'center_of_mass':
+        q[:, :3] += center - posture.center_of_mass(robot, q)
+    return q
+
+
+def contact_prox(scene: Scene, P: Array, gamma: Array) -> Array:
+    """
+    Return the impulses of one contact after one projection, eqs. (87)-(89), shape (5,).
+
+    The sliding and rolling sets take the new normal impulse.
+    """
+    friction, r = scene.friction, scene.solver
+    P_N = prox_half_line(P[0] - r.r_normal * gamma[0])
+    P_T = prox_ellipse(
+        *(P[1:3] - r.r_sliding * gamma[1:3]),
+        friction.longitudinal * P_N,
+        friction.transversal * P_N,
+    )
+    P_V = prox_disc(*(P[3:] - r.r_rolling * gamma[3:]), friction.rolling * P_N)
+    return np.array([P_N, *P_T, *P_V])
+
+
+class ReferenceStepper:
+    """The time step (72)-(93) of the paper for a scene; see `stepping.Stepper`."""
+
+    level = 'spatial'
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+
+    def advance(
+        self, state: State, impulse: Array, angle: Array, rate: Array
+    ) -> tuple[State, Array, Report]:
+        """Return state, impulses and report after as many steps as there are references."""
+        report = Report()
+        for step_angle, step_rate in zip(angle, rate, strict=True):
+            state, impulse, step_report = self.step(state, impulse, step_angle, step_rate)
+            report += step_report
+        return state, impulse, report
+
+    def step(
+        self, state: State, impulse: Array, angle: Array, rate: Array
+    ) -> tuple[State, Array, Report]:
+        """Return state, impulses and report after one step, section VII."""
+        scene, robot, dt = self.scene, self.scene.robot, self.scene.dt
+        n, impulse = robot.link_count, impulse.copy()
+        u_A = state.u.ravel()
+
+        q_M = middle_coordinates(state, dt)  # (72)
+        R = rotation_matrices(q_M[:, 3:])
+        active = np.flatnonzero(posture.gaps(robot, q_M) <= 0.0)
+        W_N, W_T, W_V = (_columns(W, active) for W in contact_directions(robot, R))
+        W_J = joint_directions(robot, R)
+        h = smooth_forces(robot, np.array(scene.gravity), state.u)
+        W_tau = torque_directions(R)
+        torque, damping = joint_torque_law(scene, state, q_M, angle, rate)
+
+        # (75): M (u_E - u_A) - h dt - S - W_J P_J = tau_C dt. What the controller takes from u_E, if
+        # it is implicit, joins the mass matrix.
+        M_inv = np.linalg.inv(mass_matrix(robot) + dt * (W_tau * damping) @ W_tau.T)
+        momentum = mass_matrix(robot) @ u_A + h * dt + W_tau @ torque * dt
+        joint_delassus = W_J.T @ M_inv @ W_J
+
+        P, iterations, change = impulse[active], 0, math.inf
+        while change >= scene.solver.tolerance and iterations < scene.solver.iteration_limit:
+            S = W_N @ P[:, 0] + W_T @ P[:, 1:3].ravel() + W_V @ P[:, 3:].ravel()  # (76)
+            # (84), with both terms negative; the paper's first sign is lost in print.
+            P_J = -np.linalg.solve(joint_delassus, W_J.T @ M_inv @ (momentum + S))
+            u_E = M_inv @ (momentum + S + W_J @ P_J)  # (86)
+            gamma_N = (W_N.T @ u_E)[:, None]  # (90)-(92)
+            gamma_T, gamma_V = (W_T.T @ u_E).reshape(-1, 2), (W_V.T @ u_E).reshape(-1, 2)
+            gamma = np.hstack([gamma_N, gamma_T, gamma_V])
+            P_new = np.array([contact_prox(scene, *pair) for pair in zip(P, gamma, strict=True)])
+            step = P_new.reshape(P.shape) - P
+            change = sum(np.linalg.norm(step[:, k]) for k in ([0], [1, 2], [3, 4]))  # (93)
+            P = P + step
+            iterations += 1
+        impulse[active] = P
+
+        u_E = u_E.reshape(n, 6)
+        q_free = end_coordinates(state.q, q_M, state.u, u_E, dt)  # (83)
+        q_E = without_drift(robot, q_free, scene.drift_correction)
+        g_J = joint_gaps(robot, without_drift(robot, q_free, 'none'))
+        r = scene.solver
+        report = Report(
+            steps=1,
+            iterations=iterations,
+            iterations_max=iterations,
+            unconverged=int(change >= r.tolerance),
+            residual_max=float(_largest(step / ([r.r_normal] + 2 * [r.r_sliding] + 2 * [r.r_rolling]))),
+            penetration_max=max(0.0, -float(posture.gaps(robot, q_E).min())),
+            joint_gap_max=float(_largest(g_J[:, :3])),
+            joint_twist_max=float(_largest(g_J[:, 3])),
+            contacts=len(active),
+            joint_torque=(torque - damping * (W_tau.T @ u_E.ravel())).reshape(n - 1, 2),
+        )
+        return State(q_E, u_E), impulse, report
+
+
+def _point_direction(R: Array, lever: Array, e: Array) -> Array:
+    """Return w, shape (6,), so that a body-fixed point at `lever` has velocity w^T u along e."""
+    return np.concatenate([e, -(e @ tilde(lever) @ R)])
+
+
+def _columns(W: Array, contacts: Array) -> Array:
+    """Return the columns of W that belong to the given contacts."""
+    width = 3 * W.shape[1] // len(W)
+    return W[:, (contacts[:, None] * width + np.arange(width)).ravel()]
+
+
+def _largest(values: Array) -> float:
+    return np.abs(values).max(initial=0.0)  # type: ignore[no-any-return]

@@ -1,0 +1,388 @@
+"""
+The time step of the paper [1] compiled, with the joints eliminated in one sweep over the links.
+
+The step is that of `reference.py`, whose docstrings name the equations. What differs is the algebra:
+W_J and P_J never appear. The velocities that satisfy ``W_J^T u_E = 0`` are those of a chain of links
+with two hinge axes a joint, and the articulated-body algorithm [2] solves the balance (75) for them in
+one sweep from the last link to the first and one back: the work grows with the number of links.
+
+A twist is (angular velocity, velocity of the body point at O), an impulse wrench is (moment about O,
+impulse), both in axes of I. O is common to all links: nothing is transformed in the sweeps. Because
+(75) and the joint constraint need only directions, O and the link centers may be placed as if the
+joints were closed exactly.
+
+.. [1] Transeth, Leine, Glocker, Pettersen, IEEE T-RO 24(2), 2008.
+.. [2] R. Featherstone, "Rigid Body Dynamics Algorithms", Springer 2008, ch. 7.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from snake_sim_ros.articulated_body import articulated_inertia
+from snake_sim_ros.articulated_body import articulated_velocity
+from snake_sim_ros.compilation import compiled
+from snake_sim_ros.contact_laws import prox_disc
+from snake_sim_ros.contact_laws import prox_ellipse
+from snake_sim_ros.contact_laws import prox_half_line
+from snake_sim_ros.joint_control import pd_law
+from snake_sim_ros.joint_control import START
+from snake_sim_ros.kinematics import chain_geometry
+from snake_sim_ros.kinematics import close_joints
+from snake_sim_ros.kinematics import end_coordinates
+from snake_sim_ros.kinematics import end_velocities
+from snake_sim_ros.kinematics import joint_coordinates
+from snake_sim_ros.kinematics import link_frames
+from snake_sim_ros.kinematics import middle_coordinates
+from snake_sim_ros.kinematics import penetration
+from snake_sim_ros.kinematics import rates_in_inertial_frame
+from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import DRIFT_CORRECTIONS
+from snake_sim_ros.parameters import PD_SCHEMES
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.posture import joint_rates
+from snake_sim_ros.stepping import Report
+from snake_sim_ros.stepping import State
+
+class Model(NamedTuple):
+    """The numbers of a scene as the compiled step takes them; names as in `parameters`."""
+
+    half_length: Array
+    mass: Array
+    inertia_transversal: Array
+    inertia_axial: Array
+    contact_offset: Array
+    contact_radius: Array
+    stiffness: Array
+    damping: Array
+    friction: Array
+    prox_parameter: Array
+    gravity: Array
+    dt: float
+    tolerance: float
+    iteration_limit: int
+    pd_scheme: int
+    drift_correction: int
+
+
+class Workspace(NamedTuple):
+    """Arrays that the step fills, made once."""
+
+    q_mid: Array  # (n, 7) coordinates at the middle of the step, Euler parameters not normalized
+    R: Array  # (n, 3, 3) link frames in I
+    omega: Array  # (n, 3) angular velocities at the start of the step, in I
+    center: Array  # (n, 3) link centers from O
+    coordinate: Array  # (2, n-1, 2, 2) joint (yaw, pitch) x (angle, rate), at start and middle
+    axis: Array  # (n-1, 2, 6) twists of the joint axes
+    axis_torque: Array  # (n-1, 2) impulse of the controller, without its implicit part [N m s]
+    axis_damping: Array  # (n-1, 2) implicit part of the controller, times dt [N m s^2]
+    inertia: Array  # (n, 6, 6) articulated-body inertia about O
+    gain: Array  # (n-1, 2, 6), compliance (n-1, 3), load (n-1, 2): see articulated_body
+    compliance: Array
+    load: Array
+    momentum: Array  # (n, 6) impulse wrench of everything but contacts and controller
+    wrench: Array  # (n, 6) impulse wrench of the contacts
+    twist: Array  # (n, 6) twist at the end of the step
+    contact: Array  # (2n,) indices of the closed contacts
+    point: Array  # (2n, 3) contact points from O
+    heading: Array  # (n, 2) horizontal direction of the link axis: e_x of the contact frame
+
+
+# Columns of the report array.
+STEPS, ITERATIONS, ITERATIONS_MAX, UNCONVERGED, RESIDUAL, PENETRATION, GAP, TWIST, CONTACTS = range(9)
+FAILED_LINK, FAILED_VALUE = 9, 10
+
+
+@compiled
+def joint_control(model, coordinate, angle, rate, axis_torque, axis_damping):  # type: ignore[no-untyped-def]
+    """Fill the impulses and the implicit damping of the controller on every joint axis."""
+    start, mid = coordinate[0], coordinate[1]
+    for j in range(len(axis_torque)):
+        for k in range(2):
+            torque, damping = pd_law(
+                model.pd_scheme,
+                model.dt,
+                (start[j, k, 0], start[j, k, 1]),
+                (mid[j, k, 0], mid[j, k, 1]),
+                (angle[j, k], rate[j, k]),
+                model.stiffness[k],
+                model.damping[k],
+            )
+            axis_torque[j, k] = torque * model.dt
+            axis_damping[j, k] = damping * model.dt
+
+
+@compiled
+def link_inertia(model, R, center, inertia):  # type: ignore[no-untyped-def]
+    """Fill the 6x6 inertia of every link about O, eqs. (47), (48)."""
+    for i in range(len(R)):
+        m, transversal = model.mass[i], model.inertia_transversal[i]
+        slender = model.inertia_axial[i] - transversal
+        x, y, z = center[i, 0], center[i, 1], center[i, 2]
+        square = x * x + y * y + z * z
+        A = inertia[i]
+        for k in range(3):
+            for j in range(3):
+                A[k, j] = slender * R[i, k, 2] * R[i, j, 2] - m * center[i, k] * center[i, j]
+                A[k + 3, j + 3] = 0.0
+            A[k, k] += transversal + m * square
+            A[k + 3, k + 3] = m
+            A[k, k + 3] = A[k + 3, k] = 0.0
+        A[0, 4] = A[4, 0] = -m * z
+        A[0, 5] = A[5, 0] = m * y
+        A[1, 3] = A[3, 1] = m * z
+        A[1, 5] = A[5, 1] = -m * x
+        A[2, 3] = A[3, 2] = -m * y
+        A[2, 4] = A[4, 2] = m * x
+
+
+@compiled
+def smooth_momentum(model, u, R, center, momentum):  # type: ignore[no-untyped-def]
+    """Fill M u_A + h(u_A) dt of every link as an impulse wrench about O, eq. (75)."""
+    dt = model.dt
+    for i in range(len(u)):
+        slender = (model.inertia_axial[i] - model.inertia_transversal[i]) * dt
+        wx, wy, wz = u[i, 3], u[i, 4], u[i, 5]
+        lx = model.inertia_transversal[i] * wx - slender * wy * wz
+        ly = model.inertia_transversal[i] * wy + slender * wz * wx
+        lz = model.inertia_axial[i] * wz
+        px = model.mass[i] * (u[i, 0] + dt * model.gravity[0])
+        py = model.mass[i] * (u[i, 1] + dt * model.gravity[1])
+        pz = model.mass[i] * (u[i, 2] + dt * model.gravity[2])
+        x, y, z = center[i, 0], center[i, 1], center[i, 2]
+        momentum[i, 0] = R[i, 0, 0] * lx + R[i, 0, 1] * ly + R[i, 0, 2] * lz + y * pz - z * py
+        momentum[i, 1] = R[i, 1, 0] * lx + R[i, 1, 1] * ly + R[i, 1, 2] * lz + z * px - x * pz
+        momentum[i, 2] = R[i, 2, 0] * lx + R[i, 2, 1] * ly + R[i, 2, 2] * lz + x * py - y * px
+        momentum[i, 3], momentum[i, 4], momentum[i, 5] = px, py, pz
+
+
+@compiled
+def closed_contacts(model, work):  # type: ignore[no-untyped-def]
+    """
+    Fill contact points and frames and return how many contacts are closed, eqs. (9), (10).
+
+    Deviation: a vertical link has no heading; e_x^I stands in for it, as in `reference.py`.
+    """
+    n = len(model.mass)
+    count = 0
+    for i in range(n):
+        x, y, z = work.R[i, 0, 2], work.R[i, 1, 2], work.R[i, 2, 2]
+        c = math.sqrt(x * x + y * y)
+        if c > 1e-6:
+            work.heading[i, 0], work.heading[i, 1] = x / c, y / c
+        else:
+            work.heading[i, 0], work.heading[i, 1] = 1.0, 0.0
+        for a, offset in ((i, model.contact_offset[i]), (n + i, -model.contact_offset[i])):
+            if work.q_mid[i, 2] + offset * z - model.contact_radius[i] <= 0.0:
+                work.contact[count] = a
+                work.point[a, 0] = work.center[i, 0] + offset * x
+                work.point[a, 1] = work.center[i, 1] + offset * y
+                work.point[a, 2] = work.center[i, 2] + offset * z - model.contact_radius[i]
+                count += 1
+    return count
+
+
+@compiled
+def contact_wrench(count, work, rolling_radius, impulse):  # type: ignore[no-untyped-def]
+    """Fill the impulse wrench S of the contacts on every link, eq. (76)."""
+    n = len(work.R)
+    work.wrench[:] = 0.0
+    for k in range(count):
+        a = work.contact[k]
+        i = a % n
+        cx, cy = work.heading[i, 0], work.heading[i, 1]
+        x, y, z = work.point[a, 0], work.point[a, 1], work.point[a, 2]
+        px = cx * impulse[a, 1] - cy * impulse[a, 2]
+        py = cy * impulse[a, 1] + cx * impulse[a, 2]
+        pz = impulse[a, 0]
+        work.wrench[i, 0] += y * pz - z * py + rolling_radius[i] * impulse[a, 4]
+        work.wrench[i, 1] += z * px - x * pz - rolling_radius[i] * impulse[a, 3]
+        work.wrench[i, 2] += x * py - y * px
+        work.wrench[i, 3] += px
+        work.wrench[i, 4] += py
+        work.wrench[i, 5] += pz
+
+
+@compiled
+def prox_sweep(count, work, model, impulse):  # type: ignore[no-untyped-def]
+    """
+    Project the impulse of every closed contact once, eqs. (87)-(92).
+
+    Returns
+    -------
+    change : float
+        Left side of the stopping rule (93) [N s].
+    residual : float
+        Largest change of one impulse over its prox parameter [m/s].
+
+    """
+    n = len(work.R)
+    r_N, r_T, r_V = model.prox_parameter
+    mu_x, mu_y, mu_V = model.friction
+    normal = sliding = rolling = residual = 0.0
+    for k in range(count):
+        a = work.contact[k]
+        i = a % n
+        cx, cy = work.heading[i, 0], work.heading[i, 1]
+        x, y, z = work.point[a, 0], work.point[a, 1], work.point[a, 2]
+        wx, wy, wz = work.twist[i, 0], work.twist[i, 1], work.twist[i, 2]
+        vx = work.twist[i, 3] + wy * z - wz * y
+        vy = work.twist[i, 4] + wz * x - wx * z
+        vz = work.twist[i, 5] + wx * y - wy * x
+
+        P_N = prox_half_line(impulse[a, 0] - r_N * vz)
+        P_x, P_y = prox_ellipse(
+            impulse[a, 1] - r_T * (cx * vx + cy * vy),
+            impulse[a, 2] - r_T * (cx * vy - cy * vx),
+            mu_x * P_N,
+            mu_y * P_N,
+        )
+        d_N, d_x, d_y = P_N - impulse[a, 0], P_x - impulse[a, 1], P_y - impulse[a, 2]
+        normal += d_N * d_N
+        sliding += d_x * d_x + d_y * d_y
+        residual = max(residual, abs(d_N) / r_N, abs(d_x) / r_T, abs(d_y) / r_T)
+        impulse[a, 0], impulse[a, 1], impulse[a, 2] = P_N, P_x, P_y
+        if mu_V > 0.0:
+            radius = model.contact_radius[i]
+            P_x, P_y = prox_disc(
+                impulse[a, 3] + r_V * radius * wy, impulse[a, 4] - r_V * radius * wx, mu_V * P_N
+            )
+            d_x, d_y = P_x - impulse[a, 3], P_y - impulse[a, 4]
+            rolling += d_x * d_x + d_y * d_y
+            residual = max(residual, abs(d_x) / r_V, abs(d_y) / r_V)
+            impulse[a, 3], impulse[a, 4] = P_x, P_y
+    return math.sqrt(normal) + math.sqrt(sliding) + math.sqrt(rolling), residual
+
+
+@compiled
+def step(model, work, q, u, impulse, angle, rate, report):  # type: ignore[no-untyped-def]
+    """Advance q, u and impulse by one step, section VII; return False if it diverged."""
+    R, twist = work.R, work.twist
+    middle_coordinates(model.dt, q, u, work.q_mid)
+    if model.pd_scheme == START:
+        link_frames(q[:, 3:], R)
+        rates_in_inertial_frame(R, u, work.omega)
+        joint_coordinates(R, work.omega, work.coordinate[0])
+    link_frames(work.q_mid[:, 3:], R)
+    rates_in_inertial_frame(R, u, work.omega)
+    joint_coordinates(R, work.omega, work.coordinate[1])
+    joint_control(model, work.coordinate, angle, rate, work.axis_torque, work.axis_damping)
+
+    chain_geometry(model.half_length, R, work.center, work.axis)
+    link_inertia(model, R, work.center, work.inertia)
+    smooth_momentum(model, u, R, work.center, work.momentum)
+    articulated_inertia(work.axis, work.axis_damping, work.inertia, work.gain, work.compliance)
+
+    count = closed_contacts(model, work)
+    iterations, change, residual = 0, math.inf, 0.0
+    while change >= model.tolerance and iterations < model.iteration_limit:
+        contact_wrench(count, work, model.contact_radius, impulse)
+        articulated_velocity(
+            work.axis, work.gain, work.compliance, work.inertia[0], work.axis_torque,
+            work.momentum, work.wrench, work.load, twist,
+        )  # fmt: skip
+        change, residual = prox_sweep(count, work, model, impulse)
+        iterations += 1
+
+    for i in range(len(q)):
+        turn = model.dt * math.sqrt(twist[i, 0] ** 2 + twist[i, 1] ** 2 + twist[i, 2] ** 2)
+        if not (turn < math.pi / 2 and math.isfinite(twist[i, 3] + twist[i, 4] + twist[i, 5])):
+            report[FAILED_LINK], report[FAILED_VALUE] = i + 1, turn
+            impulse[:] = 0.0
+            return False
+
+    end_velocities(twist, R, work.center, u)
+    end_coordinates(model.dt, work.q_mid, u, q)
+    gap, drift_twist = close_joints(model.drift_correction, model.half_length, model.mass, q)
+
+    report[STEPS] += 1
+    report[ITERATIONS] += iterations
+    report[ITERATIONS_MAX] = max(report[ITERATIONS_MAX], iterations)
+    report[UNCONVERGED] += change >= model.tolerance
+    report[RESIDUAL] = max(report[RESIDUAL], residual)
+    depth = penetration(model.contact_offset, model.contact_radius, q)
+    report[PENETRATION] = max(report[PENETRATION], depth)
+    report[GAP] = max(report[GAP], gap)
+    report[TWIST] = max(report[TWIST], drift_twist)
+    report[CONTACTS] = count
+    return True
+
+
+@compiled
+def advance(model, work, q, u, impulse, angle, rate, report):  # type: ignore[no-untyped-def]
+    """Advance q, u and impulse in place by one step a reference, up to the first that diverges."""
+    for k in range(len(angle)):
+        if not step(model, work, q, u, impulse, angle[k], rate[k], report):
+            break
+
+
+def make_model(scene: Scene) -> Model:
+    """Return the numbers of a scene as the compiled step takes them."""
+    robot, friction, solver = scene.robot, scene.friction, scene.solver
+    return Model(
+        half_length=robot.per_link('link_length') / 2,
+        mass=robot.per_link('link_mass'),
+        inertia_transversal=robot.per_link('inertia_transversal'),
+        inertia_axial=robot.per_link('inertia_axial'),
+        contact_offset=robot.per_link('contact_offset'),
+        contact_radius=robot.per_link('contact_radius'),
+        stiffness=np.array([robot.yaw_stiffness, robot.pitch_stiffness]),
+        damping=np.array([robot.yaw_damping, robot.pitch_damping]),
+        friction=np.array([friction.longitudinal, friction.transversal, friction.rolling]),
+        prox_parameter=np.array([solver.r_normal, solver.r_sliding, solver.r_rolling]),
+        gravity=np.array(scene.gravity),
+        dt=scene.dt,
+        tolerance=solver.tolerance,
+        iteration_limit=solver.iteration_limit,
+        pd_scheme=PD_SCHEMES.index(scene.pd_scheme),
+        drift_correction=DRIFT_CORRECTIONS.index(scene.drift_correction),
+    )
+
+
+def make_workspace(n: int) -> Workspace:
+    """Return the arrays of the compiled step for n links."""
+    shapes = {
+        'q_mid': (n, 7), 'R': (n, 3, 3), 'omega': (n, 3), 'center': (n, 3),
+        'coordinate': (2, n - 1, 2, 2), 'axis': (n - 1, 2, 6),
+        'axis_torque': (n - 1, 2), 'axis_damping': (n - 1, 2),
+        'inertia': (n, 6, 6), 'gain': (n - 1, 2, 6), 'compliance': (n - 1, 3), 'load': (n - 1, 2),
+        'momentum': (n, 6), 'wrench': (n, 6), 'twist': (n, 6),
+        'point': (2 * n, 3), 'heading': (n, 2),
+    }  # fmt: skip
+    arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
+    return Workspace(contact=np.zeros(2 * n, np.int64), **arrays)
+
+
+class SpatialStepper:
+    """The compiled time step of the paper for a scene; see `stepping.Stepper`."""
+
+    level = 'spatial'
+
+    def __init__(self, scene: Scene) -> None:
+        self.model = make_model(scene)
+        self.work = make_workspace(scene.robot.link_count)
+
+    def advance(
+        self, state: State, impulse: Array, angle: Array, rate: Array
+    ) -> tuple[State, Array, Report]:
+        """Return state, impulses and report after as many steps as there are references."""
+        q, u, impulse, numbers = state.q.copy(), state.u.copy(), impulse.copy(), np.zeros(11)
+        angle, rate = np.ascontiguousarray(angle), np.ascontiguousarray(rate)
+        advance(self.model, self.work, q, u, impulse, angle, rate, numbers)
+        return State(q, u), impulse, self._report(q, u, numbers)
+
+    def _report(self, q: Array, u: Array, numbers: Array) -> Report:
+        torque = self.work.axis_torque - self.work.axis_damping * joint_rates(self.work.q_mid, u)
+        report = Report(
+            *(int(number) for number in numbers[: UNCONVERGED + 1]),
+            *(float(number) for number in numbers[UNCONVERGED + 1 : CONTACTS]),
+            contacts=int(numbers[CONTACTS]),
+            joint_torque=torque / self.model.dt,
+        )
+        if link := int(numbers[FAILED_LINK]):
+            report.failure = (
+                f'link {link} would turn by {numbers[FAILED_VALUE]:.3g} rad in one step of '
+                f'{self.model.dt:g} s after {report.steps} good steps; less than pi/2 is resolved'
+            )
+        return report

@@ -1,0 +1,185 @@
+"""
+What a time stepper takes and returns, and the table of those that exist.
+
+A stepper is made for a scene and has one method, `advance`. It never raises because a step did not
+converge or blew up: that is part of the report. Only misuse raises.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from dataclasses import field
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+
+from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import ParameterError
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.posture import initial_coordinates
+
+
+@dataclass(frozen=True)
+class State:
+    """
+    Coordinates and velocities of all links, nothing else.
+
+    Attributes
+    ----------
+    q : ndarray, shape (n, 7)
+        Link centers r_G [m, frame I] and Euler parameters p, scalar first.
+    u : ndarray, shape (n, 6)
+        Velocities v_G [m/s, frame I] and angular velocities omega [rad/s, frame B].
+
+    """
+
+    q: Array
+    u: Array
+
+
+class Status(Enum):
+    """How the steps of a call went."""
+
+    CONVERGED = 'converged'
+    MAX_ITERATIONS = 'max_iterations'
+    DIVERGED = 'diverged'
+
+
+@dataclass
+class Report:
+    """
+    What happened in some steps; the sum of two reports is the report of all their steps.
+
+    Attributes
+    ----------
+    steps, iterations, unconverged : int
+        Steps done, contact iterations in all of them, steps that hit the iteration limit.
+    iterations_max : int
+        Most iterations in one step.
+    residual_max : float
+        Largest natural-map residual of the contact laws after a step [m/s]: what one more sweep of
+        the projections (87)-(89) would change the impulses by, over the prox parameters.
+    penetration_max : float
+        Deepest gap below zero after a step [m].
+    joint_gap_max, joint_twist_max : float
+        Largest joint violation g_J in position [m] and angle [rad] that a step made, before the
+        drift correction of section VII-C removed it.
+    contacts : int
+        Contacts closed in the last step.
+    joint_torque : ndarray, shape (n-1, 2)
+        Torque (yaw, pitch) of the last step [N m].
+    failure : str
+        Empty, or the sentence that says what diverged, when and where.
+
+    """
+
+    steps: int = 0
+    iterations: int = 0
+    iterations_max: int = 0
+    unconverged: int = 0
+    residual_max: float = 0.0
+    penetration_max: float = 0.0
+    joint_gap_max: float = 0.0
+    joint_twist_max: float = 0.0
+    contacts: int = 0
+    joint_torque: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    failure: str = ''
+
+    @property
+    def status(self) -> Status:
+        """The worst that happened in any of the steps."""
+        if self.failure:
+            return Status.DIVERGED
+        return Status.MAX_ITERATIONS if self.unconverged else Status.CONVERGED
+
+    def __add__(self, later: 'Report') -> 'Report':
+        """Return the report of these steps and of `later` ones."""
+        return Report(
+            self.steps + later.steps,
+            self.iterations + later.iterations,
+            max(self.iterations_max, later.iterations_max),
+            self.unconverged + later.unconverged,
+            max(self.residual_max, later.residual_max),
+            max(self.penetration_max, later.penetration_max),
+            max(self.joint_gap_max, later.joint_gap_max),
+            max(self.joint_twist_max, later.joint_twist_max),
+            later.contacts,
+            later.joint_torque,
+            self.failure or later.failure,
+        )
+
+
+class Stepper(Protocol):
+    """A method that advances a scene in time."""
+
+    level: str
+
+    def advance(
+        self, state: State, impulse: Array, angle: Array, rate: Array
+    ) -> tuple[State, Array, Report]:
+        """
+        Return state, impulses and report after as many steps as there are references.
+
+        Parameters
+        ----------
+        state : State
+        impulse : ndarray, shape (2n, 5)
+            Contact impulses (normal, sliding x y, rolling x y) [N s] that the iteration starts
+            from: the last ones of every contact, eq. (93).
+        angle, rate : ndarray, shape (steps, n-1, 2)
+            Joint references [rad], [rad/s] at the middle of every step.
+
+        Returns
+        -------
+        state : State
+            The last good state if a step diverged.
+        impulse : ndarray, shape (2n, 5)
+        report : Report
+
+        """
+        ...
+
+
+def _reference(scene: Scene) -> Stepper:
+    from snake_sim_ros.reference import ReferenceStepper
+
+    return ReferenceStepper(scene)
+
+
+def _paper(scene: Scene) -> Stepper:
+    from snake_sim_ros.spatial import SpatialStepper
+
+    return SpatialStepper(scene)
+
+
+METHODS: dict[str, Callable[[Scene], Stepper]] = {
+    'paper': _paper,  # the paper's step and iteration, compiled
+    'reference': _reference,  # the same in dense NumPy, to read beside the paper
+}
+
+
+def make_stepper(scene: Scene) -> Stepper:
+    """
+    Return the stepper of a scene.
+
+    Raises
+    ------
+    ParameterError
+        If the scene names no method of METHODS.
+
+    """
+    if scene.method not in METHODS:
+        raise ParameterError(
+            f'unknown method {scene.method!r}; choose from: {", ".join(sorted(METHODS))}'
+        )
+    return METHODS[scene.method](scene)
+
+
+def initial_state(scene: Scene) -> State:
+    """Return the robot at rest in the initial posture of the scene."""
+    return State(initial_coordinates(scene), np.zeros((scene.robot.link_count, 6)))
+
+
+def no_impulse(scene: Scene) -> Array:
+    """Return the impulses before the first contact: zero, shape (2n, 5)."""
+    return np.zeros((2 * scene.robot.link_count, 5))

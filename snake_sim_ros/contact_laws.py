@@ -20,7 +20,7 @@ def prox_half_line(x):  # type: ignore[no-untyped-def]
 @compiled
 def prox_disc(x, y, radius):  # type: ignore[no-untyped-def]
     """Return the nearest point of the disc of given radius: isotropic and rolling friction."""
-    length = math.hypot(x, y)
+    length = math.sqrt(x * x + y * y)
     if length <= radius:
         return x, y
     return x * radius / length, y * radius / length
@@ -37,22 +37,21 @@ def prox_ellipse(x, y, a, b):  # type: ignore[no-untyped-def]
     """
     if a <= 0.0 or b <= 0.0:
         return min(max(x, -a), a) if a > 0.0 else 0.0, min(max(y, -b), b) if b > 0.0 else 0.0
-    if (x / a) ** 2 + (y / b) ** 2 <= 1.0:
-        return x, y
     if a == b:
         return prox_disc(x, y, a)
+    if x * x * b * b + y * y * a * a <= a * a * b * b:
+        return x, y
     scale = max(a, b)
     aa = (a / scale) ** 2
     bb = (b / scale) ** 2
     ux = a / scale * abs(x / scale)
     uy = b / scale * abs(y / scale)
     t = max(ux - aa, uy - bb, 0.0)
-    while True:
-        p = ux / (t + aa)
-        q = uy / (t + bb)
-        s = math.sqrt(p * p + q * q)
-        slope = -(p * p / (t + aa) + q * q / (t + bb)) / s
-        t_new = t + (1.0 / s - 1.0) * s * s / slope
-        if not t_new - t > 1e-17 * (1.0 + t):
-            return x * aa / (t + aa), y * bb / (t + bb)
-        t = t_new
+    step = math.inf
+    while step > 1e-8 * (t + min(aa, bb)):  # its square is below rounding
+        over_a, over_b = 1.0 / (t + aa), 1.0 / (t + bb)
+        p, q = (ux * over_a) ** 2, (uy * over_b) ** 2
+        square = p + q
+        step = square * (math.sqrt(square) - 1.0) / (p * over_a + q * over_b)
+        t += step
+    return x * aa / (t + aa), y * bb / (t + bb)

@@ -94,7 +94,11 @@ def joint_coordinates(R, omega, coordinate):  # type: ignore[no-untyped-def]
 
 @compiled
 def chain_geometry(half_length, R, center, axis):  # type: ignore[no-untyped-def]
-    """Fill the link centers from O, the center of the middle link, and the joint axis twists."""
+    """
+    Fill the link centers from O, the center of the middle link, and the twists of the joint axes.
+
+    A joint twist is that of the outer link against the inner one, as seen from the middle link.
+    """
     n = len(R)
     for k in range(3):
         center[0, k] = 0.0
@@ -109,7 +113,8 @@ def chain_geometry(half_length, R, center, axis):  # type: ignore[no-untyped-def
         y = center[j, 1] + half_length[j] * R[j, 1, 2]
         z = center[j, 2] + half_length[j] * R[j, 2, 2]
         for k, i, column in ((0, j, 1), (1, j + 1, 0)):  # yaw about e_y^i, pitch about e_x^i+1
-            ax, ay, az = R[i, 0, column], R[i, 1, column], R[i, 2, column]
+            sign = 1.0 if j >= n // 2 else -1.0
+            ax, ay, az = sign * R[i, 0, column], sign * R[i, 1, column], sign * R[i, 2, column]
             axis[j, k, 0], axis[j, k, 1], axis[j, k, 2] = ax, ay, az
             axis[j, k, 3] = y * az - z * ay
             axis[j, k, 4] = z * ax - x * az
@@ -141,78 +146,66 @@ def axis_z(q, i):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def close_joints(rule, half_length, mass, q):  # type: ignore[no-untyped-def]
-    """
-    Remove the joint drift from q, section VII-C, link by link from the first one.
-
-    Deviation, for CENTER_OF_MASS: afterwards the robot is moved back to its center of mass.
-
-    Returns
-    -------
-    gap, twist : float
-        Largest joint violation found, in position [m] and angle [rad].
-
-    """
+def joint_violation(half_length, q):  # type: ignore[no-untyped-def]
+    """Return the largest violation of a joint in position [m] and angle [1], eqs. (11)-(13)."""
     gap = twist = 0.0
-    shift_x = shift_y = shift_z = mass_sum = 0.0  # moment and sum of masses of the corrections
-    correction_x = correction_y = correction_z = 0.0
-    for i in range(len(q)):
-        if i > 0:
-            # Turn link i about its own axis until e_y of the link before is normal to its e_x.
-            theta = joint_twist(q, i - 1)
-            twist = max(twist, abs(theta))
-            if rule != NONE:
-                turn_about_axis(q, i, theta)
-            a, b = axis_z(q, i - 1), axis_z(q, i)
-            dx = q[i - 1, 0] + half_length[i - 1] * a[0] + half_length[i] * b[0] - q[i, 0]
-            dy = q[i - 1, 1] + half_length[i - 1] * a[1] + half_length[i] * b[1] - q[i, 1]
-            dz = q[i - 1, 2] + half_length[i - 1] * a[2] + half_length[i] * b[2] - q[i, 2]
-            if rule == NONE:
-                gap = max(gap, abs(dx), abs(dy), abs(dz))
-            else:
-                gap = max(
-                    gap,
-                    abs(dx - correction_x),
-                    abs(dy - correction_y),
-                    abs(dz - correction_z),
-                )
-                correction_x, correction_y, correction_z = dx, dy, dz
-                q[i, 0] += dx
-                q[i, 1] += dy
-                q[i, 2] += dz
-        shift_x += mass[i] * correction_x
-        shift_y += mass[i] * correction_y
-        shift_z += mass[i] * correction_z
-        mass_sum += mass[i]
-    if rule == CENTER_OF_MASS:
-        for i in range(len(q)):
-            q[i, 0] -= shift_x / mass_sum
-            q[i, 1] -= shift_y / mass_sum
-            q[i, 2] -= shift_z / mass_sum
+    for j in range(len(q) - 1):
+        a, b = axis_z(q, j), axis_z(q, j + 1)
+        for k in range(3):
+            chained = q[j, k] + half_length[j] * a[k] + half_length[j + 1] * b[k]
+            gap = max(gap, abs(chained - q[j + 1, k]))
+        twist = max(twist, abs(cross_of_joint(q, j)[0]))
     return gap, twist
 
 
 @compiled
-def joint_twist(q, j):  # type: ignore[no-untyped-def]
-    """Return the angle by which link j+1 must turn about its own axis so that g_Jphi = 0, eq. (13)."""
+def close_joints(rule, half_length, mass, q):  # type: ignore[no-untyped-def]
+    """
+    Remove the joint drift from q, section VII-C: link by link from the first one, which is held.
+
+    Deviation, for CENTER_OF_MASS: afterwards the robot is moved back to its center of mass.
+    """
+    if rule == NONE:
+        return
+    moment_x = moment_y = moment_z = mass_sum = 0.0
+    for i in range(len(q)):
+        x, y, z = q[i, 0], q[i, 1], q[i, 2]
+        if i > 0:
+            along_x, along_y = cross_of_joint(q, i - 1)
+            turn_about_axis(q, i, -math.atan2(along_x, along_y))
+            a, b = axis_z(q, i - 1), axis_z(q, i)
+            for k in range(3):
+                q[i, k] = q[i - 1, k] + half_length[i - 1] * a[k] + half_length[i] * b[k]
+        moment_x += mass[i] * (q[i, 0] - x)
+        moment_y += mass[i] * (q[i, 1] - y)
+        moment_z += mass[i] * (q[i, 2] - z)
+        mass_sum += mass[i]
+    if rule == CENTER_OF_MASS:
+        for i in range(len(q)):
+            q[i, 0] -= moment_x / mass_sum
+            q[i, 1] -= moment_y / mass_sum
+            q[i, 2] -= moment_z / mass_sum
+
+
+@compiled
+def cross_of_joint(q, j):  # type: ignore[no-untyped-def]
+    """Return e_y of link j times e_x and e_y of link j+1; the first is g_Jphi, eq. (13)."""
     e0, e1, e2, e3 = q[j, 3], q[j, 4], q[j, 5], q[j, 6]
-    yx, yy, yz = (
-        2.0 * (e1 * e2 - e0 * e3),
-        e0 * e0 - e1 * e1 + e2 * e2 - e3 * e3,
-        2.0 * (e2 * e3 + e0 * e1),
-    )
+    x = 2.0 * (e1 * e2 - e0 * e3)
+    y = e0 * e0 - e1 * e1 + e2 * e2 - e3 * e3
+    z = 2.0 * (e2 * e3 + e0 * e1)
     e0, e1, e2, e3 = q[j + 1, 3], q[j + 1, 4], q[j + 1, 5], q[j + 1, 6]
     along_x = (
-        yx * (e0 * e0 + e1 * e1 - e2 * e2 - e3 * e3)
-        + yy * 2.0 * (e1 * e2 + e0 * e3)
-        + yz * 2.0 * (e1 * e3 - e0 * e2)
+        x * (e0 * e0 + e1 * e1 - e2 * e2 - e3 * e3)
+        + y * 2.0 * (e1 * e2 + e0 * e3)
+        + z * 2.0 * (e1 * e3 - e0 * e2)
     )
     along_y = (
-        yx * 2.0 * (e1 * e2 - e0 * e3)
-        + yy * (e0 * e0 - e1 * e1 + e2 * e2 - e3 * e3)
-        + yz * 2.0 * (e2 * e3 + e0 * e1)
+        x * 2.0 * (e1 * e2 - e0 * e3)
+        + y * (e0 * e0 - e1 * e1 + e2 * e2 - e3 * e3)
+        + z * 2.0 * (e2 * e3 + e0 * e1)
     )
-    return -math.atan2(along_x, along_y)
+    return along_x, along_y
 
 
 @compiled

@@ -33,6 +33,7 @@ from snake_sim_ros.kinematics import close_joints
 from snake_sim_ros.kinematics import end_coordinates
 from snake_sim_ros.kinematics import end_velocities
 from snake_sim_ros.kinematics import joint_coordinates
+from snake_sim_ros.kinematics import joint_violation
 from snake_sim_ros.kinematics import link_frames
 from snake_sim_ros.kinematics import middle_coordinates
 from snake_sim_ros.kinematics import penetration
@@ -184,28 +185,27 @@ def closed_contacts(model, work):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def contact_wrench(count, work, rolling_radius, impulse):  # type: ignore[no-untyped-def]
+def contact_wrench(contact, point, heading, rolling_radius, impulse, wrench):  # type: ignore[no-untyped-def]
     """Fill the impulse wrench S of the contacts on every link, eq. (76)."""
-    n = len(work.R)
-    work.wrench[:] = 0.0
-    for k in range(count):
-        a = work.contact[k]
-        i = a % n
-        cx, cy = work.heading[i, 0], work.heading[i, 1]
-        x, y, z = work.point[a, 0], work.point[a, 1], work.point[a, 2]
+    n = len(heading)
+    wrench[:] = 0.0
+    for a in contact:
+        i = a if a < n else a - n
+        cx, cy = heading[i, 0], heading[i, 1]
+        x, y, z = point[a, 0], point[a, 1], point[a, 2]
         px = cx * impulse[a, 1] - cy * impulse[a, 2]
         py = cy * impulse[a, 1] + cx * impulse[a, 2]
         pz = impulse[a, 0]
-        work.wrench[i, 0] += y * pz - z * py + rolling_radius[i] * impulse[a, 4]
-        work.wrench[i, 1] += z * px - x * pz - rolling_radius[i] * impulse[a, 3]
-        work.wrench[i, 2] += x * py - y * px
-        work.wrench[i, 3] += px
-        work.wrench[i, 4] += py
-        work.wrench[i, 5] += pz
+        wrench[i, 0] += y * pz - z * py + rolling_radius[i] * impulse[a, 4]
+        wrench[i, 1] += z * px - x * pz - rolling_radius[i] * impulse[a, 3]
+        wrench[i, 2] += x * py - y * px
+        wrench[i, 3] += px
+        wrench[i, 4] += py
+        wrench[i, 5] += pz
 
 
 @compiled
-def prox_sweep(count, work, model, impulse):  # type: ignore[no-untyped-def]
+def prox_sweep(contact, point, heading, radius, friction, prox_parameter, twist, impulse):  # type: ignore[no-untyped-def]
     """
     Project the impulse of every closed contact once, eqs. (87)-(92).
 
@@ -217,19 +217,18 @@ def prox_sweep(count, work, model, impulse):  # type: ignore[no-untyped-def]
         Largest change of one impulse over its prox parameter [m/s].
 
     """
-    n = len(work.R)
-    r_N, r_T, r_V = model.prox_parameter
-    mu_x, mu_y, mu_V = model.friction
+    n = len(heading)
+    r_N, r_T, r_V = prox_parameter[0], prox_parameter[1], prox_parameter[2]
+    mu_x, mu_y, mu_V = friction[0], friction[1], friction[2]
     normal = sliding = rolling = residual = 0.0
-    for k in range(count):
-        a = work.contact[k]
-        i = a % n
-        cx, cy = work.heading[i, 0], work.heading[i, 1]
-        x, y, z = work.point[a, 0], work.point[a, 1], work.point[a, 2]
-        wx, wy, wz = work.twist[i, 0], work.twist[i, 1], work.twist[i, 2]
-        vx = work.twist[i, 3] + wy * z - wz * y
-        vy = work.twist[i, 4] + wz * x - wx * z
-        vz = work.twist[i, 5] + wx * y - wy * x
+    for a in contact:
+        i = a if a < n else a - n
+        cx, cy = heading[i, 0], heading[i, 1]
+        x, y, z = point[a, 0], point[a, 1], point[a, 2]
+        wx, wy, wz = twist[i, 0], twist[i, 1], twist[i, 2]
+        vx = twist[i, 3] + wy * z - wz * y
+        vy = twist[i, 4] + wz * x - wx * z
+        vz = twist[i, 5] + wx * y - wy * x
 
         P_N = prox_half_line(impulse[a, 0] - r_N * vz)
         P_x, P_y = prox_ellipse(
@@ -244,9 +243,8 @@ def prox_sweep(count, work, model, impulse):  # type: ignore[no-untyped-def]
         residual = max(residual, abs(d_N) / r_N, abs(d_x) / r_T, abs(d_y) / r_T)
         impulse[a, 0], impulse[a, 1], impulse[a, 2] = P_N, P_x, P_y
         if mu_V > 0.0:
-            radius = model.contact_radius[i]
             P_x, P_y = prox_disc(
-                impulse[a, 3] + r_V * radius * wy, impulse[a, 4] - r_V * radius * wx, mu_V * P_N
+                impulse[a, 3] + r_V * radius[i] * wy, impulse[a, 4] - r_V * radius[i] * wx, mu_V * P_N
             )
             d_x, d_y = P_x - impulse[a, 3], P_y - impulse[a, 4]
             rolling += d_x * d_x + d_y * d_y
@@ -275,14 +273,20 @@ def step(model, work, q, u, impulse, angle, rate, report):  # type: ignore[no-un
     articulated_inertia(work.axis, work.axis_damping, work.inertia, work.gain, work.compliance)
 
     count = closed_contacts(model, work)
+    contact, root_inverse = work.contact[:count], work.inertia[len(q) // 2]
     iterations, change, residual = 0, math.inf, 0.0
     while change >= model.tolerance and iterations < model.iteration_limit:
-        contact_wrench(count, work, model.contact_radius, impulse)
+        contact_wrench(
+            contact, work.point, work.heading, model.contact_radius, impulse, work.wrench
+        )
         articulated_velocity(
-            work.axis, work.gain, work.compliance, work.inertia[0], work.axis_torque,
+            work.axis, work.gain, work.compliance, root_inverse, work.axis_torque,
             work.momentum, work.wrench, work.load, twist,
         )  # fmt: skip
-        change, residual = prox_sweep(count, work, model, impulse)
+        change, residual = prox_sweep(
+            contact, work.point, work.heading, model.contact_radius, model.friction,
+            model.prox_parameter, twist, impulse,
+        )  # fmt: skip
         iterations += 1
 
     for i in range(len(q)):
@@ -294,7 +298,8 @@ def step(model, work, q, u, impulse, angle, rate, report):  # type: ignore[no-un
 
     end_velocities(twist, R, work.center, u)
     end_coordinates(model.dt, work.q_mid, u, q)
-    gap, drift_twist = close_joints(model.drift_correction, model.half_length, model.mass, q)
+    gap, violation = joint_violation(model.half_length, q)
+    close_joints(model.drift_correction, model.half_length, model.mass, q)
 
     report[STEPS] += 1
     report[ITERATIONS] += iterations
@@ -304,7 +309,7 @@ def step(model, work, q, u, impulse, angle, rate, report):  # type: ignore[no-un
     depth = penetration(model.contact_offset, model.contact_radius, q)
     report[PENETRATION] = max(report[PENETRATION], depth)
     report[GAP] = max(report[GAP], gap)
-    report[TWIST] = max(report[TWIST], drift_twist)
+    report[TWIST] = max(report[TWIST], violation)
     report[CONTACTS] = count
     return True
 

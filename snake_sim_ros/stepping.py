@@ -62,7 +62,7 @@ class Report:
     penetration_max : float
         Deepest gap below zero after a step [m].
     joint_gap_max, joint_twist_max : float
-        Largest joint violation g_J in position [m] and angle [rad] that a step made, before the
+        Largest joint violation g_J in position [m] and angle [1] that a step made, before the
         drift correction of section VII-C removed it.
     contacts : int
         Contacts closed in the last step.

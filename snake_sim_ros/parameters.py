@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 PerLink = float | tuple[float, ...]
 
 CONFIG = Path(__file__).parent / 'config'
+WANTED = {str: 'text', bool: 'true or false', int: 'a whole number', float: 'a number'}
 
 
 class ParameterError(ValueError):
@@ -49,8 +50,9 @@ def quantity(
     choices: tuple[str, ...] = (),
 ) -> Any:
     """Return a dataclass field that knows its unit, its meaning and its admissible values."""
-    limits = {'above': above, 'minimum': minimum, 'maximum': maximum, 'choices': choices}
-    return field(default=default, metadata={'unit': unit, 'meaning': meaning, **limits})
+    limits = {'above': float(above), 'minimum': float(minimum), 'maximum': float(maximum)}
+    metadata = {'unit': unit, 'meaning': meaning, 'choices': choices, **limits}
+    return field(default=default, metadata=metadata)
 
 
 @cache
@@ -65,16 +67,16 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
         if isinstance(value, kind):  # type: ignore[arg-type]
             return value
         raise ParameterError(f'{name} must be a mapping of names to values, got {value!r}')
-    if str in kinds and isinstance(value, str):
+    if isinstance(value, str if str in kinds else bool) and kinds[0] in (str, bool):
         return value
     number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
     if int in kinds and number and float(value).is_integer():
         return int(value)
     if float in kinds and number:
         return float(value)
-    if isinstance(value, (list, tuple, np.ndarray)) and kinds[-1] not in (int, float, str):
+    if isinstance(value, (list, tuple, np.ndarray)) and kinds[-1] not in WANTED:
         return tuple(_converted(name, entry, float) for entry in value)
-    wanted = {str: 'text', int: 'a whole number', float: 'a number'}.get(kinds[0], 'numbers')
+    wanted = WANTED.get(kinds[0], 'numbers')
     raise ParameterError(f'{name} must be {wanted}, got {value!r}')
 
 
@@ -144,6 +146,9 @@ class Robot(Record):
     yaw_damping: float = quantity(0.2, 'N m s/rad', 'horizontal gain K_hd', minimum=0)
     pitch_stiffness: float = quantity(800.0, 'N m/rad', 'vertical gain K_vp', minimum=0)
     pitch_damping: float = quantity(0.2, 'N m s/rad', 'vertical gain K_vd', minimum=0)
+    joint_rate_limit: float = quantity(
+        10.0, 'rad/s', 'largest joint reference rate accepted (assumption)', above=0
+    )
     joint_limit: float = quantity(
         math.pi / 4, 'rad', 'largest joint reference accepted', above=0, maximum=math.pi / 2
     )

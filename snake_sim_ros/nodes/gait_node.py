@@ -1,0 +1,97 @@
+"""
+The `gait` node: generates joint references and publishes them as commands.
+
+It knows joint names and a clock, nothing of the simulator: any robot that takes `joint_command` can
+follow it.
+"""
+
+from dataclasses import dataclass
+import sys
+
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from snake_sim_ros import gait
+from snake_sim_ros.nodes.messages import command_message
+from snake_sim_ros.nodes.messages import joint_names
+from snake_sim_ros.nodes.node_parameters import declare
+from snake_sim_ros.nodes.node_parameters import given_parameters
+from snake_sim_ros.nodes.node_parameters import refuse_unknown
+from snake_sim_ros.nodes.running import run_node
+from snake_sim_ros.parameters import flat_fields
+from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import quantity
+from snake_sim_ros.parameters import Record
+from snake_sim_ros.parameters import record_from
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.parameters import with_settings
+
+
+OF_SCENE = ('gait.', 'robot.link_count')  # what the node takes of a scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(Record):
+    """Parameters of the node besides those of the gait."""
+
+    scene: str = quantity(
+        'lateral_undulation', '', 'where gait and number of links come from: a YAML file or a name'
+    )
+    publish_rate: float = quantity(200.0, 'Hz', 'commands a second', minimum=1, maximum=1000)
+
+
+class GaitNode(Node):
+    """Commands of a gait that begins when the first robot listens."""
+
+    def __init__(self) -> None:
+        super().__init__('gait', automatically_declare_parameters_from_overrides=True)
+        given = given_parameters(self)
+        own = {name: given[name] for name in flat_fields(Settings()) if name in given}
+        settings = record_from(Settings, own, 'gait')
+        scene = load_scene(settings.scene)
+        of_scene = [name for name in flat_fields(scene) if name.startswith(OF_SCENE)]
+        refuse_unknown(given, {*flat_fields(settings), *of_scene})
+        scene = with_settings(scene, {name: given[name] for name in of_scene if name in given})
+        fields = flat_fields(scene)
+        for name, item in {**flat_fields(settings), **{n: fields[n] for n in of_scene}}.items():
+            declare(self, name, *item, read_only=True)
+
+        self.gait = scene.gait
+        self.names = joint_names(scene.robot.link_count)
+        self.begin: int | None = None
+        self.commands = self.create_publisher(JointState, 'joint_command', QoSProfile(depth=1))
+        self.create_service(Trigger, '~/restart', self._on_restart)
+        self.create_timer(1.0 / settings.publish_rate, self.publish)
+        self.get_logger().info('waiting for a robot that listens to joint_command')
+
+    def publish(self) -> None:
+        """Publish the command of now, once there is a clock and someone who listens."""
+        now = self.get_clock().now()
+        if now.nanoseconds == 0:
+            return
+        if self.begin is None and self.commands.get_subscription_count() == 0:
+            return
+        if self.begin is None or now.nanoseconds < self.begin:
+            self.begin = now.nanoseconds
+            self.get_logger().info('the gait begins')
+        seconds = 1e-9 * (now.nanoseconds - self.begin)
+        angle, rate = gait.reference(self.gait, seconds, len(self.names) // 2)
+        self.commands.publish(command_message(self.names, now.to_msg(), angle, rate))
+
+    def _on_restart(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.begin = None
+        response.success = True
+        response.message = 'the gait begins again'
+        return response
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until it is told to stop."""
+    return run_node(GaitNode, rclpy.spin, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

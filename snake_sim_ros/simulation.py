@@ -1,0 +1,268 @@
+"""A scene run in time: sub-steps, references, recording, and what happens when a step diverges."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+import time
+
+import numpy as np
+
+from snake_sim_ros import gait
+from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import ParameterError
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.parameters import scene_to_text
+from snake_sim_ros.posture import joint_angles
+from snake_sim_ros.posture import joint_rates
+from snake_sim_ros.stepping import initial_state
+from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.stepping import no_impulse
+from snake_sim_ros.stepping import Report
+from snake_sim_ros.stepping import State
+
+
+@dataclass(frozen=True)
+class JointReference:
+    """
+    What the joints were last told, each axis at its own time.
+
+    Attributes
+    ----------
+    stamp : ndarray, shape (n-1, 2)
+        Time at which the angle holds [s].
+    angle, rate : ndarray, shape (n-1, 2)
+        (yaw, pitch) [rad], [rad/s].
+
+    """
+
+    stamp: Array
+    angle: Array
+    rate: Array
+
+    def sample(self, times: Array, horizon: float, limit: float) -> tuple[Array, Array]:
+        """
+        Return the reference at given times, extrapolated with its rate for at most `horizon` [s].
+
+        Parameters
+        ----------
+        times : ndarray, shape (m,)
+        horizon : float
+            After this time the angle is held and the rate is zero.
+        limit : float
+            Largest angle that is extrapolated to [rad].
+
+        Returns
+        -------
+        angle, rate : ndarray, shape (m, n-1, 2)
+
+        """
+        age = times[:, None, None] - self.stamp
+        angle = np.clip(self.angle + np.minimum(age, horizon) * self.rate, -limit, limit)
+        return angle, np.where(age <= horizon, self.rate, 0.0)
+
+
+def start_posture(scene: Scene, now: float = 0.0) -> JointReference:
+    """Return the reference that holds the initial posture of a scene."""
+    angle = joint_angles(initial_state(scene).q)
+    return JointReference(np.full(angle.shape, now), angle, np.zeros(angle.shape))
+
+
+def steps_in(period: float, dt: float, name: str) -> int:
+    """
+    Return how many steps make up a period.
+
+    Raises
+    ------
+    ParameterError
+        If the step does not divide the period.
+
+    """
+    steps = round(period / dt)
+    if steps < 1 or abs(steps * dt - period) > 1e-9 * period:
+        raise ParameterError(f'dt must divide the {name}: got dt={dt:g} s, period={period:g} s')
+    return steps
+
+
+class Simulation:
+    """
+    The state of a scene as it advances.
+
+    Attributes
+    ----------
+    state : State
+        The last good state.
+    step_count : int
+        Steps since the simulation was made; a reset does not turn it back.
+    report : Report
+        Of all steps since the start or the last reset.
+    last : Report
+        Of the last call of `advance`.
+
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.stepper = make_stepper(scene)
+        self.step_count = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Put the robot back to the start of the scene; time goes on."""
+        self.state = initial_state(self.scene)
+        self.impulse = no_impulse(self.scene)
+        axes = (self.scene.robot.link_count - 1, 2)
+        self.report = self.last = Report(joint_torque=np.zeros(axes))
+
+    def compile(self) -> float:
+        """Take one step and forget it, so that no later call has to compile; return the time [s]."""
+        begin = time.perf_counter()
+        zero = np.zeros((1, self.scene.robot.link_count - 1, 2))
+        self.stepper.advance(self.state, self.impulse, zero, zero)
+        return time.perf_counter() - begin
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return self.step_count * self.scene.dt
+
+    def midpoints(self, steps: int) -> Array:
+        """Return the times of the middle of the next steps, shape (steps,) [s]."""
+        return (self.step_count + 0.5 + np.arange(steps)) * self.scene.dt
+
+    def advance(self, angle: Array, rate: Array) -> Report:
+        """
+        Take as many steps as there are references; none once a step has diverged, until `reset`.
+
+        Parameters
+        ----------
+        angle, rate : ndarray, shape (steps, n-1, 2)
+            Joint references at `midpoints` [rad], [rad/s].
+
+        """
+        if self.report.failure:
+            return self.report
+        self.state, self.impulse, self.last = self.stepper.advance(
+            self.state, self.impulse, angle, rate
+        )
+        self.step_count += self.last.steps
+        if self.last.failure:
+            self.last.failure = f't = {self.time:g} s: {self.last.failure}'
+        self.report += self.last
+        return self.last
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """
+    A recorded run.
+
+    Attributes
+    ----------
+    scene : Scene
+    time : ndarray, shape (m,)
+        [s]
+    position : ndarray, shape (m, n, 3)
+        Link centers [m, frame I].
+    orientation : ndarray, shape (m, n, 4)
+        Euler parameters of the link frames B, scalar first.
+    joint_angle, joint_velocity, joint_torque : ndarray, shape (m, n-1, 2)
+        (yaw, pitch) [rad], [rad/s], [N m]; the torque is that of the step before, 0 at the start.
+    report : Report
+    seconds : float
+        Wall time of all steps, without compiling.
+
+    """
+
+    scene: Scene
+    time: Array
+    position: Array
+    orientation: Array
+    joint_angle: Array
+    joint_velocity: Array
+    joint_torque: Array
+    report: Report
+    seconds: float
+
+    def save(self, path: Path) -> None:
+        """Write the arrays and the scene as an npz file, whole or not at all."""
+        buffer = BytesIO()
+        np.savez_compressed(
+            buffer,
+            time=self.time,
+            position=self.position,
+            orientation=self.orientation,
+            joint_angle=self.joint_angle,
+            joint_velocity=self.joint_velocity,
+            joint_torque=self.joint_torque,
+            scene=scene_to_text(self.scene),
+        )
+        path.write_bytes(buffer.getvalue())
+
+
+def run(
+    scene: Scene, *, rate: float = 100.0, progress: Callable[[float], object] | None = None
+) -> Trajectory:
+    """
+    Run a scene with its gait and return what it did.
+
+    Parameters
+    ----------
+    scene : Scene
+    rate : float, optional
+        Samples a second [Hz].
+    progress : callable, optional
+        Called after every sample with the time that passed since the one before [s]. An
+        interruption from the keyboard ends the run early; what was recorded is returned.
+
+    Raises
+    ------
+    ParameterError
+        If dt does not divide the sampling period, or the period the duration.
+
+    """
+    if not rate > 0:
+        raise ParameterError(f'rate must be above 0 Hz, got {rate:g} Hz')
+    steps = steps_in(1.0 / rate, scene.dt, 'sampling period')
+    samples = steps_in(scene.duration, scene.dt, 'duration') // steps
+    if samples < 1:
+        raise ParameterError(
+            f'duration must be at least one sampling period, 1/{rate:g} s; got {scene.duration:g} s'
+        )
+    simulation = Simulation(scene)
+    simulation.compile()
+    states, torques, seconds = [simulation.state], [simulation.report.joint_torque], 0.0
+    try:
+        for _ in range(samples):
+            begin = time.perf_counter()
+            reference = gait.reference(
+                scene.gait, simulation.midpoints(steps), scene.robot.link_count - 1
+            )
+            report = simulation.advance(*reference)
+            seconds += time.perf_counter() - begin
+            if report.failure:
+                break
+            states.append(simulation.state)
+            torques.append(report.joint_torque)
+            if progress:
+                progress(steps * scene.dt)
+    except KeyboardInterrupt:
+        pass
+    return _trajectory(simulation, states, torques, steps, seconds)
+
+
+def _trajectory(
+    simulation: Simulation, states: list[State], torques: list[Array], steps: int, seconds: float
+) -> Trajectory:
+    q, u = np.array([state.q for state in states]), np.array([state.u for state in states])
+    return Trajectory(
+        scene=simulation.scene,
+        time=np.arange(len(states)) * steps * simulation.scene.dt,
+        position=q[:, :, :3],
+        orientation=q[:, :, 3:],
+        joint_angle=joint_angles(q),
+        joint_velocity=joint_rates(q, u),
+        joint_torque=np.array(torques[: len(states)]),
+        report=simulation.report,
+        seconds=seconds,
+    )

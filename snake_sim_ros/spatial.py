@@ -23,9 +23,12 @@ import numpy as np
 from snake_sim_ros.articulated_body import articulated_inertia
 from snake_sim_ros.articulated_body import articulated_velocity
 from snake_sim_ros.compilation import compiled
-from snake_sim_ros.contact_laws import prox_disc
-from snake_sim_ros.contact_laws import prox_ellipse
-from snake_sim_ros.contact_laws import prox_half_line
+from snake_sim_ros.contacts import closed_contacts
+from snake_sim_ros.contacts import condense
+from snake_sim_ros.contacts import condensed_velocities
+from snake_sim_ros.contacts import contact_velocities
+from snake_sim_ros.contacts import contact_wrench
+from snake_sim_ros.contacts import prox_sweep
 from snake_sim_ros.joint_control import pd_law
 from snake_sim_ros.joint_control import START
 from snake_sim_ros.kinematics import chain_geometry
@@ -45,6 +48,10 @@ from snake_sim_ros.parameters import Scene
 from snake_sim_ros.posture import joint_rates
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
+
+# Most impulse components of a contact problem that is condensed; a larger one costs more than it saves.
+CONDENSED = 48
+
 
 class Model(NamedTuple):
     """The numbers of a scene as the compiled step takes them; names as in `parameters`."""
@@ -88,6 +95,14 @@ class Workspace(NamedTuple):
     contact: Array  # (2n,) indices of the closed contacts
     point: Array  # (2n, 3) contact points from O
     heading: Array  # (n, 2) horizontal direction of the link axis: e_x of the contact frame
+    gamma: Array  # (2n, 5) relative velocities of the closed contacts
+    previous: Array  # (2n, 5) contact impulses before the last projection: those of the twists
+    delassus: Array  # (c, c), free (2n, 5), packed (c,): the condensed contact problem
+    free: Array
+    packed: Array
+    unit: Array  # (2n, 5), no_torque (n-1, 2), no_momentum (n, 6): zeros
+    no_torque: Array
+    no_momentum: Array
 
 
 # Columns of the report array.
@@ -159,98 +174,19 @@ def smooth_momentum(model, u, R, center, momentum):  # type: ignore[no-untyped-d
 
 
 @compiled
-def closed_contacts(model, work):  # type: ignore[no-untyped-def]
-    """
-    Fill contact points and frames and return how many contacts are closed, eqs. (9), (10).
-
-    Deviation: a vertical link has no heading; e_x^I stands in for it, as in `reference.py`.
-    """
-    n = len(model.mass)
-    count = 0
-    for i in range(n):
-        x, y, z = work.R[i, 0, 2], work.R[i, 1, 2], work.R[i, 2, 2]
-        c = math.sqrt(x * x + y * y)
-        if c > 1e-6:
-            work.heading[i, 0], work.heading[i, 1] = x / c, y / c
-        else:
-            work.heading[i, 0], work.heading[i, 1] = 1.0, 0.0
-        for a, offset in ((i, model.contact_offset[i]), (n + i, -model.contact_offset[i])):
-            if work.q_mid[i, 2] + offset * z - model.contact_radius[i] <= 0.0:
-                work.contact[count] = a
-                work.point[a, 0] = work.center[i, 0] + offset * x
-                work.point[a, 1] = work.center[i, 1] + offset * y
-                work.point[a, 2] = work.center[i, 2] + offset * z - model.contact_radius[i]
-                count += 1
-    return count
+def end_twists(contact, chain, geometry, work, impulse, twist):  # type: ignore[no-untyped-def]
+    """Fill the twists after the step under given contact impulses, eqs. (76), (84), (86)."""
+    contact_wrench(contact, *geometry, impulse, work.wrench)
+    articulated_velocity(
+        *chain, work.axis_torque, work.momentum, work.wrench, work.load, twist
+    )
 
 
 @compiled
-def contact_wrench(contact, point, heading, rolling_radius, impulse, wrench):  # type: ignore[no-untyped-def]
-    """Fill the impulse wrench S of the contacts on every link, eq. (76)."""
-    n = len(heading)
-    wrench[:] = 0.0
-    for a in contact:
-        i = a if a < n else a - n
-        cx, cy = heading[i, 0], heading[i, 1]
-        x, y, z = point[a, 0], point[a, 1], point[a, 2]
-        px = cx * impulse[a, 1] - cy * impulse[a, 2]
-        py = cy * impulse[a, 1] + cx * impulse[a, 2]
-        pz = impulse[a, 0]
-        wrench[i, 0] += y * pz - z * py + rolling_radius[i] * impulse[a, 4]
-        wrench[i, 1] += z * px - x * pz - rolling_radius[i] * impulse[a, 3]
-        wrench[i, 2] += x * py - y * px
-        wrench[i, 3] += px
-        wrench[i, 4] += py
-        wrench[i, 5] += pz
-
-
-@compiled
-def prox_sweep(contact, point, heading, radius, friction, prox_parameter, twist, impulse):  # type: ignore[no-untyped-def]
-    """
-    Project the impulse of every closed contact once, eqs. (87)-(92).
-
-    Returns
-    -------
-    change : float
-        Left side of the stopping rule (93) [N s].
-    residual : float
-        Largest change of one impulse over its prox parameter [m/s].
-
-    """
-    n = len(heading)
-    r_N, r_T, r_V = prox_parameter[0], prox_parameter[1], prox_parameter[2]
-    mu_x, mu_y, mu_V = friction[0], friction[1], friction[2]
-    normal = sliding = rolling = residual = 0.0
-    for a in contact:
-        i = a if a < n else a - n
-        cx, cy = heading[i, 0], heading[i, 1]
-        x, y, z = point[a, 0], point[a, 1], point[a, 2]
-        wx, wy, wz = twist[i, 0], twist[i, 1], twist[i, 2]
-        vx = twist[i, 3] + wy * z - wz * y
-        vy = twist[i, 4] + wz * x - wx * z
-        vz = twist[i, 5] + wx * y - wy * x
-
-        P_N = prox_half_line(impulse[a, 0] - r_N * vz)
-        P_x, P_y = prox_ellipse(
-            impulse[a, 1] - r_T * (cx * vx + cy * vy),
-            impulse[a, 2] - r_T * (cx * vy - cy * vx),
-            mu_x * P_N,
-            mu_y * P_N,
-        )
-        d_N, d_x, d_y = P_N - impulse[a, 0], P_x - impulse[a, 1], P_y - impulse[a, 2]
-        normal += d_N * d_N
-        sliding += d_x * d_x + d_y * d_y
-        residual = max(residual, abs(d_N) / r_N, abs(d_x) / r_T, abs(d_y) / r_T)
-        impulse[a, 0], impulse[a, 1], impulse[a, 2] = P_N, P_x, P_y
-        if mu_V > 0.0:
-            P_x, P_y = prox_disc(
-                impulse[a, 3] + r_V * radius[i] * wy, impulse[a, 4] - r_V * radius[i] * wx, mu_V * P_N
-            )
-            d_x, d_y = P_x - impulse[a, 3], P_y - impulse[a, 4]
-            rolling += d_x * d_x + d_y * d_y
-            residual = max(residual, abs(d_x) / r_V, abs(d_y) / r_V)
-            impulse[a, 3], impulse[a, 4] = P_x, P_y
-    return math.sqrt(normal) + math.sqrt(sliding) + math.sqrt(rolling), residual
+def free_velocities(contact, chain, geometry, work, twist):  # type: ignore[no-untyped-def]
+    """Fill work.free with the contact velocities after a step without contact impulses."""
+    end_twists(contact, chain, geometry, work, work.unit, twist)
+    contact_velocities(contact, *geometry, twist, work.free)
 
 
 @compiled
@@ -272,22 +208,37 @@ def step(model, work, q, u, impulse, angle, rate, report):  # type: ignore[no-un
     smooth_momentum(model, u, R, work.center, work.momentum)
     articulated_inertia(work.axis, work.axis_damping, work.inertia, work.gain, work.compliance)
 
-    count = closed_contacts(model, work)
-    contact, root_inverse = work.contact[:count], work.inertia[len(q) // 2]
+    geometry = (work.point, work.heading, model.contact_radius)
+    count = closed_contacts(
+        model.contact_offset, model.contact_radius, work.q_mid[:, 2], R, work.center,
+        work.contact, work.point, work.heading,
+    )  # fmt: skip
+    contact = work.contact[:count]
+    chain = (work.axis, work.gain, work.compliance, work.inertia[len(q) // 2])
+    width = 5 if model.friction[2] > 0.0 else 3
+    condensed = False
     iterations, change, residual = 0, math.inf, 0.0
     while change >= model.tolerance and iterations < model.iteration_limit:
-        contact_wrench(
-            contact, work.point, work.heading, model.contact_radius, impulse, work.wrench
-        )
-        articulated_velocity(
-            work.axis, work.gain, work.compliance, root_inverse, work.axis_torque,
-            work.momentum, work.wrench, work.load, twist,
-        )  # fmt: skip
+        if iterations == width * count and iterations <= len(work.packed):
+            # As many sweeps as the Delassus operator has columns: forming it cost no more, and from
+            # here on a sweep costs less. The iterates stay the same.
+            scratch = (work.no_torque, work.no_momentum, work.wrench, work.load, twist, work.gamma)
+            condense(contact, width, chain, geometry, scratch, work.unit, work.delassus)
+            free_velocities(contact, chain, geometry, work, twist)
+            condensed = True
+        if condensed:
+            condensed_velocities(
+                contact, width, work.delassus, work.free, impulse, work.packed, work.gamma
+            )
+        else:
+            end_twists(contact, chain, geometry, work, impulse, twist)
+            contact_velocities(contact, *geometry, twist, work.gamma)
         change, residual = prox_sweep(
-            contact, work.point, work.heading, model.contact_radius, model.friction,
-            model.prox_parameter, twist, impulse,
-        )  # fmt: skip
+            contact, work.gamma, model.friction, model.prox_parameter, impulse, work.previous
+        )
         iterations += 1
+    if condensed:
+        end_twists(contact, chain, geometry, work, work.previous, twist)
 
     for i in range(len(q)):
         turn = model.dt * math.sqrt(twist[i, 0] ** 2 + twist[i, 1] ** 2 + twist[i, 2] ** 2)
@@ -354,6 +305,9 @@ def make_workspace(n: int) -> Workspace:
         'inertia': (n, 6, 6), 'gain': (n - 1, 2, 6), 'compliance': (n - 1, 3), 'load': (n - 1, 2),
         'momentum': (n, 6), 'wrench': (n, 6), 'twist': (n, 6),
         'point': (2 * n, 3), 'heading': (n, 2),
+        'gamma': (2 * n, 5), 'previous': (2 * n, 5),
+        'delassus': (CONDENSED, CONDENSED), 'free': (2 * n, 5), 'packed': (CONDENSED,),
+        'unit': (2 * n, 5), 'no_torque': (n - 1, 2), 'no_momentum': (n, 6),
     }  # fmt: skip
     arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
     return Workspace(contact=np.zeros(2 * n, np.int64), **arrays)
@@ -375,9 +329,10 @@ class SpatialStepper:
         q, u, impulse, numbers = state.q.copy(), state.u.copy(), impulse.copy(), np.zeros(11)
         angle, rate = np.ascontiguousarray(angle), np.ascontiguousarray(rate)
         advance(self.model, self.work, q, u, impulse, angle, rate, numbers)
-        return State(q, u), impulse, self._report(q, u, numbers)
+        return State(q, u), impulse, self.report(u, numbers)
 
-    def _report(self, q: Array, u: Array, numbers: Array) -> Report:
+    def report(self, u: Array, numbers: Array) -> Report:
+        """Return the numbers that the compiled step gathered, after steps that ended with u."""
         torque = self.work.axis_torque - self.work.axis_damping * joint_rates(self.work.q_mid, u)
         report = Report(
             *(int(number) for number in numbers[: UNCONVERGED + 1]),

@@ -1,0 +1,175 @@
+"""The command `snake-sim`: scenes without ROS, measurements, and the live demonstration."""
+
+import argparse
+import json
+from pathlib import Path
+import sys
+from typing import Any
+
+from tqdm import tqdm
+import yaml
+
+from snake_sim_ros import __version__
+from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import ParameterError
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.parameters import with_settings
+from snake_sim_ros.simulation import run
+from snake_sim_ros.simulation import Trajectory
+from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.stepping import METHODS
+from snake_sim_ros.stepping import Status
+
+CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')
+
+
+def main(args: list[str] | None = None) -> int:
+    """
+    Run the command.
+
+    Returns
+    -------
+    int
+        0; 1 if a run diverged or a node died; 2 if the input is not usable; 130 after Ctrl-C.
+
+    """
+    options = _parser().parse_args(args)
+    try:
+        return int(options.command(options))
+    except (ParameterError, OSError) as error:
+        print(f'snake-sim: {error}', file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog='snake-sim', description=__doc__)
+    parser.add_argument('--version', action='version', version=__version__)
+    commands = parser.add_subparsers(required=True, metavar='COMMAND')
+
+    command = commands.add_parser('run', help='run a scene and record it')
+    command.set_defaults(command=_run)
+    command.add_argument('scene', help='YAML file, or the name of a scene in config/')
+    command.add_argument('--out', type=Path, metavar='FILE.npz', help='where the recording goes')
+    command.add_argument('--rate', type=float, default=100.0, help='samples a second [Hz]')
+    _add_scene_options(command)
+
+    command = commands.add_parser('bench', help='measure the time of a step')
+    command.set_defaults(command=_bench)
+    command.add_argument('scene', nargs='*', default=list(CASES), help='default: cases A to D')
+    command.add_argument(
+        '--no-start-up', action='store_true', help='leave out the start-up times of new processes'
+    )
+    _add_scene_options(command)
+
+    command = commands.add_parser('demo', help='run a scene live: the nodes sim and gait over ROS 2')
+    command.set_defaults(command=_demo)
+    command.add_argument('scene', nargs='?', default=CASES[0], help='default: lateral_undulation')
+    command.add_argument('--duration', type=float, default=15.0, help='of the gait [s], default 15')
+    command.add_argument(
+        '--out', type=Path, default=Path('demo.png'), metavar='FILE.png', help='default: demo.png'
+    )
+    return parser
+
+
+def _add_scene_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument('--duration', type=float, help='instead of that of the scene [s]')
+    command.add_argument('--method', help=f'instead of that of the scene: {", ".join(METHODS)}')
+    command.add_argument(
+        '--set', action='append', default=[], metavar='KEY=VALUE',
+        help='any value of the scene, such as friction.longitudinal=0.2; may be given often',
+    )  # fmt: skip
+
+
+def _scene(options: argparse.Namespace, source: str) -> Scene:
+    settings: dict[str, Any] = {}
+    for item in options.set:
+        key, separator, value = item.partition('=')
+        if not separator:
+            raise ParameterError(f'--set must be KEY=VALUE, got {item!r}')
+        settings[key] = yaml.safe_load(value)
+    for key in ('duration', 'method'):
+        if getattr(options, key) is not None:
+            settings[key] = getattr(options, key)
+    return with_settings(load_scene(source), settings)
+
+
+def _run(options: argparse.Namespace) -> int:
+    scene = _scene(options, options.scene)
+    make_stepper(scene)
+    if options.out and not options.out.absolute().parent.is_dir():
+        raise ParameterError(f'--out: no folder {options.out.absolute().parent}')
+    print('compiling ...', end='\r', file=sys.stderr, flush=True)
+    layout = '{percentage:3.0f} %|{bar}| {n:.2f} of {total:g} s, {remaining} left'
+    with tqdm(total=scene.duration, bar_format=layout) as bar:
+        trajectory = run(scene, rate=options.rate, progress=bar.update)
+    if options.out:
+        trajectory.save(options.out)
+    report, link = trajectory.report, scene.robot.middle_link
+    x, y, z = trajectory.position[-1, link]
+    print(f'link {link + 1} at ({x:.4f}, {y:.4f}, {z:.4f}) m after {trajectory.time[-1]:g} s')
+    if report.failure:
+        print(f'diverged: {report.failure}', file=sys.stderr)
+    if options.out:
+        print(f'{len(trajectory.time)} samples in {options.out}')
+    print(json.dumps(_summary(trajectory)))
+    return 1 if report.status is Status.DIVERGED else 0
+
+
+def _summary(trajectory: Trajectory) -> dict[str, Any]:
+    scene, report = trajectory.scene, trajectory.report
+    return {
+        'method': scene.method,
+        'level': make_stepper(scene).level,
+        'status': report.status.value,
+        'steps': report.steps,
+        'us_per_step': 1e6 * trajectory.seconds / max(report.steps, 1),
+        'real_time_factor': report.steps * scene.dt / max(trajectory.seconds, 1e-9),
+        'iterations_per_step': report.iterations / max(report.steps, 1),
+        'residual_max': report.residual_max,
+        'unconverged_steps': report.unconverged,
+        'penetration_max': report.penetration_max,
+        'joint_gap_max': report.joint_gap_max,
+        'joint_twist_max': report.joint_twist_max,
+    }
+
+
+def _bench(options: argparse.Namespace) -> int:
+    from snake_sim_ros.bench import start_up_seconds
+    from snake_sim_ros.bench import time_steps
+
+    scenes = {source: _scene(options, source) for source in options.scene}
+    print(f'{"scene":29} {"median":>9} {"p99":>9} {"real time":>10} {"iterations":>11} '
+          f'{"residual":>10} {"unconverged":>12}')  # fmt: skip
+    for number, (source, scene) in enumerate(scenes.items()):
+        timing = time_steps(scene)
+        report = timing.report
+        print(f'{Path(source).stem:29} {timing.median:6.2f} us {timing.p99:6.1f} us '
+              f'{timing.real_time_factor:8.1f} x {report.iterations / max(report.steps, 1):11.1f} '
+              f'{report.residual_max:7.1e} m/s {report.unconverged:8d} of {report.steps}'
+              f'{"  DIVERGED " + report.failure if report.failure else ""}', flush=True)  # fmt: skip
+        if number == 0:
+            first_call = timing.compile_seconds
+    print(f'compile time apart: {first_call:.2f} s in this process')
+    if not options.no_start_up:
+        scene = next(iter(scenes.values()))
+        for cold in (True, False):
+            what = 'nothing compiled before' if cold else 'everything compiled before'
+            print(f'start of a new process to its first step, {what}: '
+                  f'{start_up_seconds(scene, cold=cold):.2f} s', flush=True)  # fmt: skip
+    return 0
+
+
+def _demo(options: argparse.Namespace) -> int:
+    try:
+        from snake_sim_ros.nodes.demo import demo
+    except ImportError as error:
+        raise ParameterError(
+            f'the demo needs ROS 2 ({error}): source a ROS 2 installation, or ./run demo'
+        ) from None
+    return demo(options.scene, options.duration, options.out)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -44,5 +44,5 @@ def path_figure(
     axes.set(xlabel='x [m]', ylabel='y [m]', title=title)
     axes.set_aspect('equal', adjustable='datalim')
     axes.grid(alpha=0.3)
-    axes.legend(loc='outside lower center', ncols=len(shown) + 1, frameon=False)
+    figure.legend(loc='outside lower center', ncols=len(shown) + 1, frameon=False)
     figure.savefig(file, dpi=120)

@@ -1,0 +1,63 @@
+"""Package metadata, read by pip and by colcon alike."""
+
+from glob import glob
+
+from setuptools import setup
+
+package_name = 'snake_sim_ros'
+
+# ROS comes from package.xml where ROS 2 is installed. These wheels are for machines without it:
+# in install_requires they would shadow a sourced installation.
+ros_wheels = {
+    distro: [
+        f'ros-{distro}-rclpy[fastrtps]=={rclpy}',
+        f'ros-{distro}-diagnostic-msgs=={interfaces}',
+        f'ros-{distro}-geometry-msgs=={interfaces}',
+        f'ros-{distro}-nav-msgs=={interfaces}',
+        f'ros-{distro}-sensor-msgs=={interfaces}',
+        f'ros-{distro}-std-srvs=={interfaces}',
+    ]
+    for distro, rclpy, interfaces in [('jazzy', '7.1.6', '5.3.6'), ('kilted', '9.1.2', '5.5.1')]
+}
+plots = ['matplotlib>=3.5,<4']
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    description='A virtual Aiko, the wheel-less snake robot: exact nonsmooth simulation.',
+    maintainer='snake_sim_ros maintainers',
+    maintainer_email='maintainers@users.noreply.github.com',
+    license='Apache-2.0',
+    python_requires='>=3.10',
+    packages=[package_name, f'{package_name}.nodes'],
+    package_data={package_name: ['config/*.yaml']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
+        (f'share/{package_name}', ['package.xml']),
+        (f'share/{package_name}/config', sorted(glob('config/*.yaml'))),
+        # What `ros2 run` finds after a pip install, which puts console scripts elsewhere.
+        (f'lib/{package_name}', ['scripts/gait', 'scripts/sim']),
+    ],
+    zip_safe=False,
+    install_requires=[
+        'setuptools',
+        'numpy>=1.23,<3',
+        'scipy>=1.9,<2',
+        'numba>=0.56,<1',
+        'PyYAML>=5.4,<7',
+        'tqdm>=4.60,<5',
+    ],
+    extras_require={
+        **ros_wheels,
+        'plots': plots,
+        'peers': ['mujoco>=3'],
+        'test': ['pytest>=7', 'ruff', 'mypy', 'types-PyYAML', *plots],
+    },
+    entry_points={
+        'console_scripts': [
+            f'gait = {package_name}.nodes.gait_node:main',
+            f'sim = {package_name}.nodes.sim_node:main',
+            f'snake-sim = {package_name}.cli:main',
+        ],
+    },
+)

@@ -1,0 +1,69 @@
+"""Random robots and states, and the exact motion of free links, for tests of single relations."""
+
+import numpy as np
+
+from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import Robot
+from snake_sim_ros.posture import chain
+from snake_sim_ros.rotations import product
+from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.stepping import State
+
+EPS = np.finfo(float).eps
+
+
+def random_parameters(rng: np.random.Generator, count: int) -> Array:
+    """Return Euler parameters of length 1, evenly spread over all rotations, shape (count, 4)."""
+    p = rng.standard_normal((count, 4))
+    return p / np.linalg.norm(p, axis=1)[:, None]
+
+
+def random_robot(rng: np.random.Generator, link_count: int) -> Robot:
+    """Return a robot like Aiko, every quantity of every link within 20 % of it."""
+    names = ('link_length', 'link_mass', 'inertia_transversal', 'inertia_axial')
+    names += ('contact_offset', 'contact_radius')
+    aiko = Robot()
+    values = {
+        name: tuple(getattr(aiko, name) * rng.uniform(0.8, 1.2, link_count)) for name in names
+    }
+    return Robot(link_count=link_count, **values)
+
+
+def random_velocities(rng: np.random.Generator, link_count: int) -> Array:
+    """Return up to 1 m/s and 2 rad/s in every component, joints or not, shape (n, 6)."""
+    return rng.uniform(-1.0, 1.0, (link_count, 6)) * [1.0, 1.0, 1.0, 2.0, 2.0, 2.0]
+
+
+def free_links(rng: np.random.Generator, link_count: int) -> State:
+    """Return links anywhere in a cube of 2 m, with any orientation and no regard to the joints."""
+    position = rng.uniform(-1.0, 1.0, (link_count, 3))
+    q = np.hstack([position, random_parameters(rng, link_count)])
+    return State(q, random_velocities(rng, link_count))
+
+
+def jointed_links(rng: np.random.Generator, robot: Robot, angle: Array) -> State:
+    """Return a robot with given joint angles (n-1, 2) in any orientation, link 1 at the origin."""
+    q = chain(robot, angle)
+    turn = random_parameters(rng, 1)[0]
+    q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
+    q[:, 3:] = product(turn, q[:, 3:])
+    return State(q, random_velocities(rng, robot.link_count))
+
+
+def moved(state: State, time: float) -> Array:
+    """
+    Return where constant u take every link in a given time, exactly, shape (n, 7).
+
+    A constant omega in B turns by the Euler parameters (cos(a/2), sin(a/2) omega/|omega|) from the
+    right, a = |omega| t.
+    """
+    v, omega = state.u[:, :3], state.u[:, 3:]
+    speed = np.linalg.norm(omega, axis=1)[:, None]
+    half = speed * time / 2
+    turn = np.hstack([np.cos(half), np.sin(half) * omega / speed])
+    return np.hstack([state.q[:, :3] + time * v, product(state.q[:, 3:], turn)])
+
+
+def rate_of(function, state: State, step: float = 1e-5) -> Array:
+    """Return the central difference of function(q) along the exact motion of the links."""
+    return (function(moved(state, step)) - function(moved(state, -step))) / (2 * step)

@@ -1,17 +1,17 @@
 """
 Forward dynamics of a chain of links with two hinge axes a joint, linear in the number of links.
 
-The articulated-body algorithm [1] on impulses: given momentum and impulse wrenches, find the twists
-after the step that satisfy the joint constraints. All quantities are about one common point in common
-axes, twists as (angular, linear), wrenches as (moment, impulse), so that nothing is transformed on the
-way along the chain. `articulated_inertia` prepares a configuration once; `articulated_velocity` then
-solves for any number of loads.
+The articulated-body algorithm [1] on impulses: given momentum and impulse wrenches, find the
+twists after the step that satisfy the joint constraints. All quantities are about one common point
+in common axes, twists as (angular, linear), wrenches as (moment, impulse), so that nothing is
+transformed on the way along the chain. `articulated_inertia` prepares a configuration once;
+`articulated_velocity` then solves for any number of loads.
 
-The root is the middle link: its two arms do not depend on each other, and a processor works on both at
-the same time. With S the two axis twists of the joint between a link and its parent, which is the next
-one toward the root, and A the articulated inertia of everything from the link outward, the rates of the
-joint are ``q' = D^-1 (torque + S^T wrench) - G^T twist_parent`` with ``G = A S D^-1`` and
-``D = S^T A S + damping``, and the parent feels ``A - G D G^T``.
+The root is the middle link: its two arms do not depend on each other, and a processor works on
+both at the same time. With S the two axis twists of the joint between a link and its parent, which
+is the next one toward the root, and A the articulated inertia of everything from the link outward,
+the rates of the joint are ``q' = D^-1 (torque + S^T wrench) - G^T twist_parent`` with ``G = A S
+D^-1`` and ``D = S^T A S + damping``, and the parent feels ``A - G D G^T``.
 
 .. [1] R. Featherstone, "Rigid Body Dynamics Algorithms", Springer 2008, ch. 7.
 """
@@ -22,7 +22,7 @@ ZERO = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @compiled
-def articulated_inertia(axis, damping, inertia, gain, compliance):  # type: ignore[no-untyped-def]
+def articulated_inertia(axis, damping, inertia, gain, compliance):
     """
     Turn link inertias into articulated-body inertias, and that of the root into its inverse.
 
@@ -35,8 +35,8 @@ def articulated_inertia(axis, damping, inertia, gain, compliance):  # type: igno
     damping : ndarray, shape (n-1, 2)
         Impulse per rate that resists every axis [N m s^2].
     inertia : ndarray, shape (n, 6, 6)
-        On entry inertia of the links; on return articulated inertia, and in ``inertia[n // 2]`` the
-        inverse of the articulated inertia of the root.
+        On entry inertia of the links; on return articulated inertia, and in ``inertia[n // 2]``
+        the inverse of the articulated inertia of the root.
     gain : ndarray, shape (n-1, 2, 6)
         Filled with G.
     compliance : ndarray, shape (n-1, 3)
@@ -54,7 +54,7 @@ def articulated_inertia(axis, damping, inertia, gain, compliance):  # type: igno
 
 
 @compiled
-def fold_inertia(j, axis, damping, A, parent, gain, compliance):  # type: ignore[no-untyped-def]
+def fold_inertia(j, axis, damping, A, parent, gain, compliance):
     """Add to the inertia of the parent what joint j lets it feel of the inertia A beyond."""
     S, G = axis[j], gain[j]
     for k in range(2):
@@ -82,7 +82,7 @@ def fold_inertia(j, axis, damping, A, parent, gain, compliance):  # type: ignore
 
 
 @compiled
-def invert(A):  # type: ignore[no-untyped-def]
+def invert(A):
     """Replace a symmetric positive definite matrix by its inverse (Gauss-Jordan, no pivoting)."""
     size = len(A)
     for k in range(size):
@@ -99,7 +99,7 @@ def invert(A):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def articulated_velocity(  # type: ignore[no-untyped-def]
+def articulated_velocity(
     axis, gain, compliance, root_inverse, torque, momentum, wrench, load, twist
 ):
     """
@@ -147,8 +147,8 @@ def articulated_velocity(  # type: ignore[no-untyped-def]
 
 
 @compiled
-def fold(j, axis, gain, torque, load, w):  # type: ignore[no-untyped-def]
-    """Return what the parent of joint j feels of the wrench w beyond; keep the load of the joint."""
+def fold(j, axis, gain, torque, load, w):
+    """Return what the parent of joint j feels of the wrench w beyond; keep its load."""
     load0 = torque[j, 0] + dot(axis, j, 0, w)
     load1 = torque[j, 1] + dot(axis, j, 1, w)
     load[j, 0], load[j, 1] = load0, load1
@@ -163,7 +163,7 @@ def fold(j, axis, gain, torque, load, w):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def unfold(j, axis, gain, compliance, load, v):  # type: ignore[no-untyped-def]
+def unfold(j, axis, gain, compliance, load, v):
     """Return the twist of the link beyond joint j from that of its parent, v."""
     c11, c12, c22 = compliance[j, 0], compliance[j, 1], compliance[j, 2]
     rate0 = c11 * load[j, 0] + c12 * load[j, 1] - dot(gain, j, 0, v)
@@ -179,7 +179,7 @@ def unfold(j, axis, gain, compliance, load, v):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def total(w, momentum, wrench, i):  # type: ignore[no-untyped-def]
+def total(w, momentum, wrench, i):
     """Return w and the loads of link i together."""
     return (
         w[0] + momentum[i, 0] + wrench[i, 0],
@@ -192,7 +192,7 @@ def total(w, momentum, wrench, i):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def dot(A, j, k, w):  # type: ignore[no-untyped-def]
+def dot(A, j, k, w):
     """Return A[j, k] . w."""
     return (
         (A[j, k, 0] * w[0] + A[j, k, 1] * w[1])
@@ -202,7 +202,7 @@ def dot(A, j, k, w):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def row(A, i, w):  # type: ignore[no-untyped-def]
+def row(A, i, w):
     """Return A[i] . w."""
     return (
         (A[i, 0] * w[0] + A[i, 1] * w[1])
@@ -212,6 +212,6 @@ def row(A, i, w):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def store(A, i, w):  # type: ignore[no-untyped-def]
+def store(A, i, w):
     """Write the tuple w to A[i]."""
     A[i, 0], A[i, 1], A[i, 2], A[i, 3], A[i, 4], A[i, 5] = w

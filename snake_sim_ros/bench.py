@@ -1,8 +1,9 @@
 """
 Time per step, measured inside the compiled loop, and start-up times of new processes.
 
-What the numbers do not show: they are of one scene, one machine and one moment. The processor's own
-counter is read between two steps, so nothing but the step is in them, neither references nor recording.
+What the numbers do not show: they are of one scene, one machine and one moment. The processor's
+own counter is read between two steps, so nothing but the step is in them, neither references nor
+recording.
 """
 
 from dataclasses import dataclass
@@ -66,17 +67,15 @@ def cycle_counter(typing_context: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kind = ir.FunctionType(ir.IntType(64), [])
-        function = cgutils.get_or_insert_function(
-            builder.module, kind, 'llvm.readcyclecounter'
-        )
+        function = cgutils.get_or_insert_function(builder.module, kind, 'llvm.readcyclecounter')
         return builder.call(function, [])
 
     return types.int64(), generate
 
 
 @compiled
-def timed_advance(model, work, q, u, impulse, angle, rate, report, cycles):  # type: ignore[no-untyped-def]
-    """Advance as `spatial.advance` does, and fill cycles (steps,) with the counts of every step."""
+def timed_advance(model, work, q, u, impulse, angle, rate, report, cycles):
+    """Advance as `spatial.advance` does, and fill cycles (steps,) with the counts of all steps."""
     for k in range(len(angle)):
         begin = cycle_counter()
         if not step(model, work, q, u, impulse, angle[k], rate[k], report):
@@ -125,7 +124,7 @@ def time_steps(scene: Scene) -> Timing:
 
 
 @compiled
-def _now():  # type: ignore[no-untyped-def]
+def _now():
     return cycle_counter()
 
 

@@ -63,10 +63,14 @@ def _parser() -> argparse.ArgumentParser:
     )
     _add_scene_options(command)
 
-    command = commands.add_parser('demo', help='run a scene live: the nodes sim and gait over ROS 2')
+    command = commands.add_parser(
+        'demo', help='run a scene live: the nodes sim and gait over ROS 2'
+    )
     command.set_defaults(command=_demo)
     command.add_argument('scene', nargs='?', default=CASES[0], help='default: lateral_undulation')
-    command.add_argument('--duration', type=float, default=15.0, help='of the gait [s], default 15')
+    command.add_argument(
+        '--duration', type=float, default=15.0, help='of the gait [s], default 15'
+    )
     command.add_argument(
         '--out', type=Path, default=Path('demo.png'), metavar='FILE.png', help='default: demo.png'
     )
@@ -148,7 +152,7 @@ def _bench(options: argparse.Namespace) -> int:
         print(f'{Path(source).stem:29} {timing.median:6.2f} us {timing.p99:6.1f} us '
               f'{timing.real_time_factor:8.1f} x {report.iterations / max(report.steps, 1):11.1f} '
               f'{report.residual_max:7.1e} m/s {report.unconverged:8d} of {report.steps}'
-              f'{"  DIVERGED " + report.failure if report.failure else ""}', flush=True)  # fmt: skip
+              f'{" " * bool(report.failure)}{report.failure}', flush=True)  # fmt: skip
         if number == 0:
             first_call = timing.compile_seconds
     print(f'compile time apart: {first_call:.2f} s in this process')

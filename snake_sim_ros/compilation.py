@@ -11,7 +11,6 @@ import os
 from pathlib import Path
 import tempfile
 from typing import Any
-from typing import TypeVar
 
 try:
     import numba
@@ -20,8 +19,6 @@ except ImportError as error:
         'snake_sim_ros compiles its physics with Numba, which is not installed: '
         'pip install numba, or apt install python3-numba'
     ) from error
-
-F = TypeVar('F', bound=Callable[..., Any])
 
 # Everything LLVM may reorder, except what assumes that no value is infinite or not a number.
 FAST_MATH = {'contract', 'reassoc', 'nsz', 'arcp'}
@@ -49,7 +46,8 @@ if 'NUMBA_CACHE_DIR' not in os.environ:
     numba.config.CACHE_DIR = _cache_folder()
 
 
-def compiled(function: F) -> F:
+def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """Return `function` compiled on its first call; plain Python with NUMBA_DISABLE_JIT=1."""
     options = {'cache': True, 'nogil': True, 'error_model': 'numpy', 'fastmath': FAST_MATH}
-    return numba.njit(**options)(function)  # type: ignore[no-any-return]
+    wrapper: Callable[..., Any] = numba.njit(**options)(function)
+    return wrapper

@@ -1,9 +1,10 @@
 """
 Sets of admissible contact impulses and the projections on them, section V of the paper.
 
-A set-valued law is an inclusion in the normal cone of a convex set C, ``-gamma in N_C(P)``, which is
-the same as ``P = prox_C(P - r gamma)`` for any r > 0. The sets are cones in the normal impulse, so
-one law covers contact forces and impacts. All functions are compiled; they take and return numbers.
+A set-valued law is an inclusion in the normal cone of a convex set C, ``-gamma in N_C(P)``, which
+is the same as ``P = prox_C(P - r gamma)`` for any r > 0. The sets are cones in the normal impulse,
+so one law covers contact forces and impacts. All functions are compiled; they take and return
+numbers.
 """
 
 import math
@@ -12,13 +13,13 @@ from snake_sim_ros.compilation import compiled
 
 
 @compiled
-def prox_half_line(x):  # type: ignore[no-untyped-def]
+def prox_half_line(x):
     """Return the nearest number that is not negative: Signorini's law, eqs. (52)-(54)."""
     return max(0.0, x)
 
 
 @compiled
-def prox_disc(x, y, radius):  # type: ignore[no-untyped-def]
+def prox_disc(x, y, radius):
     """Return the nearest point of the disc of given radius: isotropic and rolling friction."""
     length = math.sqrt(x * x + y * y)
     if length <= radius:
@@ -27,13 +28,13 @@ def prox_disc(x, y, radius):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def prox_ellipse(x, y, a, b):  # type: ignore[no-untyped-def]
+def prox_ellipse(x, y, a, b):
     """
     Return the nearest point of the ellipse with half axes a, b: orthotropic Coulomb friction.
 
-    The point is ``(x a^2/(t + a^2), y b^2/(t + b^2))`` where t > 0 puts it on the boundary. Newton's
-    method from the left for ``1/s(t) = 1``, s^2 the left side of the ellipse's equation, is monotone
-    because 1/s is increasing and concave, so it needs no safeguard.
+    The point is ``(x a^2/(t + a^2), y b^2/(t + b^2))`` where t > 0 puts it on the boundary.
+    Newton's method from the left for ``1/s(t) = 1``, s^2 the left side of the ellipse's equation,
+    is monotone because 1/s is increasing and concave, so it needs no safeguard.
     """
     if a <= 0.0 or b <= 0.0:
         return min(max(x, -a), a) if a > 0.0 else 0.0, min(max(y, -b), b) if b > 0.0 else 0.0

@@ -1,9 +1,9 @@
 """
 Compiled contact mechanics of the paper's iteration: eqs. (9)-(37), (76) and (87)-(93).
 
-Contacts a are numbered as in eq. (10), fronts first; `contact` lists the closed ones. The impulse of a
-contact is (normal, sliding along and across the link, rolling along x and y of I). Every function
-fills the arrays named in its first line.
+Contacts a are numbered as in eq. (10), fronts first; `contact` lists the closed ones. The impulse
+of a contact is (normal, sliding along and across the link, rolling along x and y of I). Every
+function fills the arrays named in its first line.
 """
 
 import math
@@ -16,7 +16,7 @@ from snake_sim_ros.contact_laws import prox_half_line
 
 
 @compiled
-def closed_contacts(offset, radius, height, R, center, contact, point, heading):  # type: ignore[no-untyped-def]
+def closed_contacts(offset, radius, height, R, center, contact, point, heading):
     """
     Fill closed contacts, contact points from O and contact frames; return how many are closed.
 
@@ -42,7 +42,7 @@ def closed_contacts(offset, radius, height, R, center, contact, point, heading):
 
 
 @compiled
-def contact_wrench(contact, point, heading, radius, impulse, wrench):  # type: ignore[no-untyped-def]
+def contact_wrench(contact, point, heading, radius, impulse, wrench):
     """Fill the impulse wrench S of the contacts on every link, eq. (76)."""
     n = len(heading)
     wrench[:] = 0.0
@@ -62,7 +62,7 @@ def contact_wrench(contact, point, heading, radius, impulse, wrench):  # type: i
 
 
 @compiled
-def contact_velocities(contact, point, heading, radius, twist, gamma):  # type: ignore[no-untyped-def]
+def contact_velocities(contact, point, heading, radius, twist, gamma):
     """Fill gamma (m, 5): relative velocities of the closed contacts, eqs. (90)-(92) [m/s]."""
     n = len(heading)
     for k, a in enumerate(contact):
@@ -80,11 +80,11 @@ def contact_velocities(contact, point, heading, radius, twist, gamma):  # type: 
 
 
 @compiled
-def prox_sweep(contact, gamma, friction, prox_parameter, impulse, previous):  # type: ignore[no-untyped-def]
+def prox_sweep(contact, gamma, friction, prox_parameter, impulse, previous):
     """
-    Project the impulse of every closed contact once, eqs. (87)-(89); keep the one before in previous.
+    Project the impulse of every closed contact once, eqs. (87)-(89).
 
-    The sliding and rolling sets take the new normal impulse.
+    The one before is kept in previous. The sliding and rolling sets take the new normal impulse.
 
     Returns
     -------
@@ -124,12 +124,12 @@ def prox_sweep(contact, gamma, friction, prox_parameter, impulse, previous):  # 
 
 
 @compiled
-def condense(contact, width, robot, geometry, work, unit, delassus):  # type: ignore[no-untyped-def]
+def condense(contact, width, robot, geometry, work, unit, delassus):
     """
     Fill the Delassus operator of the closed contacts with the joints eliminated, G of section 7.3.
 
-    Row and column ``width k + j`` belong to component j of the k-th closed contact. One solve of the
-    chain without momentum gives one row.
+    Row and column ``width k + j`` belong to component j of the k-th closed contact. One solve of
+    the chain without momentum gives one row.
 
     Parameters
     ----------
@@ -161,8 +161,8 @@ def condense(contact, width, robot, geometry, work, unit, delassus):  # type: ig
 
 
 @compiled
-def condensed_velocities(contact, width, delassus, free, impulse, packed, gamma):  # type: ignore[no-untyped-def]
-    """Fill gamma with ``G P + gamma_free``, the same as eqs. (84)-(92) without the links between."""
+def condensed_velocities(contact, width, delassus, free, impulse, packed, gamma):
+    """Fill gamma with ``G P + gamma_free``: eqs. (84)-(92) without the links between."""
     for k, a in enumerate(contact):
         for j in range(width):
             packed[width * k + j] = impulse[a, j]

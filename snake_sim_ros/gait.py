@@ -11,9 +11,9 @@ def reference(gait: Gait, time: float | Array, joint_count: int) -> tuple[Array,
     """
     Return joint reference angles and rates, eqs. (70), (71).
 
-    ``alpha_i = s(t) (A sin(omega t + (i - 1) delta + delta_0) + psi)`` for joints i = 1 to n-1, yaw
-    and pitch alike, with the soft start s of `soft_start`. A negative phase lag delta sends the
-    wave from link 1 to link n.
+    ``alpha_i = s(t) (A sin(omega t + (i - 1) delta + delta_0) + psi)`` for joints i = 1 to n-1,
+    yaw and pitch alike, with the soft start s of `soft_start`. A negative phase lag delta sends
+    the wave from link 1 to link n.
 
     Parameters
     ----------
@@ -41,7 +41,8 @@ def soft_start(time: Array, duration: float) -> tuple[Array, Array]:
     """
     Return the fade-in s = 3x^2 - 2x^3, x = t/T_s up to 1, and its rate [1/s].
 
-    Assumption: the paper names a soft start without its formula; this one is continuous with its rate.
+    Assumption: the paper names a soft start without its formula; this one is continuous with its
+    rate.
     """
     if duration == 0.0:
         return np.ones_like(time), np.zeros_like(time)

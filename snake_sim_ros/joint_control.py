@@ -1,8 +1,8 @@
 """
 PD control of one axis of a cardan joint, and where in the time step it acts.
 
-Assumption: the paper prints the gains of the controller, not its formula; the derivative term acts on
-the difference to the reference rate.
+Assumption: the paper prints the gains of the controller, not its formula; the derivative term acts
+on the difference to the reference rate.
 """
 
 from snake_sim_ros.compilation import compiled
@@ -12,7 +12,7 @@ START, MIDPOINT, END = range(len(PD_SCHEMES))
 
 
 @compiled
-def pd_law(scheme, dt, start, mid, reference, stiffness, damping):  # type: ignore[no-untyped-def]
+def pd_law(scheme, dt, start, mid, reference, stiffness, damping):
     """
     Return torque and damping of the law ``torque - damping * rate_end`` that acts in a step.
 

@@ -1,8 +1,8 @@
 """
 Compiled kinematics of the chain of links: eqs. (6), (66), (72), (83) and section VII-C.
 
-The same relations as in `reference.py`, for whole arrays of links and without temporary arrays. Every
-function fills the arrays named in its first line.
+The same relations as in `reference.py`, for whole arrays of links and without temporary arrays.
+Every function fills the arrays named in its first line.
 """
 
 import math
@@ -14,7 +14,7 @@ PAPER, CENTER_OF_MASS, NONE = range(len(DRIFT_CORRECTIONS))
 
 
 @compiled
-def link_frames(p, R):  # type: ignore[no-untyped-def]
+def link_frames(p, R):
     """Fill R with the rotation matrices of Euler parameters p (n, 4) of any length, eq. (6)."""
     for i in range(len(p)):
         e0, e1, e2, e3 = p[i, 0], p[i, 1], p[i, 2], p[i, 3]
@@ -31,7 +31,7 @@ def link_frames(p, R):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def rates_in_inertial_frame(R, u, omega):  # type: ignore[no-untyped-def]
+def rates_in_inertial_frame(R, u, omega):
     """Fill omega (n, 3) with the angular velocities in I."""
     for i in range(len(u)):
         for k in range(3):
@@ -39,7 +39,7 @@ def rates_in_inertial_frame(R, u, omega):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def half_rotation(p, omega, step):  # type: ignore[no-untyped-def]
+def half_rotation(p, omega, step):
     """Return p + step H_bar(p)^T omega, omega in B: half of a step of the kinematic map (74)."""
     e0, e1, e2, e3 = p
     x, y, z = omega
@@ -52,7 +52,7 @@ def half_rotation(p, omega, step):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def middle_coordinates(dt, q, u, q_mid):  # type: ignore[no-untyped-def]
+def middle_coordinates(dt, q, u, q_mid):
     """Fill q_mid with q_M = q_A + dt/2 F(q_M) u_A, eq. (72), solved in closed form for p_M."""
     for i in range(len(q)):
         for k in range(3):
@@ -64,7 +64,7 @@ def middle_coordinates(dt, q, u, q_mid):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def end_coordinates(dt, q_mid, u, q):  # type: ignore[no-untyped-def]
+def end_coordinates(dt, q_mid, u, q):
     """Fill q with q_E = q_M + dt/2 F(q_M) u_E, eq. (83), Euler parameters of length 1 (VII-C)."""
     for i in range(len(q)):
         for k in range(3):
@@ -76,7 +76,7 @@ def end_coordinates(dt, q_mid, u, q):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def joint_coordinates(R, omega, coordinate):  # type: ignore[no-untyped-def]
+def joint_coordinates(R, omega, coordinate):
     """Fill coordinate (n-1, 2, 2) with the (angle, rate) of yaw and pitch, eq. (66)."""
     for j in range(len(R) - 1):
         xx = xz = yy = yz = yaw_rate = pitch_rate = 0.0
@@ -93,7 +93,7 @@ def joint_coordinates(R, omega, coordinate):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def chain_geometry(half_length, R, center, axis):  # type: ignore[no-untyped-def]
+def chain_geometry(half_length, R, center, axis):
     """
     Fill the link centers from O, the center of the middle link, and the twists of the joint axes.
 
@@ -122,7 +122,7 @@ def chain_geometry(half_length, R, center, axis):  # type: ignore[no-untyped-def
 
 
 @compiled
-def end_velocities(twist, R, center, u):  # type: ignore[no-untyped-def]
+def end_velocities(twist, R, center, u):
     """Fill u_E (n, 6) from the twists about O."""
     for i in range(len(u)):
         wx, wy, wz = twist[i, 0], twist[i, 1], twist[i, 2]
@@ -135,7 +135,7 @@ def end_velocities(twist, R, center, u):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def axis_z(q, i):  # type: ignore[no-untyped-def]
+def axis_z(q, i):
     """Return e_z of link i in I."""
     e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
     return (
@@ -146,7 +146,7 @@ def axis_z(q, i):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def joint_violation(half_length, q):  # type: ignore[no-untyped-def]
+def joint_violation(half_length, q):
     """Return the largest violation of a joint in position [m] and angle [1], eqs. (11)-(13)."""
     gap = twist = 0.0
     for j in range(len(q) - 1):
@@ -159,7 +159,7 @@ def joint_violation(half_length, q):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def close_joints(rule, half_length, mass, q):  # type: ignore[no-untyped-def]
+def close_joints(rule, half_length, mass, q):
     """
     Remove the joint drift from q, section VII-C: link by link from the first one, which is held.
 
@@ -188,7 +188,7 @@ def close_joints(rule, half_length, mass, q):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def cross_of_joint(q, j):  # type: ignore[no-untyped-def]
+def cross_of_joint(q, j):
     """Return e_y of link j times e_x and e_y of link j+1; the first is g_Jphi, eq. (13)."""
     e0, e1, e2, e3 = q[j, 3], q[j, 4], q[j, 5], q[j, 6]
     x = 2.0 * (e1 * e2 - e0 * e3)
@@ -209,8 +209,8 @@ def cross_of_joint(q, j):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def turn_about_axis(q, i, theta):  # type: ignore[no-untyped-def]
-    """Turn link i by theta about its own e_z: p_i becomes p_i o (cos theta/2, 0, 0, sin theta/2)."""
+def turn_about_axis(q, i, theta):
+    """Turn link i by theta about its own e_z: p_i o (cos theta/2, 0, 0, sin theta/2)."""
     c, s = math.cos(theta / 2), math.sin(theta / 2)
     e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
     q[i, 3], q[i, 4], q[i, 5], q[i, 6] = (
@@ -222,7 +222,7 @@ def turn_about_axis(q, i, theta):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def penetration(offset, radius, q):  # type: ignore[no-untyped-def]
+def penetration(offset, radius, q):
     """Return how deep the lowest contact sphere is below the floor [m], 0 if it is not."""
     lowest = 0.0
     for i in range(len(q)):

@@ -5,8 +5,8 @@ The defaults are the numbers of the paper [1]; what the paper leaves open is cal
 NOTATION.md maps the symbols of the paper to the names used here. All values are SI and radians; in
 YAML a key may end in ``_deg`` and is then converted.
 
-.. [1] A. A. Transeth, R. I. Leine, Ch. Glocker, K. Y. Pettersen, "3-D snake robot motion: nonsmooth
-   modeling, simulations, and experiments", IEEE T-RO 24(2), 2008.
+.. [1] A. A. Transeth, R. I. Leine, Ch. Glocker, K. Y. Pettersen, "3-D snake robot motion:
+   nonsmooth modeling, simulations, and experiments", IEEE T-RO 24(2), 2008.
 """
 
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 import yaml
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 PerLink = float | tuple[float, ...]
 
 CONFIG = Path(__file__).parent / 'config'
@@ -93,7 +93,9 @@ def _check(name: str, value: Any, limits: Mapping[str, Any]) -> None:
     if not math.isfinite(value):
         raise ParameterError(f'{name} must be finite, got {value}{unit}')
     if not value > limits['above']:
-        raise ParameterError(f'{name} must be above {limits["above"]:g}{unit}, got {value:g}{unit}')
+        raise ParameterError(
+            f'{name} must be above {limits["above"]:g}{unit}, got {value:g}{unit}'
+        )
     if not limits['minimum'] <= value <= limits['maximum']:
         low, high = limits['minimum'], limits['maximum']
         bound = f'at least {low:g}' if value < low else f'at most {high:g}'
@@ -113,7 +115,7 @@ class Record:
             If a value has the wrong type, is not finite or is out of range.
 
         """
-        hints = _type_hints(type(self))
+        hints = _type_hints(type(self))  # type: ignore[arg-type]
         for item in fields(self):  # type: ignore[arg-type]
             value = _converted(item.name, getattr(self, item.name), hints[item.name])
             for number in value if isinstance(value, tuple) else (value,):
@@ -270,12 +272,14 @@ def load_scene(source: str | Path) -> Scene:
     mapping = _read(path)
     if isinstance(mapping.get('robot'), str):
         mapping['robot'] = _read(_find(mapping['robot'], path.parent, CONFIG))
-    return record_from(Scene, mapping, str(path.name))
+    scene: Scene = record_from(Scene, mapping, str(path.name))
+    return scene
 
 
 def scene_from_text(text: str) -> Scene:
     """Return the scene that `scene_to_text` wrote."""
-    return record_from(Scene, yaml.safe_load(text), 'scene')
+    scene: Scene = record_from(Scene, yaml.safe_load(text), 'scene')
+    return scene
 
 
 def scene_to_text(scene: Scene) -> str:
@@ -407,7 +411,8 @@ def _nearest(name: Any, names: Any) -> str:
 
 
 def _radians(key: str, value: Any, cls: type, where: str) -> Any:
-    unit = cls.__dataclass_fields__[key.removesuffix('_deg')].metadata['unit']  # type: ignore[attr-defined]
+    name = key.removesuffix('_deg')
+    unit = {item.name: item.metadata['unit'] for item in fields(cls)}[name]
     if not unit.startswith('rad'):
-        raise ParameterError(f'{where}: {key}: {key.removesuffix("_deg")} is not an angle')
+        raise ParameterError(f'{where}: {key}: {name} is not an angle')
     return math.radians(_converted(key, value, float))

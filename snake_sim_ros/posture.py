@@ -53,14 +53,15 @@ def joint_rates(q: Array, u: Array) -> Array:
     omega = np.einsum('...ij,...j->...i', R, u[..., 3:])
     omega = omega[..., 1:, :] - omega[..., :-1, :]
     axes = np.stack([R[..., :-1, :, 1], R[..., 1:, :, 0]], axis=-2)
-    return np.einsum('...ak,...k->...a', axes, omega)
+    return np.asarray(np.einsum('...ak,...k->...a', axes, omega))
 
 
 def gaps(robot: Robot, q: Array) -> Array:
     """
     Return the gap functions of the contact spheres, eqs. (9), (10).
 
-    The gap is the height of the lowest point of a sphere over the floor z = 0: positive when apart.
+    The gap is the height of the lowest point of a sphere over the floor z = 0: positive when
+    apart.
 
     Parameters
     ----------

@@ -1,18 +1,20 @@
 """
 The time step of the paper as printed: dense matrices in NumPy, to read beside the paper [1].
 
-This is the definition that the compiled steppers are tested against; it is slow. Single letters are
-the paper's; NOTATION.md maps them to names. Time is marked ``_A`` (start), ``_M`` (middle) and ``_E``
-(end of the step). Contacts are numbered as in eq. (10): the front spheres F of all links, then the
-rear spheres R.
+This is the definition that the compiled steppers are tested against; it is slow. Single letters
+are the paper's; NOTATION.md maps them to names. Time is marked ``_A`` (start), ``_M`` (middle) and
+``_E`` (end of the step). Contacts are numbered as in eq. (10): the front spheres F of all links,
+then the rear spheres R.
 
-.. [1] A. A. Transeth, R. I. Leine, Ch. Glocker, K. Y. Pettersen, "3-D snake robot motion: nonsmooth
-   modeling, simulations, and experiments", IEEE T-RO 24(2), 2008.
+.. [1] A. A. Transeth, R. I. Leine, Ch. Glocker, K. Y. Pettersen, "3-D snake robot motion:
+   nonsmooth modeling, simulations, and experiments", IEEE T-RO 24(2), 2008.
 """
 
 import math
 
 import numpy as np
+from scipy.linalg import cho_factor
+from scipy.linalg import cho_solve
 
 from snake_sim_ros import posture
 from snake_sim_ros.contact_laws import prox_disc
@@ -40,7 +42,7 @@ def link_rows(i: int) -> slice:
 
 
 def contact_lever(robot: Robot, R: Array, i: int, sign: int) -> Array:
-    """Return r_GC from link center to contact point [m, frame I], eq. (14); sign +1 front, -1 rear."""
+    """Return r_GC, link center to contact point, eq. (14) [m, frame I]; sign 1 front, -1 rear."""
     offset = sign * robot.per_link('contact_offset')[i] * R[i] @ E_Z
     return np.asarray(offset - robot.per_link('contact_radius')[i] * E_Z)
 
@@ -49,8 +51,8 @@ def contact_frame(R: Array, i: int) -> tuple[Array, Array]:
     """
     Return e_x and e_y of the contact frame Pi of link i: along and across the link, horizontal.
 
-    Deviation: the direction of a vertical link has no meaning; e_x^I stands in for it, so that a step
-    depends on nothing but its arguments.
+    Deviation: the direction of a vertical link has no meaning; e_x^I stands in for it, so that a
+    step depends on nothing but its arguments.
     """
     a = R[i] @ E_Z
     c = math.hypot(a[0], a[1])
@@ -118,8 +120,8 @@ def torque_directions(R: Array) -> Array:
     """
     Return W_tau, so that the rates of (yaw, pitch) are ``W_tau^T u``, shape (6n, 2(n-1)).
 
-    Yaw turns about e_y of link i, pitch about e_x of link i+1; a joint torque acts on link i+1 and,
-    with the opposite sign, on link i.
+    Yaw turns about e_y of link i, pitch about e_x of link i+1; a joint torque acts on link i+1
+    and, with the opposite sign, on link i.
     """
     n = len(R)
     W_tau = np.zeros((6 * n, 2 * (n - 1)))
@@ -154,7 +156,7 @@ def smooth_forces(robot: Robot, gravity: Array, u: Array) -> Array:
 def joint_torque_law(
     scene: Scene, state: State, q_M: Array, angle: Array, rate: Array
 ) -> tuple[Array, Array]:
-    """Return torque [N m] and damping [N m s] of `pd_law` for every joint axis, shapes (2(n-1),)."""
+    """Return torque [N m] and damping [N m s] of `pd_law` for all axes, shapes (2(n-1),)."""
     robot = scene.robot
     kp = (robot.yaw_stiffness, robot.pitch_stiffness)
     kd = (robot.yaw_damping, robot.pitch_damping)
@@ -200,8 +202,8 @@ def without_drift(robot: Robot, q: Array, rule: str) -> Array:
     """
     Return the coordinates with joints closed, section VII-C: link 1 is held, velocities are kept.
 
-    Deviation, for the rule ``center_of_mass``: afterwards the robot is moved back so that its center
-    of mass is where it was, which section VII-C does not keep.
+    Deviation, for the rule ``center_of_mass``: afterwards the robot is moved back so that its
+    center of mass is where it was, which section VII-C does not keep.
     """
     q = q.copy()
     q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1)[:, None]
@@ -272,24 +274,24 @@ class ReferenceStepper:
         W_tau = torque_directions(R)
         torque, damping = joint_torque_law(scene, state, q_M, angle, rate)
 
-        # (75): M (u_E - u_A) - h dt - S - W_J P_J = tau_C dt. What the controller takes from u_E, if
-        # it is implicit, joins the mass matrix.
+        # (75): M (u_E - u_A) - h dt - S - W_J P_J = tau_C dt. What an implicit controller takes
+        # from u_E joins the mass matrix.
         M_inv = np.linalg.inv(mass_matrix(robot) + dt * (W_tau * damping) @ W_tau.T)
         momentum = mass_matrix(robot) @ u_A + h * dt + W_tau @ torque * dt
-        joint_delassus = W_J.T @ M_inv @ W_J
+        joint_delassus = cho_factor(W_J.T @ M_inv @ W_J)
 
         P, iterations, change = impulse[active], 0, math.inf
         while change >= scene.solver.tolerance and iterations < scene.solver.iteration_limit:
             S = W_N @ P[:, 0] + W_T @ P[:, 1:3].ravel() + W_V @ P[:, 3:].ravel()  # (76)
             # (84), with both terms negative; the paper's first sign is lost in print.
-            P_J = -np.linalg.solve(joint_delassus, W_J.T @ M_inv @ (momentum + S))
+            P_J = -cho_solve(joint_delassus, W_J.T @ M_inv @ (momentum + S))
             u_E = M_inv @ (momentum + S + W_J @ P_J)  # (86)
             gamma_N = (W_N.T @ u_E)[:, None]  # (90)-(92)
             gamma_T, gamma_V = (W_T.T @ u_E).reshape(-1, 2), (W_V.T @ u_E).reshape(-1, 2)
             gamma = np.hstack([gamma_N, gamma_T, gamma_V])
             P_new = np.array([contact_prox(scene, *pair) for pair in zip(P, gamma, strict=True)])
             step = P_new.reshape(P.shape) - P
-            change = sum(np.linalg.norm(step[:, k]) for k in ([0], [1, 2], [3, 4]))  # (93)
+            change = sum(float(np.linalg.norm(step[:, k])) for k in ([0], [1, 2], [3, 4]))  # (93)
             P = P + step
             iterations += 1
         impulse[active] = P
@@ -304,10 +306,12 @@ class ReferenceStepper:
             iterations=iterations,
             iterations_max=iterations,
             unconverged=int(change >= r.tolerance),
-            residual_max=float(_largest(step / ([r.r_normal] + 2 * [r.r_sliding] + 2 * [r.r_rolling]))),
+            residual_max=_largest(
+                step / np.repeat([r.r_normal, r.r_sliding, r.r_rolling], [1, 2, 2])
+            ),
             penetration_max=max(0.0, -float(posture.gaps(robot, q_E).min())),
-            joint_gap_max=float(_largest(g_J[:, :3])),
-            joint_twist_max=float(_largest(g_J[:, 3])),
+            joint_gap_max=_largest(g_J[:, :3]),
+            joint_twist_max=_largest(g_J[:, 3]),
             contacts=len(active),
             joint_torque=(torque - damping * (W_tau.T @ u_E.ravel())).reshape(n - 1, 2),
         )
@@ -326,4 +330,4 @@ def _columns(W: Array, contacts: Array) -> Array:
 
 
 def _largest(values: Array) -> float:
-    return np.abs(values).max(initial=0.0)  # type: ignore[no-any-return]
+    return float(np.abs(values).max(initial=0.0))

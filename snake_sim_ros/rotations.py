@@ -1,8 +1,8 @@
 """
 Euler parameters, rotation matrices and the kinematic map, section II of the paper.
 
-Euler parameters p = (e0, e1, e2, e3) are unit quaternions, scalar first. Link frames B have e_z along
-the link toward the next one; lying flat along e_x of I, e_y points up and e_x to the left.
+Euler parameters p = (e0, e1, e2, e3) are unit quaternions, scalar first. Link frames B have e_z
+along the link toward the next one; lying flat along e_x of I, e_y points up and e_x to the left.
 """
 
 import math

@@ -115,7 +115,7 @@ class Simulation:
         self.report = self.last = Report(joint_torque=np.zeros(axes))
 
     def compile(self) -> float:
-        """Take one step and forget it, so that no later call has to compile; return the time [s]."""
+        """Take one step and forget it: nothing is compiled later. Return the time it took [s]."""
         begin = time.perf_counter()
         zero = np.zeros((1, self.scene.robot.link_count - 1, 2))
         self.stepper.advance(self.state, self.impulse, zero, zero)
@@ -227,7 +227,7 @@ def run(
     samples = steps_in(scene.duration, scene.dt, 'duration') // steps
     if samples < 1:
         raise ParameterError(
-            f'duration must be at least one sampling period, 1/{rate:g} s; got {scene.duration:g} s'
+            f'duration must be at least a sampling period, 1/{rate:g} s; got {scene.duration:g} s'
         )
     simulation = Simulation(scene)
     simulation.compile()

@@ -1,15 +1,16 @@
 """
 The time step of the paper [1] compiled, with the joints eliminated in one sweep over the links.
 
-The step is that of `reference.py`, whose docstrings name the equations. What differs is the algebra:
-W_J and P_J never appear. The velocities that satisfy ``W_J^T u_E = 0`` are those of a chain of links
-with two hinge axes a joint, and the articulated-body algorithm [2] solves the balance (75) for them in
-one sweep from the last link to the first and one back: the work grows with the number of links.
+The step is that of `reference.py`, whose docstrings name the equations. What differs is the
+algebra: W_J and P_J never appear. The velocities that satisfy ``W_J^T u_E = 0`` are those of a
+chain of links with two hinge axes a joint, and the articulated-body algorithm [2] solves the
+balance (75) for them in one sweep from the last link to the first and one back: the work grows
+with the number of links.
 
-A twist is (angular velocity, velocity of the body point at O), an impulse wrench is (moment about O,
-impulse), both in axes of I. O is common to all links: nothing is transformed in the sweeps. Because
-(75) and the joint constraint need only directions, O and the link centers may be placed as if the
-joints were closed exactly.
+A twist is (angular velocity, velocity of the body point at O), an impulse wrench is (moment about
+O, impulse), both in axes of I. O is common to all links: nothing is transformed in the sweeps.
+Because (75) and the joint constraint need only directions, O and the link centers may be placed as
+if the joints were closed exactly.
 
 .. [1] Transeth, Leine, Glocker, Pettersen, IEEE T-RO 24(2), 2008.
 .. [2] R. Featherstone, "Rigid Body Dynamics Algorithms", Springer 2008, ch. 7.
@@ -49,7 +50,7 @@ from snake_sim_ros.posture import joint_rates
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
 
-# Most impulse components of a contact problem that is condensed; a larger one costs more than it saves.
+# Most impulse components of a contact problem that is condensed: for larger ones it does not pay.
 CONDENSED = 48
 
 
@@ -106,12 +107,14 @@ class Workspace(NamedTuple):
 
 
 # Columns of the report array.
-STEPS, ITERATIONS, ITERATIONS_MAX, UNCONVERGED, RESIDUAL, PENETRATION, GAP, TWIST, CONTACTS = range(9)
+STEPS, ITERATIONS, ITERATIONS_MAX, UNCONVERGED, RESIDUAL, PENETRATION, GAP, TWIST, CONTACTS = (
+    range(9)
+)
 FAILED_LINK, FAILED_VALUE = 9, 10
 
 
 @compiled
-def joint_control(model, coordinate, angle, rate, axis_torque, axis_damping):  # type: ignore[no-untyped-def]
+def joint_control(model, coordinate, angle, rate, axis_torque, axis_damping):
     """Fill the impulses and the implicit damping of the controller on every joint axis."""
     start, mid = coordinate[0], coordinate[1]
     for j in range(len(axis_torque)):
@@ -130,7 +133,7 @@ def joint_control(model, coordinate, angle, rate, axis_torque, axis_damping):  #
 
 
 @compiled
-def link_inertia(model, R, center, inertia):  # type: ignore[no-untyped-def]
+def link_inertia(model, R, center, inertia):
     """Fill the 6x6 inertia of every link about O, eqs. (47), (48)."""
     for i in range(len(R)):
         m, transversal = model.mass[i], model.inertia_transversal[i]
@@ -154,7 +157,7 @@ def link_inertia(model, R, center, inertia):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def smooth_momentum(model, u, R, center, momentum):  # type: ignore[no-untyped-def]
+def smooth_momentum(model, u, R, center, momentum):
     """Fill M u_A + h(u_A) dt of every link as an impulse wrench about O, eq. (75)."""
     dt = model.dt
     for i in range(len(u)):
@@ -174,23 +177,21 @@ def smooth_momentum(model, u, R, center, momentum):  # type: ignore[no-untyped-d
 
 
 @compiled
-def end_twists(contact, chain, geometry, work, impulse, twist):  # type: ignore[no-untyped-def]
+def end_twists(contact, chain, geometry, work, impulse, twist):
     """Fill the twists after the step under given contact impulses, eqs. (76), (84), (86)."""
     contact_wrench(contact, *geometry, impulse, work.wrench)
-    articulated_velocity(
-        *chain, work.axis_torque, work.momentum, work.wrench, work.load, twist
-    )
+    articulated_velocity(*chain, work.axis_torque, work.momentum, work.wrench, work.load, twist)
 
 
 @compiled
-def free_velocities(contact, chain, geometry, work, twist):  # type: ignore[no-untyped-def]
+def free_velocities(contact, chain, geometry, work, twist):
     """Fill work.free with the contact velocities after a step without contact impulses."""
     end_twists(contact, chain, geometry, work, work.unit, twist)
     contact_velocities(contact, *geometry, twist, work.free)
 
 
 @compiled
-def step(model, work, q, u, impulse, angle, rate, report):  # type: ignore[no-untyped-def]
+def step(model, work, q, u, impulse, angle, rate, report):
     """Advance q, u and impulse by one step, section VII; return False if it diverged."""
     R, twist = work.R, work.twist
     middle_coordinates(model.dt, q, u, work.q_mid)
@@ -220,8 +221,8 @@ def step(model, work, q, u, impulse, angle, rate, report):  # type: ignore[no-un
     iterations, change, residual = 0, math.inf, 0.0
     while change >= model.tolerance and iterations < model.iteration_limit:
         if iterations == width * count and iterations <= len(work.packed):
-            # As many sweeps as the Delassus operator has columns: forming it cost no more, and from
-            # here on a sweep costs less. The iterates stay the same.
+            # After as many sweeps as the Delassus operator has columns, forming it costs no more
+            # than was spent, and a sweep costs less from here on. The iterates stay the same.
             scratch = (work.no_torque, work.no_momentum, work.wrench, work.load, twist, work.gamma)
             condense(contact, width, chain, geometry, scratch, work.unit, work.delassus)
             free_velocities(contact, chain, geometry, work, twist)
@@ -266,7 +267,7 @@ def step(model, work, q, u, impulse, angle, rate, report):  # type: ignore[no-un
 
 
 @compiled
-def advance(model, work, q, u, impulse, angle, rate, report):  # type: ignore[no-untyped-def]
+def advance(model, work, q, u, impulse, angle, rate, report):
     """Advance q, u and impulse in place by one step a reference, up to the first that diverges."""
     for k in range(len(angle)):
         if not step(model, work, q, u, impulse, angle[k], rate[k], report):
@@ -335,8 +336,14 @@ class SpatialStepper:
         """Return the numbers that the compiled step gathered, after steps that ended with u."""
         torque = self.work.axis_torque - self.work.axis_damping * joint_rates(self.work.q_mid, u)
         report = Report(
-            *(int(number) for number in numbers[: UNCONVERGED + 1]),
-            *(float(number) for number in numbers[UNCONVERGED + 1 : CONTACTS]),
+            steps=int(numbers[STEPS]),
+            iterations=int(numbers[ITERATIONS]),
+            iterations_max=int(numbers[ITERATIONS_MAX]),
+            unconverged=int(numbers[UNCONVERGED]),
+            residual_max=float(numbers[RESIDUAL]),
+            penetration_max=float(numbers[PENETRATION]),
+            joint_gap_max=float(numbers[GAP]),
+            joint_twist_max=float(numbers[TWIST]),
             contacts=int(numbers[CONTACTS]),
             joint_torque=torque / self.model.dt,
         )

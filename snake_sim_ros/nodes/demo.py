@@ -28,6 +28,10 @@ from snake_sim_ros.parameters import ParameterError
 
 START_TIMEOUT = 90.0  # s, for compiling and discovery
 STALL_TIMEOUT = 10.0  # s without a message
+SUMMARY = (
+    'method', 'real_time_factor', 'residual_max', 'iterations_per_step', 'unconverged_steps',
+    'penetration_max', 'rejected_commands', 'overruns',
+)  # fmt: skip
 END_TIMEOUT = 5.0  # s, for a node to end after SIGINT
 
 
@@ -83,14 +87,14 @@ class Watch(Node):
         self.positions: list[list[tuple[float, float, float]]] = []
         self.values: dict[str, str] = {}
         self.create_subscription(PoseArray, 'link_poses', self._on_link_poses, 10)
-        self.create_subscription(JointState, 'joint_command', self._on_command, QoSProfile(depth=1))
+        self.create_subscription(
+            JointState, 'joint_command', self._on_command, QoSProfile(depth=1)
+        )
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
 
     def _on_link_poses(self, message: PoseArray) -> None:
         self.times.append(seconds_from(message.header.stamp))
-        self.positions.append(
-            [(p.position.x, p.position.y, p.position.z) for p in message.poses]
-        )
+        self.positions.append([(p.position.x, p.position.y, p.position.z) for p in message.poses])
 
     def _on_command(self, message: JointState) -> None:
         if self.begin is None:
@@ -152,7 +156,9 @@ def interruptible() -> Iterator[None]:
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise Interrupted
 
-    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {
+        number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)
+    }
     try:
         yield
     finally:
@@ -162,7 +168,7 @@ def interruptible() -> Iterator[None]:
 
 @contextmanager
 def children(source: str) -> Iterator[list[Child]]:
-    """Start the nodes, each in a session of its own so that Ctrl-C is ours; end them afterwards."""
+    """Start the nodes, each in its own session so that Ctrl-C is ours; end them afterwards."""
     nodes: list[Child] = []
     try:
         for name, arguments in (('sim', []), ('gait', ['-p', 'use_sim_time:=true'])):
@@ -193,7 +199,9 @@ def _follow(watch: Watch, nodes: list[Child], duration: float, middle: int) -> N
     print('compiling the physics (some ten seconds at the first start ever) ...')
     started = heard = shown = time.monotonic()
     count = 0
-    while watch.begin is None or not watch.times or watch.times[-1] < watch.begin + duration - 1e-9:
+    while (
+        watch.begin is None or not watch.times or watch.times[-1] < watch.begin + duration - 1e-9
+    ):
         executor.spin_once(timeout_sec=0.1)
         for node in nodes:
             node.check()
@@ -232,8 +240,7 @@ def _summarize(watch: Watch, middle: int, seconds: float, title: str, out: Path)
         f'link {middle + 1} went from ({start[0]:.4f}, {start[1]:.4f}) to ({end[0]:.4f}, '
         f'{end[1]:.4f}) m in {times[-1] - times[0]:.2f} s: {np.linalg.norm(end - start):.3f} m'
     )
-    for key in ('method', 'real_time_factor', 'residual_max', 'iterations_per_step',
-                'unconverged_steps', 'penetration_max', 'rejected_commands', 'overruns'):  # fmt: skip
+    for key in SUMMARY:
         print(f'{key.replace("_", " "):20} {watch.values.get(key, "-")}')
     print(f'{"wall time in all":20} {seconds:.1f} s')
     try:

@@ -1,8 +1,8 @@
 """
 The `gait` node: generates joint references and publishes them as commands.
 
-It knows joint names and a clock, nothing of the simulator: any robot that takes `joint_command` can
-follow it.
+It knows joint names and a clock, nothing of the simulator: any robot that takes `joint_command`
+can follow it.
 """
 
 from dataclasses import dataclass
@@ -26,9 +26,7 @@ from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import quantity
 from snake_sim_ros.parameters import Record
 from snake_sim_ros.parameters import record_from
-from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import with_settings
-
 
 OF_SCENE = ('gait.', 'robot.link_count')  # what the node takes of a scene
 

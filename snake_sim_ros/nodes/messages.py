@@ -1,11 +1,11 @@
 """
 Messages from and to physics, as pure functions.
 
-Names: ``link_1`` to ``link_n`` along the robot, ``joint_1_yaw``, ``joint_1_pitch``, ... in this order.
-Frames: ``world`` has z up. A link frame on the wire has x along the link toward the next one, y to the
-left and z up when the link lies flat (REP 103); its axes are e_z, e_x and e_y of the paper's frame B.
-Quaternions on the wire are x y z w, with w >= 0. Joint angles have the paper's signs: yaw positive
-turns the next link left, pitch positive turns it down.
+Names: ``link_1`` to ``link_n`` along the robot, ``joint_1_yaw``, ``joint_1_pitch``, ... in this
+order. Frames: ``world`` has z up. A link frame on the wire has x along the link toward the next
+one, y to the left and z up when the link lies flat (REP 103); its axes are e_z, e_x and e_y of the
+paper's frame B. Quaternions on the wire are x y z w, with w >= 0. Joint angles have the paper's
+signs: yaw positive turns the next link left, pitch positive turns it down.
 """
 
 from array import array
@@ -26,7 +26,9 @@ from snake_sim_ros.simulation import JointReference
 from snake_sim_ros.stepping import State
 
 WORLD = 'world'
-B_TO_WIRE = np.array([0.5, -0.5, -0.5, -0.5])  # columns e_z, e_x, e_y: the inverse of rotations.FLAT
+B_TO_WIRE = np.array(
+    [0.5, -0.5, -0.5, -0.5]
+)  # columns e_z, e_x, e_y: the inverse of rotations.FLAT
 WIRE_AXES = [2, 0, 1]  # components of a vector in B along x, y, z of the wire frame
 
 # A stamp that differs by more than this from simulated time is of another clock [s].
@@ -114,13 +116,14 @@ def reference_from(
     message: JointState, last: JointReference, robot: Robot, now: float
 ) -> JointReference:
     """
-    Return what the joints are told after a command; joints that it does not name keep what they had.
+    Return what the joints are told after a command; those it does not name keep what they had.
 
     Parameters
     ----------
     message : JointState
-        Joints by name, with positions [rad] and, if any, velocities [rad/s]. Its stamp is the time at
-        which the positions hold; a zero stamp, one of the future and one of another clock mean now.
+        Joints by name, with positions [rad] and, if any, velocities [rad/s]. Its stamp is the time
+        at which the positions hold; a zero stamp, one of the future and one of another clock mean
+        now.
     last : JointReference
     robot : Robot
     now : float
@@ -135,23 +138,29 @@ def reference_from(
     names = joint_names(robot.link_count)
     count = len(message.name)
     if count == 0:
-        raise RejectedCommand('no names', f'joint_command names no joints; name some of {names[0]} to {names[-1]}')
+        raise RejectedCommand(
+            'no names', f'joint_command names no joints; name some of {names[0]} to {names[-1]}'
+        )
     for name in message.name:
         if name not in names:
             close = difflib.get_close_matches(name, names, n=1)
-            hint = f'did you mean {close[0]}?' if close else f'joints are {names[0]} to {names[-1]}'
+            hint = (
+                f'did you mean {close[0]}?' if close else f'joints are {names[0]} to {names[-1]}'
+            )
             raise RejectedCommand('name', f'joint_command: unknown joint {name!r}; {hint}')
         if message.name.count(name) > 1:
             raise RejectedCommand('twice', f'joint_command names joint {name} more than once')
     if len(message.position) != count:
-        raise RejectedCommand('length',
+        raise RejectedCommand(
+            'length',
             f'joint_command must have one position a name: got {len(message.position)} positions '
-            f'for {count} names'
+            f'for {count} names',
         )
     if len(message.velocity) not in (0, count):
-        raise RejectedCommand('length',
+        raise RejectedCommand(
+            'length',
             f'joint_command must have no velocity or one a name: got {len(message.velocity)} '
-            f'velocities for {count} names'
+            f'velocities for {count} names',
         )
     velocity = list(message.velocity) or [0.0] * count
     _check_range(message.name, message.position, 'position', robot.joint_limit, 'rad')
@@ -163,8 +172,9 @@ def reference_from(
     axes = [names.index(name) for name in message.name]
     newest = float(last.stamp.ravel()[axes].max())
     if stamp < newest:
-        raise RejectedCommand('late',
-            f'joint_command is late: stamped {stamp:.4f} s, after one of {newest:.4f} s was taken'
+        raise RejectedCommand(
+            'late',
+            f'joint_command is late: stamped {stamp:.4f} s, after one of {newest:.4f} s was taken',
         )
     reference = JointReference(last.stamp.copy(), last.angle.copy(), last.rate.copy())
     reference.stamp.flat[axes] = stamp
@@ -173,14 +183,19 @@ def reference_from(
     return reference
 
 
-def _check_range(names: list[str], values: list[float], what: str, limit: float, unit: str) -> None:
+def _check_range(
+    names: list[str], values: list[float], what: str, limit: float, unit: str
+) -> None:
     for name, value in zip(names, values, strict=True):
         if not math.isfinite(value):
-            raise RejectedCommand('not finite', f'joint_command: {what} of {name} must be finite, got {value}')
+            raise RejectedCommand(
+                'not finite', f'joint_command: {what} of {name} must be finite, got {value}'
+            )
         if abs(value) > limit:
-            raise RejectedCommand(f'{what} range',
+            raise RejectedCommand(
+                f'{what} range',
                 f'joint_command: {what} of {name} must be within +-{limit:.4g} {unit}, '
-                f'got {value:.4g} {unit}'
+                f'got {value:.4g} {unit}',
             )
 
 

@@ -35,7 +35,9 @@ def declare(node: Node, name: str, value: Any, limits: Mapping[str, Any], read_o
     if isinstance(value, float) and (math.isfinite(low) or math.isfinite(limits['maximum'])):
         largest = sys.float_info.max
         descriptor.floating_point_range = [
-            FloatingPointRange(from_value=max(low, -largest), to_value=min(limits['maximum'], largest))
+            FloatingPointRange(
+                from_value=max(low, -largest), to_value=min(limits['maximum'], largest)
+            )
         ]
     if isinstance(value, tuple):
         value = list(value)
@@ -57,5 +59,9 @@ def refuse_unknown(given: Mapping[str, Any], known: set[str]) -> None:
     for name in given:
         if name not in known and name not in OF_RCLPY and not name.startswith('qos_overrides.'):
             close = difflib.get_close_matches(name, sorted(known), n=1)
-            hint = f'did you mean {close[0]!r}?' if close else f'choose from: {", ".join(sorted(known))}'
+            hint = (
+                f'did you mean {close[0]!r}?'
+                if close
+                else f'choose from: {", ".join(sorted(known))}'
+            )
             raise ParameterError(f'unknown parameter {name!r}; {hint}')

@@ -29,7 +29,9 @@ def make_executor(node: Node) -> Executor:
     return executor
 
 
-def run_node(make: Callable[[], N], run: Callable[[N], None], args: list[str] | None = None) -> int:
+def run_node(
+    make: Callable[[], N], run: Callable[[N], None], args: list[str] | None = None
+) -> int:
     """
     Start rclpy, make a node, run it, and end cleanly on SIGINT and SIGTERM.
 

@@ -50,7 +50,9 @@ WARN_PERIOD = 5.0  # s between two warnings of one kind
 class Settings(Record):
     """Parameters of the node besides those of the scene."""
 
-    scene: str = quantity('lateral_undulation', '', 'scene: a YAML file or the name of one in config/')
+    scene: str = quantity(
+        'lateral_undulation', '', 'scene: a YAML file or the name of one in config/'
+    )
     publish_rate: float = quantity(
         200.0, 'Hz', 'state messages a second of simulated time', minimum=10, maximum=1000
     )
@@ -86,7 +88,9 @@ class SimNode(Node):
         self.period = 1.0 / self.settings.publish_rate
         self.steps = steps_in(self.period, scene.dt, 'publish period')
         self.simulation = Simulation(scene)
-        self.get_logger().info('compiling the physics (some ten seconds at the first start ever) ...')
+        self.get_logger().info(
+            'compiling the physics (some ten seconds at the first start ever) ...'
+        )
         self.get_logger().info(f'physics ready after {self.simulation.compile():.1f} s')
         self.reference = start_posture(scene)
         self.paused = self.settings.start_paused
@@ -101,7 +105,9 @@ class SimNode(Node):
         self.diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         clock = self.settings.publish_clock
         self.clock = self.create_publisher(Clock, '/clock', QoSProfile(depth=1)) if clock else None
-        self.create_subscription(JointState, 'joint_command', self._on_command, QoSProfile(depth=1))
+        self.create_subscription(
+            JointState, 'joint_command', self._on_command, QoSProfile(depth=1)
+        )
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.create_service(Trigger, '~/step', self._on_step)

@@ -1,5 +1,6 @@
 """How a node starts, waits for messages and ends."""
 
+import argparse
 from collections.abc import Callable
 import os
 import sys
@@ -11,6 +12,7 @@ from rclpy.executors import Executor
 from rclpy.executors import ExternalShutdownException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
 
 from snake_sim_ros.parameters import ParameterError
 
@@ -44,17 +46,34 @@ def run_node(
     if not os.access(os.path.expanduser('~'), os.W_OK):
         os.environ.setdefault('ROS_LOG_DIR', tempfile.gettempdir())
     try:
-        rclpy.init(args=args)
+        _initialize(args)
+        _refuse_arguments(remove_ros_args(sys.argv if args is None else args)[1:])
         node = make()
         try:
             run(node)
         finally:
             node.destroy_node()
     except ParameterError as error:
-        print(f'error: {error}', file=sys.stderr)
+        print(f'error: {error}', file=sys.stderr, flush=True)
         return 2
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
         rclpy.try_shutdown()
     return 0
+
+
+def _refuse_arguments(arguments: list[str]) -> None:
+    """End with a usage message if there is anything but arguments of ROS."""
+    argparse.ArgumentParser(
+        usage='%(prog)s [--ros-args [-p NAME:=VALUE ...] [--params-file FILE] [-r FROM:=TO ...]]',
+        epilog='ros2 param list shows the parameters of a node that runs.',
+    ).parse_args(arguments)
+
+
+def _initialize(args: list[str] | None) -> None:
+    try:
+        rclpy.init(args=args)
+    except RuntimeError as error:
+        reason, _, _ = str(error).partition(', at ')  # a line in the source of rcl
+        raise ParameterError(reason) from None

@@ -113,6 +113,11 @@ class SimNode(Node):
         self.create_service(Trigger, '~/step', self._on_step)
 
     @property
+    def halted(self) -> bool:
+        """Whether simulated time stands still."""
+        return self.paused or bool(self.simulation.report.failure)
+
+    @property
     def nanoseconds(self) -> int:
         """Simulated time [ns]."""
         return round(self.simulation.step_count * self.simulation.scene.dt * 1e9)
@@ -126,7 +131,6 @@ class SimNode(Node):
             )
         )
         if report.failure:
-            self.paused = True
             self.get_logger().error(
                 f'diverged, paused at the last good state; call ~/reset: {report.failure}'
             )
@@ -151,7 +155,7 @@ class SimNode(Node):
         factor = self.settings.real_time_factor
         if report.failure:
             status.level, status.message = DiagnosticStatus.ERROR, report.failure
-        elif not self.paused and self.reached_factor < 0.95 * factor:
+        elif not self.halted and self.reached_factor < 0.95 * factor:
             status.level = DiagnosticStatus.WARN
             status.message = f'real-time factor {self.reached_factor:.2f} of {factor:g}'
         else:
@@ -196,17 +200,17 @@ class SimNode(Node):
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.simulation.reset()
         self.reference = start_posture(self.simulation.scene, self.simulation.time)
-        self.paused = self.settings.start_paused
         self.publish_state()
         response.success = True
         response.message = f'robot is at the start of the scene at t = {self.simulation.time:g} s'
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        response.success = request.data or not self.simulation.report.failure
-        self.paused = request.data or not response.success
-        state = 'paused' if self.paused else 'running'
-        response.message = state if response.success else 'diverged: call ~/reset first'
+        self.paused = request.data
+        response.success = not self.simulation.report.failure
+        response.message = 'paused' if self.paused else 'running'
+        if not response.success:
+            response.message = 'diverged: call ~/reset first'
         return response
 
     def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -239,7 +243,7 @@ def run(node: SimNode) -> None:
             node.reached_factor = (node.simulation.time - mark_time) / (now - mark)
             mark, mark_time = now, node.simulation.time
             node.publish_diagnostics()
-        if node.paused:
+        if node.halted:
             executor.spin_once(timeout_sec=0.05)
             due = time.perf_counter()
             continue

@@ -124,7 +124,7 @@ def prox_sweep(contact, gamma, friction, prox_parameter, impulse, previous):
 
 
 @compiled
-def condense(contact, width, robot, geometry, work, unit, delassus):
+def condense(contact, width, chain, geometry, scratch, unit, gamma, delassus):
     """
     Fill the Delassus operator of the closed contacts with the joints eliminated, G of section 7.3.
 
@@ -136,16 +136,16 @@ def condense(contact, width, robot, geometry, work, unit, delassus):
     contact : ndarray, shape (m,)
     width : int
         Components of a contact in use: 3, or 5 with rolling friction.
-    robot, geometry, work : tuple
-        Arguments of `articulated_velocity`, `contact_wrench`, and what they fill.
+    chain, geometry, scratch : tuple
+        Arguments of `articulated_velocity` and of `contact_wrench`, and what they fill.
     unit : ndarray, shape (2n, 5)
         Zero on entry and on return.
     delassus : ndarray, shape (>= width m, >= width m)
 
     """
-    axis, gain, compliance, root_inverse = robot
+    axis, gain, compliance, root_inverse = chain
     point, heading, radius = geometry
-    no_torque, no_momentum, wrench, load, twist, gamma = work
+    no_torque, no_momentum, wrench, load, twist = scratch
     for k, a in enumerate(contact):
         for j in range(width):
             unit[a, j] = 1.0

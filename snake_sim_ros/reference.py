@@ -281,7 +281,7 @@ class ReferenceStepper:
         joint_delassus = cho_factor(W_J.T @ M_inv @ W_J)
 
         P, iterations, change = impulse[active], 0, math.inf
-        while change >= scene.solver.tolerance and iterations < scene.solver.iteration_limit:
+        while not change < scene.solver.tolerance and iterations < scene.solver.iteration_limit:
             S = W_N @ P[:, 0] + W_T @ P[:, 1:3].ravel() + W_V @ P[:, 3:].ravel()  # (76)
             # (84), with both terms negative; the paper's first sign is lost in print.
             P_J = -cho_solve(joint_delassus, W_J.T @ M_inv @ (momentum + S))
@@ -305,7 +305,7 @@ class ReferenceStepper:
             steps=1,
             iterations=iterations,
             iterations_max=iterations,
-            unconverged=int(change >= r.tolerance),
+            unconverged=int(not change < r.tolerance),
             residual_max=_largest(
                 step / np.repeat([r.r_normal, r.r_sliding, r.r_rolling], [1, 2, 2])
             ),

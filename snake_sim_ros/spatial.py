@@ -177,17 +177,59 @@ def smooth_momentum(model, u, R, center, momentum):
 
 
 @compiled
-def end_twists(contact, chain, geometry, work, impulse, twist):
-    """Fill the twists after the step under given contact impulses, eqs. (76), (84), (86)."""
+def end_twists(contact, chain, geometry, work, impulse):
+    """Fill work.twist with the twists after the step under contact impulses, (76), (84), (86)."""
     contact_wrench(contact, *geometry, impulse, work.wrench)
-    articulated_velocity(*chain, work.axis_torque, work.momentum, work.wrench, work.load, twist)
+    articulated_velocity(
+        *chain, work.axis_torque, work.momentum, work.wrench, work.load, work.twist
+    )
 
 
 @compiled
-def free_velocities(contact, chain, geometry, work, twist):
-    """Fill work.free with the contact velocities after a step without contact impulses."""
-    end_twists(contact, chain, geometry, work, work.unit, twist)
-    contact_velocities(contact, *geometry, twist, work.free)
+def solve_contacts(model, work, contact, impulse):
+    """
+    Iterate impulse and twists until the contact laws hold, eqs. (84)-(93).
+
+    Returns
+    -------
+    iterations : int
+    change : float
+        Left side of the stopping rule (93) after the last iteration [N s].
+    residual : float
+        Natural-map residual of the contact laws [m/s].
+
+    """
+    geometry = (work.point, work.heading, model.contact_radius)
+    chain = (work.axis, work.gain, work.compliance, work.inertia[len(work.R) // 2])
+    width = 5 if model.friction[2] > 0.0 else 3
+    columns = width * len(contact)
+    condensed = False
+    iterations, change, residual = 0, math.inf, 0.0
+    while not change < model.tolerance and iterations < model.iteration_limit:
+        if 0 < iterations == columns <= len(work.packed):
+            # After as many sweeps as the Delassus operator has columns, forming it costs no more
+            # than was spent, and a sweep costs less from here on. The iterates stay the same.
+            scratch = (work.no_torque, work.no_momentum, work.wrench, work.load, work.twist)
+            condense(
+                contact, width, chain, geometry, scratch, work.unit, work.gamma, work.delassus
+            )
+            end_twists(contact, chain, geometry, work, work.unit)
+            contact_velocities(contact, *geometry, work.twist, work.free)
+            condensed = True
+        if condensed:
+            condensed_velocities(
+                contact, width, work.delassus, work.free, impulse, work.packed, work.gamma
+            )
+        else:
+            end_twists(contact, chain, geometry, work, impulse)
+            contact_velocities(contact, *geometry, work.twist, work.gamma)
+        change, residual = prox_sweep(
+            contact, work.gamma, model.friction, model.prox_parameter, impulse, work.previous
+        )
+        iterations += 1
+    if condensed:
+        end_twists(contact, chain, geometry, work, work.previous)
+    return iterations, change, residual
 
 
 @compiled
@@ -209,37 +251,11 @@ def step(model, work, q, u, impulse, angle, rate, report):
     smooth_momentum(model, u, R, work.center, work.momentum)
     articulated_inertia(work.axis, work.axis_damping, work.inertia, work.gain, work.compliance)
 
-    geometry = (work.point, work.heading, model.contact_radius)
     count = closed_contacts(
         model.contact_offset, model.contact_radius, work.q_mid[:, 2], R, work.center,
         work.contact, work.point, work.heading,
     )  # fmt: skip
-    contact = work.contact[:count]
-    chain = (work.axis, work.gain, work.compliance, work.inertia[len(q) // 2])
-    width = 5 if model.friction[2] > 0.0 else 3
-    condensed = False
-    iterations, change, residual = 0, math.inf, 0.0
-    while change >= model.tolerance and iterations < model.iteration_limit:
-        if iterations == width * count and iterations <= len(work.packed):
-            # After as many sweeps as the Delassus operator has columns, forming it costs no more
-            # than was spent, and a sweep costs less from here on. The iterates stay the same.
-            scratch = (work.no_torque, work.no_momentum, work.wrench, work.load, twist, work.gamma)
-            condense(contact, width, chain, geometry, scratch, work.unit, work.delassus)
-            free_velocities(contact, chain, geometry, work, twist)
-            condensed = True
-        if condensed:
-            condensed_velocities(
-                contact, width, work.delassus, work.free, impulse, work.packed, work.gamma
-            )
-        else:
-            end_twists(contact, chain, geometry, work, impulse, twist)
-            contact_velocities(contact, *geometry, twist, work.gamma)
-        change, residual = prox_sweep(
-            contact, work.gamma, model.friction, model.prox_parameter, impulse, work.previous
-        )
-        iterations += 1
-    if condensed:
-        end_twists(contact, chain, geometry, work, work.previous, twist)
+    iterations, change, residual = solve_contacts(model, work, work.contact[:count], impulse)
 
     for i in range(len(q)):
         turn = model.dt * math.sqrt(twist[i, 0] ** 2 + twist[i, 1] ** 2 + twist[i, 2] ** 2)
@@ -256,7 +272,7 @@ def step(model, work, q, u, impulse, angle, rate, report):
     report[STEPS] += 1
     report[ITERATIONS] += iterations
     report[ITERATIONS_MAX] = max(report[ITERATIONS_MAX], iterations)
-    report[UNCONVERGED] += change >= model.tolerance
+    report[UNCONVERGED] += not change < model.tolerance
     report[RESIDUAL] = max(report[RESIDUAL], residual)
     depth = penetration(model.contact_offset, model.contact_radius, q)
     report[PENETRATION] = max(report[PENETRATION], depth)

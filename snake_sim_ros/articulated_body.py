@@ -32,8 +32,8 @@ def articulated_inertia(axis, damping, inertia, gain, compliance):
     ----------
     axis : ndarray, shape (n-1, 2, 6)
         Twists S of the joint axes: of the outer link against its parent.
-    damping : ndarray, shape (n-1, 2)
-        Impulse per rate that resists every axis [N m s^2].
+    damping : ndarray, shape (n-1, 3)
+        Entries 11, 12, 22 of the impulse per rate that resists the axes [N m s^2].
     inertia : ndarray, shape (n, 6, 6)
         On entry inertia of the links; on return articulated inertia, and in ``inertia[n // 2]``
         the inverse of the articulated inertia of the root.
@@ -63,7 +63,7 @@ def fold_inertia(j, axis, damping, A, parent, gain, compliance):
                 A[row, 0] * S[k, 0] + A[row, 1] * S[k, 1] + A[row, 2] * S[k, 2]
                 + A[row, 3] * S[k, 3] + A[row, 4] * S[k, 4] + A[row, 5] * S[k, 5]
             )  # fmt: skip
-    d11, d12, d22 = damping[j, 0], 0.0, damping[j, 1]
+    d11, d12, d22 = damping[j, 0], damping[j, 1], damping[j, 2]
     for row in range(6):
         d11 += S[0, row] * G[0, row]
         d12 += S[0, row] * G[1, row]

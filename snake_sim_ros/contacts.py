@@ -120,6 +120,9 @@ def prox_sweep(contact, gamma, friction, prox_parameter, impulse, previous):
             rolling += d_x * d_x + d_y * d_y
             residual = max(residual, abs(d_x) / r_V, abs(d_y) / r_V)
             impulse[a, 3], impulse[a, 4] = P_x, P_y
+        else:
+            rolling += impulse[a, 3] * impulse[a, 3] + impulse[a, 4] * impulse[a, 4]
+            impulse[a, 3] = impulse[a, 4] = 0.0
     return math.sqrt(normal) + math.sqrt(sliding) + math.sqrt(rolling), residual
 
 

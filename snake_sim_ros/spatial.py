@@ -84,8 +84,10 @@ class Workspace(NamedTuple):
     center: Array  # (n, 3) link centers from O
     coordinate: Array  # (2, n-1, 2, 2) joint (yaw, pitch) x (angle, rate), at start and middle
     axis: Array  # (n-1, 2, 6) twists of the joint axes
-    axis_torque: Array  # (n-1, 2) impulse of the controller, without its implicit part [N m s]
-    axis_damping: Array  # (n-1, 2) implicit part of the controller, times dt [N m s^2]
+    torque: Array  # (n-1, 2) impulse of the controller, without its implicit part [N m s]
+    damping: Array  # (n-1, 2) implicit part of the controller, times dt [N m s^2]
+    axis_torque: Array  # (n-1, 2), axis_damping (n-1, 3): the same for the rates of the axes
+    axis_damping: Array
     inertia: Array  # (n, 6, 6) articulated-body inertia about O
     gain: Array  # (n-1, 2, 6), compliance (n-1, 3), load (n-1, 2): see articulated_body
     compliance: Array
@@ -114,10 +116,10 @@ FAILED_LINK, FAILED_VALUE = 9, 10
 
 
 @compiled
-def joint_control(model, coordinate, angle, rate, axis_torque, axis_damping):
+def joint_control(model, coordinate, angle, rate, torques, dampings):
     """Fill the impulses and the implicit damping of the controller on every joint axis."""
     start, mid = coordinate[0], coordinate[1]
-    for j in range(len(axis_torque)):
+    for j in range(len(torques)):
         for k in range(2):
             torque, damping = pd_law(
                 model.pd_scheme,
@@ -128,8 +130,28 @@ def joint_control(model, coordinate, angle, rate, axis_torque, axis_damping):
                 model.stiffness[k],
                 model.damping[k],
             )
-            axis_torque[j, k] = torque * model.dt
-            axis_damping[j, k] = damping * model.dt
+            torques[j, k] = torque * model.dt
+            dampings[j, k] = damping * model.dt
+
+
+@compiled
+def axis_loads(axis, torque, damping, axis_torque, axis_damping):
+    """
+    Fill what the controller does to the rates s of the joint axes.
+
+    The axes a, b of a joint are at right angles only up to the drift of a step, c = a . b. A
+    relative angular velocity s_1 a + s_2 b has the joint rates J s with J = [[1, c], [c, 1]], so a
+    torque T is J T on the axes and a damping K is J K J.
+    """
+    for j in range(len(axis)):
+        c = 0.0
+        for k in range(3):
+            c += axis[j, 0, k] * axis[j, 1, k]
+        axis_torque[j, 0] = torque[j, 0] + c * torque[j, 1]
+        axis_torque[j, 1] = torque[j, 1] + c * torque[j, 0]
+        axis_damping[j, 0] = damping[j, 0] + c * c * damping[j, 1]
+        axis_damping[j, 1] = c * (damping[j, 0] + damping[j, 1])
+        axis_damping[j, 2] = damping[j, 1] + c * c * damping[j, 0]
 
 
 @compiled
@@ -244,9 +266,10 @@ def step(model, work, q, u, impulse, angle, rate, report):
     link_frames(work.q_mid[:, 3:], R)
     rates_in_inertial_frame(R, u, work.omega)
     joint_coordinates(R, work.omega, work.coordinate[1])
-    joint_control(model, work.coordinate, angle, rate, work.axis_torque, work.axis_damping)
-
     chain_geometry(model.half_length, R, work.center, work.axis)
+    joint_control(model, work.coordinate, angle, rate, work.torque, work.damping)
+    axis_loads(work.axis, work.torque, work.damping, work.axis_torque, work.axis_damping)
+
     link_inertia(model, R, work.center, work.inertia)
     smooth_momentum(model, u, R, work.center, work.momentum)
     articulated_inertia(work.axis, work.axis_damping, work.inertia, work.gain, work.compliance)
@@ -318,7 +341,8 @@ def make_workspace(n: int) -> Workspace:
     shapes = {
         'q_mid': (n, 7), 'R': (n, 3, 3), 'omega': (n, 3), 'center': (n, 3),
         'coordinate': (2, n - 1, 2, 2), 'axis': (n - 1, 2, 6),
-        'axis_torque': (n - 1, 2), 'axis_damping': (n - 1, 2),
+        'torque': (n - 1, 2), 'damping': (n - 1, 2),
+        'axis_torque': (n - 1, 2), 'axis_damping': (n - 1, 3),
         'inertia': (n, 6, 6), 'gain': (n - 1, 2, 6), 'compliance': (n - 1, 3), 'load': (n - 1, 2),
         'momentum': (n, 6), 'wrench': (n, 6), 'twist': (n, 6),
         'point': (2 * n, 3), 'heading': (n, 2),
@@ -350,7 +374,9 @@ class SpatialStepper:
 
     def report(self, u: Array, numbers: Array) -> Report:
         """Return the numbers that the compiled step gathered, after steps that ended with u."""
-        torque = self.work.axis_torque - self.work.axis_damping * joint_rates(self.work.q_mid, u)
+        q_mid = self.work.q_mid.copy()
+        q_mid[:, 3:] /= np.linalg.norm(q_mid[:, 3:], axis=1)[:, None]
+        torque = self.work.torque - self.work.damping * joint_rates(q_mid, u)
         report = Report(
             steps=int(numbers[STEPS]),
             iterations=int(numbers[ITERATIONS]),

@@ -47,7 +47,7 @@ def points_around(rng, a, b, count):
 @pytest.mark.parametrize(
     ('point', 'expected'),
     [
-        # The nearest points of 6.1, from bisection of (x a/(t+a^2))^2 + (y b/(t+b^2))^2 = 1.
+        # (x a^2/(t + a^2), y b^2/(t + b^2)), t by bisection of the ellipse's equation there.
         ((0.3, 0.4), (0.0706199903319633, 0.35400624872710273)),
         ((1.0, 1.0), (0.03422950939854934, 0.4697962506857261)),
         ((0.05, 0.6), (0.00819504416439703, 0.49831820283689177)),
@@ -158,13 +158,17 @@ def solved(prox):
     return point
 
 
-@pytest.mark.parametrize('seed', range(20))
-def test_sliding_law_and_its_scaled_disc_have_one_solution(seed):
+def sliding_contact(seed):
+    """Return G with eigenvalues from 0.5 to 2.5 per kg, free velocity, coefficients and P_N."""
     rng = np.random.default_rng(seed)
-    # Delassus matrix with eigenvalues between 0.5 and 2.5 per kg, free velocity, mu and P_N.
     root = rng.uniform(-1, 1, (2, 2))
     G, c = root @ root.T + 0.5 * np.eye(2), rng.uniform(-1, 1, 2)
-    mu, P_N = rng.uniform(0.3, 1.0, 2), rng.uniform(0.1, 2.0)
+    return G, c, rng.uniform(0.3, 1.0, 2), rng.uniform(0.1, 2.0)
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_sliding_law_and_its_scaled_disc_have_one_solution(seed):
+    G, c, mu, P_N = sliding_contact(seed)
     # r = 0.3 kg makes both iterations contractions: |1 - r G| and |1 - r S G S| stay below
     # 1 - 0.3 0.5 0.3^2 = 0.987.
     r = 0.3
@@ -187,14 +191,10 @@ def test_sliding_law_and_its_scaled_disc_have_one_solution(seed):
 
 
 def test_both_sticking_and_sliding_were_solved():
-    # Guards the seeds above: |G^-1 c| in the scaled disc tells the two apart.
+    # Guards the seeds above. Sticking takes P = -G^-1 c, if friction can bring it up.
     sticks = 0
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        root = rng.uniform(-1, 1, (2, 2))
-        P = np.linalg.solve(root @ root.T + 0.5 * np.eye(2), rng.uniform(-1, 1, 2))
-        mu, P_N = rng.uniform(0.3, 1.0, 2), rng.uniform(0.1, 2.0)
-        sticks += math.hypot(*(P / mu)) < P_N
+    for G, c, mu, P_N in map(sliding_contact, range(20)):
+        sticks += math.hypot(*(np.linalg.solve(G, c) / mu)) < P_N
     assert 3 <= sticks <= 17
 
 

@@ -194,7 +194,7 @@ def test_joint_torques_on_the_links(jointed):
     rng = np.random.default_rng(10)
     R, T = frames(state), rng.uniform(-1, 1, (4, 2))
     tau_C = (reference.torque_directions(R) @ T.ravel()).reshape(5, 6)
-    # 5.6: M = T_h e_y^i + T_v e_x^i+1 acts on link i+1 and -M on link i, in their frames B.
+    # M = T_h e_y^i + T_v e_x^i+1 acts on link i+1 and -M on link i, in their frames B.
     expected = np.zeros((5, 6))
     for i in range(robot.link_count - 1):
         M = T[i, 0] * R[i, :, 1] + T[i, 1] * R[i + 1, :, 0]
@@ -229,7 +229,7 @@ def test_smooth_forces(free):
     h = reference.smooth_forces(robot, gravity, state.u).reshape(5, 6)
     assert np.abs(h[:, :3] - np.outer(robot.link_mass, gravity)).max() < ROUNDING
     for i, (_, _, _, x, y, z) in enumerate(state.u):
-        # -omega x Theta omega of a body of revolution, written out in 5.3.
+        # -omega x Theta omega of a body of revolution, written out.
         slender = robot.inertia_axial[i] - robot.inertia_transversal[i]
         assert np.abs(h[i, 3:] - [-slender * y * z, slender * z * x, 0.0]).max() < ROUNDING
         # It does no work.

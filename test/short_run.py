@@ -1,0 +1,33 @@
+"""Three steps of a short robot; as a program it prints them and where the package is."""
+
+import json
+import sys
+
+import numpy as np
+
+import snake_sim_ros
+from snake_sim_ros import gait
+from snake_sim_ros import stepping
+from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import with_settings
+
+
+def short_run():
+    """
+    Return state, impulses and report after 3 steps of 5 links, begun 1e-9 m inside the floor.
+
+    At most 10 contacts and 40 sweeps a step: the contact problem is condensed on the way.
+    """
+    settings = {'robot.link_count': 5, 'solver.iteration_limit': 40}
+    scene = with_settings(load_scene('lateral_undulation'), settings)
+    state = stepping.initial_state(scene)
+    state.q[:, 2] -= 1e-9
+    times = (np.arange(3) + 0.5) * scene.dt
+    reference = gait.reference(scene.gait, times, scene.robot.link_count - 1)
+    return stepping.make_stepper(scene).advance(state, stepping.no_impulse(scene), *reference)
+
+
+if __name__ == '__main__':
+    sys.modules['rclpy'] = sys.modules['matplotlib'] = None  # type: ignore[assignment]
+    end, impulse, _ = short_run()
+    print(json.dumps([snake_sim_ros.__file__, end.q.tolist(), end.u.tolist(), impulse.tolist()]))

@@ -1,0 +1,41 @@
+"""What the system tests share: the environment, and physics that is compiled once."""
+
+import os
+
+from graph import Graph
+import pytest
+
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.simulation import Simulation
+
+
+@pytest.fixture(scope='session', autouse=True)
+def environment(tmp_path_factory):
+    """Keep to this machine and to the middleware of the wheels; check all fields of messages."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        patch.setenv('ROS_PYTHON_CHECK_FIELDS', '1')
+        patch.setenv('ROS_LOG_DIR', str(tmp_path_factory.mktemp('log')))
+        patch.delenv('RMW_IMPLEMENTATION', raising=False)
+        patch.delenv('ROS_DOMAIN_ID', raising=False)
+        yield os.environ
+
+
+@pytest.fixture(scope='session', autouse=True)
+def compiled(environment):
+    """Compile the physics into the cache on disk, so that no node has to."""
+    Simulation(Scene()).compile()
+
+
+@pytest.fixture(scope='module')
+def make_graph(compiled):
+    """Return a function that makes a domain with a client; everything ends with the module."""
+    graphs = []
+
+    def make():
+        graphs.append(Graph())
+        return graphs[-1]
+
+    yield make
+    for graph in graphs:
+        graph.close()

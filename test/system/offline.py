@@ -1,0 +1,139 @@
+"""The offline twin of a sim node: the same steps without ROS, one publish period at a time."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.posture import joint_angles
+from snake_sim_ros.posture import joint_rates
+from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.simulation import JointReference
+from snake_sim_ros.simulation import Simulation
+from snake_sim_ros.simulation import start_posture
+
+STEPS = 20  # of 1/4000 s in a period of 1/200 s
+PERIOD = 5_000_000  # ns
+NAMES = [f'joint_{i}_{axis}' for i in range(1, 11) for axis in ('yaw', 'pitch')]
+HORIZON = 0.05  # s, the default of command_horizon
+
+
+@dataclass
+class Sample:
+    """What the state messages of one stamp must hold."""
+
+    nanoseconds: int
+    angle: Array
+    rate: Array
+    torque: Array
+    position: Array
+    velocity: Array  # of the centers and angular, both in the world, shape (n, 6)
+    axes: Array  # rotation matrices of the link frames on the wire, shape (n, 3, 3)
+
+
+class Offline:
+    """A scene that holds its start posture until a command."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.simulation = Simulation(scene)
+        self.reference = start_posture(scene)
+
+    def sample(self) -> Sample:
+        """Return the state of now."""
+        simulation = self.simulation
+        q, u = simulation.state.q, simulation.state.u
+        # The axes x, y, z on the wire are e_z, e_x, e_y of frame B.
+        R = rotation_matrices(q[:, 3:])
+        axes = R[:, :, [2, 0, 1]]
+        return Sample(
+            nanoseconds=simulation.step_count * PERIOD // STEPS,
+            angle=joint_angles(q).ravel(),
+            rate=joint_rates(q, u).ravel(),
+            torque=simulation.last.joint_torque.ravel().copy(),
+            position=q[:, :3].copy(),
+            velocity=np.hstack([u[:, :3], np.einsum('kij,kj->ki', R, u[:, 3:])]),
+            axes=axes,
+        )
+
+    def command(self, angles: dict[str, float], rates: dict[str, float] | None = None) -> None:
+        """Take a command with the stamp of now; joints without a name keep what they had."""
+        last = self.reference
+        reference = JointReference(last.stamp.copy(), last.angle.copy(), last.rate.copy())
+        for name, angle in angles.items():
+            k = NAMES.index(name)
+            reference.stamp.flat[k] = self.simulation.time
+            reference.angle.flat[k] = angle
+            reference.rate.flat[k] = (rates or {}).get(name, 0.0)
+        self.reference = reference
+
+    def advance(self) -> Sample:
+        """Advance by one period and return the state."""
+        simulation = self.simulation
+        limit = simulation.scene.robot.joint_limit
+        times = simulation.midpoints(STEPS)
+        report = simulation.advance(*self.reference.sample(times, HORIZON, limit))
+        assert not report.failure
+        return self.sample()
+
+
+def held_then_commanded(scene: Scene, angles: dict[str, float], messages: list) -> list[Sample]:
+    """
+    Return the run of a sim node that hears one command, up to the last of its joint_states.
+
+    The command comes at the end of the period before the first message that differs from a robot
+    that holds its posture.
+    """
+    periods = max(nanoseconds(item) for item in messages) // PERIOD
+    told = {nanoseconds(item): np.array(item.position) for item in messages}
+    holding = Offline(scene)
+    samples = [holding.sample()]
+    for _ in range(periods):
+        samples.append(holding.advance())
+        heard = told.get(samples[-1].nanoseconds)
+        if heard is not None and np.abs(heard - samples[-1].angle).max() > 1e-9:
+            break
+    else:
+        raise AssertionError('no message differs from a robot that holds its posture')
+    commanded = Offline(scene)
+    samples = [commanded.sample(), *(commanded.advance() for _ in samples[2:])]
+    commanded.command(angles)
+    while len(samples) <= periods:
+        samples.append(commanded.advance())
+    return samples
+
+
+def nanoseconds(message) -> int:
+    """Return the stamp of a message with a header, or of a Clock [ns]."""
+    stamp = message.clock if hasattr(message, 'clock') else message.header.stamp
+    return stamp.sec * 1_000_000_000 + stamp.nanosec
+
+
+def wire_axes(orientation) -> Array:
+    """Return the rotation matrix of a quaternion message."""
+    o = orientation
+    return rotation_matrices(np.array([o.w, o.x, o.y, o.z]))
+
+
+def largest_difference(joint_states, link_poses, sample: Sample) -> float:
+    """Return the largest difference of two state messages from a sample, SI."""
+    return max(
+        np.abs(np.array(joint_states.position) - sample.angle).max(),
+        np.abs(np.array(joint_states.velocity) - sample.rate).max(),
+        np.abs(np.array(joint_states.effort) - sample.torque).max(),
+        np.abs(positions(link_poses) - sample.position).max(),
+        max(
+            np.abs(wire_axes(pose.orientation) - axes).max()
+            for pose, axes in zip(link_poses.poses, sample.axes, strict=True)
+        ),
+    )
+
+
+def positions(link_poses) -> Array:
+    """Return the link centers [m], shape (n, 3)."""
+    return np.array([(p.position.x, p.position.y, p.position.z) for p in link_poses.poses])
+
+
+def bits(message) -> bytes:
+    """Return positions, velocities and efforts of a joint_states message as bytes."""
+    return b''.join(bytes(part) for part in (message.position, message.velocity, message.effort))

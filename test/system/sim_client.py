@@ -1,0 +1,102 @@
+"""A client of the sim node: all that the node publishes, and its services."""
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseArray
+from nav_msgs.msg import Odometry
+from offline import nanoseconds
+from rclpy.duration import Duration
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool
+from std_srvs.srv import Trigger
+
+
+class SimClient:
+    """One sim node with its parameters, in a domain of its own."""
+
+    def __init__(self, graph, *parameters):
+        self.graph = graph
+        self.joint_states = graph.record(JointState, 'joint_states')
+        self.link_poses = graph.record(PoseArray, 'link_poses')
+        self.odom = graph.record(Odometry, 'odom')
+        self.clock = graph.record(Clock, '/clock')
+        self.diagnostics = graph.record(DiagnosticArray, '/diagnostics')
+        self.commands = graph.node.create_publisher(
+            JointState, 'joint_command', QoSProfile(depth=1)
+        )
+        self.process = graph.start('sim', *parameters)
+
+    @property
+    def states(self):
+        """The lists of messages that every state is published in, the clock last."""
+        return [self.joint_states, self.link_poses, self.odom, self.clock]
+
+    def wait_until_connected(self):
+        """Wait until messages pass in both directions."""
+        graph = self.graph
+        graph.until(lambda: self.commands.get_subscription_count(), 'a reader of joint_command')
+        graph.until(lambda: self.states_heard(), 'all state messages')
+
+    def states_heard(self):
+        """Return whether all state topics are heard; a paused node is made to speak."""
+        if not all(self.states) and self.process.count('physics ready') and self.is_paused():
+            self.reset()
+            self.graph.spin(0.05)
+        return all(self.states)
+
+    def is_paused(self):
+        """Return whether the node was started with start_paused."""
+        return 'start_paused:=true' in self.process.name
+
+    def send(self, angles, rates=None, stamp=None):
+        """Publish a command and wait until the node has it."""
+        message = JointState(name=list(angles), position=list(angles.values()))
+        if rates:
+            message.velocity = [rates.get(name, 0.0) for name in angles]
+        if stamp is not None:
+            message.header.stamp = stamp
+        self.publish(message)
+
+    def publish(self, message):
+        """Publish a message and wait until the middleware of the node has it."""
+        self.commands.publish(message)
+        assert self.commands.wait_for_all_acked(Duration(seconds=10)), 'no one took the command'
+
+    def reset(self):
+        """Call ~/reset."""
+        return self.graph.call(Trigger, 'sim/reset')
+
+    def pause(self, data):
+        """Call ~/pause."""
+        return self.graph.call(SetBool, 'sim/pause', SetBool.Request(data=data))
+
+    def step(self):
+        """Advance a paused node by one period; return its four messages."""
+        counts = [len(messages) for messages in self.states]
+        response = self.graph.call(Trigger, 'sim/step')
+        assert response.success, response.message
+        self.graph.until(
+            lambda: all(len(m) > n for m, n in zip(self.states, counts, strict=True)),
+            'the messages of a step',
+        )
+        new = [messages[n:] for messages, n in zip(self.states, counts, strict=True)]
+        assert [len(messages) for messages in new] == [1, 1, 1, 1]
+        return [messages[0] for messages in new]
+
+    def advance_to(self, seconds):
+        """Wait until a running node has got to a simulated time."""
+        self.graph.until(
+            lambda: nanoseconds(self.joint_states[-1]) >= 1e9 * seconds, f't = {seconds} s'
+        )
+
+    @property
+    def now(self):
+        """Simulated time of the last state heard [s]."""
+        return 1e-9 * nanoseconds(self.joint_states[-1])
+
+    def values(self):
+        """Return the numbers of the newest /diagnostics message, waiting for a new one."""
+        count = len(self.diagnostics)
+        self.graph.until(lambda: len(self.diagnostics) > count, '/diagnostics')
+        return {item.key: item.value for item in self.diagnostics[-1].status[0].values}

@@ -1,0 +1,309 @@
+"""What the nodes do with input that is not usable: say so in one sentence, and stay sane."""
+
+from array import array
+import math
+import signal
+
+from builtin_interfaces.msg import Time
+import numpy as np
+from offline import held_then_commanded
+from offline import largest_difference
+from offline import NAMES
+from offline import nanoseconds
+from offline import Offline
+from offline import PERIOD
+import pytest
+from rcl_interfaces.msg import Parameter
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import GetParameters
+from rcl_interfaces.srv import SetParameters
+from sensor_msgs.msg import JointState
+from sim_client import SimClient
+from std_srvs.srv import Trigger
+
+from snake_sim_ros.parameters import load_scene
+
+GOOD = {name: 0.2 if name.endswith('yaw') else 0.0 for name in NAMES}
+HELD = '; the last good command is held'
+
+
+def changed(position=None, velocity=None):
+    """Return a command for all joints with some values replaced."""
+    positions, velocities = np.full(20, 0.1), np.zeros(20)
+    for values, changes in ((positions, position), (velocities, velocity)):
+        for name, value in (changes or {}).items():
+            values[NAMES.index(name)] = value
+    return JointState(
+        name=NAMES,
+        position=array('d', positions.tobytes()),
+        velocity=array('d', velocities.tobytes()),
+    )
+
+
+# Every kind of mistake once: (message, sentence).
+MISTAKES = [
+    (
+        JointState(name=['joint_1_yaw', 'joint_3_jaw'], position=[0.1, 0.1]),
+        "joint_command: unknown joint 'joint_3_jaw'; did you mean joint_3_yaw?",
+    ),
+    (
+        JointState(position=[0.1] * 20),
+        'joint_command names no joints; name some of joint_1_yaw to joint_10_pitch',
+    ),
+    (
+        JointState(name=NAMES, position=[0.1] * 19),
+        'joint_command must have one position a name: got 19 positions for 20 names',
+    ),
+    (
+        changed(position={'joint_2_pitch': math.nan}),
+        'joint_command: position of joint_2_pitch must be finite, got nan',
+    ),
+    (
+        changed(position={'joint_4_yaw': -0.9}),
+        'joint_command: position of joint_4_yaw must be within +-0.7854 rad, got -0.9 rad',
+    ),
+    (
+        changed(velocity={'joint_10_pitch': 12.5}),
+        'joint_command: velocity of joint_10_pitch must be within +-10 rad/s, got 12.5 rad/s',
+    ),
+    (
+        JointState(name=['joint_1_yaw', 'joint_1_yaw'], position=[0.1, 0.3]),
+        'joint_command names joint joint_1_yaw more than once',
+    ),
+]
+# The same kinds as two of those above, so they go to another node: warnings are throttled.
+MORE_MISTAKES = [
+    (
+        JointState(name=NAMES[:2], position=[0.1] * 2, velocity=[0.1]),
+        'joint_command must have no velocity or one a name: got 1 velocities for 2 names',
+    ),
+    (
+        changed(velocity={'joint_9_yaw': -math.inf}),
+        'joint_command: velocity of joint_9_yaw must be finite, got -inf',
+    ),
+]
+PARAMS_FILE = """
+/**:
+  ros__parameters:
+    scene: sidewinding
+    gravity: [0.5, 0.0, -9.8]
+    friction.longitudinal: 0.25
+    robot:
+      yaw_damping: 0.3
+"""
+DIVERGING = ('robot.yaw_damping:=100.0', 'pd_scheme:=midpoint')
+
+
+@pytest.fixture(scope='module')
+def params_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp('parameters') / 'sim.yaml'
+    path.write_text(PARAMS_FILE)
+    return path
+
+
+@pytest.fixture(scope='module')
+def sims(make_graph, params_file):
+    """A sim with a scene, one with a file of parameters and one that diverges."""
+    starts = (['scene:=sidewinding'], [f'--params-file {params_file}'], DIVERGING)
+    clients = [SimClient(make_graph(), *parameters) for parameters in starts]
+    for client in clients[:2]:
+        client.wait_until_connected()
+    return clients
+
+
+def send_often(sim, message, sentence):
+    """Send a bad message five times; return how often the node complains about it."""
+    for _ in range(5):
+        sim.publish(message)
+    text = sentence + HELD
+    sim.graph.until(lambda: sim.process.count(text), f'the warning {text!r}')
+    return sim.process.count(text)
+
+
+def test_bad_commands_are_refused_with_one_sentence_and_the_last_good_one_is_held(sims):
+    sim = sims[0]
+    sim.advance_to(0.5)
+    sim.send(GOOD)
+    for message, sentence in MISTAKES:
+        assert send_often(sim, message, sentence) == 1
+    # A command is late if a newer one was taken; one that is older than 1 s is of another clock.
+    while not sim.process.count('joint_command is late'):
+        begin = sim.now
+        sim.send(GOOD)
+        sim.advance_to(begin + 0.1)
+        stamp = nanoseconds(sim.joint_states[-1]) - 400_000_000
+        assert stamp > 0
+        late = Time(sec=stamp // 10**9, nanosec=stamp % 10**9)
+        for _ in range(5):
+            sim.send({'joint_1_yaw': -0.4}, stamp=late)
+        sim.advance_to(sim.now + 0.1)
+        assert sim.now < 20, f'a late command was not refused\n{sim.process.output}'
+    assert sim.process.count('joint_command is late: stamped') == 1
+    assert sim.process.count('[WARN]') == len(MISTAKES) + 1, sim.process.output
+    kinds = len(MISTAKES) + 1
+    assert kinds <= int(sim.values()['rejected_commands']) <= 5 * kinds
+    # Nothing of any of them was taken: the robot moved as one that only heard the good command.
+    samples = held_then_commanded(load_scene('sidewinding'), GOOD, sim.joint_states)
+    poses = {nanoseconds(message): message for message in sim.link_poses}
+    for message in sim.joint_states:
+        stamp = nanoseconds(message)
+        if stamp in poses:
+            assert largest_difference(message, poses[stamp], samples[stamp // PERIOD]) < 1e-9
+
+
+def test_more_bad_commands(sims):
+    sim = sims[1]
+    for message, sentence in MORE_MISTAKES:
+        assert send_often(sim, message, sentence) == 1
+    assert sim.process.count('[WARN]') == len(MORE_MISTAKES), sim.process.output
+    assert len(MORE_MISTAKES) <= int(sim.values()['rejected_commands']) <= 5 * len(MORE_MISTAKES)
+
+
+def get_parameters(sim, *names):
+    response = sim.graph.call(
+        GetParameters, 'sim/get_parameters', GetParameters.Request(names=list(names))
+    )
+    return response.values
+
+
+def set_parameter(sim, name, value):
+    kind = ParameterType.PARAMETER_DOUBLE
+    item = Parameter(name=name, value=ParameterValue(type=kind, double_value=value))
+    request = SetParameters.Request(parameters=[item])
+    return sim.graph.call(SetParameters, 'sim/set_parameters', request).results[0]
+
+
+def test_file_of_parameters_is_taken(sims):
+    names = ('scene', 'friction.longitudinal', 'friction.transversal', 'robot.yaw_damping')
+    values = get_parameters(sims[1], *names, 'gravity')
+    assert values[0].string_value == 'sidewinding'
+    # Of the file, of the scene, of the file.
+    assert [value.double_value for value in values[1:4]] == [0.25, 0.2, 0.3]
+    assert list(values[4].double_array_value) == [0.5, 0.0, -9.8]
+    # The physics uses them: as an offline run with the same numbers it lies still on that slope,
+    # and gravity along x, 0.5 of 9.8, is less than friction.
+    last = sims[1].link_poses[-1].poses[5].position
+    assert abs(last.x) < 1e-3
+
+
+def test_real_time_factor_changes_while_running(sims):
+    sim = sims[1]
+    for value in (0.0, 0.5):
+        result = set_parameter(sim, 'real_time_factor', value)
+        assert result.successful, result.reason
+        assert get_parameters(sim, 'real_time_factor')[0].double_value == value
+    sim.graph.until(
+        lambda: 0.4 < float(sim.values()['real_time_factor']) < 0.6, 'half of real time'
+    )
+    for value in (-1.0, math.nan, math.inf):
+        result = set_parameter(sim, 'real_time_factor', value)
+        assert not result.successful
+        assert 'real_time_factor' in result.reason
+        assert get_parameters(sim, 'real_time_factor')[0].double_value == 0.5
+
+
+@pytest.mark.parametrize('name', ['friction.longitudinal', 'dt', 'publish_rate'])
+def test_what_needs_a_restart_is_read_only(sims, name):
+    before = get_parameters(sims[1], name)[0].double_value
+    result = set_parameter(sims[1], name, 0.01)
+    assert not result.successful
+    assert 'read-only' in result.reason
+    assert get_parameters(sims[1], name)[0].double_value == before
+
+
+def test_diverged_sim_pauses_at_the_last_good_state_and_waits_for_reset(sims):
+    sim = sims[2]
+    # At the start posture nothing moves; a command makes the damping act.
+    sim.graph.until(lambda: sim.process.count('[ERROR]'), 'the error of a diverged run')
+    said = 'diverged, paused at the last good state; call ~/reset: t = '
+    assert sim.process.count(said) == 1, sim.process.output
+    assert sim.process.count('rad in one step of 0.00025 s') == 1, sim.process.output
+    values = sim.values()
+    status = sim.diagnostics[-1].status[0]
+    assert status.level == b'\x02'
+    assert 'would turn by' in status.message
+    assert int(values['steps']) < 20
+    refused = sim.pause(False)
+    assert (refused.success, refused.message) == (False, 'diverged: call ~/reset first')
+    assert not sim.graph.call(Trigger, 'sim/step').success
+    assert all(math.isfinite(v) for m in sim.joint_states for v in [*m.position, *m.effort])
+    # Reset publishes the start; then the same happens again.
+    count = len(sim.joint_states)
+    assert sim.reset().success
+    sim.graph.until(lambda: len(sim.joint_states) > count, 'the state after ~/reset')
+    start = Offline(load_scene('lateral_undulation')).sample()
+    assert np.abs(np.array(sim.joint_states[-1].position) - start.angle).max() <= 1e-12
+    sim.graph.until(lambda: sim.process.count(said) > 1, 'the second error')
+    assert sim.process.stop(signal.SIGINT) == 0, sim.process.output
+
+
+SCENE_WITH_MISSPELT_KEY = 'robot: aiko.yaml\nfriction: {longitudnal: 0.1, transversal: 0.5}\n'
+# (node, parameters, the sentence)
+BAD_STARTS = {
+    'misspelt parameter': (
+        'sim',
+        ['friction.longitudnal:=0.2'],
+        "unknown parameter 'friction.longitudnal'; did you mean 'friction.longitudinal'?",
+    ),
+    'misspelt key': (
+        'sim',
+        ['scene:={folder}/misspelt.yaml'],
+        "misspelt.yaml: friction: unknown key 'longitudnal'; did you mean 'longitudinal'?",
+    ),
+    'missing file': (
+        'sim',
+        ['scene:=nowhere.yaml'],
+        'no file nowhere.yaml; the scenes that come with the package: aiko, lateral_undulation',
+    ),
+    'negative': (
+        'sim',
+        ['robot.link_mass:=-1.0'],
+        'robot.link_mass must be above 0 kg, got -1 kg',
+    ),
+    'not finite': (
+        'sim',
+        ['robot.yaw_stiffness:=.nan'],
+        'robot.yaw_stiffness must be finite, got nan N m/rad',
+    ),
+    'not a divisor': (
+        'sim',
+        ['dt:=0.0003'],
+        'dt must divide the publish period: got dt=0.0003 s, period=0.005 s',
+    ),
+    'zero rate': ('sim', ['publish_rate:=0'], 'publish_rate must be at least 10 Hz, got 0 Hz'),
+    'text': (
+        'sim',
+        ['friction.transversal:=much'],
+        "friction.transversal must be a number, got 'much'",
+    ),
+    'method': ('sim', ['method:=magic'], "unknown method 'magic'; choose from: paper, reference"),
+    'gait': (
+        'gait',
+        ['gait.yaw.amplitud:=0.2'],
+        "unknown parameter 'gait.yaw.amplitud'; did you mean 'gait.yaw.amplitude'?",
+    ),
+}
+
+
+@pytest.fixture(scope='module')
+def bad_starts(make_graph, tmp_path_factory):
+    """Processes of all bad starts, at once."""
+    folder = tmp_path_factory.mktemp('scenes')
+    (folder / 'misspelt.yaml').write_text(SCENE_WITH_MISSPELT_KEY)
+    graph = make_graph()
+    return {
+        title: graph.start(node, *(item.format(folder=folder) for item in parameters))
+        for title, (node, parameters, _) in BAD_STARTS.items()
+    }
+
+
+@pytest.mark.parametrize('title', BAD_STARTS)
+def test_bad_parameters_end_the_start_with_one_sentence(bad_starts, title):
+    process, sentence = bad_starts[title], BAD_STARTS[title][2]
+    assert process.wait(60) == 2, process.output
+    errors = [line for line in process.lines if 'error' in line.lower()]
+    assert len(errors) == 1, process.output
+    assert errors[0].startswith('error: ')
+    assert sentence in errors[0]
+    assert 'Traceback' not in process.output

@@ -1,0 +1,125 @@
+"""Every command of the README is run in a folder of its own; what takes long is shortened."""
+
+import os
+from pathlib import Path
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+from graph import next_domain
+import pytest
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / 'README.md').read_text(encoding='utf-8')
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf'^```{language}\n(.*?)^```', README, re.MULTILINE | re.DOTALL)
+
+
+COMMANDS = [line for block in blocks('sh') for line in block.splitlines()]
+
+# What is added to a command so that it ends soon, or what stands in for a tool that only a ROS 2
+# installation has: `ros2 run` starts the launcher of that name.
+SHORTENED = {
+    './run demo': '--duration 1',
+    './run test': '--collect-only -q test/test_gait.py',
+    './run bench': '--duration 0.05 --no-start-up',
+}
+ELSEWHERE = {
+    'colcon build && . install/setup.sh': 'test_installed_layout',
+    'ros2 topic echo /joint_states': 'test_sim_node.py',
+}
+
+
+@pytest.fixture
+def user_environment():
+    # As a user has it: the tests' own field checks and import path are not part of it.
+    drop = ('PYTHONPATH', 'ROS_PYTHON_CHECK_FIELDS')
+    kept = {key: value for key, value in os.environ.items() if key not in drop}
+    folder = str(Path(sys.executable).parent)
+    return {**kept, 'PATH': f'{folder}:{kept["PATH"]}', 'ROS_DOMAIN_ID': str(next_domain())}
+
+
+@pytest.mark.parametrize('line', COMMANDS)
+def test_command(line, tmp_path, user_environment):
+    if line in ELSEWHERE:
+        return  # named there with the test that stands for it
+    words = shlex.split(line)
+    if words[:3] == ['ros2', 'run', 'snake_sim_ros']:
+        words = [str(ROOT / 'scripts' / words[3]), *words[4:]]
+        user_environment['PYTHONPATH'] = str(ROOT)
+    else:
+        assert words[0] == './run', f'no test for the README command {line!r}'
+        words = [str(ROOT / 'run'), *words[1:], *shlex.split(SHORTENED.get(line, ''))]
+    node = any(word in ('sim', 'gait') or '/scripts/' in word for word in words[:2])
+    output = (
+        run_node(words, tmp_path, user_environment)
+        if node
+        else run(words, tmp_path, user_environment)
+    )
+    assert 'Traceback' not in output, output
+
+
+def run(words, folder, environment):
+    done = subprocess.run(
+        words, cwd=folder, env=environment, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+def run_node(words, folder, environment):
+    """Start a node, wait until it says that it is ready, interrupt it; it must end with 0."""
+    output = folder / 'output.txt'
+    with output.open('w') as stream:
+        process = subprocess.Popen(
+            words, cwd=folder, env=environment, stdout=stream, stderr=subprocess.STDOUT
+        )
+    deadline = time.monotonic() + 60
+    try:
+        while not re.search(r'physics ready|waiting for a robot', output.read_text()):
+            assert process.poll() is None and time.monotonic() < deadline, output.read_text()
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10) == 0, output.read_text()
+    finally:
+        process.kill()
+    return output.read_text()
+
+
+@pytest.mark.parametrize('program', blocks('python'))
+def test_python(program, tmp_path):
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, '-c', program],
+        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0 and done.stdout, done.stderr
+
+
+def test_picture_and_links():
+    for target in re.findall(r'\]\(([^)#:]+)\)', README):
+        assert (ROOT / target).is_file(), target
+
+
+def test_installed_layout(tmp_path):
+    """After an installation `ros2 run` finds package, executables and scenes."""
+    copy, prefix = tmp_path / 'source', tmp_path / 'prefix'
+    ignore = shutil.ignore_patterns('.git', '.venv*', 'build', '__pycache__', '*.egg-info')
+    shutil.copytree(ROOT, copy, symlinks=True, ignore=ignore)
+    command = [sys.executable, '-m', 'pip', 'install', '-q', '--no-deps', '--no-build-isolation']
+    subprocess.run([*command, '--prefix', str(prefix), str(copy)], check=True, timeout=120)
+    assert (prefix / 'share/ament_index/resource_index/packages/snake_sim_ros').is_file()
+    assert (prefix / 'share/snake_sim_ros/package.xml').is_file()
+    for name in ('sim', 'gait'):
+        assert os.access(prefix / 'lib/snake_sim_ros' / name, os.X_OK)
+        assert os.access(prefix / 'bin' / name, os.X_OK)
+    scenes = sorted(path.name for path in (ROOT / 'config').glob('*.yaml'))
+    installed = next(prefix.glob('lib/python3*/site-packages/snake_sim_ros/config'))
+    for folder in (installed, prefix / 'share/snake_sim_ros/config'):
+        assert sorted(path.name for path in folder.glob('*.yaml')) == scenes

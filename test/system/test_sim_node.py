@@ -1,0 +1,283 @@
+"""The sim node over ROS: time, states, commands, services."""
+
+import signal
+
+import numpy as np
+from offline import bits
+from offline import held_then_commanded
+from offline import largest_difference
+from offline import NAMES
+from offline import nanoseconds
+from offline import Offline
+from offline import PERIOD
+from offline import positions
+from offline import wire_axes
+import pytest
+from sim_client import SimClient
+from std_srvs.srv import Trigger
+
+from snake_sim_ros.parameters import load_scene
+
+# Messages carry doubles as they are; what is compared by way of matrices is rounded a few times.
+ROUNDING = 1e-14
+# Yaw 0.4 rad curls the robot to the left, with every joint well within 45 degrees.
+CURL = {name: 0.4 if name.endswith('yaw') else 0.0 for name in NAMES}
+
+
+@pytest.fixture(scope='module')
+def scene():
+    return load_scene('lateral_undulation')
+
+
+@pytest.fixture(scope='module')
+def sims(make_graph):
+    """One running sim and two in lock-step, started together."""
+    clients = [
+        SimClient(make_graph(), *parameters)
+        for parameters in ([], ['start_paused:=true'], ['start_paused:=true'])
+    ]
+    for client in clients:
+        client.wait_until_connected()
+    return clients
+
+
+@pytest.fixture(scope='module')
+def curled(sims):
+    """The running sim after one command at some time; it is at rest again."""
+    sim = sims[0]
+    sim.send(CURL)
+
+    def is_done():
+        last = sim.joint_states[-1]
+        there = np.abs(np.array(last.position) - list(CURL.values())).max() < 0.2
+        return there and np.abs(last.velocity).max() < 1e-3
+
+    sim.graph.until(is_done, 'the robot at rest after a command')
+    return sim
+
+
+@pytest.fixture(scope='module')
+def lockstep(sims):
+    """Messages of two lock-step runs with the same commands at the same times."""
+    return [[run_in_lockstep(sim) for sim in sims[1:]], sims[1:]]
+
+
+# In lock-step: (period before which it is sent, joint angles [rad], joint rates [rad/s]).
+SCRIPT = [
+    (5, CURL, {}),
+    (10, {'joint_3_yaw': -0.2, 'joint_7_yaw': 0.1}, {}),
+    (15, {'joint_5_yaw': 0.3, 'joint_5_pitch': 0.0}, {'joint_5_yaw': 1.0}),
+    (32, {'joint_10_yaw': -0.3}, {'joint_10_yaw': -9.0}),
+]
+PERIODS = 50
+
+
+def run_in_lockstep(sim):
+    commands = {period: command for period, *command in SCRIPT}
+    messages = []
+    for period in range(PERIODS):
+        if period in commands:
+            sim.send(*commands[period])
+        messages.append(sim.step())
+    return messages
+
+
+@pytest.fixture(scope='module')
+def script_offline(scene):
+    commands = {period: command for period, *command in SCRIPT}
+    twin, samples = Offline(scene), []
+    for period in range(PERIODS):
+        if period in commands:
+            twin.command(*commands[period])
+        samples.append(twin.advance())
+    return samples
+
+
+def test_clock_advances_by_20_steps_a_message(lockstep):
+    for messages in lockstep[0]:
+        ticks = [nanoseconds(clock) for *_, clock in messages]
+        # 20 steps of 1/4000 s
+        assert ticks == [PERIOD * (k + 1) for k in range(PERIODS)]
+
+
+def test_clock_of_a_running_sim_stays_on_the_grid(curled):
+    ticks = np.array([nanoseconds(clock) for clock in curled.clock])
+    assert not (ticks % PERIOD).any()
+    # The clock keeps one message: a slow reader may miss some, but none comes twice or late.
+    assert (np.diff(ticks) >= PERIOD).all()
+    assert np.median(np.diff(ticks)) == PERIOD
+
+
+def test_states_have_the_stamps_of_the_clock(lockstep, curled):
+    for messages in lockstep[0]:
+        assert all(len({nanoseconds(message) for message in state}) == 1 for state in messages)
+    states = {nanoseconds(message) for message in curled.joint_states}
+    first = max(nanoseconds(messages[0]) for messages in curled.states)
+    ticks = {nanoseconds(clock) for clock in curled.clock}
+    assert {tick for tick in ticks if tick >= first} <= states
+
+
+def test_lockstep_has_the_bits_of_the_offline_run(lockstep, script_offline):
+    for messages in lockstep[0]:
+        for (joint_states, link_poses, *_), sample in zip(messages, script_offline, strict=True):
+            expected = (sample.angle, sample.rate, sample.torque)
+            assert bits(joint_states) == b''.join(part.tobytes() for part in expected)
+            assert (positions(link_poses) == sample.position).all()
+            assert largest_difference(joint_states, link_poses, sample) < ROUNDING
+
+
+def test_two_lockstep_runs_have_the_same_bits(lockstep):
+    first, second = lockstep[0]
+    for a, b in zip(first, second, strict=True):
+        assert bits(a[0]) == bits(b[0])
+        assert a[1] == b[1]
+        assert a[2] == b[2]
+
+
+def test_running_sim_follows_the_offline_run(curled, scene):
+    samples = held_then_commanded(scene, CURL, curled.joint_states)
+    poses = {nanoseconds(message): message for message in curled.link_poses}
+    compared = [m for m in curled.joint_states if nanoseconds(m) in poses]
+    assert len(compared) > 200
+    for message in compared:
+        stamp = nanoseconds(message)
+        # Same bits in, same machine: the same state, whatever the wall clock did.
+        assert largest_difference(message, poses[stamp], samples[stamp // PERIOD]) < 1e-9
+
+
+def test_joints_follow_a_constant_command(curled, scene):
+    robot, friction = scene.robot, scene.friction
+    last = curled.joint_states[-1]
+    target = np.array(list(CURL.values()))
+    angle, rate, effort = (np.array(v) for v in (last.position, last.velocity, last.effort))
+    assert list(last.name) == NAMES
+    assert np.isfinite(effort).all()
+    assert np.abs(rate).max() < 1e-2
+    # At rest friction holds a joint off its reference. Of the two parts of the robot the shorter
+    # has up to 5 links; each pushes with at most mu m g at (k - 1/2) L from the joint, its spheres
+    # at most L_GS further: the error is at most that torque over K_hp.
+    arms = (np.arange(1, 6) - 0.5) * robot.link_length + robot.contact_offset
+    torque = friction.transversal * robot.link_mass * 9.81 * arms.sum()
+    bound = torque / robot.yaw_stiffness
+    assert np.abs(angle[::2] - target[::2]).max() < bound
+    # The law itself, K (reference - angle) - D rate, read at the middle of the last step: half a
+    # step before the end, where angle and rate may differ by rates of 1e-2 rad/s.
+    at_rest = robot.yaw_stiffness * (target - angle)[::2] - effort[::2]
+    assert np.abs(at_rest).max() < robot.yaw_damping * 2e-2 + robot.yaw_stiffness * 2e-2 * scene.dt
+    # It was a movement: the first joints began at angles of the other sign.
+    assert np.ptp([m.position[0] for m in curled.joint_states]) > 0.5
+    assert max(np.abs(m.velocity).max() for m in curled.joint_states) > 1.0
+
+
+def test_links_lie_on_the_ground(curled, scene):
+    robot = scene.robot
+    for message in curled.link_poses[::20]:
+        assert message.header.frame_id == 'world'
+        assert len(message.poses) == 11
+        for pose in message.poses:
+            o, axes = pose.orientation, wire_axes(pose.orientation)
+            assert abs(o.w**2 + o.x**2 + o.y**2 + o.z**2 - 1) < 1e-12
+            assert o.w >= 0
+            lowest = pose.position.z - abs(axes[2, 0]) * robot.contact_offset
+            assert -1e-5 <= lowest - robot.contact_radius < 1e-3
+            # Flat: the z axis of the link points up, x and y are level.
+            assert axes[:, 2] == pytest.approx([0, 0, 1], abs=1e-2)
+        steps = np.diff(positions(message), axis=0)
+        ahead = [wire_axes(pose.orientation)[:, 0] for pose in message.poses[:-1]]
+        # x points along the link toward the next one, up to half the joint angle: cos > 0.7.
+        assert (np.einsum('ij,ij->i', steps, ahead) > 0.7 * robot.link_length).all()
+
+
+def test_odom_is_the_middle_link_with_its_twist_in_its_frame(lockstep, script_offline):
+    for (_, link_poses, odom, _), sample in zip(lockstep[0][0], script_offline, strict=True):
+        assert odom.header.frame_id == 'world'
+        assert odom.child_frame_id == 'link_6'
+        assert odom.pose.pose == link_poses.poses[5]
+        axes, velocity = sample.axes[5], sample.velocity[5]
+        v, w = odom.twist.twist.linear, odom.twist.twist.angular
+        # Up to 20 rad/s in a jerk, through rotation matrices with their rounding.
+        assert [v.x, v.y, v.z] == pytest.approx(axes.T @ velocity[:3], abs=20 * ROUNDING)
+        assert [w.x, w.y, w.z] == pytest.approx(axes.T @ velocity[3:], abs=20 * ROUNDING)
+    assert max(abs(state[2].twist.twist.angular.z) for state in lockstep[0][0]) > 0.5
+
+
+def test_one_step_while_paused_and_none_while_running(lockstep, curled):
+    sim = lockstep[1][0]
+    counts = [len(messages) for messages in sim.states]
+    sim.graph.spin(0.2)
+    assert [len(messages) for messages in sim.states] == counts
+    refused = curled.graph.call(Trigger, 'sim/step')
+    assert not refused.success
+    assert refused.message == 'not paused: call ~/pause with true first'
+
+
+def test_pause_stops_time_and_resumes_without_a_jump(curled):
+    response = curled.pause(True)
+    assert (response.success, response.message) == (True, 'paused')
+    for messages in curled.states:
+        curled.graph.drain(messages)
+    counts = [len(messages) for messages in curled.states]
+    last = nanoseconds(curled.joint_states[-1])
+    curled.graph.spin(0.3)
+    assert [len(messages) for messages in curled.states] == counts
+    response = curled.pause(False)
+    assert (response.success, response.message) == (True, 'running')
+    curled.graph.until(lambda: len(curled.joint_states) > counts[0] + 5, 'states after the pause')
+    resumed = [nanoseconds(message) for message in curled.joint_states[counts[0] :]]
+    assert resumed[0] == last + PERIOD
+    assert nanoseconds(curled.clock[-1]) < last + 1_000_000_000
+
+
+def test_reset_restores_the_start_and_time_goes_on(curled, scene):
+    before = nanoseconds(curled.joint_states[-1])
+    response = curled.reset()
+    assert response.success
+    assert response.message.startswith('robot is at the start of the scene at t = ')
+    start = Offline(scene).sample()
+
+    def is_start(message):
+        return np.abs(np.array(message.position) - start.angle).max() <= 1e-12
+
+    curled.graph.until(
+        lambda: any(is_start(m) for m in curled.joint_states[-400:]), 'the start posture'
+    )
+    message = next(m for m in curled.joint_states[-400:] if is_start(m))
+    assert nanoseconds(message) >= before
+    assert not any(message.velocity)
+    stamps = [nanoseconds(message) for message in curled.joint_states]
+    ticks = [nanoseconds(clock) for clock in curled.clock]
+    assert stamps == sorted(stamps)
+    assert ticks == sorted(ticks)
+    # From there on the reference of the start is held: the joints hardly move.
+    curled.advance_to(curled.now + 0.3)
+    assert np.abs(np.array(curled.joint_states[-1].position) - start.angle).max() < 0.05
+
+
+def test_diagnostics_tell_how_the_run_is_doing(sims):
+    values = sims[0].values()
+    assert values['level'] == 'spatial'
+    assert values['method'] == 'paper'
+    assert int(values['steps']) > 0
+    assert float(values['real_time_factor']) > 0.5
+    # A tenth of a millimetre a second, and less than the radius of a hair under the floor.
+    assert float(values['residual_max']) < 1e-4
+    assert float(values['penetration_max']) < 1e-5
+    assert int(values['unconverged_steps']) == 0
+    assert int(values['rejected_commands']) == 0
+
+
+def test_nodes_end_well_on_sigint_and_sigterm(sims, make_graph):
+    fast = SimClient(make_graph(), 'real_time_factor:=0.0')
+    starting = make_graph().start('sim')
+    starting.wait_for('compiling the physics')
+    assert starting.stop(signal.SIGTERM) == 0, starting.output
+    fast.wait_until_connected()
+    # As fast as it can, the node is in the middle of a period when the signal comes.
+    for process, number in (
+        (sims[1].process, signal.SIGINT),
+        (sims[2].process, signal.SIGTERM),
+        (sims[0].process, signal.SIGTERM),
+        (fast.process, signal.SIGTERM),
+    ):
+        assert process.stop(number) == 0, process.output
+        assert 'Traceback' not in process.output

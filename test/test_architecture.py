@@ -1,0 +1,156 @@
+"""What may import what, and that the physics runs alone: without ROS, nodes, display, compiler."""
+
+import ast
+import json
+import os
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from short_run import short_run
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / 'snake_sim_ros'
+MODULES = sorted(PACKAGE.glob('*.py'))
+# Everything else is physics: it does not know who runs it.
+SHELL = {'simulation', 'bench', 'charts', 'cli', 'nodes'}
+ROS = {'rclpy', 'std_srvs', 'tf2_ros', 'launch', 'launch_ros', 'ament_index_python'}
+
+each_module = pytest.mark.parametrize('path', MODULES, ids=lambda path: path.stem)
+
+
+def imported(path):
+    """Return the dotted names of everything a module imports, at its top or inside functions."""
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            names |= {f'{node.module}.{alias.name}' for alias in node.names}
+    return names
+
+
+def packages(path):
+    """Return the packages that a module imports anything of."""
+    return {name.partition('.')[0] for name in imported(path)}
+
+
+def siblings(path):
+    """Return the modules of this package that a module imports."""
+    return {name.split('.')[1] for name in imported(path) if name.startswith('snake_sim_ros.')}
+
+
+def python(*arguments, folder, **environment):
+    """Return what a new Python process prints that takes the package from a folder."""
+    path = os.pathsep.join(filter(None, [str(folder), os.environ.get('PYTHONPATH')]))
+    finished = subprocess.run(
+        [sys.executable, *arguments],
+        env={**os.environ, 'PYTHONPATH': path, **environment},
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert finished.returncode == 0, finished.stderr
+    return finished.stdout
+
+
+# ---- imports ------------------------------------------------------------------------------------
+
+
+def test_there_is_something_to_check():
+    assert {'parameters', 'reference', 'spatial', 'stepping'} <= {path.stem for path in MODULES}
+
+
+@each_module
+def test_only_nodes_know_ros(path):
+    names = packages(path)
+    assert not names & ROS
+    assert not [name for name in names if name.endswith(('_msgs', '_interfaces'))]
+
+
+@each_module
+def test_only_charts_know_matplotlib(path):
+    assert ('matplotlib' in packages(path)) == (path.stem == 'charts')
+
+
+@each_module
+def test_physics_does_not_know_what_runs_it(path):
+    assert path.stem in SHELL or not siblings(path) & SHELL
+
+
+def test_physics_imports_without_ros_and_matplotlib():
+    names = [f'snake_sim_ros.{path.stem}' for path in MODULES if path.stem != 'charts']
+    script = (
+        'import importlib, sys\n'
+        'sys.modules["rclpy"] = sys.modules["matplotlib"] = None\n'
+        f'for name in {names}: importlib.import_module(name)\n'
+        'print("imported")'
+    )
+    assert python('-c', script, folder=ROOT) == 'imported\n'
+
+
+def test_physics_runs_without_nodes_and_without_compiler(tmp_path):
+    shutil.copytree(PACKAGE, tmp_path / 'snake_sim_ros', ignore=shutil.ignore_patterns('nodes'))
+    program = str(ROOT / 'test' / 'short_run.py')
+    printed = python(program, folder=tmp_path, NUMBA_DISABLE_JIT='1')
+    file, q, u, impulse = json.loads(printed)
+    assert Path(file).parent == tmp_path / 'snake_sim_ros'
+    end, compiled_impulse, report = short_run()
+    assert report.steps == 3
+    assert report.iterations_max > 3 * 10  # after which the contact problem is condensed
+    # Compiled code may reorder sums and fuse products: 120 sweeps of some hundred roundings each,
+    # on velocities below 1 m/s and 2 rad/s.
+    assert np.abs(end.q - q).max() < 1e-12
+    assert np.abs(end.u - u).max() < 1e-12
+    assert np.abs(compiled_impulse - impulse).max() < 1e-12
+
+
+# ---- files --------------------------------------------------------------------------------------
+
+
+def texts():
+    """Yield the text files of the project, without what is built or hidden."""
+    built = {'build', 'install', 'log', '__pycache__'}
+    for folder, folders, files in os.walk(ROOT):
+        folders[:] = [
+            name
+            for name in folders
+            if name not in built and not name.startswith('.') and not name.endswith('.egg-info')
+        ]
+        for name in files:
+            path = Path(folder) / name
+            content = path.read_bytes()
+            if b'\0' not in content:
+                yield path, content.decode()
+
+
+def test_modules_are_short():
+    long = {
+        path.name: lines
+        for path in PACKAGE.rglob('*.py')
+        if (lines := len(path.read_text(encoding='utf-8').splitlines())) > 450
+    }
+    assert not long
+
+
+def test_modules_have_names_that_say_something():
+    empty = {'utils', 'util', 'common', 'helpers', 'misc', 'core', 'base', 'manager', 'tools'}
+    assert not empty & {path.stem for path in PACKAGE.rglob('*') if path.suffix in ('', '.py')}
+
+
+def test_no_text_names_a_place_on_somebodys_machine():
+    # System folders such as /usr/bin and /opt/ros are the same everywhere.
+    place = re.compile(r'(?<![\w.~$}/])/(?:home|root|Users|work|mnt|media|srv|tmp|scratch)/\w')
+    found = [
+        f'{path.relative_to(ROOT)}: {line.strip()}'
+        for path, text in texts()
+        for line in text.splitlines()
+        if place.search(line)
+    ]
+    assert not found

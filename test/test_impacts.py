@@ -1,0 +1,159 @@
+"""
+Impacts of one link on the floor, also those that friction causes without a collision.
+
+The impact law is that of the paper: completely inelastic, friction of Coulomb's kind in impulses.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from scenes import ACROSS
+from scenes import each_method
+from scenes import EPS
+from scenes import every_method
+from scenes import G
+from scenes import history
+from scenes import isotropic
+from scenes import kinetic_energy
+from scenes import link_scene
+from scenes import lying
+from scenes import MASS
+from scenes import OFFSET
+from scenes import pitched
+from scenes import RADIUS
+from scenes import ROBOT
+from scenes import run
+from scenes import SPEED
+
+from snake_sim_ros.parameters import Robot
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.parameters import Solver
+
+
+@each_method
+@pytest.mark.parametrize('angle', [math.radians(30), math.radians(-30)])
+def test_pitched_link_lands_on_one_end(method, dt, angle):
+    # Frictionless inelastic impact of the lower sphere at the lever c = L_GS cos 30 deg from the
+    # center, q = m c^2/Theta_1: v+ = v- q/(1 + q), omega+ = |v-| (m c/Theta_1)/(1 + q), E+/E- =
+    # q/(1 + q) = 0.450592. After a fall of 0.1 m: v- = -1.40071, v+ = -0.631151 m/s, omega+ =
+    # 18.5443 rad/s.
+    height, scene = 0.1, link_scene(method, dt, friction=isotropic(0.0))
+    lever = OFFSET * math.cos(angle)
+    q = MASS * lever**2 / ACROSS
+    assert q / (1 + q) == pytest.approx(0.450592, abs=5e-7)
+    steps = math.ceil(math.sqrt(2 * height / G) / dt) + 1
+    states, _, _ = history(scene, pitched(scene.robot, angle, clearance=height), steps)
+    impact = np.flatnonzero(states.u[:, 0, 3])[0]  # the first rotation
+    before = states.u[impact - 1, 0, 2] - G * dt  # the end of that step without the floor
+    after = states.u[impact, 0]
+    # The step is an exact impact at its own velocity. SPEED over the lever for the rotation.
+    error = SPEED / lever
+    assert abs(after[2] - before * q / (1 + q)) < error
+    # The lower end goes up; a turn about +e_x of the link, which is +y of I, lowers the front.
+    turn = math.copysign(before * MASS * lever / ACROSS / (1 + q), -angle)
+    assert np.abs(after[3:] - [turn, 0.0, 0.0]).max() < error
+    energy = kinetic_energy(scene.robot, states.u[impact]) / (MASS * before**2 / 2)
+    assert energy == pytest.approx(q / (1 + q), abs=4 * error)
+    # The floor is noticed at the first middle of a step below it, less than dt late, and the
+    # velocity is taken half a step later.
+    assert abs(before + math.sqrt(2 * G * height)) < 1.5 * G * dt
+
+
+@each_method
+def test_flat_link_lands_without_rebound(method, dt):
+    # Completely inelastic: u+ = 0 from the impact on. The floor is noticed at the first middle of
+    # a step below it; these are v dt apart: the penetration is less and stays.
+    height, scene = 0.1, link_scene(method, dt)
+    state = lying()
+    state.q[0, 2] = RADIUS + height
+    steps = math.ceil(math.sqrt(2 * height / G) / dt)
+    falling, _, report = run(scene, state, steps - 1)
+    assert falling.u[0, 2] == pytest.approx(-(steps - 1) * G * dt, rel=steps * EPS)
+    assert not report.contacts
+    states, _, report = history(scene, falling, round(0.1 / dt))
+    at_rest = states.u[2:]
+    assert np.abs(at_rest).max() < SPEED / OFFSET  # rotations: contact speed over the lever
+    assert report.penetration_max < math.sqrt(2 * G * height) * dt + 1.5 * G * dt**2
+    assert np.ptp(states.q[2:, 0, 2]) < 0.1 * SPEED
+    assert not report.unconverged
+
+
+# A slender rod of 1 m and 1 kg on its leading end, tan theta = 2. With x = cos/2, y = sin/2 the
+# Delassus matrix (normal, along) is [[1 + 12 x^2, 12 x y], [12 x y, 1 + 12 y^2]] = [[1.6, 1.2],
+# [1.2, 3.4]] 1/kg, its largest eigenvalue is 4: r = 0.3 kg is admissible, r lambda_max = 1.2 < 2.
+ROD = Robot(
+    link_count=1,
+    link_mass=1.0,
+    inertia_transversal=1 / 12,
+    inertia_axial=1e-3,
+    contact_offset=0.5,
+    contact_radius=0.0,
+)
+ROD_SOLVER = Solver(tolerance=1e-13, r_normal=0.3, r_sliding=0.3, iteration_limit=100000)
+
+
+def rod(method, dt, mu):
+    """Return velocity and impulse (normal, along) of the rod's lower end after one step."""
+    scene = Scene(robot=ROD, solver=ROD_SOLVER, friction=isotropic(mu), method=method, dt=dt)
+    state, impulse, report = run(scene, pitched(ROD, math.atan(2), v=(1.0, 0.0, 0.0)), 1)
+    assert not report.unconverged
+    return state.u[0], impulse[0, :2]
+
+
+@pytest.mark.parametrize('dt', [1e-5, 1e-4])
+@every_method
+def test_painleve_rod_slides_with_a_large_force(method, dt):
+    # N = m g/(1 + 3 cos^2 - 3 mu sin cos) = m g/0.16 = 6.25 m g for mu = 1.2; exact in the first
+    # step, as the rod does not turn before it. The iteration contracts by 1 - r 0.16 = 0.952: 21
+    # times the tolerance is left.
+    _, impulse = rod(method, dt, 1.2)
+    expected = 6.25 * G * dt * np.array([1.0, -1.2])
+    assert np.abs(impulse - expected).max() < 25 * ROD_SOLVER.tolerance
+
+
+@pytest.mark.parametrize('dt', [1e-5, 1e-4])
+@every_method
+def test_painleve_rod_jams_in_an_impact_without_collision(method, dt):
+    # mu = 1.5 is above 4/3: sliding has no solution, the end sticks at once. G P = (g dt, -v0)
+    # with the inverse [[3.4, -1.2], [-1.2, 1.6]]/4: P_N = 0.3 v0 + 0.85 g dt, P_T = -0.4 v0 - 0.3
+    # g dt. Without g dt: u+ = (0.6, 0.3) v0, omega+ = 1.34164 v0/m, E+/E- = 0.6.
+    u, impulse = rod(method, dt, 1.5)
+    expected = np.array([0.3 + 0.85 * G * dt, -0.4 - 0.3 * G * dt])
+    # Smallest eigenvalue of G: 1, so that 1/(r 1) of the tolerance is left.
+    error = 4 * ROD_SOLVER.tolerance
+    assert np.abs(impulse - expected).max() < error
+    x, y = math.cos(math.atan(2)) / 2, math.sin(math.atan(2)) / 2
+    turn = 12 * (expected[0] * x + expected[1] * y)  # lowers the leading end
+    limit = np.array([1 + expected[1], 0.0, expected[0] - G * dt, -turn, 0.0, 0.0])
+    assert np.abs(u - limit).max() < 12 * error
+    assert abs(turn) == pytest.approx(0.6 * math.sqrt(5), abs=4 * G * dt)  # 1.34164
+    assert kinetic_energy(ROD, u[None]) == pytest.approx(0.6 / 2, abs=2 * G * dt)
+
+
+@every_method
+def test_link_of_aiko_jams_above_its_critical_friction(method):
+    # Sliding has a solution while (Theta_1/m + x^2) > mu x y, x = L_GS cos, y = L_GS sin + L_SC:
+    # up to mu = 0.978 at 46.5 deg. 1 % below, N = m g/(1 + (x^2 - mu x y) m/Theta_1); 1 % above,
+    # the normal impulse is of the order m v0, whatever dt is.
+    dt = 1e-5
+    pitch = np.radians(np.linspace(30, 60, 3001))
+    x, y = OFFSET * np.cos(pitch), OFFSET * np.sin(pitch) + RADIUS
+    critical = (ACROSS / MASS + x**2) / (x * y)
+    worst = np.argmin(critical)
+    assert np.degrees(pitch[worst]) == pytest.approx(46.5, abs=0.05)
+    assert critical[worst] == pytest.approx(0.978, abs=5e-4)
+    mu = critical[worst] * np.array([0.99, 1.01])
+    x, y = x[worst], y[worst]
+    force = MASS * G / (1 + (x**2 - mu[0] * x * y) * MASS / ACROSS)
+    # Sticking at once: G P = (g dt, -v0); G = [[a, b], [b, c]].
+    a, b, c = 1 / MASS + x**2 / ACROSS, x * y / ACROSS, 1 / MASS + y**2 / ACROSS
+    jam = (b * 1.0 + c * G * dt) / (a * c - b * b)
+    for coefficient, expected in zip(mu, (force * dt, jam), strict=True):
+        solver = Solver(tolerance=1e-13, r_normal=0.1, r_sliding=0.1, iteration_limit=100000)
+        scene = link_scene(method, dt, friction=isotropic(coefficient), solver=solver)
+        state = pitched(ROBOT, pitch[worst], v=(1.0, 0.0, 0.0))
+        _, impulse, report = run(scene, state, 1)
+        # Sliding contracts by 1 - r (a - mu b), a - mu b = 1 % of a = 2.2 1/kg: 450 eps are left.
+        assert abs(impulse[0, 0] - expected) < 500 * solver.tolerance
+        assert not report.unconverged

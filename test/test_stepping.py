@@ -1,0 +1,134 @@
+"""What a stepper promises, whatever its method: untouched inputs, reports, refusals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from snake_sim_ros import gait
+from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import ParameterError
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.parameters import Solver
+from snake_sim_ros.stepping import initial_state
+from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.stepping import METHODS
+from snake_sim_ros.stepping import no_impulse
+from snake_sim_ros.stepping import Report
+from snake_sim_ros.stepping import State
+from snake_sim_ros.stepping import Status
+
+each_method = pytest.mark.parametrize('method', METHODS)
+
+
+def problem(method, steps, **solver):
+    """Return a stepper and its arguments for the first steps of sidewinding."""
+    scene = replace(load_scene('sidewinding'), method=method, solver=Solver(**solver))
+    times = (np.arange(steps) + 0.5) * scene.dt
+    reference = gait.reference(scene.gait, times, scene.robot.link_count - 1)
+    return make_stepper(scene), (initial_state(scene), no_impulse(scene), *reference)
+
+
+def test_a_scene_begins_at_rest():
+    scene = Scene()
+    state = initial_state(scene)
+    assert state.q.shape == (11, 7)
+    assert state.u.tolist() == [[0.0] * 6] * 11
+    assert no_impulse(scene).tolist() == [[0.0] * 5] * 22
+
+
+def test_unknown_methods_are_refused():
+    with pytest.raises(ParameterError) as caught:
+        make_stepper(Scene(method='gauss_seidel'))
+    names = ', '.join(sorted(METHODS))
+    assert str(caught.value) == f"unknown method 'gauss_seidel'; choose from: {names}"
+
+
+def test_reports_add_up():
+    first = Report(2, 30, 20, 1, 1e-6, 2e-5, 1e-9, 4e-9, 22, np.ones((1, 2)))
+    later = Report(3, 12, 5, 0, 3e-6, 1e-5, 2e-9, 1e-9, 20, np.zeros((1, 2)))
+    total = first + later
+    # Counters are summed, largest values kept, contacts and torques are those of the last step.
+    assert (total.steps, total.iterations, total.iterations_max) == (5, 42, 20)
+    assert (total.unconverged, total.contacts) == (1, 20)
+    assert (total.residual_max, total.penetration_max) == (3e-6, 2e-5)
+    assert (total.joint_gap_max, total.joint_twist_max) == (2e-9, 4e-9)
+    assert total.joint_torque is later.joint_torque
+
+
+def test_status_is_the_worst():
+    assert Report(steps=1).status is Status.CONVERGED
+    unconverged, failed = Report(unconverged=1), Report(failure='it turned')
+    assert unconverged.status is Status.MAX_ITERATIONS
+    assert (unconverged + Report()).status is Status.MAX_ITERATIONS
+    assert (unconverged + failed).status is Status.DIVERGED
+    # The first failure is the cause.
+    assert (failed + Report(failure='it turned again')).failure == 'it turned'
+
+
+@each_method
+def test_inputs_are_left_alone(method):
+    stepper, (state, impulse, angle, rate) = problem(method, 2, iteration_limit=5)
+    copies = [array.copy() for array in (state.q, state.u, impulse, angle, rate)]
+    end, end_impulse, _ = stepper.advance(state, impulse, angle, rate)
+    for array, copy in zip((state.q, state.u, impulse, angle, rate), copies, strict=True):
+        assert (array == copy).all()
+    # Results do not share memory with inputs, nor with what the stepper returns next.
+    kept = [array.copy() for array in (end.q, end.u, end_impulse)]
+    stepper.advance(end, end_impulse, angle, rate)
+    for array, copy in zip((end.q, end.u, end_impulse), kept, strict=True):
+        assert (array == copy).all()
+
+
+@each_method
+def test_a_stepper_has_no_memory(method):
+    # The same step again, after another one: the same bits.
+    stepper, arguments = problem(method, 2, iteration_limit=20)
+    first = stepper.advance(*arguments)
+    stepper.advance(first[0], first[1], arguments[2] + 0.01, arguments[3])
+    again = stepper.advance(*arguments)
+    assert (first[0].q == again[0].q).all()
+    assert (first[0].u == again[0].u).all()
+    assert (first[1] == again[1]).all()
+
+
+@each_method
+def test_no_references_are_no_steps(method):
+    stepper, (state, impulse, angle, rate) = problem(method, 0)
+    end, end_impulse, report = stepper.advance(state, impulse, angle, rate)
+    assert (end.q == state.q).all()
+    assert (end.u == state.u).all()
+    assert (end_impulse == impulse).all()
+    assert (report.steps, report.status) == (0, Status.CONVERGED)
+
+
+@each_method
+def test_a_step_that_does_not_converge_says_so(method):
+    stepper, arguments = problem(method, 2, iteration_limit=3, tolerance=1e-15)
+    _, _, report = stepper.advance(*arguments)
+    assert (report.steps, report.iterations, report.iterations_max) == (2, 6, 3)
+    assert (report.unconverged, report.status) == (2, Status.MAX_ITERATIONS)
+    assert report.residual_max > 0.0
+
+
+@each_method
+def test_a_step_that_diverges_says_so(method):
+    stepper, (state, impulse, angle, rate) = problem(method, 3, iteration_limit=5)
+    fast = State(state.q, state.u.copy())
+    # 1e5 rad/s are 25 rad a step of 1/4000 s, which says nothing about where the link is.
+    fast.u[:, 3] = 1e5
+    end, _, report = stepper.advance(fast, impulse, angle, rate)
+    assert report.status is Status.DIVERGED
+    assert report.steps == 0
+    assert report.failure.startswith('link 1 would turn by ')
+    assert (end.q == fast.q).all()
+    assert (end.u == fast.u).all()
+
+
+@each_method
+@pytest.mark.parametrize('bad', [np.nan, np.inf])
+def test_a_state_that_is_not_finite_says_so(method, bad):
+    stepper, (state, impulse, angle, rate) = problem(method, 1, iteration_limit=5)
+    state.u[4, 2] = bad
+    _, _, report = stepper.advance(state, impulse, angle, rate)
+    assert report.status is Status.DIVERGED

@@ -7,11 +7,11 @@ import sys
 from typing import Any
 
 from tqdm import tqdm
-import yaml
 
 from snake_sim_ros import __version__
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import ParameterError
+from snake_sim_ros.parameters import parse_yaml
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import with_settings
 from snake_sim_ros.simulation import run
@@ -92,7 +92,10 @@ def _scene(options: argparse.Namespace, source: str) -> Scene:
         key, separator, value = item.partition('=')
         if not separator:
             raise ParameterError(f'--set must be KEY=VALUE, got {item!r}')
-        settings[key] = yaml.safe_load(value)
+        try:
+            settings[key] = parse_yaml(value)
+        except ParameterError as error:
+            raise ParameterError(f'--set {key}: {error}') from None
     for key in ('duration', 'method'):
         if getattr(options, key) is not None:
             settings[key] = getattr(options, key)
@@ -118,7 +121,9 @@ def _run(options: argparse.Namespace) -> int:
     if options.out:
         print(f'{len(trajectory.time)} samples in {options.out}')
     print(json.dumps(_summary(trajectory)))
-    return 1 if report.status is Status.DIVERGED else 0
+    if report.status is Status.DIVERGED:
+        return 1
+    return 130 if trajectory.interrupted else 0
 
 
 def _summary(trajectory: Trajectory) -> dict[str, Any]:

@@ -19,6 +19,7 @@ import difflib
 from functools import cache
 import math
 from pathlib import Path
+import re
 from types import UnionType
 from typing import Any
 from typing import get_args
@@ -69,11 +70,15 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
         raise ParameterError(f'{name} must be a mapping of names to values, got {value!r}')
     if isinstance(value, str if str in kinds else bool) and kinds[0] in (str, bool):
         return value
-    number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-    if int in kinds and number and float(value).is_integer():
-        return int(value)
-    if float in kinds and number:
-        return float(value)
+    if isinstance(value, (int, float, np.number)) and not isinstance(value, bool):
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if int in kinds and number.is_integer():
+            return int(value)
+        if float in kinds:
+            return number
     if isinstance(value, (list, tuple, np.ndarray)) and kinds[-1] not in WANTED:
         return tuple(_converted(name, entry, float) for entry in value)
     wanted = WANTED.get(kinds[0], 'numbers')
@@ -260,7 +265,8 @@ def load_scene(source: str | Path) -> Scene:
     Parameters
     ----------
     source : str or Path
-        A file, or the name of a scene in config/ with or without ``.yaml``.
+        A file, or the name of a scene in config/ with or without ``.yaml``. The robot that a scene
+        names is looked for in the folder of the scene, then in config/.
 
     Raises
     ------
@@ -268,17 +274,17 @@ def load_scene(source: str | Path) -> Scene:
         If the file is missing or unreadable, or if anything in it is not usable.
 
     """
-    path = _find(source, CONFIG)
+    path = _find(source, Path())
     mapping = _read(path)
     if isinstance(mapping.get('robot'), str):
-        mapping['robot'] = _read(_find(mapping['robot'], path.parent, CONFIG))
+        mapping['robot'] = _read(_find(mapping['robot'], path.parent))
     scene: Scene = record_from(Scene, mapping, str(path.name))
     return scene
 
 
 def scene_from_text(text: str) -> Scene:
     """Return the scene that `scene_to_text` wrote."""
-    scene: Scene = record_from(Scene, yaml.safe_load(text), 'scene')
+    scene: Scene = record_from(Scene, parse_yaml(text), 'scene')
     return scene
 
 
@@ -346,10 +352,10 @@ def record_from(cls: type, mapping: Any, where: str) -> Any:
             raise ParameterError(f'{where}: unknown key {key!r}; {_nearest(key, hints)}')
         if name in values:
             raise ParameterError(f'{where}: {name} is given twice, as {name} and as {name}_deg')
-        if is_dataclass(hints[name]):
-            value = record_from(hints[name], value, f'{where}: {name}')  # type: ignore[arg-type]
-        elif name != key:
+        if name != key:
             value = _radians(key, value, cls, where)
+        elif is_dataclass(hints[name]):
+            value = record_from(hints[name], value, f'{where}: {name}')  # type: ignore[arg-type]
         values[name] = value
     try:
         return cls(**values)
@@ -357,11 +363,47 @@ def record_from(cls: type, mapping: Any, where: str) -> Any:
         raise ParameterError(f'{where}: {error}') from None
 
 
-def _find(source: str | Path, *folders: Path) -> Path:
-    names = [str(source), f'{source}.yaml']
-    candidates = [Path(name) for name in names]
-    candidates += [folder / Path(name).name for folder in folders for name in names]
-    for candidate in candidates:
+class _Loader(yaml.SafeLoader):
+    """YAML in which a key is written once and 1e-8 is a number."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        mapping = super().construct_mapping(node, deep)
+        if len(mapping) < len(node.value):
+            keys = [self.construct_object(key, deep) for key, _ in node.value]
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise yaml.YAMLError(f'key {twice!r} is written twice')
+        return mapping
+
+
+_Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:float',
+    re.compile(r'[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+$'),
+    list('-+.0123456789'),
+)
+
+
+def parse_yaml(text: str) -> Any:
+    """
+    Return what a YAML text says.
+
+    Raises
+    ------
+    ParameterError
+        If it is not YAML, or if a key is written twice.
+
+    """
+    try:
+        return yaml.load(text, _Loader)
+    except yaml.YAMLError as error:
+        reason = ' '.join(str(error).split())
+        raise ParameterError(f'not readable as YAML: {reason}') from None
+
+
+def _find(source: str | Path, folder: Path) -> Path:
+    """Return a file in a folder or, if the source is a mere name, of those of the package."""
+    names = [Path(source), Path(f'{source}.yaml')]
+    packaged = [CONFIG / name for name in names if name.name == str(name)]
+    for candidate in [folder / name for name in names] + packaged:
         if candidate.is_file():
             return candidate
     scenes = ', '.join(sorted(path.stem for path in CONFIG.glob('*.yaml')))
@@ -370,10 +412,11 @@ def _find(source: str | Path, *folders: Path) -> Path:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        mapping = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = ' '.join(str(error).split())
-        raise ParameterError(f'{path}: not readable as YAML: {reason}') from None
+        mapping = parse_yaml(path.read_text(encoding='utf-8'))
+    except ParameterError as error:
+        raise ParameterError(f'{path}: {error}') from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ParameterError(f'{path}: not readable as YAML: {error}') from None
     if not isinstance(mapping, dict):
         raise ParameterError(f'{path}: must be a mapping of names to values, got {mapping!r}')
     return mapping
@@ -412,7 +455,7 @@ def _nearest(name: Any, names: Any) -> str:
 
 def _radians(key: str, value: Any, cls: type, where: str) -> Any:
     name = key.removesuffix('_deg')
-    unit = {item.name: item.metadata['unit'] for item in fields(cls)}[name]
+    unit = {item.name: item.metadata.get('unit', '') for item in fields(cls)}[name]
     if not unit.startswith('rad'):
         raise ParameterError(f'{where}: {key}: {name} is not an angle')
     return math.radians(_converted(key, value, float))

@@ -30,6 +30,7 @@ from snake_sim_ros.rotations import H_bar
 from snake_sim_ros.rotations import product
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.rotations import tilde
+from snake_sim_ros.stepping import divergence
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
 
@@ -253,8 +254,15 @@ class ReferenceStepper:
         """Return state, impulses and report after as many steps as there are references."""
         report = Report()
         for step_angle, step_rate in zip(angle, rate, strict=True):
-            state, impulse, step_report = self.step(state, impulse, step_angle, step_rate)
-            report += step_report
+            end, end_impulse, step_report = self.step(state, impulse, step_angle, step_rate)
+            omega = end.u[:, 3:]
+            turn = np.where(np.isfinite(end.u).all(axis=1), np.linalg.norm(omega, axis=1), np.inf)
+            if not (turn * self.scene.dt < math.pi / 2).all():
+                link = int(turn.argmax())
+                turned = float(turn[link] * self.scene.dt)
+                report.failure = divergence(link + 1, turned, self.scene.dt, report.steps)
+                return state, np.zeros_like(impulse), report
+            state, impulse, report = end, end_impulse, report + step_report
         return state, impulse, report
 
     def step(
@@ -278,13 +286,13 @@ class ReferenceStepper:
         # from u_E joins the mass matrix.
         M_inv = np.linalg.inv(mass_matrix(robot) + dt * (W_tau * damping) @ W_tau.T)
         momentum = mass_matrix(robot) @ u_A + h * dt + W_tau @ torque * dt
-        joint_delassus = cho_factor(W_J.T @ M_inv @ W_J)
+        joint_delassus = cho_factor(W_J.T @ M_inv @ W_J, check_finite=False)
 
         P, iterations, change = impulse[active], 0, math.inf
         while not change < scene.solver.tolerance and iterations < scene.solver.iteration_limit:
             S = W_N @ P[:, 0] + W_T @ P[:, 1:3].ravel() + W_V @ P[:, 3:].ravel()  # (76)
             # (84), with both terms negative; the paper's first sign is lost in print.
-            P_J = -cho_solve(joint_delassus, W_J.T @ M_inv @ (momentum + S))
+            P_J = -cho_solve(joint_delassus, W_J.T @ M_inv @ (momentum + S), check_finite=False)
             u_E = M_inv @ (momentum + S + W_J @ P_J)  # (86)
             gamma_N = (W_N.T @ u_E)[:, None]  # (90)-(92)
             gamma_T, gamma_V = (W_T.T @ u_E).reshape(-1, 2), (W_V.T @ u_E).reshape(-1, 2)

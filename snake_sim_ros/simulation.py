@@ -19,7 +19,6 @@ from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import make_stepper
 from snake_sim_ros.stepping import no_impulse
 from snake_sim_ros.stepping import Report
-from snake_sim_ros.stepping import State
 
 
 @dataclass(frozen=True)
@@ -171,6 +170,8 @@ class Trajectory:
     report : Report
     seconds : float
         Wall time of all steps, without compiling.
+    interrupted : bool
+        Whether it was ended from the keyboard.
 
     """
 
@@ -183,6 +184,7 @@ class Trajectory:
     joint_torque: Array
     report: Report
     seconds: float
+    interrupted: bool
 
     def save(self, path: Path) -> None:
         """Write the arrays and the scene as an npz file, whole or not at all."""
@@ -224,14 +226,16 @@ def run(
     if not rate > 0:
         raise ParameterError(f'rate must be above 0 Hz, got {rate:g} Hz')
     steps = steps_in(1.0 / rate, scene.dt, 'sampling period')
-    samples = steps_in(scene.duration, scene.dt, 'duration') // steps
-    if samples < 1:
+    samples, rest = divmod(steps_in(scene.duration, scene.dt, 'duration'), steps)
+    if rest:
         raise ParameterError(
-            f'duration must be at least a sampling period, 1/{rate:g} s; got {scene.duration:g} s'
+            f'duration must be a multiple of the sampling period, 1/{rate:g} s; '
+            f'got {scene.duration:g} s'
         )
     simulation = Simulation(scene)
     simulation.compile()
     states, torques, seconds = [simulation.state], [simulation.report.joint_torque], 0.0
+    interrupted = False
     try:
         for _ in range(samples):
             begin = time.perf_counter()
@@ -247,17 +251,11 @@ def run(
             if progress:
                 progress(steps * scene.dt)
     except KeyboardInterrupt:
-        pass
-    return _trajectory(simulation, states, torques, steps, seconds)
-
-
-def _trajectory(
-    simulation: Simulation, states: list[State], torques: list[Array], steps: int, seconds: float
-) -> Trajectory:
+        interrupted = True
     q, u = np.array([state.q for state in states]), np.array([state.u for state in states])
     return Trajectory(
-        scene=simulation.scene,
-        time=np.arange(len(states)) * steps * simulation.scene.dt,
+        scene=scene,
+        time=np.arange(len(states)) * steps * scene.dt,
         position=q[:, :, :3],
         orientation=q[:, :, 3:],
         joint_angle=joint_angles(q),
@@ -265,4 +263,5 @@ def _trajectory(
         joint_torque=np.array(torques[: len(states)]),
         report=simulation.report,
         seconds=seconds,
+        interrupted=interrupted,
     )

@@ -47,6 +47,7 @@ from snake_sim_ros.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.parameters import PD_SCHEMES
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.posture import joint_rates
+from snake_sim_ros.stepping import divergence
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
 
@@ -351,6 +352,7 @@ def make_workspace(n: int) -> Workspace:
         'unit': (2 * n, 5), 'no_torque': (n - 1, 2), 'no_momentum': (n, 6),
     }  # fmt: skip
     arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
+    arrays['q_mid'][:, 3] = 1.0
     return Workspace(contact=np.zeros(2 * n, np.int64), **arrays)
 
 
@@ -390,8 +392,5 @@ class SpatialStepper:
             joint_torque=torque / self.model.dt,
         )
         if link := int(numbers[FAILED_LINK]):
-            report.failure = (
-                f'link {link} would turn by {numbers[FAILED_VALUE]:.3g} rad in one step of '
-                f'{self.model.dt:g} s after {report.steps} good steps; less than pi/2 is resolved'
-            )
+            report.failure = divergence(link, numbers[FAILED_VALUE], self.model.dt, report.steps)
         return report

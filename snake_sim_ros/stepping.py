@@ -109,6 +109,14 @@ class Report:
         )
 
 
+def divergence(link: int, turn: float, dt: float, steps: int) -> str:
+    """Return the sentence for a link that would turn too far, or to nowhere, in one step."""
+    return (
+        f'link {link} would turn by {turn:.3g} rad in one step of {dt:g} s after {steps} good '
+        f'steps; less than pi/2 is resolved'
+    )
+
+
 class Stepper(Protocol):
     """A method that advances a scene in time."""
 

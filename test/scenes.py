@@ -43,6 +43,7 @@ SLIDING = 5 * TOLERANCE  # m/s, per step and unit of mu
 # A contact whose gap is exactly 0 may open by rounding and would then be closed one step later.
 CLOSED = -1e-12  # m
 STILL = (0.0, 0.0, 0.0)
+HEIGHT = 25.0  # m, enough for 2 s of free fall
 
 # The stepper in dense NumPy is a hundred times slower: the same laws with ten times the step, the
 # bounds below are formulas in dt.

@@ -100,6 +100,7 @@ def test_no_references_are_no_steps(method):
     assert (end.u == state.u).all()
     assert (end_impulse == impulse).all()
     assert (report.steps, report.status) == (0, Status.CONVERGED)
+    assert np.isfinite(report.joint_torque).all()
 
 
 @each_method

@@ -23,6 +23,7 @@ from sensor_msgs.msg import JointState
 
 from snake_sim_ros.nodes.messages import seconds_from
 from snake_sim_ros.nodes.running import make_executor
+from snake_sim_ros.nodes.running import SIGNALS
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import ParameterError
 
@@ -154,11 +155,11 @@ def interruptible() -> Iterator[None]:
     """Turn SIGINT and SIGTERM into Interrupted."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
+        for other in SIGNALS:  # once is enough: the nodes are then ended in peace
+            signal.signal(other, signal.SIG_IGN)
         raise Interrupted
 
-    before = {
-        number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)
-    }
+    before = {number: signal.signal(number, interrupt) for number in SIGNALS}
     try:
         yield
     finally:

@@ -7,8 +7,9 @@ can follow it.
 
 from dataclasses import dataclass
 import sys
+from threading import Event
 
-import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
@@ -86,9 +87,17 @@ class GaitNode(Node):
         return response
 
 
+def run(node: GaitNode, stop: Event) -> None:
+    """Serve clock, timer and services."""
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while not stop.is_set():
+        executor.spin_once(timeout_sec=0.1)
+
+
 def main(args: list[str] | None = None) -> int:
     """Run the node until it is told to stop."""
-    return run_node(GaitNode, rclpy.spin, args)
+    return run_node(GaitNode, run, args)
 
 
 if __name__ == '__main__':

@@ -3,15 +3,18 @@
 import argparse
 from collections.abc import Callable
 import os
+import signal
 import sys
 import tempfile
+from threading import Event
+from types import FrameType
 from typing import TypeVar
 
 import rclpy
 from rclpy.executors import Executor
-from rclpy.executors import ExternalShutdownException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from snake_sim_ros.parameters import ParameterError
@@ -22,6 +25,7 @@ except ImportError:  # a third of the cost per message, but not in every rclpy
     EventsExecutor = SingleThreadedExecutor
 
 N = TypeVar('N', bound=Node)
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def make_executor(node: Node) -> Executor:
@@ -32,10 +36,13 @@ def make_executor(node: Node) -> Executor:
 
 
 def run_node(
-    make: Callable[[], N], run: Callable[[N], None], args: list[str] | None = None
+    make: Callable[[], N], run: Callable[[N, Event], None], args: list[str] | None = None
 ) -> int:
     """
     Start rclpy, make a node, run it, and end cleanly on SIGINT and SIGTERM.
+
+    A signal ends the making of the node at once. Once it runs, a signal sets the event that `run`
+    takes: the handlers of rclpy would shut the context down while the node still publishes.
 
     Returns
     -------
@@ -45,22 +52,40 @@ def run_node(
     """
     if not os.access(os.path.expanduser('~'), os.W_OK):
         os.environ.setdefault('ROS_LOG_DIR', tempfile.gettempdir())
+    stop = Event()
     try:
+        _on_signals(_interrupt)
         _initialize(args)
         _refuse_arguments(remove_ros_args(sys.argv if args is None else args)[1:])
         node = make()
-        try:
-            run(node)
-        finally:
-            node.destroy_node()
+        _on_signals(lambda number, frame: stop.set())
+        run(node, stop)
+        node.destroy_node()
     except ParameterError as error:
         print(f'error: {error}', file=sys.stderr, flush=True)
         return 2
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except KeyboardInterrupt:
         pass
     finally:
         rclpy.try_shutdown()
     return 0
+
+
+def _on_signals(handler: Callable[[int, FrameType | None], None]) -> None:
+    for number in SIGNALS:
+        signal.signal(number, handler)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def _initialize(args: list[str] | None) -> None:
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        reason, _, _ = str(error).partition(', at ')  # a line in the source of rcl
+        raise ParameterError(reason) from None
 
 
 def _refuse_arguments(arguments: list[str]) -> None:
@@ -69,11 +94,3 @@ def _refuse_arguments(arguments: list[str]) -> None:
         usage='%(prog)s [--ros-args [-p NAME:=VALUE ...] [--params-file FILE] [-r FROM:=TO ...]]',
         epilog='ros2 param list shows the parameters of a node that runs.',
     ).parse_args(arguments)
-
-
-def _initialize(args: list[str] | None) -> None:
-    try:
-        rclpy.init(args=args)
-    except RuntimeError as error:
-        reason, _, _ = str(error).partition(', at ')  # a line in the source of rcl
-        raise ParameterError(reason) from None

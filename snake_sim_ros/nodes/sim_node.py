@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from dataclasses import replace
 import sys
+from threading import Event
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -11,7 +12,6 @@ from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import PoseArray
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import SetParametersResult
-import rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -43,6 +43,7 @@ from snake_sim_ros.simulation import start_posture
 from snake_sim_ros.simulation import steps_in
 
 BACKLOG = 0.2  # s of wall time that the node may be behind before it gives up catching up
+WAIT = 0.1  # s, the longest wait for a message before the node looks up
 WARN_PERIOD = 5.0  # s between two warnings of one kind
 
 
@@ -231,20 +232,20 @@ class SimNode(Node):
         return SetParametersResult(successful=True)
 
 
-def run(node: SimNode) -> None:
+def run(node: SimNode, stop: Event) -> None:
     """Advance physics against the wall clock; serve messages in the slack."""
     executor = make_executor(node)
     node.publish_state()
     due = mark = time.perf_counter()
     mark_time = node.simulation.time
-    while rclpy.ok():
+    while not stop.is_set():
         now = time.perf_counter()
         if now - mark >= 1.0:
             node.reached_factor = (node.simulation.time - mark_time) / (now - mark)
             mark, mark_time = now, node.simulation.time
             node.publish_diagnostics()
         if node.halted:
-            executor.spin_once(timeout_sec=0.05)
+            executor.spin_once(timeout_sec=WAIT)
             due = time.perf_counter()
             continue
         node.advance()
@@ -254,8 +255,8 @@ def run(node: SimNode) -> None:
             due = time.perf_counter()
             continue
         due += node.period / factor
-        while (left := due - time.perf_counter()) > 0 and rclpy.ok():
-            executor.spin_once(timeout_sec=left)
+        while (left := due - time.perf_counter()) > 0 and not stop.is_set():
+            executor.spin_once(timeout_sec=min(left, WAIT))
         for _ in range(4):  # a late node still hears its commands
             executor.spin_once(timeout_sec=0)
         if left < -BACKLOG:

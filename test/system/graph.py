@@ -90,7 +90,8 @@ class Process:
                 self._reader.join(0.2)
                 if not self.count(text):
                     raise AssertionError(
-                        f'{self.name} did not say {text!r}, status {self.popen.poll()}:\n{self.output}'
+                        f'{self.name} (status {self.popen.poll()}) did not say '
+                        f'{text!r}:\n{self.output}'
                     )
             time.sleep(0.01)
 

@@ -81,26 +81,27 @@ def held_then_commanded(scene: Scene, angles: dict[str, float], messages: list) 
     """
     Return the run of a sim node that hears one command, up to the last of its joint_states.
 
-    The command comes at the end of the period before the first message that differs from a robot
-    that holds its posture.
+    The command comes after the last message of a robot that holds its posture and before the first
+    that differs: usually one period apart, more only if a slow reader missed some messages.
     """
     periods = max(nanoseconds(item) for item in messages) // PERIOD
-    told = {nanoseconds(item): np.array(item.position) for item in messages}
-    holding = Offline(scene)
-    samples = [holding.sample()]
-    for _ in range(periods):
-        samples.append(holding.advance())
-        heard = told.get(samples[-1].nanoseconds)
-        if heard is not None and np.abs(heard - samples[-1].angle).max() > 1e-9:
+    told = {nanoseconds(item) // PERIOD: np.array(item.position) for item in messages}
+    holding, agreed = Offline(scene), 0
+    for first in range(1, periods + 1):
+        angle = holding.advance().angle
+        if first in told and np.abs(told[first] - angle).max() > 1e-9:
             break
+        agreed = first if first in told else agreed
     else:
         raise AssertionError('no message differs from a robot that holds its posture')
-    commanded = Offline(scene)
-    samples = [commanded.sample(), *(commanded.advance() for _ in samples[2:])]
-    commanded.command(angles)
-    while len(samples) <= periods:
-        samples.append(commanded.advance())
-    return samples
+    for begin in range(agreed, first):
+        twin = Offline(scene)
+        samples = [twin.sample(), *(twin.advance() for _ in range(begin))]
+        twin.command(angles)
+        samples += [twin.advance() for _ in range(begin, periods)]
+        if np.abs(told[first] - samples[first].angle).max() < 1e-9:
+            return samples
+    raise AssertionError(f'no command between periods {agreed} and {first} explains the movement')
 
 
 def nanoseconds(message) -> int:

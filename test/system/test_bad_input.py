@@ -121,6 +121,14 @@ def send_often(sim, message, sentence):
     return sim.process.count(text)
 
 
+def assert_rejections(sim, kinds):
+    """Check the number in /diagnostics; of five messages sent quickly some may replace others."""
+    sim.graph.until(
+        lambda: int(sim.values()['rejected_commands']) >= kinds, f'{kinds} rejected commands', 10
+    )
+    assert int(sim.values()['rejected_commands']) <= 5 * kinds
+
+
 def test_bad_commands_are_refused_with_one_sentence_and_the_last_good_one_is_held(sims):
     sim = sims[0]
     sim.advance_to(0.5)
@@ -140,9 +148,9 @@ def test_bad_commands_are_refused_with_one_sentence_and_the_last_good_one_is_hel
         sim.advance_to(sim.now + 0.1)
         assert sim.now < 20, f'a late command was not refused\n{sim.process.output}'
     assert sim.process.count('joint_command is late: stamped') == 1
-    assert sim.process.count('[WARN]') == len(MISTAKES) + 1, sim.process.output
+    assert sim.process.count('joint_command') == len(MISTAKES) + 1, sim.process.output
     kinds = len(MISTAKES) + 1
-    assert kinds <= int(sim.values()['rejected_commands']) <= 5 * kinds
+    assert_rejections(sim, kinds)
     # Nothing of any of them was taken: the robot moved as one that only heard the good command.
     samples = held_then_commanded(load_scene('sidewinding'), GOOD, sim.joint_states)
     poses = {nanoseconds(message): message for message in sim.link_poses}
@@ -156,8 +164,8 @@ def test_more_bad_commands(sims):
     sim = sims[1]
     for message, sentence in MORE_MISTAKES:
         assert send_often(sim, message, sentence) == 1
-    assert sim.process.count('[WARN]') == len(MORE_MISTAKES), sim.process.output
-    assert len(MORE_MISTAKES) <= int(sim.values()['rejected_commands']) <= 5 * len(MORE_MISTAKES)
+    assert sim.process.count('joint_command') == len(MORE_MISTAKES), sim.process.output
+    assert_rejections(sim, len(MORE_MISTAKES))
 
 
 def get_parameters(sim, *names):
@@ -214,27 +222,29 @@ def test_what_needs_a_restart_is_read_only(sims, name):
 
 def test_diverged_sim_pauses_at_the_last_good_state_and_waits_for_reset(sims):
     sim = sims[2]
-    # At the start posture nothing moves; a command makes the damping act.
-    sim.graph.until(lambda: sim.process.count('[ERROR]'), 'the error of a diverged run')
+    sim.wait_until_connected()
+    sim.send({'joint_1_yaw': 0.2})
+    sim.graph.until(lambda: sim.process.count('[ERROR]'), 'the error of a diverged run', 10)
     said = 'diverged, paused at the last good state; call ~/reset: t = '
     assert sim.process.count(said) == 1, sim.process.output
     assert sim.process.count('rad in one step of 0.00025 s') == 1, sim.process.output
-    values = sim.values()
+    sim.graph.until(lambda: sim.diagnostics[-1].status[0].message[:3] == 't =', 'diagnostics', 10)
     status = sim.diagnostics[-1].status[0]
     assert status.level == b'\x02'
     assert 'would turn by' in status.message
-    assert int(values['steps']) < 20
     refused = sim.pause(False)
     assert (refused.success, refused.message) == (False, 'diverged: call ~/reset first')
     assert not sim.graph.call(Trigger, 'sim/step').success
     assert all(math.isfinite(v) for m in sim.joint_states for v in [*m.position, *m.effort])
-    # Reset publishes the start; then the same happens again.
-    count = len(sim.joint_states)
+    # Reset publishes the start, and the node goes on.
+    sim.graph.drain(sim.joint_states)
+    count, diverged_at = len(sim.joint_states), sim.now
     assert sim.reset().success
-    sim.graph.until(lambda: len(sim.joint_states) > count, 'the state after ~/reset')
+    sim.graph.until(lambda: len(sim.joint_states) > count + 5, 'states after ~/reset')
     start = Offline(load_scene('lateral_undulation')).sample()
-    assert np.abs(np.array(sim.joint_states[-1].position) - start.angle).max() <= 1e-12
-    sim.graph.until(lambda: sim.process.count(said) > 1, 'the second error')
+    assert np.abs(np.array(sim.joint_states[count].position) - start.angle).max() <= 1e-12
+    assert sim.now > diverged_at
+    assert sim.process.count(said) == 1, sim.process.output
     assert sim.process.stop(signal.SIGINT) == 0, sim.process.output
 
 

@@ -56,6 +56,7 @@ def test_command(line, tmp_path, user_environment):
     else:
         assert words[0] == './run', f'no test for the README command {line!r}'
         words = [str(ROOT / 'run'), *words[1:], *shlex.split(SHORTENED.get(line, ''))]
+    (tmp_path / 'config').symlink_to(ROOT / 'config')
     node = any(word in ('sim', 'gait') or '/scripts/' in word for word in words[:2])
     output = (
         run_node(words, tmp_path, user_environment)

@@ -1,0 +1,133 @@
+"""The live demonstration, as a user starts it: three processes, a summary and a picture."""
+
+import os
+from pathlib import Path
+import re
+import signal
+import sys
+import time
+
+from graph import next_domain
+from graph import Process
+import pytest
+
+PNG = b'\x89PNG\r\n\x1a\n'
+RUNNING = 't = '  # of the progress line
+
+
+def start(*arguments):
+    return Process([sys.executable, '-m', 'snake_sim_ros.cli', 'demo', *arguments], next_domain())
+
+
+def end(process):
+    """End a demonstration and its nodes by force."""
+    process.kill()
+    for pid in nodes_of(process).values():
+        if is_alive(pid):
+            os.kill(pid, signal.SIGKILL)
+
+
+@pytest.fixture(scope='module')
+def endless(compiled, tmp_path_factory):
+    """Demonstrations that take longer than any test waits, started together."""
+    folder = tmp_path_factory.mktemp('demo')
+    processes = {
+        name: start(scene, '--duration', '100', '--out', str(folder / f'{name}.png'))
+        for name, scene in (
+            ('interrupted', 'lateral_undulation'),
+            ('impatient', 'lateral_undulation'),
+            ('broken', 'sidewinding'),
+        )
+    }
+    yield processes
+    for process in processes.values():
+        end(process)
+
+
+def nodes_of(process):
+    """Return the process ids of the nodes that a demonstration started, by name."""
+    found = re.findall(r'started (\w+), process (\d+)', process.output)
+    return {name: int(pid) for name, pid in found}
+
+
+def is_alive(pid):
+    """Return whether a node with this process id runs."""
+    try:
+        state = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0]
+        return state != 'Z' and 'snake_sim_ros' in Path(f'/proc/{pid}/cmdline').read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def assert_no_orphans(process):
+    nodes = nodes_of(process)
+    assert sorted(nodes) == ['gait', 'sim']
+    deadline = time.monotonic() + 5.0
+    while (left := [name for name, pid in nodes.items() if is_alive(pid)]) and (
+        time.monotonic() < deadline
+    ):
+        time.sleep(0.05)
+    assert not left, f'left running: {left}\n{process.output}'
+
+
+def test_whole_demonstration(compiled, tmp_path):
+    process = start('--duration', '1.5', '--out', str(tmp_path / 'demo.png'))
+    try:
+        assert process.wait(60) == 0, process.output
+    finally:
+        end(process)
+    assert re.search(
+        r't = +1\.[45]\d s   link 6 at \([+-]\d\.\d{3}, [+-]\d\.\d{3}\) m   '
+        r'real-time factor \S+   residual \S+ m/s',
+        process.output,
+    ), process.output
+    assert re.search(
+        r'link 6 went from \(-?0\.0\d+, -?0\.\d+\) to \(.*\) m in 1\.[45]\d s: 0\.\d+ m',
+        process.output,
+    ), process.output
+    for line in ('method               paper', 'unconverged steps    0', 'rejected commands    0'):
+        assert line in process.output
+    assert (tmp_path / 'demo.png').read_bytes().startswith(PNG)
+    assert_no_orphans(process)
+
+
+def test_interruption_ends_everything(endless):
+    process = endless['interrupted']
+    process.wait_for(RUNNING, 60)
+    assert process.stop(signal.SIGINT) == 130, process.output
+    assert 'Traceback' not in process.output
+    assert 'interrupted' in process.lines
+    assert_no_orphans(process)
+
+
+def test_second_interruption_leaves_no_orphans(endless):
+    process = endless['impatient']
+    process.wait_for(RUNNING, 60)
+    process.popen.send_signal(signal.SIGINT)
+    time.sleep(0.05)  # while it waits for its nodes to end
+    assert process.stop(signal.SIGINT) in (1, 130), process.output
+    assert_no_orphans(process)
+
+
+def test_death_of_a_node_is_told_in_one_sentence(endless):
+    process = endless['broken']
+    process.wait_for(RUNNING, 60)
+    os.kill(nodes_of(process)['gait'], signal.SIGKILL)
+    assert process.wait() == 1, process.output
+    assert 'Traceback' not in process.output
+    assert process.count('snake-sim demo: gait ended with status -9') == 1, process.output
+    assert_no_orphans(process)
+
+
+def test_unusable_arguments(compiled, tmp_path):
+    no_folder = start('--out', str(tmp_path / 'nowhere' / 'demo.png'))
+    no_scene = start('nowhere')
+    no_time = start('--duration', '0')
+    for process, sentence in (
+        (no_folder, f'--out: no folder {tmp_path}/nowhere'),
+        (no_scene, 'no file nowhere; the scenes that come with the package: '),
+        (no_time, '--duration must be above 0 s, got 0 s'),
+    ):
+        assert process.wait() == 2, process.output
+        assert len(process.lines) == 1, process.output
+        assert process.lines[0].startswith(f'snake-sim: {sentence}')

@@ -1,0 +1,200 @@
+"""The command snake-sim, the pictures and the launchers of the nodes."""
+
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from snake_sim_ros.charts import path_figure
+from snake_sim_ros.cli import main
+from snake_sim_ros.parameters import scene_from_text
+
+ROOT = Path(__file__).parents[1]
+ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT)}
+PNG = b'\x89PNG\r\n\x1a\n'
+KEYS = {
+    'us_per_step',
+    'real_time_factor',
+    'residual_max',
+    'unconverged_steps',
+    'level',
+    'method',
+}
+
+
+def test_run_records_and_ends_with_a_line_of_json(tmp_path, capsys):
+    path = tmp_path / 'run.npz'
+    arguments = ['--duration', '0.05', '--rate', '200', '--set', 'friction.longitudinal=0.25']
+    assert main(['run', 'lateral_undulation', '--out', str(path), *arguments]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    summary = json.loads(lines[-1])
+    assert set(summary) >= KEYS
+    assert (summary['level'], summary['method']) == ('spatial', 'paper')
+    assert 0 <= summary['unconverged_steps'] < 200 == summary['steps']
+    assert summary['us_per_step'] > 0
+    # Steps of 250 us
+    factor = 250 / summary['us_per_step']
+    assert summary['real_time_factor'] == pytest.approx(factor, rel=1e-9)
+    assert '11 samples in' in lines[-2]
+    with np.load(path) as data:
+        assert data['position'].shape == (11, 11, 3)
+        scene = scene_from_text(str(data['scene']))
+    assert scene.friction.longitudinal == 0.25
+    assert scene.duration == 0.05
+
+
+def test_reference_method_takes_the_same_steps(capsys):
+    positions = {}
+    for method in ('paper', 'reference'):
+        arguments = ['--duration', '0.0005', '--rate', '2000', '--method', method]
+        assert main(['run', 'lateral_undulation', *arguments]) == 0
+        lines = capsys.readouterr().out.splitlines()
+        summary = json.loads(lines[-1])
+        assert (summary['method'], summary['steps']) == (method, 2)
+        positions[method] = lines[0]
+    assert positions['paper'] == positions['reference']
+
+
+def test_numbers_in_settings_are_written_as_usual(capsys):
+    arguments = ['--duration', '0.001', '--rate', '1000', '--set', 'solver.tolerance=1e-8']
+    assert main(['run', 'lateral_undulation', *arguments]) == 0, capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (
+            ['lateral_undulation', '--set', 'friction.longitudnal=0.2'],
+            "unknown name 'friction.longitudnal'; did you mean 'longitudinal'?",
+        ),
+        (
+            ['lateral_undulation', '--set', 'friction.longitudinal'],
+            "--set must be KEY=VALUE, got 'friction.longitudinal'",
+        ),
+        (
+            ['lateral_undulation', '--set', 'friction.longitudinal=much'],
+            "friction.longitudinal must be a number, got 'much'",
+        ),
+        (
+            ['lateral_undulation', '--set', 'friction.longitudinal=-0.1'],
+            'friction.longitudinal must be at least 0, got -0.1',
+        ),
+        (['lateral_undulation', '--set', 'gravity=[0, 0'], 'gravity'),
+        (['nowhere.yaml'], 'no file nowhere.yaml; the scenes that come with the package: '),
+        (['lateral_undulation', '--rate', '300'], 'dt must divide the sampling period'),
+        (['lateral_undulation', '--rate', '0'], 'rate must be above 0 Hz, got 0 Hz'),
+        (['lateral_undulation', '--duration', '-1'], 'duration must be above 0 s, got -1 s'),
+        (['lateral_undulation', '--out', 'nowhere/run.npz'], '--out: no folder'),
+        (
+            ['lateral_undulation', '--method', 'magic'],
+            "unknown method 'magic'; choose from: paper, reference",
+        ),
+    ],
+)
+def test_unusable_arguments_of_run(arguments, sentence, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(['run', *arguments]) == 2
+    told = [line for line in capsys.readouterr().err.splitlines() if 'snake-sim: ' in line]
+    assert len(told) == 1
+    assert sentence in told[0]
+
+
+def test_run_that_diverges_says_so_and_saves_what_was_good(tmp_path, capsys):
+    path = tmp_path / 'run.npz'
+    settings = ['--set', 'robot.yaw_damping=5.0', '--duration', '0.05', '--rate', '2000']
+    assert main(['run', 'lateral_undulation', '--out', str(path), *settings]) == 1
+    output = capsys.readouterr()
+    assert 'diverged: t = ' in output.err
+
+    def refuse(constant):
+        raise AssertionError(f'{constant} is no JSON')
+
+    assert json.loads(output.out.splitlines()[-1], parse_constant=refuse)['status'] == 'diverged'
+    with np.load(path) as data:
+        assert np.isfinite(data['position']).all()
+
+
+def test_ctrl_c_saves_what_was_recorded(tmp_path):
+    path = tmp_path / 'run.npz'
+    command = [sys.executable, '-u', '-m', 'snake_sim_ros.cli', 'run', 'lateral_undulation']
+    process = subprocess.Popen(
+        [*command, '--duration', '10000', '--out', str(path)],
+        env=ENVIRONMENT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    try:
+        told = b''
+        begin = time.monotonic()
+        # The bar shows simulated seconds once they pass.
+        while b'| 0.00 of' in told[-400:] or b' of 10000 s' not in told:
+            told += process.stderr.read1()
+            assert time.monotonic() < begin + 60, told
+        process.send_signal(signal.SIGINT)
+        out, rest = process.communicate(timeout=20)
+    finally:
+        process.kill()
+    assert b'Traceback' not in rest
+    with np.load(path) as data:
+        assert 2 <= len(data['time']) == len(data['position']) < 1_000_000
+    assert set(json.loads(out.splitlines()[-1])) >= KEYS
+    # What the documentation of the command says.
+    assert process.returncode == 130
+
+
+def test_bench_prints_times(capsys):
+    assert main(['bench', 'sidewinding', '--duration', '0.05', '--no-start-up']) == 0
+    head, row, compiling = capsys.readouterr().out.splitlines()
+    assert head.split()[:3] == ['scene', 'median', 'p99']
+    words = row.split()
+    assert words[0] == 'sidewinding'
+    median, p99 = float(words[1]), float(words[3])
+    assert 0 < median <= p99
+    assert row.endswith('0 of 200')
+    assert compiling.startswith('compile time apart: ')
+
+
+def test_bench_times_only_compiled_methods(capsys):
+    assert main(['bench', 'sidewinding', '--method', 'reference', '--no-start-up']) == 2
+    assert "method 'reference' is not compiled" in capsys.readouterr().err
+
+
+def test_bench_tells_the_start_up_of_new_processes(capsys):
+    from snake_sim_ros.bench import start_up_seconds
+    from snake_sim_ros.parameters import Scene
+
+    assert 0.1 < start_up_seconds(Scene(), cold=False) < 60
+
+
+@pytest.mark.parametrize('samples', [1, 2, 50])
+def test_path_figure(tmp_path, samples):
+    rng = np.random.default_rng(0)
+    path = tmp_path / 'path.png'
+    path_figure(path, 'title', np.arange(samples) * 0.1, rng.random((samples, 11, 3)), 5)
+    assert path.read_bytes().startswith(PNG)
+
+
+def test_missing_scene_ends_the_launchers_with_a_sentence():
+    folder = Path(sys.executable).parent
+    environment = {**ENVIRONMENT, 'PATH': f'{folder}{os.pathsep}{os.environ["PATH"]}'}
+    processes = [
+        subprocess.Popen(
+            ['sh', f'scripts/{name}', '--ros-args', '-p', 'scene:=nowhere'],
+            cwd=ROOT,
+            env=environment,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for name in ('sim', 'gait')
+    ]
+    for process in processes:
+        _, told = process.communicate(timeout=60)
+        assert process.returncode == 2, told
+        assert told.startswith('error: no file nowhere; the scenes that come with the package: ')
+        assert 'Traceback' not in told

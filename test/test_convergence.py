@@ -1,0 +1,220 @@
+"""
+The order of the time step: how its error shrinks with dt.
+
+Positions and constant forces are taken at the middle of a step, which is second order. First order
+are the velocities that it takes from its start (damping, gyroscopic torques) or its end (implicit
+control), the joints, whose direction it freezes at the middle, and friction that turns. Each error
+is measured over five halvings or more and the slope of a line through the logarithms is compared.
+Where no closed solution exists, errors are the differences of successive halvings: they shrink
+with the same order, and no reference has to be trusted.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from scenes import ACROSS
+from scenes import ALONG
+from scenes import G
+from scenes import HEIGHT
+from scenes import history
+from scenes import lying
+from scenes import MASS
+from scenes import particle_scene
+from scenes import run
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import PD_SCHEMES
+from snake_sim_ros.parameters import Robot
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.parameters import with_settings
+from snake_sim_ros.posture import center_of_mass
+from snake_sim_ros.posture import chain
+from snake_sim_ros.posture import joint_angles
+from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.stepping import initial_state
+from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.stepping import State
+
+
+def check_order(expected, band, steps, errors):
+    """Check the slope of log(error) over log(step)."""
+    observed = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    assert abs(observed - expected) < band, (
+        f'observed order {observed:.3f}, expected {expected} +- {band}; errors {errors}'
+    )
+
+
+def differences(paths):
+    """Return the largest difference of each path to the next finer one."""
+    return [np.abs(fine - coarse).max() for coarse, fine in zip(paths, paths[1:], strict=False)]
+
+
+@pytest.mark.parametrize(
+    ('scheme', 'damping', 'order'),
+    [
+        ('midpoint', 0.0, 2),
+        ('midpoint', 0.05, 1),
+        ('start', 0.0, 1),
+        ('start', 0.05, 1),
+        ('end', 0.0, 1),
+        ('end', 0.05, 1),
+    ],
+)
+def test_order_of_an_oscillating_joint(scheme, damping, order):
+    # Two links with their joint at both centers: no joint force, only the yaw controller.
+    # a'' = -(K_p a + K_d a')/J with J = Theta_1/2: a = A e^(-d t) (cos w t + d/w sin w t),
+    # d = K_d/(2 J), w^2 = K_p/J - d^2. Forces of q only at the middle of a step: second order.
+    # From w dt = 0.036 on, terms of the next order are a few percent of the error: slope +- 0.1.
+    stiffness, J, amplitude, duration = 40.0, ACROSS / 2, 0.2, 0.05
+    d = damping / (2 * J)
+    w = math.sqrt(stiffness / J - d**2)
+    phase = w * duration
+    expected = amplitude * math.exp(-d * duration) * (math.cos(phase) + d / w * math.sin(phase))
+    counts = 400 * 2 ** np.arange(6)
+    errors = []
+    for count in counts:
+        robot = Robot(link_count=2, link_length=1e-6, yaw_stiffness=stiffness, yaw_damping=damping)
+        scene = Scene(robot=robot, pd_scheme=scheme, dt=duration / count, gravity=(0.0, 0.0, 0.0))
+        q = chain(robot, np.array([[amplitude, 0.0]]))
+        q[:, 2] = 1.0
+        end, _, _ = run(scene, State(q, np.zeros((2, 6))), count)
+        errors.append(abs(joint_angles(end.q)[0, 0] - expected))
+    check_order(order, 0.1, duration / counts, errors)
+
+
+def gait_in_the_air(links, scheme, dt):
+    """Return the ends of the links and their velocities after a quarter second of sidewinding."""
+    settings = {'gait.soft_start': 0.5, 'robot.link_count': links, 'pd_scheme': scheme, 'dt': dt}
+    scene = with_settings(load_scene('sidewinding'), settings)
+    state = initial_state(scene)
+    state.q[:, 2] += HEIGHT
+    return run(scene, state, round(0.25 / dt))[0]
+
+
+@pytest.mark.parametrize('scheme', PD_SCHEMES)
+@pytest.mark.parametrize(('links', 'band'), [(3, 0.05), (11, 0.15)])
+def test_order_of_a_gait_in_the_air(links, scheme, band):
+    # First order: damping and joints. 3 links follow the reference within the smallest step; the
+    # highest mode of 11 links, 1776 rad/s, is barely resolved by the largest, w dt = 0.44, where
+    # higher orders take part.
+    steps = 1 / 4000 / 2 ** np.arange(6)
+    ends = [gait_in_the_air(links, scheme, dt) for dt in steps]
+    check_order(1, band, steps[:-1], differences([end.q[:, :3] for end in ends]))
+    check_order(1, band, steps[:-1], differences([end.u for end in ends]))
+
+
+def test_order_of_angular_momentum_in_the_air():
+    # The sum of r x m v + Theta omega about the center of mass is constant: internal forces. The
+    # step loses what frozen joints and explicit gyroscopic terms make, O(dt).
+    steps, errors = 1 / 4000 / 2 ** np.arange(6), []
+    for dt in steps:
+        end = gait_in_the_air(11, 'midpoint', dt)
+        robot = Robot()
+        r = end.q[:, :3] - center_of_mass(robot, end.q)
+        theta = np.array([ACROSS, ACROSS, ALONG])
+        spin = np.einsum('nij,nj->i', rotation_matrices(end.q[:, 3:]), theta * end.u[:, 3:])
+        errors.append(np.linalg.norm(spin + np.cross(r, MASS * end.u[:, :3]).sum(axis=0)))
+    check_order(1, 0.1, steps, errors)
+
+
+def swinging_particle(time, load, omega, mu):
+    """
+    Return the path of a particle from rest under gravity (load g sin(omega t), 0, -g), exactly.
+
+    It rests while |load sin| <= mu; sliding in direction s it has ``v = load g/omega (cos(omega t0) -
+    cos(omega t)) - s mu g (t - t0)`` from its start t0 to the next zero of v. Also return the number
+    of times it came to rest or turned.
+    """
+    x, path, t0, turns = 0.0, np.zeros_like(time), 0.0, 0
+    while t0 < time[-1]:
+        strength = load * math.sin(omega * t0)
+        if abs(strength) <= mu * (1 - 1e-12):  # rests up to the next angle asin(mu/load) + k pi
+            onset = math.asin(mu / load)
+            half = math.floor(omega * t0 / math.pi)
+            half += omega * t0 - half * math.pi > onset
+            path[time >= t0] = x
+            t0 = (half * math.pi + onset) / omega
+            side = 1 - 2 * (half % 2)
+        else:
+            side = math.copysign(1.0, strength)
+
+        def velocity(t, t0=t0, side=side):
+            force = load / omega * (math.cos(omega * t0) - math.cos(omega * t))
+            return G * (force - side * mu * (t - t0))
+
+        def position(t, t0=t0, side=side, x=x):
+            swing = math.cos(omega * t0) * (t - t0)
+            swing -= (math.sin(omega * t) - math.sin(omega * t0)) / omega
+            return x + G * (load / omega * swing - side * mu * (t - t0) ** 2 / 2)
+
+        end = t0 + 1e-3 / omega
+        while velocity(end) * side > 0:
+            end += 1e-2 / omega
+        end = brentq(velocity, end - 1e-2 / omega, end, xtol=1e-15)
+        path[time >= t0] = [position(t) for t in time[time >= t0]]
+        x, t0, turns = position(end), end, turns + 1
+    return path, turns
+
+
+@pytest.mark.parametrize(('load', 'omega'), [(0.5, 8.2), (0.45, 7.8)])
+def test_order_of_stick_slip_on_a_line(load, omega):
+    # A force that depends on time only is integrated with second order by its value at the middle;
+    # a transition at rest falls somewhere within a step, an error of up to mu g dt^2/8 each. So
+    # this stick-slip keeps the second order. The fraction of the step at which transitions fall is
+    # different in each run and scatters the errors by a factor of 2 or so: slope +- 0.3.
+    mu, times = 0.3, np.linspace(0.05, 1.0, 20)
+    exact, turns = swinging_particle(times, load, omega, mu)
+    assert turns >= 2
+    counts, errors = 100 * 2 ** np.arange(6), []
+    for count in counts:
+        dt, state, path = 1.0 / count, lying(radius=0.0), []
+        impulse, still = np.zeros((2, 5)), np.zeros((1, 0, 2))
+        for k in range(count):
+            pull = load * G * math.sin(omega * (k + 0.5) * dt)
+            scene = particle_scene('paper', dt, (mu, mu), (pull, 0.0, -G))
+            state, impulse, _ = make_stepper(scene).advance(state, impulse, still, still)
+            path.append(state.q[0, 0])
+        errors.append(np.abs(path[count // 20 - 1 :: count // 20] - exact).max())
+    check_order(2, 0.3, 1.0 / counts, errors)
+
+
+def test_order_of_sliding_that_turns_and_stops():
+    # Orthotropic friction, (1, 1) m/s: the end of the path by the integrals over v_x that are
+    # derived in test_physics.py. The direction of friction is that of the end velocity: first
+    # order.
+    (mu_x, mu_y), stop = (0.1, 0.5), []
+    for power in (1, 25):
+        stop.append(quad(
+            lambda v, power=power: v**power * math.hypot(mu_x, mu_y * v**24) / (mu_x**2 * G),
+            0.0, 1.0, epsabs=1e-13,
+        )[0])  # fmt: skip
+    steps, errors = 1 / 1000 / 2 ** np.arange(6), []
+    for dt in steps:
+        scene = particle_scene('paper', dt, (mu_x, mu_y), (0.0, 0.0, -G))
+        end, _, _ = run(scene, lying((1.0, 1.0, 0.0), radius=0.0), round(1.2 / dt))
+        errors.append(np.abs(end.q[0, :2] - stop).max())
+    check_order(1, 0.1, steps, errors)
+
+
+def test_order_of_lateral_undulation_on_the_floor():
+    # Joints, friction that turns, transitions from sticking to sliding at 22 contacts: first order,
+    # as far as the split of the normal forces, which is not unique, converges too. The tolerance
+    # shrinks with dt, as impulses do. From rest, the first quarter second.
+    steps, paths, sticking = 1 / 1000 / 2 ** np.arange(6), [], []
+    for dt in steps:
+        settings = {'dt': dt, 'solver.tolerance': 4e-5 * dt, 'solver.iteration_limit': 20000}
+        scene = with_settings(load_scene('lateral_undulation'), settings)
+        start = initial_state(scene)
+        start.q[:, 2] -= 1e-6  # contacts safely closed
+        every = round(0.025 / dt)
+        states, impulses, _ = history(scene, start, 10 * every, every)
+        paths.append(states.q[:, :, :3])
+        P_N, P_T = impulses[1:, :, 0], impulses[1:, :, 1:3]
+        sticking.append(np.hypot(*np.moveaxis(P_T / [0.1, 0.5], -1, 0)) < P_N * (1 - 1e-6))
+    check_order(1, 0.1, steps[:-1], differences(paths))
+    for contacts in sticking:  # some contacts stick, some slide, and some change
+        assert 0 < contacts.sum() < contacts.size
+        assert (contacts[0] != contacts[-1]).any()

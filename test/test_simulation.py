@@ -1,0 +1,174 @@
+"""Runs in time: references, sub-steps, recording, and runs that diverge."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import ParameterError
+from snake_sim_ros.parameters import scene_from_text
+from snake_sim_ros.parameters import with_settings
+from snake_sim_ros.simulation import JointReference
+from snake_sim_ros.simulation import run
+from snake_sim_ros.simulation import Simulation
+from snake_sim_ros.simulation import start_posture
+from snake_sim_ros.simulation import steps_in
+from snake_sim_ros.stepping import initial_state
+from snake_sim_ros.stepping import Status
+
+
+@pytest.fixture
+def scene():
+    return replace(load_scene('lateral_undulation'), duration=0.05)
+
+
+def test_reference_is_extrapolated_for_the_horizon_and_then_held():
+    # Joint 1: 0.1 rad and 2 rad/s at t = 1 s; joint 2 was told later and stands.
+    stamp = np.array([[1.0, 1.0], [1.5, 1.5]])
+    angle = np.array([[0.1, 0.0], [-0.2, 0.3]])
+    rate = np.array([[2.0, -1.0], [0.0, 0.0]])
+    reference = JointReference(stamp, angle, rate)
+    times = np.array([1.0, 1.025, 1.05, 1.2])
+    angles, rates = reference.sample(times, 0.05, 0.7)
+    # alpha = alpha_0 + rate * min(t - t_0, horizon)
+    assert angles[:, 0, 0] == pytest.approx([0.1, 0.15, 0.2, 0.2], abs=1e-12)
+    assert angles[:, 0, 1] == pytest.approx([0.0, -0.025, -0.05, -0.05], abs=1e-12)
+    assert (angles[:, 1] == angle[1]).all()
+    assert (rates[:2, 0] == rate[0]).all()
+    assert (rates[3] == 0).all()
+    assert (rates[:, 1] == 0).all()
+
+
+def test_reference_is_extrapolated_up_to_the_joint_limit():
+    axes = (1, 2)
+    reference = JointReference(np.zeros(axes), np.full(axes, 0.6), np.full(axes, 10.0))
+    angles, _ = reference.sample(np.array([0.005, 0.05]), 0.05, 0.7)
+    assert angles[:, 0, 0] == pytest.approx([0.65, 0.7], abs=1e-12)
+
+
+def test_start_posture_is_the_gait_at_time_zero(scene):
+    reference = start_posture(scene, now=3.0)
+    # 30 degrees sin((i - 1) (-50 degrees))
+    yaw = np.radians(30) * np.sin(np.arange(10) * np.radians(-50))
+    assert reference.angle[:, 0] == pytest.approx(yaw, abs=1e-12)
+    assert reference.angle[:, 1] == pytest.approx(0, abs=1e-12)
+    assert (reference.stamp == 3.0).all()
+    assert not reference.rate.any()
+
+
+def test_steps_in_a_period():
+    assert steps_in(1 / 200, 1 / 4000, 'publish period') == 20
+    assert steps_in(15.0, 1 / 4000, 'duration') == 60000
+    for period, dt in ((0.005, 0.0003), (1e-4, 1 / 4000), (0.00510, 0.00025)):
+        with pytest.raises(ParameterError) as error:
+            steps_in(period, dt, 'publish period')
+        assert str(error.value) == (
+            f'dt must divide the publish period: got dt={dt:g} s, period={period:g} s'
+        )
+
+
+def test_recording_has_all_samples_and_its_scene(scene, tmp_path):
+    trajectory = run(scene)
+    path = tmp_path / 'run.npz'
+    trajectory.save(path)
+    with np.load(path) as data:
+        shapes = {name: data[name].shape for name in data.files}
+        text = str(data['scene'])
+        time, quaternion = data['time'], data['orientation']
+        joint_torque = data['joint_torque']
+    # 0.05 s at 100 samples a second, and the start.
+    m, n = 6, 11
+    assert shapes == {
+        'time': (m,),
+        'position': (m, n, 3),
+        'orientation': (m, n, 4),
+        'joint_angle': (m, n - 1, 2),
+        'joint_velocity': (m, n - 1, 2),
+        'joint_torque': (m, n - 1, 2),
+        'scene': (),
+    }
+    assert time == pytest.approx(np.arange(m) * 0.01, abs=1e-15)
+    assert np.abs(np.linalg.norm(quaternion, axis=-1) - 1).max() < 1e-12
+    assert scene_from_text(text) == scene
+    assert not joint_torque[0].any()
+    assert joint_torque[1:].any()
+
+
+def test_samples_do_not_change_the_run(scene):
+    coarse, fine = run(scene, rate=20.0), run(scene, rate=4000.0)
+    assert (len(coarse.time), len(fine.time)) == (2, 201)
+    assert (coarse.position[-1] == fine.position[-1]).all()
+    assert (coarse.orientation[-1] == fine.orientation[-1]).all()
+    assert (coarse.joint_velocity[-1] == fine.joint_velocity[-1]).all()
+    assert (coarse.joint_torque[-1] == fine.joint_torque[-1]).all()
+    assert coarse.report.iterations == fine.report.iterations
+
+
+@pytest.mark.parametrize(
+    ('rate', 'sentence'),
+    [
+        (0.0, 'rate must be above 0 Hz, got 0 Hz'),
+        (-5.0, 'rate must be above 0 Hz, got -5 Hz'),
+        (float('nan'), 'rate must be above 0 Hz, got nan Hz'),
+        (float('inf'), 'dt must divide the sampling period: got dt=0.00025 s, period=0 s'),
+        (300.0, 'dt must divide the sampling period: got dt=0.00025 s, period=0.00333333 s'),
+        (8000.0, 'dt must divide the sampling period: got dt=0.00025 s, period=0.000125 s'),
+        (10.0, 'duration must be a multiple of the sampling period, 1/10 s; got 0.05 s'),
+    ],
+)
+def test_unusable_rates_are_refused(scene, rate, sentence):
+    with pytest.raises(ParameterError) as error:
+        run(scene, rate=rate)
+    assert str(error.value) == sentence
+
+
+def test_duration_that_is_no_multiple_of_the_sampling_period_is_refused(scene):
+    # 0.055 s at 100 samples a second: half a period would be left out.
+    with pytest.raises(ParameterError, match='duration'):
+        run(replace(scene, duration=0.055))
+
+
+def test_run_that_diverges_returns_what_was_good(scene):
+    # With explicit damping a rate grows by K_d dt/Theta a step; 5 N m s/rad is far too much.
+    trajectory = run(with_settings(scene, {'robot.yaw_damping': 5.0}), rate=1000.0)
+    report = trajectory.report
+    assert report.status is Status.DIVERGED
+    assert report.failure.startswith(f't = {report.steps * scene.dt:g} s: ')
+    assert 1 <= len(trajectory.time) <= 1 + report.steps // 4
+    for name in ('position', 'orientation', 'joint_angle', 'joint_velocity', 'joint_torque'):
+        values = getattr(trajectory, name)
+        assert len(values) == len(trajectory.time)
+        assert np.isfinite(values).all()
+
+
+def test_diverged_simulation_waits_for_reset(scene):
+    simulation = Simulation(with_settings(scene, {'robot.yaw_damping': 5.0}))
+    angle = np.tile(start_posture(scene).angle + 0.1, (200, 1, 1))
+    report = simulation.advance(angle, np.zeros_like(angle))
+    assert report.failure
+    state, count = simulation.state, simulation.step_count
+    assert count == report.steps < 200
+    assert np.isfinite(state.q).all()
+    assert np.isfinite(state.u).all()
+    simulation.advance(angle, np.zeros_like(angle))
+    assert (simulation.step_count, simulation.state) == (count, state)
+    simulation.reset()
+    assert simulation.step_count == count
+    assert simulation.report.status is Status.CONVERGED
+    assert (simulation.state.q == initial_state(scene).q).all()
+    assert not simulation.state.u.any()
+
+
+def test_interruption_returns_what_was_recorded(scene):
+    calls = []
+
+    def progress(seconds):
+        calls.append(seconds)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+
+    trajectory = run(scene, progress=progress)
+    assert len(trajectory.time) == 4
+    assert calls == pytest.approx([0.01] * 3)
+    assert len(trajectory.position) == len(trajectory.joint_torque) == 4

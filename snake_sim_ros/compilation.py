@@ -20,9 +20,6 @@ except ImportError as error:
         'pip install numba, or apt install python3-numba'
     ) from error
 
-# Everything LLVM may reorder, except what assumes that no value is infinite or not a number.
-FAST_MATH = {'contract', 'reassoc', 'nsz', 'arcp'}
-
 
 def _cache_folder() -> str:
     """Return a folder that belongs to exactly these sources and can be written."""
@@ -47,7 +44,12 @@ if 'NUMBA_CACHE_DIR' not in os.environ:
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return `function` compiled on its first call; plain Python with NUMBA_DISABLE_JIT=1."""
-    options = {'cache': True, 'nogil': True, 'error_model': 'numpy', 'fastmath': FAST_MATH}
+    """
+    Return `function` compiled on its first call; plain Python with NUMBA_DISABLE_JIT=1.
+
+    Every operation is rounded as written. With fast math a function that was just compiled and the
+    same one from the cache differ in their last bits, and a run could not be repeated exactly.
+    """
+    options = {'cache': True, 'nogil': True, 'error_model': 'numpy'}
     wrapper: Callable[..., Any] = numba.njit(**options)(function)
     return wrapper

@@ -42,11 +42,10 @@ def prox_ellipse(x, y, a, b):
         return prox_disc(x, y, a)
     if x * x * b * b + y * y * a * a <= a * a * b * b:
         return x, y
-    scale = max(a, b)
-    aa = (a / scale) ** 2
-    bb = (b / scale) ** 2
-    ux = a / scale * abs(x / scale)
-    uy = b / scale * abs(y / scale)
+    scale = 1.0 / max(a, b)
+    a, b = scale * a, scale * b
+    aa, bb = a * a, b * b
+    ux, uy = a * abs(scale * x), b * abs(scale * y)
     t = max(ux - aa, uy - bb, 0.0)
     step = math.inf
     while step > 1e-8 * (t + min(aa, bb)):  # its square is below rounding

@@ -166,14 +166,16 @@ def condense(contact, width, chain, geometry, scratch, unit, gamma, delassus):
 @compiled
 def condensed_velocities(contact, width, delassus, free, impulse, packed, gamma):
     """Fill gamma with ``G P + gamma_free``: eqs. (84)-(92) without the links between."""
-    for k, a in enumerate(contact):
-        for j in range(width):
-            packed[width * k + j] = impulse[a, j]
-    columns = width * len(contact)
+    rows = width * len(contact)
     for k in range(len(contact)):
         for j in range(width):
-            row = delassus[width * k + j]
-            value = free[k, j]
-            for column in range(columns):
-                value += row[column] * packed[column]
-            gamma[k, j] = value
+            packed[width * k + j] = free[k, j]
+    for k, a in enumerate(contact):
+        for j in range(width):
+            P = impulse[a, j]
+            column = delassus[width * k + j]  # G is symmetric
+            for row in range(rows):
+                packed[row] += column[row] * P
+    for k in range(len(contact)):
+        for j in range(width):
+            gamma[k, j] = packed[width * k + j]

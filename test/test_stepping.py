@@ -54,6 +54,15 @@ def test_reports_add_up():
     assert (total.residual_max, total.penetration_max) == (3e-6, 2e-5)
     assert (total.joint_gap_max, total.joint_twist_max) == (2e-9, 4e-9)
     assert total.joint_torque is later.joint_torque
+    largest = (
+        'iterations_max',
+        'residual_max',
+        'penetration_max',
+        'joint_gap_max',
+        'joint_twist_max',
+    )
+    for name in largest:
+        assert getattr(later + first, name) == getattr(total, name)
 
 
 def test_status_is_the_worst():

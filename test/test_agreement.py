@@ -329,8 +329,8 @@ def test_sweeps_solve_the_constrained_chain(link_count):
             K[rows, : 6 * n] = N.T @ difference
             right[: 6 * n] += difference.T @ dual @ torque[j]
         expected = np.linalg.solve(K, right)[: 6 * n].reshape(n, 6)
-        # Rounding times the condition of the system.
-        bound = 4 * EPS * np.linalg.cond(K) * np.abs(expected).max()
+        # Rounding times size and condition of the system: the bound of Gaussian elimination.
+        bound = len(K) * EPS * np.linalg.cond(K) * np.abs(expected).max()
         assert np.abs(twist - expected).max() < bound
 
 

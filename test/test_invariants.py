@@ -121,9 +121,7 @@ def test_contacts_obey_their_laws_and_take_energy_in_every_step(
         # Friction, normal and rolling parts change by eps each; 1e-15 J of rounding in energies of
         # 1e-2 J with their 66 summands.
         assert abs(loss + np.sum(P * mean)) < 3 * eps * np.linalg.norm(mean) + 1e-15
-        work = sum(
-            eps / r_k * np.abs(P[:, j]).sum() for r_k, j in zip(r[[0, 1, 1, 2, 2]], range(5))
-        )
+        work = np.abs(P).sum(axis=0) @ (eps / r[[0, 1, 1, 2, 2]])
         assert loss >= -work - 1e-15
     # The test has seen what it is about: sliding, and sticking or open contacts.
     assert sliding
@@ -142,10 +140,10 @@ def lowered(scene):
     return state
 
 
-# Symmetric runs differ by rounding, sweep by sweep; but where one stops a sweep earlier they differ
-# by eps. Here all do the same number of sweeps, as the tolerance is out of reach, converged or not.
-# Rounding, 1e-16 of lengths of 1 m in each of 400 steps, grows along the path: contacts that open
-# in one run and not in the other would make it chaotic later. 1e-9 m is far from both.
+# Symmetric runs differ by rounding, sweep by sweep; but where one stops a sweep earlier they
+# differ by eps. Here all do the same number of sweeps, as the tolerance is out of reach. Rounding,
+# 1e-16 of lengths of 1 m in each of 400 steps, grows along the path; contacts that open in one run
+# and not in the other would make it chaotic later. 1e-9 m is far from both.
 SWEEPS = Solver(tolerance=1e-300, iteration_limit=50)
 PATH = 1e-9  # m
 

@@ -59,8 +59,10 @@ def gait_scene(**settings):
 
 
 def free_flight(method, dt, links, steps, rule):
-    """Return the scene of a gait in the air, and the states at its start and end."""
-    scene = gait_scene(robot=Robot(link_count=links), method=method, dt=dt, drift_correction=rule)
+    """Return the scene of a gait in the air, links of many masses, and its first, last state."""
+    mass = tuple(MASS * np.linspace(0.5, 1.5, links))
+    robot = Robot(link_count=links, link_mass=mass)
+    scene = gait_scene(robot=robot, method=method, dt=dt, drift_correction=rule)
     start = flying(scene)
     end, _, report = run(scene, start, steps)
     assert not report.contacts

@@ -24,9 +24,9 @@ import numpy as np
 from snake_sim_ros import gait
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.parameters import Array
-from snake_sim_ros.parameters import ParameterError
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import scene_to_text
+from snake_sim_ros.records import ParameterError
 from snake_sim_ros.simulation import Simulation
 from snake_sim_ros.spatial import SpatialStepper
 from snake_sim_ros.spatial import step

@@ -10,10 +10,10 @@ from tqdm import tqdm
 
 from snake_sim_ros import __version__
 from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import ParameterError
 from snake_sim_ros.parameters import parse_yaml
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import with_settings
+from snake_sim_ros.records import ParameterError
 from snake_sim_ros.simulation import run
 from snake_sim_ros.simulation import Trajectory
 from snake_sim_ros.stepping import make_stepper

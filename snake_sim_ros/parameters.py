@@ -1,5 +1,5 @@
 """
-Every physical number of a scene: frozen records, their validation, YAML in and out.
+Every physical number of a scene: its records, and YAML in and out.
 
 The defaults are the numbers of the paper [1]; what the paper leaves open is called an assumption.
 NOTATION.md maps the symbols of the paper to the names used here. All values are SI and radians; in
@@ -11,121 +11,27 @@ YAML a key may end in ``_deg`` and is then converted.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from dataclasses import field
 from dataclasses import fields
-from dataclasses import is_dataclass
-from dataclasses import replace
-import difflib
-from functools import cache
 import math
 from pathlib import Path
 import re
-from types import UnionType
 from typing import Any
-from typing import get_args
-from typing import get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 import yaml
 
+from snake_sim_ros.records import mapping_from
+from snake_sim_ros.records import ParameterError
+from snake_sim_ros.records import quantity
+from snake_sim_ros.records import Record
+from snake_sim_ros.records import record_from
+from snake_sim_ros.records import replaced
+
 Array = NDArray[Any]
 PerLink = float | tuple[float, ...]
 
 CONFIG = Path(__file__).parent / 'config'
-WANTED = {str: 'text', bool: 'true or false', int: 'a whole number', float: 'a number'}
-
-
-class ParameterError(ValueError):
-    """A number, name or file of a scene is not usable; the message says which and why."""
-
-
-def quantity(
-    default: Any,
-    unit: str,
-    meaning: str,
-    *,
-    above: float = -math.inf,
-    minimum: float = -math.inf,
-    maximum: float = math.inf,
-    choices: tuple[str, ...] = (),
-) -> Any:
-    """Return a dataclass field that knows its unit, its meaning and its admissible values."""
-    limits = {'above': float(above), 'minimum': float(minimum), 'maximum': float(maximum)}
-    metadata = {'unit': unit, 'meaning': meaning, 'choices': choices, **limits}
-    return field(default=default, metadata=metadata)
-
-
-@cache
-def _type_hints(cls: type) -> dict[str, Any]:
-    return get_type_hints(cls)
-
-
-def _converted(name: str, value: Any, kind: Any) -> Any:
-    """Return `value` as `kind`; numbers are never taken from text or truth values."""
-    kinds = get_args(kind) if isinstance(kind, UnionType) else (kind,)
-    if is_dataclass(kind):
-        if isinstance(value, kind):  # type: ignore[arg-type]
-            return value
-        raise ParameterError(f'{name} must be a mapping of names to values, got {value!r}')
-    if isinstance(value, str if str in kinds else bool) and kinds[0] in (str, bool):
-        return value
-    if isinstance(value, (int, float, np.number)) and not isinstance(value, bool):
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
-        if int in kinds and number.is_integer():
-            return int(value)
-        if float in kinds:
-            return number
-    if isinstance(value, (list, tuple, np.ndarray)) and kinds[-1] not in WANTED:
-        return tuple(_converted(name, entry, float) for entry in value)
-    wanted = WANTED.get(kinds[0], 'numbers')
-    raise ParameterError(f'{name} must be {wanted}, got {value!r}')
-
-
-def _check(name: str, value: Any, limits: Mapping[str, Any]) -> None:
-    """Raise if one value of a field is not finite, out of range or not among the choices."""
-    if isinstance(value, str):
-        if limits['choices'] and value not in limits['choices']:
-            choices = ', '.join(limits['choices'])
-            raise ParameterError(f'{name} must be one of {choices}; got {value!r}')
-        return
-    if not isinstance(value, (int, float)):
-        return
-    unit = '' if limits['unit'] in ('', '1') else f' {limits["unit"]}'
-    if not math.isfinite(value):
-        raise ParameterError(f'{name} must be finite, got {value}{unit}')
-    if not value > limits['above']:
-        raise ParameterError(
-            f'{name} must be above {limits["above"]:g}{unit}, got {value:g}{unit}'
-        )
-    if not limits['minimum'] <= value <= limits['maximum']:
-        low, high = limits['minimum'], limits['maximum']
-        bound = f'at least {low:g}' if value < low else f'at most {high:g}'
-        raise ParameterError(f'{name} must be {bound}{unit}, got {value:g}{unit}')
-
-
-class Record:
-    """What all records share: every field is checked when the record is made."""
-
-    def __post_init__(self) -> None:
-        """
-        Convert and check every field.
-
-        Raises
-        ------
-        ParameterError
-            If a value has the wrong type, is not finite or is out of range.
-
-        """
-        hints = _type_hints(type(self))  # type: ignore[arg-type]
-        for item in fields(self):  # type: ignore[arg-type]
-            value = _converted(item.name, getattr(self, item.name), hints[item.name])
-            for number in value if isinstance(value, tuple) else (value,):
-                _check(item.name, number, item.metadata)
-            object.__setattr__(self, item.name, value)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -290,7 +196,7 @@ def scene_from_text(text: str) -> Scene:
 
 def scene_to_text(scene: Scene) -> str:
     """Return the scene as YAML text, in SI and radians, with nothing left to a default."""
-    return yaml.safe_dump(_mapping(scene), sort_keys=False)
+    return yaml.safe_dump(mapping_from(scene), sort_keys=False)
 
 
 def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
@@ -314,53 +220,8 @@ def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
         group, _, leaf = name.rpartition('.')
         groups.setdefault(group, {})[leaf] = value
     for group, values in groups.items():
-        scene = _replaced(scene, [part for part in group.split('.') if part], values, '')
+        scene = replaced(scene, [part for part in group.split('.') if part], values, '')
     return scene
-
-
-def flat_fields(record: Any, prefix: str = '') -> dict[str, tuple[Any, Mapping[str, Any]]]:
-    """Return dotted name -> (value, metadata of the field) of a record and those inside it."""
-    flat: dict[str, tuple[Any, Mapping[str, Any]]] = {}
-    for item in fields(record):
-        value = getattr(record, item.name)
-        if is_dataclass(value):
-            flat.update(flat_fields(value, f'{prefix}{item.name}.'))
-        else:
-            flat[prefix + item.name] = (value, item.metadata)
-    return flat
-
-
-def record_from(cls: type, mapping: Any, where: str) -> Any:
-    """
-    Return a record of type `cls` from nested mappings.
-
-    Raises
-    ------
-    ParameterError
-        If a key is unknown (the nearest right one is named) or a value not usable.
-
-    """
-    if mapping is None:
-        mapping = {}
-    if not isinstance(mapping, Mapping):
-        raise ParameterError(f'{where} must be a mapping of names to values, got {mapping!r}')
-    hints = _type_hints(cls)
-    values: dict[str, Any] = {}
-    for key, value in mapping.items():
-        name = key.removesuffix('_deg') if isinstance(key, str) else key
-        if name not in hints:
-            raise ParameterError(f'{where}: unknown key {key!r}; {_nearest(key, hints)}')
-        if name in values:
-            raise ParameterError(f'{where}: {name} is given twice, as {name} and as {name}_deg')
-        if name != key:
-            value = _radians(key, value, cls, where)
-        elif is_dataclass(hints[name]):
-            value = record_from(hints[name], value, f'{where}: {name}')  # type: ignore[arg-type]
-        values[name] = value
-    try:
-        return cls(**values)
-    except ParameterError as error:
-        raise ParameterError(f'{where}: {error}') from None
 
 
 class _Loader(yaml.SafeLoader):
@@ -420,42 +281,3 @@ def _read(path: Path) -> dict[str, Any]:
     if not isinstance(mapping, dict):
         raise ParameterError(f'{path}: must be a mapping of names to values, got {mapping!r}')
     return mapping
-
-
-def _mapping(record: Any) -> dict[str, Any]:
-    mapping: dict[str, Any] = {}
-    for item in fields(record):
-        value = getattr(record, item.name)
-        if is_dataclass(value):
-            value = _mapping(value)
-        mapping[item.name] = list(value) if isinstance(value, tuple) else value
-    return mapping
-
-
-def _replaced(record: Any, path: list[str], values: dict[str, Any], prefix: str) -> Any:
-    names = {item.name for item in fields(record)}
-    for name in path[:1] or values:
-        if name not in names:
-            raise ParameterError(f'unknown name {prefix + name!r}; {_nearest(name, names)}')
-    if path:
-        inner = getattr(record, path[0])
-        if not is_dataclass(inner):
-            raise ParameterError(f'{prefix}{path[0]} is a value, it has no parts')
-        values = {path[0]: _replaced(inner, path[1:], values, f'{prefix}{path[0]}.')}
-    try:
-        return replace(record, **values)
-    except ParameterError as error:
-        raise ParameterError(f'{prefix}{error}' if not path else str(error)) from None
-
-
-def _nearest(name: Any, names: Any) -> str:
-    close = difflib.get_close_matches(str(name), list(names), n=1)
-    return f'did you mean {close[0]!r}?' if close else f'choose from: {", ".join(sorted(names))}'
-
-
-def _radians(key: str, value: Any, cls: type, where: str) -> Any:
-    name = key.removesuffix('_deg')
-    unit = {item.name: item.metadata.get('unit', '') for item in fields(cls)}[name]
-    if not unit.startswith('rad'):
-        raise ParameterError(f'{where}: {key}: {name} is not an angle')
-    return math.radians(_converted(key, value, float))

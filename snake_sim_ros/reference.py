@@ -286,13 +286,14 @@ class ReferenceStepper:
         # from u_E joins the mass matrix.
         M_inv = np.linalg.inv(mass_matrix(robot) + dt * (W_tau * damping) @ W_tau.T)
         momentum = mass_matrix(robot) @ u_A + h * dt + W_tau @ torque * dt
-        joint_delassus = cho_factor(W_J.T @ M_inv @ W_J, check_finite=False)
+        joint_factor = cho_factor(W_J.T @ M_inv @ W_J, check_finite=False) if n > 1 else None
 
         P, iterations, change = impulse[active], 0, math.inf
         while not change < scene.solver.tolerance and iterations < scene.solver.iteration_limit:
             S = W_N @ P[:, 0] + W_T @ P[:, 1:3].ravel() + W_V @ P[:, 3:].ravel()  # (76)
             # (84), with both terms negative; the paper's first sign is lost in print.
-            P_J = -cho_solve(joint_delassus, W_J.T @ M_inv @ (momentum + S), check_finite=False)
+            right = W_J.T @ M_inv @ (momentum + S)
+            P_J = -cho_solve(joint_factor, right, check_finite=False) if n > 1 else right
             u_E = M_inv @ (momentum + S + W_J @ P_J)  # (86)
             gamma_N = (W_N.T @ u_E)[:, None]  # (90)-(92)
             gamma_T, gamma_V = (W_T.T @ u_E).reshape(-1, 2), (W_V.T @ u_E).reshape(-1, 2)

@@ -10,11 +10,11 @@ import numpy as np
 
 from snake_sim_ros import gait
 from snake_sim_ros.parameters import Array
-from snake_sim_ros.parameters import ParameterError
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import scene_to_text
 from snake_sim_ros.posture import joint_angles
 from snake_sim_ros.posture import joint_rates
+from snake_sim_ros.records import ParameterError
 from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import make_stepper
 from snake_sim_ros.stepping import no_impulse

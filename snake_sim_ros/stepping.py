@@ -14,9 +14,9 @@ from typing import Protocol
 import numpy as np
 
 from snake_sim_ros.parameters import Array
-from snake_sim_ros.parameters import ParameterError
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.posture import initial_coordinates
+from snake_sim_ros.records import ParameterError
 
 
 @dataclass(frozen=True)

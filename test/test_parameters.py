@@ -9,13 +9,13 @@ import pytest
 
 from snake_sim_ros.parameters import Friction
 from snake_sim_ros.parameters import Gait
-from snake_sim_ros.parameters import ParameterError
-from snake_sim_ros.parameters import record_from
 from snake_sim_ros.parameters import Robot
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import Solver
 from snake_sim_ros.parameters import Wave
 from snake_sim_ros.parameters import with_settings
+from snake_sim_ros.records import ParameterError
+from snake_sim_ros.records import record_from
 
 FIELDS = [
     (record, item)

@@ -6,18 +6,18 @@ import pytest
 import yaml
 
 from snake_sim_ros.parameters import CONFIG
-from snake_sim_ros.parameters import flat_fields
 from snake_sim_ros.parameters import Friction
 from snake_sim_ros.parameters import Gait
 from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import ParameterError
-from snake_sim_ros.parameters import record_from
 from snake_sim_ros.parameters import Robot
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import scene_from_text
 from snake_sim_ros.parameters import scene_to_text
 from snake_sim_ros.parameters import Solver
 from snake_sim_ros.parameters import Wave
+from snake_sim_ros.records import flat_fields
+from snake_sim_ros.records import ParameterError
+from snake_sim_ros.records import record_from
 
 SCENES = sorted(path.stem for path in CONFIG.glob('*.yaml') if path.stem != 'aiko')
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import ParameterError
 from snake_sim_ros.parameters import scene_from_text
 from snake_sim_ros.parameters import with_settings
+from snake_sim_ros.records import ParameterError
 from snake_sim_ros.simulation import JointReference
 from snake_sim_ros.simulation import run
 from snake_sim_ros.simulation import Simulation

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from dataclasses import field
 from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
@@ -18,14 +19,12 @@ from geometry_msgs.msg import PoseArray
 import numpy as np
 import rclpy
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
-from sensor_msgs.msg import JointState
 
 from snake_sim_ros.nodes.messages import seconds_from
 from snake_sim_ros.nodes.running import make_executor
 from snake_sim_ros.nodes.running import SIGNALS
 from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import ParameterError
+from snake_sim_ros.records import ParameterError
 
 START_TIMEOUT = 90.0  # s, for compiling and discovery
 STALL_TIMEOUT = 10.0  # s without a message
@@ -51,6 +50,7 @@ class Child:
     name: str
     process: subprocess.Popen[str]
     lines: deque[str] = field(default_factory=lambda: deque(maxlen=5))
+    begin: float | None = None  # time at which it said that the gait begins [s]
 
     def check(self) -> None:
         """
@@ -83,23 +83,16 @@ class Watch(Node):
 
     def __init__(self) -> None:
         super().__init__('demo')
-        self.begin: float | None = None  # simulated time of the first command [s]
+        self.begin: float | None = None  # simulated time at which the gait began [s]
         self.times: list[float] = []
         self.positions: list[list[tuple[float, float, float]]] = []
         self.values: dict[str, str] = {}
         self.create_subscription(PoseArray, 'link_poses', self._on_link_poses, 10)
-        self.create_subscription(
-            JointState, 'joint_command', self._on_command, QoSProfile(depth=1)
-        )
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
 
     def _on_link_poses(self, message: PoseArray) -> None:
         self.times.append(seconds_from(message.header.stamp))
         self.positions.append([(p.position.x, p.position.y, p.position.z) for p in message.poses])
-
-    def _on_command(self, message: JointState) -> None:
-        if self.begin is None:
-            self.begin = seconds_from(message.header.stamp)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -135,8 +128,8 @@ def demo(source: str, duration: float, out: Path) -> int:
     rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     status, watch, begin = 0, Watch(), time.monotonic()
     try:
-        with interruptible(), children(source) as nodes:
-            _follow(watch, nodes, duration, middle)
+        with interruptible(), children() as nodes:
+            _follow(watch, nodes, source, duration, middle)
     except Interrupted:
         print('\ninterrupted')
         status = 130
@@ -168,52 +161,64 @@ def interruptible() -> Iterator[None]:
 
 
 @contextmanager
-def children(source: str) -> Iterator[list[Child]]:
-    """Start the nodes, each in its own session so that Ctrl-C is ours; end them afterwards."""
+def children() -> Iterator[list[Child]]:
+    """Give a list for the nodes that are started; end them afterwards."""
     nodes: list[Child] = []
     try:
-        for name, arguments in (('sim', []), ('gait', ['-p', 'use_sim_time:=true'])):
-            command = [sys.executable, '-m', f'snake_sim_ros.nodes.{name}_node', '--ros-args']
-            process = subprocess.Popen(
-                [*command, '-p', f'scene:={source}', *arguments],
-                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-                start_new_session=True,
-            )  # fmt: skip
-            nodes.append(Child(name, process))
-            threading.Thread(target=_listen, args=(nodes[-1],), daemon=True).start()
-            print(f'started {name}, process {process.pid}')
         yield nodes
     finally:
         for node in nodes:
             node.end()
 
 
+def _start(name: str, *parameters: str) -> Child:
+    """Start a node, in a session of its own so that Ctrl-C is ours."""
+    command = [sys.executable, '-m', f'snake_sim_ros.nodes.{name}_node', '--ros-args']
+    for parameter in parameters:
+        command += ['-p', parameter]
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    node = Child(name, process)
+    threading.Thread(target=_listen, args=(node,), daemon=True).start()
+    print(f'started {name}, process {process.pid}')
+    return node
+
+
 def _listen(node: Child) -> None:
     assert node.process.stdout is not None
     for line in node.process.stdout:
         node.lines.append(line.rstrip())
+        if said := re.search(r'the gait begins at t = (\S+) s', line):
+            node.begin = float(said[1])
 
 
-def _follow(watch: Watch, nodes: list[Child], duration: float, middle: int) -> None:
-    """Show how the robot does until the gait has run for the duration."""
+def _follow(watch: Watch, nodes: list[Child], source: str, duration: float, middle: int) -> None:
+    """Start the nodes and show how the robot does until the gait has run for the duration."""
     executor = make_executor(watch)
+    nodes.append(_start('sim', f'scene:={source}'))
     print('compiling the physics (some ten seconds at the first start ever) ...')
     started = heard = shown = time.monotonic()
     count = 0
-    while (
-        watch.begin is None or not watch.times or watch.times[-1] < watch.begin + duration - 1e-9
-    ):
+    while watch.begin is None or watch.times[-1] < watch.begin + duration - 1e-9:
         executor.spin_once(timeout_sec=0.1)
         for node in nodes:
             node.check()
         now = time.monotonic()
         if len(watch.times) > count:
             count, heard = len(watch.times), now
+        if count and len(nodes) == 1:  # the gait comes when its beginning will be seen
+            nodes.append(_start('gait', f'scene:={source}', 'use_sim_time:=true'))
+        watch.begin = nodes[-1].begin
         if watch.begin is None and now - started > START_TIMEOUT:
             raise NodeDied(f'the gait did not begin within {START_TIMEOUT:g} s')
         if count and now - heard > STALL_TIMEOUT:
             raise NodeDied(f'no state from sim for {STALL_TIMEOUT:g} s')
-        if watch.begin is not None and count and now - shown > 0.1:
+        if watch.begin is not None and now - shown > 0.1:
             shown = now
             print('\r' + _progress(watch, middle), end='', flush=True)
     print('\r' + _progress(watch, middle))

@@ -22,12 +22,12 @@ from snake_sim_ros.nodes.node_parameters import declare
 from snake_sim_ros.nodes.node_parameters import given_parameters
 from snake_sim_ros.nodes.node_parameters import refuse_unknown
 from snake_sim_ros.nodes.running import run_node
-from snake_sim_ros.parameters import flat_fields
 from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import quantity
-from snake_sim_ros.parameters import Record
-from snake_sim_ros.parameters import record_from
 from snake_sim_ros.parameters import with_settings
+from snake_sim_ros.records import flat_fields
+from snake_sim_ros.records import quantity
+from snake_sim_ros.records import Record
+from snake_sim_ros.records import record_from
 
 OF_SCENE = ('gait.', 'robot.link_count')  # what the node takes of a scene
 
@@ -75,7 +75,7 @@ class GaitNode(Node):
             return
         if self.begin is None or now.nanoseconds < self.begin:
             self.begin = now.nanoseconds
-            self.get_logger().info('the gait begins')
+            self.get_logger().info(f'the gait begins at t = {1e-9 * self.begin:.9f} s')
         seconds = 1e-9 * (now.nanoseconds - self.begin)
         angle, rate = gait.reference(self.gait, seconds, len(self.names) // 2)
         self.commands.publish(command_message(self.names, now.to_msg(), angle, rate))

@@ -31,9 +31,6 @@ B_TO_WIRE = np.array(
 )  # columns e_z, e_x, e_y: the inverse of rotations.FLAT
 WIRE_AXES = [2, 0, 1]  # components of a vector in B along x, y, z of the wire frame
 
-# A stamp that differs by more than this from simulated time is of another clock [s].
-CLOCK_TOLERANCE = 1.0
-
 
 class RejectedCommand(ValueError):
     """A command is not usable; the message says why, `kind` what sort of mistake it is."""
@@ -122,8 +119,8 @@ def reference_from(
     ----------
     message : JointState
         Joints by name, with positions [rad] and, if any, velocities [rad/s]. Its stamp is the time
-        at which the positions hold; a zero stamp, one of the future and one of another clock mean
-        now.
+        at which the positions hold; a zero stamp and one of the future, which all stamps of a wall
+        clock are, mean now.
     last : JointReference
     robot : Robot
     now : float
@@ -167,7 +164,7 @@ def reference_from(
     _check_range(message.name, velocity, 'velocity', robot.joint_rate_limit, 'rad/s')
 
     stamp = seconds_from(message.header.stamp)
-    if stamp == 0.0 or stamp > now or stamp < now - CLOCK_TOLERANCE:
+    if stamp == 0.0 or stamp > now:
         stamp = now
     axes = [names.index(name) for name in message.name]
     newest = float(last.stamp.ravel()[axes].max())

@@ -10,7 +10,7 @@ from rcl_interfaces.msg import FloatingPointRange
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
-from snake_sim_ros.parameters import ParameterError
+from snake_sim_ros.records import ParameterError
 
 # Parameters that rclpy itself knows.
 OF_RCLPY = ('use_sim_time', 'start_type_description_service')

@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from snake_sim_ros.parameters import ParameterError
+from snake_sim_ros.records import ParameterError
 
 try:
     from rclpy.experimental import EventsExecutor

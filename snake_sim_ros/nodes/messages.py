@@ -164,7 +164,7 @@ def reference_from(
     _check_range(message.name, velocity, 'velocity', robot.joint_rate_limit, 'rad/s')
 
     stamp = seconds_from(message.header.stamp)
-    if stamp == 0.0 or stamp > now:
+    if stamp <= 0.0 or stamp > now:
         stamp = now
     axes = [names.index(name) for name in message.name]
     newest = float(last.stamp.ravel()[axes].max())

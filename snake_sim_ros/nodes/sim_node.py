@@ -237,18 +237,21 @@ def run(node: SimNode, stop: Event) -> None:
     executor = make_executor(node)
     node.publish_state()
     due = mark = time.perf_counter()
-    mark_time = node.simulation.time
+    advanced = halted = 0.0  # simulated and idle time since the mark
     while not stop.is_set():
         now = time.perf_counter()
         if now - mark >= 1.0:
-            node.reached_factor = (node.simulation.time - mark_time) / (now - mark)
-            mark, mark_time = now, node.simulation.time
+            if advanced > 0.0:
+                node.reached_factor = advanced / (now - mark - halted)
+            mark, advanced, halted = now, 0.0, 0.0
             node.publish_diagnostics()
         if node.halted:
             executor.spin_once(timeout_sec=WAIT)
             due = time.perf_counter()
+            halted += due - now
             continue
         node.advance()
+        advanced += node.period
         factor = node.settings.real_time_factor
         if factor == 0.0:
             executor.spin_once(timeout_sec=0)

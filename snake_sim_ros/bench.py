@@ -119,7 +119,7 @@ def time_steps(scene: Scene) -> Timing:
         p99=float(np.percentile(microseconds, 99)),
         real_time_factor=float(1e6 * steps * scene.dt / microseconds.sum()),
         compile_seconds=compile_seconds,
-        report=stepper.report(u, numbers),
+        report=stepper.report(numbers),
     )
 
 

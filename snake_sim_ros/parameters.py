@@ -80,7 +80,7 @@ class Robot(Record):
     def per_link(self, name: str) -> Array:
         """Return the quantity `name` of every link, shape (n,)."""
         value = np.asarray(getattr(self, name), dtype=float)
-        return np.ascontiguousarray(np.broadcast_to(value, (self.link_count,)))
+        return np.array(np.broadcast_to(value, (self.link_count,)))
 
     @property
     def middle_link(self) -> int:

@@ -46,7 +46,6 @@ from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.parameters import PD_SCHEMES
 from snake_sim_ros.parameters import Scene
-from snake_sim_ros.posture import joint_rates
 from snake_sim_ros.stepping import divergence
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
@@ -87,6 +86,7 @@ class Workspace(NamedTuple):
     axis: Array  # (n-1, 2, 6) twists of the joint axes
     torque: Array  # (n-1, 2) impulse of the controller, without its implicit part [N m s]
     damping: Array  # (n-1, 2) implicit part of the controller, times dt [N m s^2]
+    applied: Array  # (n-1, 2) impulse of the controller with its implicit part [N m s]
     axis_torque: Array  # (n-1, 2), axis_damping (n-1, 3): the same for the rates of the axes
     axis_damping: Array
     inertia: Array  # (n, 6, 6) articulated-body inertia about O
@@ -153,6 +153,19 @@ def axis_loads(axis, torque, damping, axis_torque, axis_damping):
         axis_damping[j, 0] = damping[j, 0] + c * c * damping[j, 1]
         axis_damping[j, 1] = c * (damping[j, 0] + damping[j, 1])
         axis_damping[j, 2] = damping[j, 1] + c * c * damping[j, 0]
+
+
+@compiled
+def applied_torque(R, twist, torque, damping, applied):
+    """Fill the impulse of the controller on every joint, with the rates at the end of the step."""
+    for j in range(len(torque)):
+        yaw_rate = pitch_rate = 0.0
+        for k in range(3):
+            relative = twist[j + 1, k] - twist[j, k]
+            yaw_rate += R[j, k, 1] * relative
+            pitch_rate += R[j + 1, k, 0] * relative
+        applied[j, 0] = torque[j, 0] - damping[j, 0] * yaw_rate
+        applied[j, 1] = torque[j, 1] - damping[j, 1] * pitch_rate
 
 
 @compiled
@@ -288,6 +301,7 @@ def step(model, work, q, u, impulse, angle, rate, report):
             impulse[:] = 0.0
             return False
 
+    applied_torque(R, twist, work.torque, work.damping, work.applied)
     end_velocities(twist, R, work.center, u)
     end_coordinates(model.dt, work.q_mid, u, q)
     gap, violation = joint_violation(model.half_length, q)
@@ -342,7 +356,7 @@ def make_workspace(n: int) -> Workspace:
     shapes = {
         'q_mid': (n, 7), 'R': (n, 3, 3), 'omega': (n, 3), 'center': (n, 3),
         'coordinate': (2, n - 1, 2, 2), 'axis': (n - 1, 2, 6),
-        'torque': (n - 1, 2), 'damping': (n - 1, 2),
+        'torque': (n - 1, 2), 'damping': (n - 1, 2), 'applied': (n - 1, 2),
         'axis_torque': (n - 1, 2), 'axis_damping': (n - 1, 3),
         'inertia': (n, 6, 6), 'gain': (n - 1, 2, 6), 'compliance': (n - 1, 3), 'load': (n - 1, 2),
         'momentum': (n, 6), 'wrench': (n, 6), 'twist': (n, 6),
@@ -352,7 +366,6 @@ def make_workspace(n: int) -> Workspace:
         'unit': (2 * n, 5), 'no_torque': (n - 1, 2), 'no_momentum': (n, 6),
     }  # fmt: skip
     arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
-    arrays['q_mid'][:, 3] = 1.0
     return Workspace(contact=np.zeros(2 * n, np.int64), **arrays)
 
 
@@ -372,13 +385,10 @@ class SpatialStepper:
         q, u, impulse, numbers = state.q.copy(), state.u.copy(), impulse.copy(), np.zeros(11)
         angle, rate = np.ascontiguousarray(angle), np.ascontiguousarray(rate)
         advance(self.model, self.work, q, u, impulse, angle, rate, numbers)
-        return State(q, u), impulse, self.report(u, numbers)
+        return State(q, u), impulse, self.report(numbers)
 
-    def report(self, u: Array, numbers: Array) -> Report:
-        """Return the numbers that the compiled step gathered, after steps that ended with u."""
-        q_mid = self.work.q_mid.copy()
-        q_mid[:, 3:] /= np.linalg.norm(q_mid[:, 3:], axis=1)[:, None]
-        torque = self.work.torque - self.work.damping * joint_rates(q_mid, u)
+    def report(self, numbers: Array) -> Report:
+        """Return what the compiled step gathered."""
         report = Report(
             steps=int(numbers[STEPS]),
             iterations=int(numbers[ITERATIONS]),
@@ -389,7 +399,7 @@ class SpatialStepper:
             joint_gap_max=float(numbers[GAP]),
             joint_twist_max=float(numbers[TWIST]),
             contacts=int(numbers[CONTACTS]),
-            joint_torque=torque / self.model.dt,
+            joint_torque=self.work.applied / self.model.dt,
         )
         if link := int(numbers[FAILED_LINK]):
             report.failure = divergence(link, numbers[FAILED_VALUE], self.model.dt, report.steps)

@@ -10,9 +10,9 @@ import re
 import signal
 import subprocess
 import sys
-import threading
+from threading import Event
+from threading import Thread
 import time
-from types import FrameType
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray
@@ -128,8 +128,8 @@ def demo(source: str, duration: float, out: Path) -> int:
     rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     status, watch, begin = 0, Watch(), time.monotonic()
     try:
-        with interruptible(), children() as nodes:
-            _follow(watch, nodes, source, duration, middle)
+        with interruptible() as stop, children() as nodes:
+            _follow(watch, nodes, stop, source, duration, middle)
     except Interrupted:
         print('\ninterrupted')
         status = 130
@@ -144,17 +144,12 @@ def demo(source: str, duration: float, out: Path) -> int:
 
 
 @contextmanager
-def interruptible() -> Iterator[None]:
-    """Turn SIGINT and SIGTERM into Interrupted."""
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        for other in SIGNALS:  # once is enough: the nodes are then ended in peace
-            signal.signal(other, signal.SIG_IGN)
-        raise Interrupted
-
-    before = {number: signal.signal(number, interrupt) for number in SIGNALS}
+def interruptible() -> Iterator[Event]:
+    """Give an event that SIGINT and SIGTERM set; an exception would break off the middleware."""
+    stop = Event()
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in SIGNALS}
     try:
-        yield
+        yield stop
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -184,7 +179,7 @@ def _start(name: str, *parameters: str) -> Child:
         start_new_session=True,
     )
     node = Child(name, process)
-    threading.Thread(target=_listen, args=(node,), daemon=True).start()
+    Thread(target=_listen, args=(node,), daemon=True).start()
     print(f'started {name}, process {process.pid}')
     return node
 
@@ -197,7 +192,9 @@ def _listen(node: Child) -> None:
             node.begin = float(said[1])
 
 
-def _follow(watch: Watch, nodes: list[Child], source: str, duration: float, middle: int) -> None:
+def _follow(
+    watch: Watch, nodes: list[Child], stop: Event, source: str, duration: float, middle: int
+) -> None:
     """Start the nodes and show how the robot does until the gait has run for the duration."""
     executor = make_executor(watch)
     nodes.append(_start('sim', f'scene:={source}'))
@@ -206,6 +203,8 @@ def _follow(watch: Watch, nodes: list[Child], source: str, duration: float, midd
     count = 0
     while watch.begin is None or watch.times[-1] < watch.begin + duration - 1e-9:
         executor.spin_once(timeout_sec=0.1)
+        if stop.is_set():
+            raise Interrupted
         for node in nodes:
             node.check()
         now = time.monotonic()

@@ -53,8 +53,13 @@ def run_node(
     if not os.access(os.path.expanduser('~'), os.W_OK):
         os.environ.setdefault('ROS_LOG_DIR', tempfile.gettempdir())
     stop = Event()
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        stop.set()
+        raise KeyboardInterrupt
+
     try:
-        _on_signals(_interrupt)
+        _on_signals(interrupt)
         _initialize(args)
         _refuse_arguments(remove_ros_args(sys.argv if args is None else args)[1:])
         node = make()
@@ -64,8 +69,9 @@ def run_node(
     except ParameterError as error:
         print(f'error: {error}', file=sys.stderr, flush=True)
         return 2
-    except KeyboardInterrupt:
-        pass
+    except (KeyboardInterrupt, RuntimeError):  # the middleware turns the one into the other
+        if not stop.is_set():
+            raise
     finally:
         rclpy.try_shutdown()
     return 0
@@ -74,10 +80,6 @@ def run_node(
 def _on_signals(handler: Callable[[int, FrameType | None], None]) -> None:
     for number in SIGNALS:
         signal.signal(number, handler)
-
-
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
 
 
 def _initialize(args: list[str] | None) -> None:

@@ -28,6 +28,7 @@ from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import scene_to_text
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.simulation import Simulation
+from snake_sim_ros.spatial import REPORT_SIZE
 from snake_sim_ros.spatial import SpatialStepper
 from snake_sim_ros.spatial import step
 from snake_sim_ros.stepping import initial_state
@@ -98,7 +99,7 @@ def time_steps(scene: Scene) -> Timing:
     if not isinstance(stepper, SpatialStepper):
         raise ParameterError(f'method {scene.method!r} is not compiled, its steps are not timed')
     state, impulse = initial_state(scene), no_impulse(scene)
-    q, u, numbers = state.q, state.u, np.zeros(11)
+    q, u, numbers = state.q, state.u, np.zeros(REPORT_SIZE)
     steps = round(scene.duration / scene.dt)
     cycles = np.zeros(steps, np.int64)
 

@@ -146,7 +146,7 @@ def record_from(cls: type, mapping: Any, where: str) -> Any:
     for key, value in mapping.items():
         name = key.removesuffix('_deg') if isinstance(key, str) else key
         if name not in hints:
-            raise ParameterError(f'{where}: unknown key {key!r}; {_nearest(key, hints)}')
+            raise ParameterError(f'{where}: unknown key {key!r}; {nearest(key, hints)}')
         if name in values:
             raise ParameterError(f'{where}: {name} is given twice, as {name} and as {name}_deg')
         if name != key:
@@ -176,7 +176,7 @@ def replaced(record: Any, path: list[str], values: dict[str, Any], prefix: str) 
     names = {item.name for item in fields(record)}
     for name in path[:1] or values:
         if name not in names:
-            raise ParameterError(f'unknown name {prefix + name!r}; {_nearest(name, names)}')
+            raise ParameterError(f'unknown name {prefix + name!r}; {nearest(name, names)}')
     if path:
         inner = getattr(record, path[0])
         if not is_dataclass(inner):
@@ -188,7 +188,8 @@ def replaced(record: Any, path: list[str], values: dict[str, Any], prefix: str) 
         raise ParameterError(f'{prefix}{error}' if not path else str(error)) from None
 
 
-def _nearest(name: Any, names: Any) -> str:
+def nearest(name: Any, names: Any) -> str:
+    """Return a hint for an unknown name: the nearest right one, or all of them."""
     close = difflib.get_close_matches(str(name), list(names), n=1)
     return f'did you mean {close[0]!r}?' if close else f'choose from: {", ".join(sorted(names))}'
 

@@ -4,7 +4,7 @@ The time step of the paper [1] compiled, with the joints eliminated in one sweep
 The step is that of `reference.py`, whose docstrings name the equations. What differs is the
 algebra: W_J and P_J never appear. The velocities that satisfy ``W_J^T u_E = 0`` are those of a
 chain of links with two hinge axes a joint, and the articulated-body algorithm [2] solves the
-balance (75) for them in one sweep from the last link to the first and one back: the work grows
+balance (75) for them in one sweep from both ends to the middle link and one back: the work grows
 with the number of links.
 
 A twist is (angular velocity, velocity of the body point at O), an impulse wrench is (moment about
@@ -113,7 +113,7 @@ class Workspace(NamedTuple):
 STEPS, ITERATIONS, ITERATIONS_MAX, UNCONVERGED, RESIDUAL, PENETRATION, GAP, TWIST, CONTACTS = (
     range(9)
 )
-FAILED_LINK, FAILED_VALUE = 9, 10
+FAILED_LINK, FAILED_VALUE, REPORT_SIZE = 9, 10, 11
 
 
 @compiled
@@ -382,7 +382,12 @@ class SpatialStepper:
         self, state: State, impulse: Array, angle: Array, rate: Array
     ) -> tuple[State, Array, Report]:
         """Return state, impulses and report after as many steps as there are references."""
-        q, u, impulse, numbers = state.q.copy(), state.u.copy(), impulse.copy(), np.zeros(11)
+        q, u, impulse, numbers = (
+            state.q.copy(),
+            state.u.copy(),
+            impulse.copy(),
+            np.zeros(REPORT_SIZE),
+        )
         angle, rate = np.ascontiguousarray(angle), np.ascontiguousarray(rate)
         advance(self.model, self.work, q, u, impulse, angle, rate, numbers)
         return State(q, u), impulse, self.report(numbers)

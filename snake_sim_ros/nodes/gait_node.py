@@ -18,16 +18,10 @@ from std_srvs.srv import Trigger
 from snake_sim_ros import gait
 from snake_sim_ros.nodes.messages import command_message
 from snake_sim_ros.nodes.messages import joint_names
-from snake_sim_ros.nodes.node_parameters import declare
-from snake_sim_ros.nodes.node_parameters import given_parameters
-from snake_sim_ros.nodes.node_parameters import refuse_unknown
+from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.running import run_node
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import with_settings
-from snake_sim_ros.records import flat_fields
 from snake_sim_ros.records import quantity
 from snake_sim_ros.records import Record
-from snake_sim_ros.records import record_from
 
 OF_SCENE = ('gait.', 'robot.link_count')  # what the node takes of a scene
 
@@ -47,17 +41,7 @@ class GaitNode(Node):
 
     def __init__(self) -> None:
         super().__init__('gait', automatically_declare_parameters_from_overrides=True)
-        given = given_parameters(self)
-        own = {name: given[name] for name in flat_fields(Settings()) if name in given}
-        settings = record_from(Settings, own, 'gait')
-        scene = load_scene(settings.scene)
-        of_scene = [name for name in flat_fields(scene) if name.startswith(OF_SCENE)]
-        refuse_unknown(given, {*flat_fields(settings), *of_scene})
-        scene = with_settings(scene, {name: given[name] for name in of_scene if name in given})
-        fields = flat_fields(scene)
-        for name, item in {**flat_fields(settings), **{n: fields[n] for n in of_scene}}.items():
-            declare(self, name, *item, read_only=True)
-
+        settings, scene = settle(self, Settings, OF_SCENE)
         self.gait = scene.gait
         self.names = joint_names(scene.robot.link_count)
         self.begin: int | None = None

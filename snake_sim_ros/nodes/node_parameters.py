@@ -1,16 +1,24 @@
 """ROS parameters of the nodes: a record's fields under their dotted names, with descriptors."""
 
 from collections.abc import Mapping
-import difflib
 import math
 import sys
 from typing import Any
+from typing import TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
+from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.parameters import with_settings
+from snake_sim_ros.records import flat_fields
+from snake_sim_ros.records import nearest
 from snake_sim_ros.records import ParameterError
+from snake_sim_ros.records import record_from
+
+S = TypeVar('S')
 
 # Parameters that rclpy itself knows.
 OF_RCLPY = ('use_sim_time', 'start_type_description_service')
@@ -46,22 +54,43 @@ def declare(node: Node, name: str, value: Any, limits: Mapping[str, Any], read_o
     node.declare_parameter(name, value, descriptor, ignore_override=True)
 
 
-def refuse_unknown(given: Mapping[str, Any], known: set[str]) -> None:
+def settle(
+    node: Node,
+    kind: type[S],
+    of_scene: tuple[str, ...] = ('',),
+    changeable: tuple[str, ...] = (),
+) -> tuple[S, Scene]:
     """
-    Raise if the user set a parameter that the node does not have.
+    Return settings and scene as the user wants them, and declare all of it as parameters.
+
+    Parameters
+    ----------
+    node : Node
+        Made with `automatically_declare_parameters_from_overrides`.
+    kind : type
+        Record of the node's own parameters; its field `scene` says where the scene comes from.
+    of_scene : tuple of str, optional
+        What the names of the scene's parameters begin with that the node has; default: all.
+    changeable : tuple of str, optional
+        Parameters that may change while the node runs.
 
     Raises
     ------
     ParameterError
-        Naming the nearest right one.
+        If a value is not usable, or if the node has no parameter of a name.
 
     """
+    given = given_parameters(node)
+    own = {name: given[name] for name in flat_fields(kind()) if name in given}
+    settings = record_from(kind, own, node.get_name())
+    scene = load_scene(settings.scene)
+    names = [name for name in flat_fields(scene) if name.startswith(of_scene)]
+    known = {*flat_fields(settings), *names}
     for name in given:
         if name not in known and name not in OF_RCLPY and not name.startswith('qos_overrides.'):
-            close = difflib.get_close_matches(name, sorted(known), n=1)
-            hint = (
-                f'did you mean {close[0]!r}?'
-                if close
-                else f'choose from: {", ".join(sorted(known))}'
-            )
-            raise ParameterError(f'unknown parameter {name!r}; {hint}')
+            raise ParameterError(f'unknown parameter {name!r}; {nearest(name, sorted(known))}')
+    scene = with_settings(scene, {name: given[name] for name in names if name in given})
+    fields = flat_fields(scene)
+    for name, item in {**flat_fields(settings), **{n: fields[n] for n in names}}.items():
+        declare(node, name, *item, read_only=name not in changeable)
+    return settings, scene

@@ -24,20 +24,14 @@ from snake_sim_ros.nodes.messages import reference_from
 from snake_sim_ros.nodes.messages import RejectedCommand
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.messages import StateMessages
-from snake_sim_ros.nodes.node_parameters import declare
-from snake_sim_ros.nodes.node_parameters import given_parameters
-from snake_sim_ros.nodes.node_parameters import refuse_unknown
+from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.running import make_executor
 from snake_sim_ros.nodes.running import run_node
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import with_settings
 from snake_sim_ros.posture import joint_angles
 from snake_sim_ros.posture import joint_rates
-from snake_sim_ros.records import flat_fields
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.records import quantity
 from snake_sim_ros.records import Record
-from snake_sim_ros.records import record_from
 from snake_sim_ros.simulation import Simulation
 from snake_sim_ros.simulation import start_posture
 from snake_sim_ros.simulation import steps_in
@@ -72,16 +66,7 @@ class SimNode(Node):
 
     def __init__(self) -> None:
         super().__init__('sim', automatically_declare_parameters_from_overrides=True)
-        given = given_parameters(self)
-        own = {name: given[name] for name in flat_fields(Settings()) if name in given}
-        self.settings = record_from(Settings, own, 'sim')
-        scene = load_scene(self.settings.scene)
-        known = {**flat_fields(self.settings), **flat_fields(scene)}
-        refuse_unknown(given, set(known))
-        of_scene = {name: given[name] for name in flat_fields(scene) if name in given}
-        scene = with_settings(scene, of_scene)
-        for name, (value, limits) in {**flat_fields(self.settings), **flat_fields(scene)}.items():
-            declare(self, name, value, limits, read_only=name != 'real_time_factor')
+        self.settings, scene = settle(self, Settings, changeable=('real_time_factor',))
         self.add_on_set_parameters_callback(self._on_set_parameters)
         if self.get_parameter('use_sim_time').value:
             self.get_logger().warning('use_sim_time is ignored: this node makes simulated time')

@@ -1,30 +1,82 @@
 """
 Forward dynamics of a chain of links with two hinge axes a joint, linear in the number of links.
 
-The articulated-body algorithm [1] on impulses: given momentum and impulse wrenches, find the
-twists after the step that satisfy the joint constraints. All quantities are about one common point
-in common axes, twists as (angular, linear), wrenches as (moment, impulse), so that nothing is
-transformed on the way along the chain. `articulated_inertia` prepares a configuration once;
-`articulated_velocity` then solves for any number of loads.
+The articulated-body algorithm [1] on impulses: given the impulse wrenches on all links, find the
+twists that satisfy the joint constraints. All quantities are about one common point in common
+axes, twists as (angular, linear), wrenches as (moment, impulse), so that nothing is transformed on
+the way along the chain. `articulated_inertia` prepares a configuration once; then
+`articulated_velocity` solves for any number of wrenches.
+
+The inertia of a link may be any 6x6 matrix that its wrench depends on its twist by: a contact adds
+the derivative of its impulse, which is not symmetric when friction follows the normal impulse.
 
 The root is the middle link: its two arms do not depend on each other, and a processor works on
 both at the same time. With S the two axis twists of the joint between a link and its parent, which
 is the next one toward the root, and A the articulated inertia of everything from the link outward,
-the rates of the joint are ``q' = D^-1 (torque + S^T wrench) - G^T twist_parent`` with ``G = A S
-D^-1`` and ``D = S^T A S + damping``, and the parent feels ``A - G D G^T``.
+``D = S^T A S + damping``, the rates of the joint are
+``q' = D^-1 (torque + S^T wrench) - D^-1 S^T A twist_parent``, and the parent feels the inertia
+``A - A S D^-1 S^T A``.
 
 .. [1] R. Featherstone, "Rigid Body Dynamics Algorithms", Springer 2008, ch. 7.
 """
 
+from typing import NamedTuple
+
 from snake_sim_ros.compilation import compiled
+from snake_sim_ros.parameters import Array
 
 ZERO = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
+class Chain(NamedTuple):
+    """A chain of links as the sweeps take it, and what they fill."""
+
+    axis: Array  # (n-1, 2, 6) twists of the joint axes: of the outer link against its parent
+    torque: Array  # (n-1, 2) impulse on every joint axis [N m s]
+    damping: Array  # (n-1, 3) entries 11, 12, 22 of the impulse per rate that resists the axes
+    bare: Array  # (n, 6, 6) inertia of the links about O
+    momentum: Array  # (n, 6) impulse wrench of everything but contacts and torques
+    inertia: Array  # (n, 6, 6) inertia as it is folded; in inertia[n // 2] factors of the root
+    wrench: Array  # (n, 6) momentum and impulse wrench of every link together
+    left: Array  # (n-1, 2, 6) A S D^-1
+    right: Array  # (n-1, 2, 6) D^-1 S^T A
+    compliance: Array  # (n-1, 4) entries 11, 12, 21, 22 of D^-1
+    load: Array  # (n-1, 2) loads of the joint axes
+    twist: Array  # (n, 6) the solution
+    no_torque: Array  # (n-1, 2) zero
+
+
 @compiled
-def articulated_inertia(axis, damping, inertia, gain, compliance):
+def unload_chain(chain):
+    """Fill inertia and wrench with those of the links alone."""
+    for i in range(len(chain.wrench)):
+        for k in range(6):
+            chain.wrench[i, k] = chain.momentum[i, k]
+            for j in range(6):
+                chain.inertia[i, k, j] = chain.bare[i, k, j]
+
+
+@compiled
+def factor_chain(chain):
+    """Prepare the chain with the inertias in chain.inertia."""
+    articulated_inertia(
+        chain.axis, chain.damping, chain.inertia, chain.left, chain.right, chain.compliance
+    )
+
+
+@compiled
+def solve_chain(chain, torque):
+    """Fill chain.twist with what torques and chain.wrench make of the prepared chain."""
+    articulated_velocity(
+        chain.axis, chain.left, chain.right, chain.compliance,
+        chain.inertia[len(chain.inertia) // 2], torque, chain.wrench, chain.load, chain.twist,
+    )  # fmt: skip
+
+
+@compiled
+def articulated_inertia(axis, damping, inertia, left, right, compliance):
     """
-    Turn link inertias into articulated-body inertias, and that of the root into its inverse.
+    Turn link inertias into articulated-body inertias, and that of the root into its LU factors.
 
     Joint j is between link j and link j+1 (counted from 0).
 
@@ -36,182 +88,198 @@ def articulated_inertia(axis, damping, inertia, gain, compliance):
         Entries 11, 12, 22 of the impulse per rate that resists the axes [N m s^2].
     inertia : ndarray, shape (n, 6, 6)
         On entry inertia of the links; on return articulated inertia, and in ``inertia[n // 2]``
-        the inverse of the articulated inertia of the root.
-    gain : ndarray, shape (n-1, 2, 6)
-        Filled with G.
-    compliance : ndarray, shape (n-1, 3)
-        Filled with the entries 11, 12, 22 of D^-1.
+        the factors of the articulated inertia of the root.
+    left, right : ndarray, shape (n-1, 2, 6)
+        Filled with A S D^-1 and D^-1 S^T A.
+    compliance : ndarray, shape (n-1, 4)
+        Filled with the entries 11, 12, 21, 22 of D^-1.
 
     """
     n = len(inertia)
     root = n // 2
     for k in range(root):
-        fold_inertia(k, axis, damping, inertia[k], inertia[k + 1], gain, compliance)
+        fold_inertia(k, axis, damping, inertia[k], inertia[k + 1], left, right, compliance)
         i = n - 1 - k
         if i > root:
-            fold_inertia(i - 1, axis, damping, inertia[i], inertia[i - 1], gain, compliance)
-    invert(inertia[root])
+            parent = inertia[i - 1]
+            fold_inertia(i - 1, axis, damping, inertia[i], parent, left, right, compliance)
+    factor(inertia[root])
 
 
 @compiled
-def fold_inertia(j, axis, damping, A, parent, gain, compliance):
+def fold_inertia(j, axis, damping, A, parent, left, right, compliance):
     """Add to the inertia of the parent what joint j lets it feel of the inertia A beyond."""
-    S, G = axis[j], gain[j]
-    for k in range(2):
-        for row in range(6):
-            G[k, row] = (
-                A[row, 0] * S[k, 0] + A[row, 1] * S[k, 1] + A[row, 2] * S[k, 2]
-                + A[row, 3] * S[k, 3] + A[row, 4] * S[k, 4] + A[row, 5] * S[k, 5]
-            )  # fmt: skip
-    d11, d12, d22 = damping[j, 0], damping[j, 1], damping[j, 2]
-    for row in range(6):
-        d11 += S[0, row] * G[0, row]
-        d12 += S[0, row] * G[1, row]
-        d22 += S[1, row] * G[1, row]
-    determinant = d11 * d22 - d12 * d12
-    c11, c12, c22 = d22 / determinant, -d12 / determinant, d11 / determinant
-    compliance[j, 0], compliance[j, 1], compliance[j, 2] = c11, c12, c22
-    for row in range(6):
-        g0, g1 = c11 * G[0, row] + c12 * G[1, row], c12 * G[0, row] + c22 * G[1, row]
-        for column in range(row, 6):  # of G only rows before `row` are final, the others hold A S
-            value = A[row, column] - g0 * G[0, column] - g1 * G[1, column]
-            parent[row, column] += value
-            if column > row:
-                parent[column, row] += value
-        G[0, row], G[1, row] = g0, g1
+    s0, s1 = line(axis[j], 0), line(axis[j], 1)
+    a0, a1, a2 = line(A, 0), line(A, 1), line(A, 2)
+    a3, a4, a5 = line(A, 3), line(A, 4), line(A, 5)
+    g0 = (dot(a0, s0), dot(a1, s0), dot(a2, s0), dot(a3, s0), dot(a4, s0), dot(a5, s0))
+    g1 = (dot(a0, s1), dot(a1, s1), dot(a2, s1), dot(a3, s1), dot(a4, s1), dot(a5, s1))
+    h0, h1 = blend(s0, a0, a1, a2, a3, a4, a5), blend(s1, a0, a1, a2, a3, a4, a5)
+    d00, d01 = damping[j, 0] + dot(s0, g0), damping[j, 1] + dot(s0, g1)
+    d10, d11 = damping[j, 1] + dot(s1, g0), damping[j, 2] + dot(s1, g1)
+    scale = 1.0 / (d00 * d11 - d01 * d10)
+    c00, c01, c10, c11 = d11 * scale, -d01 * scale, -d10 * scale, d00 * scale
+    compliance[j, 0], compliance[j, 1] = c00, c01
+    compliance[j, 2], compliance[j, 3] = c10, c11
+    g0, g1 = pair(c00, g0, c10, g1), pair(c01, g0, c11, g1)
+    add_reduced(parent, 0, a0, g0[0], h0, g1[0], h1)
+    add_reduced(parent, 1, a1, g0[1], h0, g1[1], h1)
+    add_reduced(parent, 2, a2, g0[2], h0, g1[2], h1)
+    add_reduced(parent, 3, a3, g0[3], h0, g1[3], h1)
+    add_reduced(parent, 4, a4, g0[4], h0, g1[4], h1)
+    add_reduced(parent, 5, a5, g0[5], h0, g1[5], h1)
+    store(left[j], 0, g0)
+    store(left[j], 1, g1)
+    store(right[j], 0, pair(c00, h0, c01, h1))
+    store(right[j], 1, pair(c10, h0, c11, h1))
 
 
 @compiled
-def invert(A):
-    """Replace a symmetric positive definite matrix by its inverse (Gauss-Jordan, no pivoting)."""
-    size = len(A)
-    for k in range(size):
-        pivot = 1.0 / A[k, k]
-        A[k, k] = 1.0
-        for j in range(size):
-            A[k, j] *= pivot
-        for i in range(size):
-            if i != k:
-                factor = A[i, k]
-                A[i, k] = 0.0
-                for j in range(size):
-                    A[i, j] -= factor * A[k, j]
-
-
-@compiled
-def articulated_velocity(
-    axis, gain, compliance, root_inverse, torque, momentum, wrench, load, twist
-):
+def articulated_velocity(axis, left, right, compliance, root_factor, torque, wrench, load, twist):
     """
     Fill the twists of all links under given loads.
 
     Parameters
     ----------
-    axis, gain, compliance : ndarray
+    axis, left, right, compliance : ndarray
         As filled by `articulated_inertia`.
-    root_inverse : ndarray, shape (6, 6)
-        Inverse of the articulated inertia of the root.
+    root_factor : ndarray, shape (6, 6)
+        LU factors of the articulated inertia of the root.
     torque : ndarray, shape (n-1, 2)
         Impulse on every joint axis [N m s].
-    momentum, wrench : ndarray, shape (n, 6)
-        Momentum and impulse wrench of every link; only their sum counts.
+    wrench : ndarray, shape (n, 6)
+        Momentum and impulse wrench of every link together.
     load : ndarray, shape (n-1, 2)
         Filled with the loads of the joint axes.
     twist : ndarray, shape (n, 6)
         Filled with the twists.
 
     """
-    n = len(momentum)
+    n = len(wrench)
     root = n // 2
-    left = right = ZERO
+    arm, other = ZERO, ZERO
     for k in range(root):
-        left = fold(k, axis, gain, torque, load, total(left, momentum, wrench, k))
+        arm = fold(k, axis, left, torque, load, total(arm, line(wrench, k)))
         i = n - 1 - k
         if i > root:
-            right = fold(i - 1, axis, gain, torque, load, total(right, momentum, wrench, i))
-    w = total(left, momentum, wrench, root)
-    w = (w[0] + right[0], w[1] + right[1], w[2] + right[2],
-         w[3] + right[3], w[4] + right[4], w[5] + right[5])  # fmt: skip
-    A = root_inverse
-    left = (row(A, 0, w), row(A, 1, w), row(A, 2, w), row(A, 3, w), row(A, 4, w), row(A, 5, w))
-    right = left
-    store(twist, root, left)
+            other = fold(i - 1, axis, left, torque, load, total(other, line(wrench, i)))
+    arm = solve(root_factor, total(total(arm, other), line(wrench, root)))
+    other = arm
+    store(twist, root, arm)
     for k in range(root):
         i = root - 1 - k
-        left = unfold(i, axis, gain, compliance, load, left)
-        store(twist, i, left)
+        arm = unfold(i, axis, right, compliance, load, arm)
+        store(twist, i, arm)
         i = root + 1 + k
         if i < n:
-            right = unfold(i - 1, axis, gain, compliance, load, right)
-            store(twist, i, right)
+            other = unfold(i - 1, axis, right, compliance, load, other)
+            store(twist, i, other)
 
 
 @compiled
-def fold(j, axis, gain, torque, load, w):
+def fold(j, axis, left, torque, load, w):
     """Return what the parent of joint j feels of the wrench w beyond; keep its load."""
-    load0 = torque[j, 0] + dot(axis, j, 0, w)
-    load1 = torque[j, 1] + dot(axis, j, 1, w)
+    load0 = torque[j, 0] + dot(line(axis[j], 0), w)
+    load1 = torque[j, 1] + dot(line(axis[j], 1), w)
     load[j, 0], load[j, 1] = load0, load1
     return (
-        w[0] - gain[j, 0, 0] * load0 - gain[j, 1, 0] * load1,
-        w[1] - gain[j, 0, 1] * load0 - gain[j, 1, 1] * load1,
-        w[2] - gain[j, 0, 2] * load0 - gain[j, 1, 2] * load1,
-        w[3] - gain[j, 0, 3] * load0 - gain[j, 1, 3] * load1,
-        w[4] - gain[j, 0, 4] * load0 - gain[j, 1, 4] * load1,
-        w[5] - gain[j, 0, 5] * load0 - gain[j, 1, 5] * load1,
+        w[0] - left[j, 0, 0] * load0 - left[j, 1, 0] * load1,
+        w[1] - left[j, 0, 1] * load0 - left[j, 1, 1] * load1,
+        w[2] - left[j, 0, 2] * load0 - left[j, 1, 2] * load1,
+        w[3] - left[j, 0, 3] * load0 - left[j, 1, 3] * load1,
+        w[4] - left[j, 0, 4] * load0 - left[j, 1, 4] * load1,
+        w[5] - left[j, 0, 5] * load0 - left[j, 1, 5] * load1,
     )
 
 
 @compiled
-def unfold(j, axis, gain, compliance, load, v):
+def unfold(j, axis, right, compliance, load, v):
     """Return the twist of the link beyond joint j from that of its parent, v."""
-    c11, c12, c22 = compliance[j, 0], compliance[j, 1], compliance[j, 2]
-    rate0 = c11 * load[j, 0] + c12 * load[j, 1] - dot(gain, j, 0, v)
-    rate1 = c12 * load[j, 0] + c22 * load[j, 1] - dot(gain, j, 1, v)
-    return (
-        v[0] + axis[j, 0, 0] * rate0 + axis[j, 1, 0] * rate1,
-        v[1] + axis[j, 0, 1] * rate0 + axis[j, 1, 1] * rate1,
-        v[2] + axis[j, 0, 2] * rate0 + axis[j, 1, 2] * rate1,
-        v[3] + axis[j, 0, 3] * rate0 + axis[j, 1, 3] * rate1,
-        v[4] + axis[j, 0, 4] * rate0 + axis[j, 1, 4] * rate1,
-        v[5] + axis[j, 0, 5] * rate0 + axis[j, 1, 5] * rate1,
-    )
+    load0, load1 = load[j, 0], load[j, 1]
+    rate0 = compliance[j, 0] * load0 + compliance[j, 1] * load1 - dot(line(right[j], 0), v)
+    rate1 = compliance[j, 2] * load0 + compliance[j, 3] * load1 - dot(line(right[j], 1), v)
+    return total(v, pair(rate0, line(axis[j], 0), rate1, line(axis[j], 1)))
 
 
 @compiled
-def total(w, momentum, wrench, i):
-    """Return w and the loads of link i together."""
-    return (
-        w[0] + momentum[i, 0] + wrench[i, 0],
-        w[1] + momentum[i, 1] + wrench[i, 1],
-        w[2] + momentum[i, 2] + wrench[i, 2],
-        w[3] + momentum[i, 3] + wrench[i, 3],
-        w[4] + momentum[i, 4] + wrench[i, 4],
-        w[5] + momentum[i, 5] + wrench[i, 5],
-    )
+def factor(A):
+    """Replace a matrix by its factors L and U, the diagonal of U inverted (no pivoting)."""
+    for k in range(6):
+        A[k, k] = 1.0 / A[k, k]
+        for i in range(k + 1, 6):
+            A[i, k] *= A[k, k]
+            for j in range(k + 1, 6):
+                A[i, j] -= A[i, k] * A[k, j]
 
 
 @compiled
-def dot(A, j, k, w):
-    """Return A[j, k] . w."""
-    return (
-        (A[j, k, 0] * w[0] + A[j, k, 1] * w[1])
-        + (A[j, k, 2] * w[2] + A[j, k, 3] * w[3])
-        + (A[j, k, 4] * w[4] + A[j, k, 5] * w[5])
-    )
+def solve(A, w):
+    """Return x with L U x = w, for the factors that `factor` left in A."""
+    x0 = w[0]
+    x1 = w[1] - A[1, 0] * x0
+    x2 = w[2] - A[2, 0] * x0 - A[2, 1] * x1
+    x3 = w[3] - A[3, 0] * x0 - A[3, 1] * x1 - A[3, 2] * x2
+    x4 = w[4] - A[4, 0] * x0 - A[4, 1] * x1 - A[4, 2] * x2 - A[4, 3] * x3
+    x5 = w[5] - A[5, 0] * x0 - A[5, 1] * x1 - A[5, 2] * x2 - A[5, 3] * x3 - A[5, 4] * x4
+    x5 = x5 * A[5, 5]
+    x4 = (x4 - A[4, 5] * x5) * A[4, 4]
+    x3 = (x3 - A[3, 5] * x5 - A[3, 4] * x4) * A[3, 3]
+    x2 = (x2 - A[2, 5] * x5 - A[2, 4] * x4 - A[2, 3] * x3) * A[2, 2]
+    x1 = (x1 - A[1, 5] * x5 - A[1, 4] * x4 - A[1, 3] * x3 - A[1, 2] * x2) * A[1, 1]
+    x0 = x0 - A[0, 5] * x5 - A[0, 4] * x4 - A[0, 3] * x3 - A[0, 2] * x2 - A[0, 1] * x1
+    return x0 * A[0, 0], x1, x2, x3, x4, x5
+
+
+# Six numbers at a time: a processor keeps them in registers.
 
 
 @compiled
-def row(A, i, w):
-    """Return A[i] . w."""
-    return (
-        (A[i, 0] * w[0] + A[i, 1] * w[1])
-        + (A[i, 2] * w[2] + A[i, 3] * w[3])
-        + (A[i, 4] * w[4] + A[i, 5] * w[5])
-    )
+def line(A, i):
+    """Return A[i] as a tuple."""
+    return A[i, 0], A[i, 1], A[i, 2], A[i, 3], A[i, 4], A[i, 5]
 
 
 @compiled
 def store(A, i, w):
     """Write the tuple w to A[i]."""
     A[i, 0], A[i, 1], A[i, 2], A[i, 3], A[i, 4], A[i, 5] = w
+
+
+@compiled
+def dot(a, b):
+    """Return a . b."""
+    return (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3]) + (a[4] * b[4] + a[5] * b[5])
+
+
+@compiled
+def total(a, b):
+    """Return a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5]
+
+
+@compiled
+def pair(x, a, y, b):
+    """Return x a + y b."""
+    return (
+        x * a[0] + y * b[0], x * a[1] + y * b[1], x * a[2] + y * b[2],
+        x * a[3] + y * b[3], x * a[4] + y * b[4], x * a[5] + y * b[5],
+    )  # fmt: skip
+
+
+@compiled
+def blend(s, a0, a1, a2, a3, a4, a5):
+    """Return the sum of s[k] a_k."""
+    return total(
+        total(pair(s[0], a0, s[1], a1), pair(s[2], a2, s[3], a3)), pair(s[4], a4, s[5], a5)
+    )
+
+
+@compiled
+def add_reduced(A, i, a, x, b, y, c):
+    """Add a - x b - y c to A[i]."""
+    A[i, 0] += a[0] - x * b[0] - y * c[0]
+    A[i, 1] += a[1] - x * b[1] - y * c[1]
+    A[i, 2] += a[2] - x * b[2] - y * c[2]
+    A[i, 3] += a[3] - x * b[3] - y * c[3]
+    A[i, 4] += a[4] - x * b[4] - y * c[4]
+    A[i, 5] += a[5] - x * b[5] - y * c[5]

@@ -13,26 +13,15 @@ import subprocess
 import sys
 import tempfile
 import time
-from typing import Any
 
-from llvmlite import ir
-from numba.core import cgutils
-from numba.core import types
-from numba.extending import intrinsic
 import numpy as np
 
 from snake_sim_ros import gait
-from snake_sim_ros.compilation import compiled
-from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import scene_to_text
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.spatial import REPORT_SIZE
 from snake_sim_ros.spatial import SpatialStepper
-from snake_sim_ros.spatial import step
-from snake_sim_ros.stepping import initial_state
-from snake_sim_ros.stepping import no_impulse
 from snake_sim_ros.stepping import Report
 
 CHUNK = 2000  # steps whose references are made at once
@@ -62,28 +51,6 @@ class Timing:
     report: Report
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def cycle_counter(typing_context: Any) -> Any:
-    """Return the processor's time stamp counter."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        kind = ir.FunctionType(ir.IntType(64), [])
-        function = cgutils.get_or_insert_function(builder.module, kind, 'llvm.readcyclecounter')
-        return builder.call(function, [])
-
-    return types.int64(), generate
-
-
-@compiled
-def timed_advance(model, work, q, u, impulse, angle, rate, report, cycles):
-    """Advance as `spatial.advance` does, and fill cycles (steps,) with the counts of all steps."""
-    for k in range(len(angle)):
-        begin = cycle_counter()
-        if not step(model, work, q, u, impulse, angle[k], rate[k], report):
-            break
-        cycles[k] = cycle_counter() - begin
-
-
 def time_steps(scene: Scene) -> Timing:
     """
     Run a scene for its duration and return the time of its steps.
@@ -98,35 +65,29 @@ def time_steps(scene: Scene) -> Timing:
     stepper = simulation.stepper
     if not isinstance(stepper, SpatialStepper):
         raise ParameterError(f'method {scene.method!r} is not compiled, its steps are not timed')
-    state, impulse = initial_state(scene), no_impulse(scene)
-    q, u, numbers = state.q, state.u, np.zeros(REPORT_SIZE)
-    steps = round(scene.duration / scene.dt)
-    cycles = np.zeros(steps, np.int64)
-
-    def advance(first: int, count: int, counts: Array) -> None:
-        times = (first + 0.5 + np.arange(count)) * scene.dt
-        angle, rate = gait.reference(scene.gait, times, scene.robot.link_count - 1)
-        timed_advance(stepper.model, stepper.work, q, u, impulse, angle, rate, numbers, counts)
-
     compile_seconds = simulation.compile()
-    advance(0, 0, cycles[:0])  # compiles the timed loop, which no user waits for
-    begin, begin_cycles = time.perf_counter(), _now()
+    steps = round(scene.duration / scene.dt)
+    seconds, cycles = 0.0, []
     for first in range(0, steps, CHUNK):
         count = min(CHUNK, steps - first)
-        advance(first, count, cycles[first : first + count])
-    microseconds = 1e6 * (time.perf_counter() - begin) / (_now() - begin_cycles) * cycles
+        angle, rate = gait.reference(
+            scene.gait, simulation.midpoints(count), scene.robot.link_count - 1
+        )
+        begin = time.perf_counter()
+        report = simulation.advance(angle, rate)
+        seconds += time.perf_counter() - begin
+        cycles.append(np.diff(stepper.cycles[: report.steps + 1]))
+        if report.failure:
+            break
+    counts = np.concatenate(cycles)
+    microseconds = 1e6 * seconds / counts.sum() * counts
     return Timing(
         median=float(np.median(microseconds)),
         p99=float(np.percentile(microseconds, 99)),
-        real_time_factor=float(1e6 * steps * scene.dt / microseconds.sum()),
+        real_time_factor=simulation.time / seconds,
         compile_seconds=compile_seconds,
-        report=stepper.report(numbers),
+        report=simulation.report,
     )
-
-
-@compiled
-def _now():
-    return cycle_counter()
 
 
 def start_up_seconds(scene: Scene, *, cold: bool) -> float:

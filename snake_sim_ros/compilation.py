@@ -13,7 +13,11 @@ import tempfile
 from typing import Any
 
 try:
+    from llvmlite import ir
     import numba
+    from numba.core import cgutils
+    from numba.core import types
+    from numba.extending import intrinsic
 except ImportError as error:
     raise ImportError(
         'snake_sim_ros compiles its physics with Numba, which is not installed: '
@@ -50,6 +54,22 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     Every operation is rounded as written. With fast math a function that was just compiled and the
     same one from the cache differ in their last bits, and a run could not be repeated exactly.
     """
-    options = {'cache': True, 'nogil': True, 'error_model': 'numpy'}
+    options = {'cache': True, 'nogil': True, 'error_model': 'numpy', '_nrt': False}
     wrapper: Callable[..., Any] = numba.njit(**options)(function)
     return wrapper
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _time_stamp(typing_context: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = ir.FunctionType(ir.IntType(64), [])
+        function = cgutils.get_or_insert_function(builder.module, kind, 'llvm.readcyclecounter')
+        return builder.call(function, [])
+
+    return types.int64(), generate
+
+
+@compiled
+def cycle_counter():
+    """Return the processor's time stamp counter; 0 where nothing is compiled."""
+    return 0 if numba.config.DISABLE_JIT else _time_stamp()

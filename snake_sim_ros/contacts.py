@@ -1,24 +1,47 @@
 """
-Compiled contact mechanics of the paper's iteration: eqs. (9)-(37), (76) and (87)-(93).
+Compiled mechanics of the contacts: eqs. (9)-(37), (76), and the judge of all contact solvers.
 
-Contacts a are numbered as in eq. (10), fronts first; `contact` lists the closed ones. The impulse
-of a contact is (normal, sliding along and across the link, rolling along x and y of I). Every
-function fills the arrays named in its first line.
+Contacts a are numbered as in eq. (10), fronts first; `contact` lists the closed ones. All that
+belongs to a contact is in its row of the table, under the columns named below. An impulse, and the
+relative velocity that goes with it, is (normal, sliding along and across the link, rolling along x
+and y of I).
 """
 
 import math
+from typing import NamedTuple
 
-from snake_sim_ros.articulated_body import articulated_velocity
 from snake_sim_ros.compilation import compiled
-from snake_sim_ros.contact_laws import prox_disc
 from snake_sim_ros.contact_laws import prox_ellipse
-from snake_sim_ros.contact_laws import prox_half_line
+
+# Columns of the table.
+POINT = 0  # contact point from O
+HEADING = 3  # horizontal direction of the link axis: e_x of the contact frame
+RADIUS = 5  # of the sphere
+GAMMA = 6  # relative velocities [m/s]
+IMPULSE = 11  # impulses [N s]
+GEOMETRY_COLUMNS = 16
+
+
+class Laws(NamedTuple):
+    """The numbers of the contact laws and of their judge."""
+
+    mu_x: float
+    mu_y: float
+    mu_V: float
+    compliance: float  # of the selection rule [1/kg]
+    proximal: float  # compliance of the proximal point method, see newton [1/kg]
+    r_N: float
+    r_T: float
+    r_V: float
 
 
 @compiled
-def closed_contacts(offset, radius, height, R, center, contact, point, heading):
+def closed_contacts(tolerance, offset, radius, height, R, center, contact, table):
     """
-    Fill closed contacts, contact points from O and contact frames; return how many are closed.
+    Fill closed contacts, their points and frames; return how many are closed.
+
+    Deviation: a contact counts as closed up to a gap of `tolerance` [m], not of 0: gaps at the
+    size of rounding do not open and close contacts.
 
     Deviation: a vertical link has no heading; e_x^I stands in for it, as in `reference.py`.
     """
@@ -26,35 +49,34 @@ def closed_contacts(offset, radius, height, R, center, contact, point, heading):
     count = 0
     for i in range(n):
         x, y, z = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
-        c = math.sqrt(x * x + y * y)
-        if c > 1e-6:
-            heading[i, 0], heading[i, 1] = x / c, y / c
-        else:
-            heading[i, 0], heading[i, 1] = 1.0, 0.0
         for a, signed in ((i, offset[i]), (n + i, -offset[i])):
-            if height[i] + signed * z - radius[i] <= 0.0:
+            if height[i] + signed * z - radius[i] <= tolerance:
                 contact[count] = a
-                point[a, 0] = center[i, 0] + signed * x
-                point[a, 1] = center[i, 1] + signed * y
-                point[a, 2] = center[i, 2] + signed * z - radius[i]
                 count += 1
+                c = math.sqrt(x * x + y * y)
+                flat = c > 1e-6
+                table[a, HEADING] = x / c if flat else 1.0
+                table[a, HEADING + 1] = y / c if flat else 0.0
+                table[a, POINT] = center[i, 0] + signed * x
+                table[a, POINT + 1] = center[i, 1] + signed * y
+                table[a, POINT + 2] = center[i, 2] + signed * z - radius[i]
+                table[a, RADIUS] = radius[i]
     return count
 
 
 @compiled
-def contact_wrench(contact, point, heading, radius, impulse, wrench):
-    """Fill the impulse wrench S of the contacts on every link, eq. (76)."""
-    n = len(heading)
-    wrench[:] = 0.0
+def add_contact_wrench(contact, table, wrench):
+    """Add the impulse wrench S of the contacts to that of every link, eq. (76)."""
+    n = len(wrench)
     for a in contact:
         i = a if a < n else a - n
-        cx, cy = heading[i, 0], heading[i, 1]
-        x, y, z = point[a, 0], point[a, 1], point[a, 2]
-        px = cx * impulse[a, 1] - cy * impulse[a, 2]
-        py = cy * impulse[a, 1] + cx * impulse[a, 2]
-        pz = impulse[a, 0]
-        wrench[i, 0] += y * pz - z * py + radius[i] * impulse[a, 4]
-        wrench[i, 1] += z * px - x * pz - radius[i] * impulse[a, 3]
+        cx, cy = table[a, HEADING], table[a, HEADING + 1]
+        x, y, z = table[a, POINT], table[a, POINT + 1], table[a, POINT + 2]
+        px = cx * table[a, IMPULSE + 1] - cy * table[a, IMPULSE + 2]
+        py = cy * table[a, IMPULSE + 1] + cx * table[a, IMPULSE + 2]
+        pz = table[a, IMPULSE]
+        wrench[i, 0] += y * pz - z * py + table[a, RADIUS] * table[a, IMPULSE + 4]
+        wrench[i, 1] += z * px - x * pz - table[a, RADIUS] * table[a, IMPULSE + 3]
         wrench[i, 2] += x * py - y * px
         wrench[i, 3] += px
         wrench[i, 4] += py
@@ -62,120 +84,84 @@ def contact_wrench(contact, point, heading, radius, impulse, wrench):
 
 
 @compiled
-def contact_velocities(contact, point, heading, radius, twist, gamma):
-    """Fill gamma (m, 5): relative velocities of the closed contacts, eqs. (90)-(92) [m/s]."""
-    n = len(heading)
-    for k, a in enumerate(contact):
+def contact_velocities(contact, table, twist):
+    """Fill the relative velocities of the closed contacts, eqs. (90)-(92)."""
+    n = len(twist)
+    for a in contact:
         i = a if a < n else a - n
-        cx, cy = heading[i, 0], heading[i, 1]
-        x, y, z = point[a, 0], point[a, 1], point[a, 2]
+        cx, cy = table[a, HEADING], table[a, HEADING + 1]
+        x, y, z = table[a, POINT], table[a, POINT + 1], table[a, POINT + 2]
         wx, wy, wz = twist[i, 0], twist[i, 1], twist[i, 2]
         vx = twist[i, 3] + wy * z - wz * y
         vy = twist[i, 4] + wz * x - wx * z
-        gamma[k, 0] = twist[i, 5] + wx * y - wy * x
-        gamma[k, 1] = cx * vx + cy * vy
-        gamma[k, 2] = cx * vy - cy * vx
-        gamma[k, 3] = -radius[i] * wy
-        gamma[k, 4] = radius[i] * wx
+        table[a, GAMMA] = twist[i, 5] + wx * y - wy * x
+        table[a, GAMMA + 1] = cx * vx + cy * vy
+        table[a, GAMMA + 2] = cx * vy - cy * vx
+        table[a, GAMMA + 3] = -table[a, RADIUS] * wy
+        table[a, GAMMA + 4] = table[a, RADIUS] * wx
 
 
 @compiled
-def prox_sweep(contact, gamma, friction, prox_parameter, impulse, previous):
+def natural_map(laws, contact, table, enough):
     """
-    Project the impulse of every closed contact once, eqs. (87)-(89).
+    Return how far closed contacts are from their laws: ``max |P - prox_C(P - r gamma)|/r`` [m/s].
 
-    The one before is kept in previous. The sliding and rolling sets take the new normal impulse.
+    This is the one judge of all solvers. The sets of sliding and rolling are those of the normal
+    impulse given. Where an upper bound for orthotropic sliding is not above `enough`, it stands for
+    the value: the projection on an ellipse is not cheap.
 
     Returns
     -------
-    change : float
-        Left side of the stopping rule (93) [N s].
     residual : float
-        Largest change of one impulse over its prox parameter [m/s].
+        Of the laws with the selection rule: ``gamma_N + compliance P_N`` in place of gamma_N.
+    printed_residual : float
+        Of the laws of the paper, without the rule.
 
     """
-    r_N, r_T, r_V = prox_parameter[0], prox_parameter[1], prox_parameter[2]
-    mu_x, mu_y, mu_V = friction[0], friction[1], friction[2]
-    normal = sliding = rolling = residual = 0.0
-    for k, a in enumerate(contact):
-        for j in range(5):
-            previous[a, j] = impulse[a, j]
-        P_N = prox_half_line(impulse[a, 0] - r_N * gamma[k, 0])
-        P_x, P_y = prox_ellipse(
-            impulse[a, 1] - r_T * gamma[k, 1],
-            impulse[a, 2] - r_T * gamma[k, 2],
-            mu_x * P_N,
-            mu_y * P_N,
-        )
-        d_N, d_x, d_y = P_N - impulse[a, 0], P_x - impulse[a, 1], P_y - impulse[a, 2]
-        normal += d_N * d_N
-        sliding += d_x * d_x + d_y * d_y
-        residual = max(residual, abs(d_N) / r_N, abs(d_x) / r_T, abs(d_y) / r_T)
-        impulse[a, 0], impulse[a, 1], impulse[a, 2] = P_N, P_x, P_y
-        if mu_V > 0.0:
-            P_x, P_y = prox_disc(
-                impulse[a, 3] - r_V * gamma[k, 3], impulse[a, 4] - r_V * gamma[k, 4], mu_V * P_N
-            )
-            d_x, d_y = P_x - impulse[a, 3], P_y - impulse[a, 4]
-            rolling += d_x * d_x + d_y * d_y
-            residual = max(residual, abs(d_x) / r_V, abs(d_y) / r_V)
-            impulse[a, 3], impulse[a, 4] = P_x, P_y
-        else:
-            rolling += impulse[a, 3] * impulse[a, 3] + impulse[a, 4] * impulse[a, 4]
-            impulse[a, 3] = impulse[a, 4] = 0.0
-    return math.sqrt(normal) + math.sqrt(sliding) + math.sqrt(rolling), residual
+    selected = printed = tangential = 0.0
+    for a in contact:
+        P_N = table[a, IMPULSE]
+        x = P_N - laws.r_N * table[a, GAMMA]
+        selected = max(selected, abs(P_N - max(0.0, x - laws.r_N * laws.compliance * P_N)))
+        printed = max(printed, abs(P_N - max(0.0, x)))
+        slide = disc_misfit(
+            table[a, IMPULSE + 1], table[a, IMPULSE + 2], table[a, GAMMA + 1],
+            table[a, GAMMA + 2], laws.mu_x, laws.mu_y, P_N, laws.r_T, enough,
+        )  # fmt: skip
+        tangential = max(tangential, slide)
+        if laws.mu_V > 0.0:
+            roll = disc_misfit(
+                table[a, IMPULSE + 3], table[a, IMPULSE + 4], table[a, GAMMA + 3],
+                table[a, GAMMA + 4], laws.mu_V, laws.mu_V, P_N, laws.r_V, enough,
+            )  # fmt: skip
+            tangential = max(tangential, roll)
+    return max(selected / laws.r_N, tangential), max(printed / laws.r_N, tangential)
 
 
 @compiled
-def condense(contact, width, chain, geometry, scratch, unit, gamma, delassus):
+def disc_misfit(P_x, P_y, gamma_x, gamma_y, mu_x, mu_y, bound, r, enough):
     """
-    Fill the Delassus operator of the closed contacts with the joints eliminated, G of section 7.3.
+    Return ``|P - prox(P - r gamma)|/r`` for half axes (mu_x, mu_y) bound, or an upper bound of it.
 
-    Row and column ``width k + j`` belong to component j of the k-th closed contact. One solve of
-    the chain without momentum gives one row.
-
-    Parameters
-    ----------
-    contact : ndarray, shape (m,)
-    width : int
-        Components of a contact in use: 3, or 5 with rolling friction.
-    chain, geometry, scratch : tuple
-        Arguments of `articulated_velocity` and of `contact_wrench`, and what they fill.
-    unit : ndarray, shape (2n, 5)
-        Zero on entry and on return.
-    delassus : ndarray, shape (>= width m, >= width m)
-
+    Let e be the point of the ellipse S disc, S = diag(mu_x, mu_y), that the disc projection of
+    ``S^-1 P - r/mu_min^2 S gamma`` gives. Then P - r gamma lies ``(1 - mu_min^2 S^-2)(P - e)``
+    beside the normal of the ellipse in e, and because projections do not expand, the residual is at
+    most that and |P - e| together. For a disc this is |P - e|, the value itself.
     """
-    axis, gain, compliance, root_inverse = chain
-    point, heading, radius = geometry
-    no_torque, no_momentum, wrench, load, twist = scratch
-    for k, a in enumerate(contact):
-        for j in range(width):
-            unit[a, j] = 1.0
-            contact_wrench(contact, point, heading, radius, unit, wrench)
-            unit[a, j] = 0.0
-            articulated_velocity(
-                axis, gain, compliance, root_inverse, no_torque, no_momentum, wrench, load, twist
-            )
-            contact_velocities(contact, point, heading, radius, twist, gamma)
-            for other in range(len(contact)):
-                for i in range(width):
-                    delassus[width * k + j, width * other + i] = gamma[other, i]
-
-
-@compiled
-def condensed_velocities(contact, width, delassus, free, impulse, packed, gamma):
-    """Fill gamma with ``G P + gamma_free``: eqs. (84)-(92) without the links between."""
-    rows = width * len(contact)
-    for k in range(len(contact)):
-        for j in range(width):
-            packed[width * k + j] = free[k, j]
-    for k, a in enumerate(contact):
-        for j in range(width):
-            P = impulse[a, j]
-            column = delassus[width * k + j]  # G is symmetric
-            for row in range(rows):
-                packed[row] += column[row] * P
-    for k in range(len(contact)):
-        for j in range(width):
-            gamma[k, j] = packed[width * k + j]
+    x, y = P_x - r * gamma_x, P_y - r * gamma_y
+    lowest = min(mu_x, mu_y)
+    if lowest > 0.0 and bound > 0.0:
+        over_x, over_y = 1.0 / mu_x, 1.0 / mu_y
+        if (x * over_x) ** 2 + (y * over_y) ** 2 <= bound * bound:
+            return math.sqrt(gamma_x * gamma_x + gamma_y * gamma_y)
+        weight = r / (lowest * lowest)
+        e_x = P_x * over_x - weight * mu_x * gamma_x
+        e_y = P_y * over_y - weight * mu_y * gamma_y
+        shrink = min(1.0, bound / math.sqrt(e_x * e_x + e_y * e_y))
+        d_x, d_y = P_x - mu_x * shrink * e_x, P_y - mu_y * shrink * e_y
+        b_x, b_y = (1.0 - (lowest * over_x) ** 2) * d_x, (1.0 - (lowest * over_y) ** 2) * d_y
+        misfit = (math.sqrt(d_x * d_x + d_y * d_y) + math.sqrt(b_x * b_x + b_y * b_y)) / r
+        if misfit <= enough:
+            return misfit
+    e_x, e_y = prox_ellipse(x, y, mu_x * bound, mu_y * bound)
+    return math.sqrt((P_x - e_x) ** 2 + (P_y - e_y) ** 2) / r

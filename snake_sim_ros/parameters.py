@@ -121,8 +121,23 @@ class Gait(Record):
 class Solver(Record):
     """Numbers of the contact iteration, section VII-B."""
 
+    normal_compliance: float = quantity(
+        1e-4,
+        '1',
+        'selection rule: normal compliance delta, relative to the Delassus operator; 0 is none',
+        minimum=0,
+    )
+    activation_tolerance: float = quantity(
+        1e-6, 'm', 'gap up to which a contact counts as closed', minimum=0
+    )
+    residual_tolerance: float = quantity(
+        1e-9, 'm/s', 'natural-map residual at which Newton and Gauss-Seidel methods stop', above=0
+    )
     tolerance: float = quantity(
-        1e-7, 'N s', 'stopping tolerance eps of eq. (93) (assumption)', above=0
+        1e-7,
+        'N s',
+        "stopping tolerance eps of eq. (93), the paper's iteration (assumption)",
+        above=0,
     )
     iteration_limit: int = quantity(
         5000, '1', 'iterations after which a step counts as unconverged', minimum=1
@@ -149,7 +164,7 @@ class Scene(Record):
     )
     dt: float = quantity(1 / 4000, 's', 'time step', above=0, maximum=0.1)
     duration: float = quantity(15.0, 's', 'length of an offline run', above=0)
-    method: str = quantity('paper', '', 'time stepper, a name of stepping.METHODS')
+    method: str = quantity('newton', '', 'time stepper, a name of stepping.METHODS')
     pd_scheme: str = quantity(
         'midpoint', '', 'where in the step the joint controller acts', choices=PD_SCHEMES
     )

@@ -31,6 +31,7 @@ from snake_sim_ros.rotations import product
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.rotations import tilde
 from snake_sim_ros.stepping import divergence
+from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
 
@@ -141,6 +142,23 @@ def mass_matrix(robot: Robot) -> Array:
     return np.diag(np.column_stack([m, m, m, theta_1, theta_1, theta_3]).ravel())
 
 
+def mean_delassus(robot: Robot) -> float:
+    """
+    Return the mean diagonal entry of G_NN of the straight robot with all spheres on the floor.
+
+    The Delassus operator G = W_N^T M^-1 W_N less what the joints take off, section 7.3 [1/kg]. The
+    selection rule is measured in it; one number for a robot, whatever its posture.
+    """
+    R = np.tile(rotation_matrices(np.full((1, 4), 0.5)), (robot.link_count, 1, 1))
+    M_inv, W_J = 1.0 / np.diag(mass_matrix(robot))[:, None], joint_directions(robot, R)
+    W_N, _, _ = contact_directions(robot, R)
+    G = W_N.T @ (M_inv * W_N)
+    if robot.link_count > 1:
+        G_JN = W_J.T @ (M_inv * W_N)
+        G -= G_JN.T @ cho_solve(cho_factor(W_J.T @ (M_inv * W_J)), G_JN)
+    return float(np.mean(np.diag(G)))
+
+
 def smooth_forces(robot: Robot, gravity: Array, u: Array) -> Array:
     """Return h(u): gravity and gyroscopic torque -omega x Theta omega, shape (6n,)."""
     h = np.zeros_like(u)
@@ -223,14 +241,18 @@ def without_drift(robot: Robot, q: Array, rule: str) -> Array:
     return q
 
 
-def contact_prox(scene: Scene, P: Array, gamma: Array) -> Array:
+def contact_prox(scene: Scene, compliance: float, P: Array, gamma: Array) -> Array:
     """
     Return the impulses of one contact after one projection, eqs. (87)-(89), shape (5,).
 
     The sliding and rolling sets take the new normal impulse.
+
+    Deviation: the selection rule takes ``gamma_N + compliance P_N`` [1/kg] in place of gamma_N.
+    The normal forces of a robot that lies flat are not unique, and friction depends on them; this
+    tiny compliance makes them the ones of least norm. The scene can switch it off.
     """
     friction, r = scene.friction, scene.solver
-    P_N = prox_half_line(P[0] - r.r_normal * gamma[0])
+    P_N = prox_half_line(P[0] - r.r_normal * (gamma[0] + compliance * P[0]))
     P_T = prox_ellipse(
         *(P[1:3] - r.r_sliding * gamma[1:3]),
         friction.longitudinal * P_N,
@@ -247,35 +269,37 @@ class ReferenceStepper:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
+        self.compliance = scene.solver.normal_compliance * mean_delassus(scene.robot)
 
     def advance(
-        self, state: State, impulse: Array, angle: Array, rate: Array
+        self, state: State, history: Array, angle: Array, rate: Array
     ) -> tuple[State, Array, Report]:
-        """Return state, impulses and report after as many steps as there are references."""
+        """Return state, history and report after as many steps as there are references."""
         report = Report()
         for step_angle, step_rate in zip(angle, rate, strict=True):
-            end, end_impulse, step_report = self.step(state, impulse, step_angle, step_rate)
+            end, end_history, step_report = self.step(state, history, step_angle, step_rate)
             omega = end.u[:, 3:]
             turn = np.where(np.isfinite(end.u).all(axis=1), np.linalg.norm(omega, axis=1), np.inf)
             if not (turn * self.scene.dt < math.pi / 2).all():
                 link = int(turn.argmax())
                 turned = float(turn[link] * self.scene.dt)
                 report.failure = divergence(link + 1, turned, self.scene.dt, report.steps)
-                return state, np.zeros_like(impulse), report
-            state, impulse, report = end, end_impulse, report + step_report
-        return state, impulse, report
+                return state, np.zeros_like(history), report
+            state, history, report = end, end_history, report + step_report
+        return state, history, report
 
     def step(
-        self, state: State, impulse: Array, angle: Array, rate: Array
+        self, state: State, history: Array, angle: Array, rate: Array
     ) -> tuple[State, Array, Report]:
-        """Return state, impulses and report after one step, section VII."""
+        """Return state, history and report after one step, section VII."""
         scene, robot, dt = self.scene, self.scene.robot, self.scene.dt
-        n, impulse = robot.link_count, impulse.copy()
+        n, history = robot.link_count, history.copy()
+        impulse = history[IMPULSE]
         u_A = state.u.ravel()
 
         q_M = middle_coordinates(state, dt)  # (72)
         R = rotation_matrices(q_M[:, 3:])
-        active = np.flatnonzero(posture.gaps(robot, q_M) <= 0.0)
+        active = np.flatnonzero(posture.gaps(robot, q_M) <= scene.solver.activation_tolerance)
         W_N, W_T, W_V = (_columns(W, active) for W in contact_directions(robot, R))
         W_J = joint_directions(robot, R)
         h = smooth_forces(robot, np.array(scene.gravity), state.u)
@@ -298,7 +322,12 @@ class ReferenceStepper:
             gamma_N = (W_N.T @ u_E)[:, None]  # (90)-(92)
             gamma_T, gamma_V = (W_T.T @ u_E).reshape(-1, 2), (W_V.T @ u_E).reshape(-1, 2)
             gamma = np.hstack([gamma_N, gamma_T, gamma_V])
-            P_new = np.array([contact_prox(scene, *pair) for pair in zip(P, gamma, strict=True)])
+            P_new = np.array(
+                [
+                    contact_prox(scene, self.compliance, *pair)
+                    for pair in zip(P, gamma, strict=True)
+                ]
+            )
             step = P_new.reshape(P.shape) - P
             change = sum(float(np.linalg.norm(step[:, k])) for k in ([0], [1, 2], [3, 4]))  # (93)
             P = P + step
@@ -309,22 +338,37 @@ class ReferenceStepper:
         q_free = end_coordinates(state.q, q_M, state.u, u_E, dt)  # (83)
         q_E = without_drift(robot, q_free, scene.drift_correction)
         g_J = joint_gaps(robot, without_drift(robot, q_free, 'none'))
-        r = scene.solver
+
+        def residual(compliance: float) -> float:
+            pairs = zip(P - step, gamma, strict=True)  # the impulses that gave u_E
+            return max((natural_map(scene, compliance, *pair) for pair in pairs), default=0.0)
+
         report = Report(
             steps=1,
             iterations=iterations,
             iterations_max=iterations,
-            unconverged=int(not change < r.tolerance),
-            residual_max=_largest(
-                step / np.repeat([r.r_normal, r.r_sliding, r.r_rolling], [1, 2, 2])
-            ),
+            unconverged=int(not change < scene.solver.tolerance),
+            residual_max=residual(self.compliance),
+            printed_residual_max=residual(0.0),
             penetration_max=max(0.0, -float(posture.gaps(robot, q_E).min())),
             joint_gap_max=_largest(g_J[:, :3]),
             joint_twist_max=_largest(g_J[:, 3]),
             contacts=len(active),
             joint_torque=(torque - damping * (W_tau.T @ u_E.ravel())).reshape(n - 1, 2),
         )
-        return State(q_E, u_E), impulse, report
+        return State(q_E, u_E), history, report
+
+
+def natural_map(scene: Scene, compliance: float, P: Array, gamma: Array) -> float:
+    """Return ``max |P - prox_C(P - r gamma)|/r`` of one contact, sets of the given P_N [m/s]."""
+    friction, r = scene.friction, scene.solver
+    x, y = P[1:3] - r.r_sliding * gamma[1:3]
+    P_T = prox_ellipse(x, y, friction.longitudinal * P[0], friction.transversal * P[0])
+    P_V = prox_disc(*(P[3:] - r.r_rolling * gamma[3:]), friction.rolling * P[0])
+    P_N = prox_half_line(P[0] - r.r_normal * (gamma[0] + compliance * P[0]))
+    sliding = float(np.linalg.norm(P[1:3] - P_T)) / r.r_sliding
+    rolling = float(np.linalg.norm(P[3:] - P_V)) / r.r_rolling
+    return max(float(abs(P[0] - P_N)) / r.r_normal, sliding, rolling)
 
 
 def _point_direction(R: Array, lever: Array, e: Array) -> Array:

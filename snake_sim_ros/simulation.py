@@ -17,7 +17,7 @@ from snake_sim_ros.posture import joint_rates
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import no_impulse
+from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import Report
 
 
@@ -109,7 +109,7 @@ class Simulation:
     def reset(self) -> None:
         """Put the robot back to the start of the scene; time goes on."""
         self.state = initial_state(self.scene)
-        self.impulse = no_impulse(self.scene)
+        self.history = no_history(self.scene)
         axes = (self.scene.robot.link_count - 1, 2)
         self.report = self.last = Report(joint_torque=np.zeros(axes))
 
@@ -117,7 +117,7 @@ class Simulation:
         """Take one step and forget it: nothing is compiled later. Return the time it took [s]."""
         begin = time.perf_counter()
         zero = np.zeros((1, self.scene.robot.link_count - 1, 2))
-        self.stepper.advance(self.state, self.impulse, zero, zero)
+        self.stepper.advance(self.state, self.history, zero, zero)
         return time.perf_counter() - begin
 
     @property
@@ -141,8 +141,8 @@ class Simulation:
         """
         if self.report.failure:
             return self.report
-        self.state, self.impulse, self.last = self.stepper.advance(
-            self.state, self.impulse, angle, rate
+        self.state, self.history, self.last = self.stepper.advance(
+            self.state, self.history, angle, rate
         )
         self.step_count += self.last.steps
         if self.last.failure:

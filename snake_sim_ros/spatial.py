@@ -16,20 +16,17 @@ if the joints were closed exactly.
 .. [2] R. Featherstone, "Rigid Body Dynamics Algorithms", Springer 2008, ch. 7.
 """
 
+from collections.abc import Callable
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.articulated_body import articulated_inertia
-from snake_sim_ros.articulated_body import articulated_velocity
+from snake_sim_ros.articulated_body import Chain
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.contacts import closed_contacts
-from snake_sim_ros.contacts import condense
-from snake_sim_ros.contacts import condensed_velocities
-from snake_sim_ros.contacts import contact_velocities
-from snake_sim_ros.contacts import contact_wrench
-from snake_sim_ros.contacts import prox_sweep
+from snake_sim_ros.contacts import Laws
+from snake_sim_ros.delassus import Delassus
 from snake_sim_ros.joint_control import pd_law
 from snake_sim_ros.joint_control import START
 from snake_sim_ros.kinematics import chain_geometry
@@ -46,12 +43,16 @@ from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.parameters import PD_SCHEMES
 from snake_sim_ros.parameters import Scene
+from snake_sim_ros.reference import mean_delassus
 from snake_sim_ros.stepping import divergence
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
 
-# Most impulse components of a contact problem that is condensed: for larger ones it does not pay.
-CONDENSED = 48
+# Columns of the table of contacts, with those of `newton`.
+COLUMNS = 64
+# Compliance of the proximal point method, relative to the Delassus operator: it changes no
+# solution. Smaller is closer to the laws in one iteration, and loses digits to rounding.
+PROXIMAL = 1e-5
 
 
 class Model(NamedTuple):
@@ -65,11 +66,12 @@ class Model(NamedTuple):
     contact_radius: Array
     stiffness: Array
     damping: Array
-    friction: Array
-    prox_parameter: Array
     gravity: Array
+    laws: Laws
+    activation_tolerance: float
     dt: float
     tolerance: float
+    residual_tolerance: float
     iteration_limit: int
     pd_scheme: int
     drift_correction: int
@@ -80,40 +82,22 @@ class Workspace(NamedTuple):
 
     q_mid: Array  # (n, 7) coordinates at the middle of the step, Euler parameters not normalized
     R: Array  # (n, 3, 3) link frames in I
-    omega: Array  # (n, 3) angular velocities at the start of the step, in I
+    velocity: Array  # (n, 6) velocities u at the start of the step
+    omega: Array  # (n, 3) angular velocities of the same in I
     center: Array  # (n, 3) link centers from O
     coordinate: Array  # (2, n-1, 2, 2) joint (yaw, pitch) x (angle, rate), at start and middle
-    axis: Array  # (n-1, 2, 6) twists of the joint axes
     torque: Array  # (n-1, 2) impulse of the controller, without its implicit part [N m s]
     damping: Array  # (n-1, 2) implicit part of the controller, times dt [N m s^2]
     applied: Array  # (n-1, 2) impulse of the controller with its implicit part [N m s]
-    axis_torque: Array  # (n-1, 2), axis_damping (n-1, 3): the same for the rates of the axes
-    axis_damping: Array
-    inertia: Array  # (n, 6, 6) articulated-body inertia about O
-    gain: Array  # (n-1, 2, 6), compliance (n-1, 3), load (n-1, 2): see articulated_body
-    compliance: Array
-    load: Array
-    momentum: Array  # (n, 6) impulse wrench of everything but contacts and controller
-    wrench: Array  # (n, 6) impulse wrench of the contacts
-    twist: Array  # (n, 6) twist at the end of the step
+    chain: Chain
     contact: Array  # (2n,) indices of the closed contacts
-    point: Array  # (2n, 3) contact points from O
-    heading: Array  # (n, 2) horizontal direction of the link axis: e_x of the contact frame
-    gamma: Array  # (2n, 5) relative velocities of the closed contacts
-    previous: Array  # (2n, 5) contact impulses before the last projection: those of the twists
-    delassus: Array  # (c, c), free (2n, 5), packed (c,): the condensed contact problem
-    free: Array
-    packed: Array
-    unit: Array  # (2n, 5), no_torque (n-1, 2), no_momentum (n, 6): zeros
-    no_torque: Array
-    no_momentum: Array
+    table: Array  # (2n, COLUMNS) see contacts and newton
+    delassus: Delassus
 
 
 # Columns of the report array.
-STEPS, ITERATIONS, ITERATIONS_MAX, UNCONVERGED, RESIDUAL, PENETRATION, GAP, TWIST, CONTACTS = (
-    range(9)
-)
-FAILED_LINK, FAILED_VALUE, REPORT_SIZE = 9, 10, 11
+STEPS, ITERATIONS, ITERATIONS_MAX, UNCONVERGED, FALLBACKS, RESIDUAL, PRINTED_RESIDUAL = range(7)
+PENETRATION, GAP, TWIST, CONTACTS, FAILED_LINK, FAILED_VALUE, REPORT_SIZE = range(7, 14)
 
 
 @compiled
@@ -213,65 +197,9 @@ def smooth_momentum(model, u, R, center, momentum):
 
 
 @compiled
-def end_twists(contact, chain, geometry, work, impulse):
-    """Fill work.twist with the twists after the step under contact impulses, (76), (84), (86)."""
-    contact_wrench(contact, *geometry, impulse, work.wrench)
-    articulated_velocity(
-        *chain, work.axis_torque, work.momentum, work.wrench, work.load, work.twist
-    )
-
-
-@compiled
-def solve_contacts(model, work, contact, impulse):
-    """
-    Iterate impulse and twists until the contact laws hold, eqs. (84)-(93).
-
-    Returns
-    -------
-    iterations : int
-    change : float
-        Left side of the stopping rule (93) after the last iteration [N s].
-    residual : float
-        Natural-map residual of the contact laws [m/s].
-
-    """
-    geometry = (work.point, work.heading, model.contact_radius)
-    chain = (work.axis, work.gain, work.compliance, work.inertia[len(work.R) // 2])
-    width = 5 if model.friction[2] > 0.0 else 3
-    columns = width * len(contact)
-    condensed = False
-    iterations, change, residual = 0, math.inf, 0.0
-    while not change < model.tolerance and iterations < model.iteration_limit:
-        if 0 < iterations == columns <= len(work.packed):
-            # After as many sweeps as the Delassus operator has columns, forming it costs no more
-            # than was spent, and a sweep costs less from here on. The iterates stay the same.
-            scratch = (work.no_torque, work.no_momentum, work.wrench, work.load, work.twist)
-            condense(
-                contact, width, chain, geometry, scratch, work.unit, work.gamma, work.delassus
-            )
-            end_twists(contact, chain, geometry, work, work.unit)
-            contact_velocities(contact, *geometry, work.twist, work.free)
-            condensed = True
-        if condensed:
-            condensed_velocities(
-                contact, width, work.delassus, work.free, impulse, work.packed, work.gamma
-            )
-        else:
-            end_twists(contact, chain, geometry, work, impulse)
-            contact_velocities(contact, *geometry, work.twist, work.gamma)
-        change, residual = prox_sweep(
-            contact, work.gamma, model.friction, model.prox_parameter, impulse, work.previous
-        )
-        iterations += 1
-    if condensed:
-        end_twists(contact, chain, geometry, work, work.previous)
-    return iterations, change, residual
-
-
-@compiled
-def step(model, work, q, u, impulse, angle, rate, report):
-    """Advance q, u and impulse by one step, section VII; return False if it diverged."""
-    R, twist = work.R, work.twist
+def begin_step(model, work, q, u, angle, rate):
+    """Fill all that the contact laws need, section VII; return how many contacts are closed."""
+    R, chain = work.R, work.chain
     middle_coordinates(model.dt, q, u, work.q_mid)
     if model.pd_scheme == START:
         link_frames(q[:, 3:], R)
@@ -280,29 +208,43 @@ def step(model, work, q, u, impulse, angle, rate, report):
     link_frames(work.q_mid[:, 3:], R)
     rates_in_inertial_frame(R, u, work.omega)
     joint_coordinates(R, work.omega, work.coordinate[1])
-    chain_geometry(model.half_length, R, work.center, work.axis)
+    chain_geometry(model.half_length, R, work.center, chain.axis)
     joint_control(model, work.coordinate, angle, rate, work.torque, work.damping)
-    axis_loads(work.axis, work.torque, work.damping, work.axis_torque, work.axis_damping)
-
-    link_inertia(model, R, work.center, work.inertia)
-    smooth_momentum(model, u, R, work.center, work.momentum)
-    articulated_inertia(work.axis, work.axis_damping, work.inertia, work.gain, work.compliance)
-
-    count = closed_contacts(
-        model.contact_offset, model.contact_radius, work.q_mid[:, 2], R, work.center,
-        work.contact, work.point, work.heading,
+    axis_loads(chain.axis, work.torque, work.damping, chain.torque, chain.damping)
+    link_inertia(model, R, work.center, chain.bare)
+    smooth_momentum(model, u, R, work.center, chain.momentum)
+    for i in range(len(u)):
+        for k in range(6):
+            work.velocity[i, k] = u[i, k]
+    return closed_contacts(
+        model.activation_tolerance, model.contact_offset, model.contact_radius,
+        work.q_mid[:, 2], R, work.center, work.contact, work.table,
     )  # fmt: skip
-    iterations, change, residual = solve_contacts(model, work, work.contact[:count], impulse)
 
+
+@compiled
+def end_step(model, work, q, u, history, count, outcome, report):
+    """
+    Move q and u to the end of the step with the twists of the chain; return False if it diverged.
+
+    Parameters
+    ----------
+    outcome : tuple
+        What a contact solver returns: iterations, whether they converged, the residual with and
+        without the selection rule [m/s], and whether the solver fell back on a slower method.
+
+    """
+    iterations, converged, residual, printed_residual, fell_back = outcome
+    twist = work.chain.twist
     for i in range(len(q)):
         turn = model.dt * math.sqrt(twist[i, 0] ** 2 + twist[i, 1] ** 2 + twist[i, 2] ** 2)
         if not (turn < math.pi / 2 and math.isfinite(twist[i, 3] + twist[i, 4] + twist[i, 5])):
             report[FAILED_LINK], report[FAILED_VALUE] = i + 1, turn
-            impulse[:] = 0.0
+            history[:] = 0.0
             return False
 
-    applied_torque(R, twist, work.torque, work.damping, work.applied)
-    end_velocities(twist, R, work.center, u)
+    applied_torque(work.R, twist, work.torque, work.damping, work.applied)
+    end_velocities(twist, work.R, work.center, u)
     end_coordinates(model.dt, work.q_mid, u, q)
     gap, violation = joint_violation(model.half_length, q)
     close_joints(model.drift_correction, model.half_length, model.mass, q)
@@ -310,8 +252,10 @@ def step(model, work, q, u, impulse, angle, rate, report):
     report[STEPS] += 1
     report[ITERATIONS] += iterations
     report[ITERATIONS_MAX] = max(report[ITERATIONS_MAX], iterations)
-    report[UNCONVERGED] += not change < model.tolerance
+    report[UNCONVERGED] += not converged
+    report[FALLBACKS] += fell_back
     report[RESIDUAL] = max(report[RESIDUAL], residual)
+    report[PRINTED_RESIDUAL] = max(report[PRINTED_RESIDUAL], printed_residual)
     depth = penetration(model.contact_offset, model.contact_radius, q)
     report[PENETRATION] = max(report[PENETRATION], depth)
     report[GAP] = max(report[GAP], gap)
@@ -320,17 +264,20 @@ def step(model, work, q, u, impulse, angle, rate, report):
     return True
 
 
-@compiled
-def advance(model, work, q, u, impulse, angle, rate, report):
-    """Advance q, u and impulse in place by one step a reference, up to the first that diverges."""
-    for k in range(len(angle)):
-        if not step(model, work, q, u, impulse, angle[k], rate[k], report):
-            break
-
-
 def make_model(scene: Scene) -> Model:
     """Return the numbers of a scene as the compiled step takes them."""
     robot, friction, solver = scene.robot, scene.friction, scene.solver
+    size = mean_delassus(robot)
+    laws = Laws(
+        mu_x=friction.longitudinal,
+        mu_y=friction.transversal,
+        mu_V=friction.rolling,
+        compliance=solver.normal_compliance * size,
+        proximal=PROXIMAL * size,
+        r_N=solver.r_normal,
+        r_T=solver.r_sliding,
+        r_V=solver.r_rolling,
+    )
     return Model(
         half_length=robot.per_link('link_length') / 2,
         mass=robot.per_link('link_mass'),
@@ -340,57 +287,90 @@ def make_model(scene: Scene) -> Model:
         contact_radius=robot.per_link('contact_radius'),
         stiffness=np.array([robot.yaw_stiffness, robot.pitch_stiffness]),
         damping=np.array([robot.yaw_damping, robot.pitch_damping]),
-        friction=np.array([friction.longitudinal, friction.transversal, friction.rolling]),
-        prox_parameter=np.array([solver.r_normal, solver.r_sliding, solver.r_rolling]),
         gravity=np.array(scene.gravity),
+        laws=laws,
+        activation_tolerance=solver.activation_tolerance,
         dt=scene.dt,
         tolerance=solver.tolerance,
+        residual_tolerance=solver.residual_tolerance,
         iteration_limit=solver.iteration_limit,
         pd_scheme=PD_SCHEMES.index(scene.pd_scheme),
         drift_correction=DRIFT_CORRECTIONS.index(scene.drift_correction),
     )
 
 
-def make_workspace(n: int) -> Workspace:
-    """Return the arrays of the compiled step for n links."""
-    shapes = {
-        'q_mid': (n, 7), 'R': (n, 3, 3), 'omega': (n, 3), 'center': (n, 3),
-        'coordinate': (2, n - 1, 2, 2), 'axis': (n - 1, 2, 6),
-        'torque': (n - 1, 2), 'damping': (n - 1, 2), 'applied': (n - 1, 2),
-        'axis_torque': (n - 1, 2), 'axis_damping': (n - 1, 3),
-        'inertia': (n, 6, 6), 'gain': (n - 1, 2, 6), 'compliance': (n - 1, 3), 'load': (n - 1, 2),
-        'momentum': (n, 6), 'wrench': (n, 6), 'twist': (n, 6),
-        'point': (2 * n, 3), 'heading': (n, 2),
-        'gamma': (2 * n, 5), 'previous': (2 * n, 5),
-        'delassus': (CONDENSED, CONDENSED), 'free': (2 * n, 5), 'packed': (CONDENSED,),
-        'unit': (2 * n, 5), 'no_torque': (n - 1, 2), 'no_momentum': (n, 6),
-    }  # fmt: skip
-    arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
-    return Workspace(contact=np.zeros(2 * n, np.int64), **arrays)
+def make_workspace(n: int, size: int) -> Workspace:
+    """Return the arrays of the compiled step for n links and a Delassus operator of a size."""
+    zeros = np.zeros
+    return Workspace(
+        q_mid=zeros((n, 7)),
+        R=zeros((n, 3, 3)),
+        velocity=zeros((n, 6)),
+        omega=zeros((n, 3)),
+        center=zeros((n, 3)),
+        coordinate=zeros((2, n - 1, 2, 2)),
+        torque=zeros((n - 1, 2)),
+        damping=zeros((n - 1, 2)),
+        applied=zeros((n - 1, 2)),
+        chain=Chain(
+            axis=zeros((n - 1, 2, 6)),
+            torque=zeros((n - 1, 2)),
+            damping=zeros((n - 1, 3)),
+            bare=zeros((n, 6, 6)),
+            momentum=zeros((n, 6)),
+            inertia=zeros((n, 6, 6)),
+            wrench=zeros((n, 6)),
+            left=zeros((n - 1, 2, 6)),
+            right=zeros((n - 1, 2, 6)),
+            compliance=zeros((n - 1, 4)),
+            load=zeros((n - 1, 2)),
+            twist=zeros((n, 6)),
+            no_torque=zeros((n - 1, 2)),
+        ),
+        contact=np.zeros(2 * n, np.int64),
+        table=zeros((2 * n, COLUMNS)),
+        delassus=Delassus(
+            operator=zeros((size, size)),
+            system=zeros((size, size + 1)),
+            free=zeros(size),
+            packed=zeros(size),
+        ),
+    )
 
 
 class SpatialStepper:
-    """The compiled time step of the paper for a scene; see `stepping.Stepper`."""
+    """
+    A compiled contact solver in the time step of the paper; see `stepping.Stepper`.
+
+    Parameters
+    ----------
+    scene : Scene
+    loop : callable
+        Compiled ``advance(model, work, q, u, history, angle, rate, report, cycles)``: advances q,
+        u and history in place by one step a reference, up to the first that diverges, and fills
+        cycles with the time stamps between the steps.
+    size : int
+        Rows of the largest Delassus operator that the solver forms.
+
+    """
 
     level = 'spatial'
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, loop: Callable[..., None], size: int) -> None:
         self.model = make_model(scene)
-        self.work = make_workspace(scene.robot.link_count)
+        self.work = make_workspace(scene.robot.link_count, size)
+        self.loop = loop
+        self.cycles = np.zeros(1, np.int64)
 
     def advance(
-        self, state: State, impulse: Array, angle: Array, rate: Array
+        self, state: State, history: Array, angle: Array, rate: Array
     ) -> tuple[State, Array, Report]:
-        """Return state, impulses and report after as many steps as there are references."""
-        q, u, impulse, numbers = (
-            state.q.copy(),
-            state.u.copy(),
-            impulse.copy(),
-            np.zeros(REPORT_SIZE),
-        )
+        """Return state, history and report after as many steps as there are references."""
+        q, u, history = state.q.copy(), state.u.copy(), history.copy()
+        numbers, self.cycles = np.zeros(REPORT_SIZE), np.zeros(len(angle) + 1, np.int64)
         angle, rate = np.ascontiguousarray(angle), np.ascontiguousarray(rate)
-        advance(self.model, self.work, q, u, impulse, angle, rate, numbers)
-        return State(q, u), impulse, self.report(numbers)
+        self.loop(self.model, self.work, q, u, history, angle, rate, numbers, self.cycles)
+        return State(q, u), history, self.report(numbers)
 
     def report(self, numbers: Array) -> Report:
         """Return what the compiled step gathered."""
@@ -399,7 +379,9 @@ class SpatialStepper:
             iterations=int(numbers[ITERATIONS]),
             iterations_max=int(numbers[ITERATIONS_MAX]),
             unconverged=int(numbers[UNCONVERGED]),
+            fallbacks=int(numbers[FALLBACKS]),
             residual_max=float(numbers[RESIDUAL]),
+            printed_residual_max=float(numbers[PRINTED_RESIDUAL]),
             penetration_max=float(numbers[PENETRATION]),
             joint_gap_max=float(numbers[GAP]),
             joint_twist_max=float(numbers[TWIST]),

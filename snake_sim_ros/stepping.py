@@ -8,6 +8,7 @@ converge or blew up: that is part of the report. Only misuse raises.
 from collections.abc import Callable
 from dataclasses import dataclass
 from dataclasses import field
+from dataclasses import fields
 from enum import Enum
 from typing import Protocol
 
@@ -52,13 +53,15 @@ class Report:
 
     Attributes
     ----------
-    steps, iterations, unconverged : int
-        Steps done, contact iterations in all of them, steps that hit the iteration limit.
+    steps, iterations, unconverged, fallbacks : int
+        Steps done, contact iterations in all of them, steps that hit the iteration limit, steps in
+        which the solver fell back on a slower method.
     iterations_max : int
         Most iterations in one step.
-    residual_max : float
-        Largest natural-map residual of the contact laws after a step [m/s]: what one more sweep of
-        the projections (87)-(89) would change the impulses by, over the prox parameters.
+    residual_max, printed_residual_max : float
+        Largest natural-map residual of the contact laws after a step, with the selection rule and
+        as the paper prints them [m/s]: how far the impulses are from the projections (87)-(89),
+        over the prox parameters. For orthotropic friction an upper bound.
     penetration_max : float
         Deepest gap below zero after a step [m].
     joint_gap_max, joint_twist_max : float
@@ -77,7 +80,9 @@ class Report:
     iterations: int = 0
     iterations_max: int = 0
     unconverged: int = 0
+    fallbacks: int = 0
     residual_max: float = 0.0
+    printed_residual_max: float = 0.0
     penetration_max: float = 0.0
     joint_gap_max: float = 0.0
     joint_twist_max: float = 0.0
@@ -94,18 +99,21 @@ class Report:
 
     def __add__(self, later: 'Report') -> 'Report':
         """Return the report of these steps and of `later` ones."""
+        added = {
+            name: getattr(self, name) + getattr(later, name)
+            for name in ('steps', 'iterations', 'unconverged', 'fallbacks')
+        }
+        largest = {
+            item.name: max(getattr(self, item.name), getattr(later, item.name))
+            for item in fields(self)
+            if item.name.endswith('_max')
+        }
         return Report(
-            self.steps + later.steps,
-            self.iterations + later.iterations,
-            max(self.iterations_max, later.iterations_max),
-            self.unconverged + later.unconverged,
-            max(self.residual_max, later.residual_max),
-            max(self.penetration_max, later.penetration_max),
-            max(self.joint_gap_max, later.joint_gap_max),
-            max(self.joint_twist_max, later.joint_twist_max),
-            later.contacts,
-            later.joint_torque,
-            self.failure or later.failure,
+            **added,
+            **largest,
+            contacts=later.contacts,
+            joint_torque=later.joint_torque,
+            failure=self.failure or later.failure,
         )
 
 
@@ -123,17 +131,18 @@ class Stepper(Protocol):
     level: str
 
     def advance(
-        self, state: State, impulse: Array, angle: Array, rate: Array
+        self, state: State, history: Array, angle: Array, rate: Array
     ) -> tuple[State, Array, Report]:
         """
-        Return state, impulses and report after as many steps as there are references.
+        Return state, history and report after as many steps as there are references.
 
         Parameters
         ----------
         state : State
-        impulse : ndarray, shape (2n, 5)
-            Contact impulses (normal, sliding x y, rolling x y) [N s] that the iteration starts
-            from: the last ones of every contact, eq. (93).
+        history : ndarray, shape (3, 2n, 5)
+            What a contact solver starts from: of every contact IMPULSE, the last one (normal,
+            sliding x y, rolling x y) [N s], eq. (93); VELOCITY, relative velocities after it
+            [m/s]; and CHANGE, how much the last step changed them. `no_history` before the first.
         angle, rate : ndarray, shape (steps, n-1, 2)
             Joint references [rad], [rad/s] at the middle of every step.
 
@@ -141,11 +150,43 @@ class Stepper(Protocol):
         -------
         state : State
             The last good state if a step diverged.
-        impulse : ndarray, shape (2n, 5)
+        history : ndarray, shape (3, 2n, 5)
         report : Report
 
         """
         ...
+
+
+IMPULSE, VELOCITY, CHANGE = range(3)
+
+
+def _newton(scene: Scene) -> Stepper:
+    from snake_sim_ros.newton import advance
+    from snake_sim_ros.spatial import SpatialStepper
+
+    return SpatialStepper(scene, advance, 0)
+
+
+def _newton_dense(scene: Scene) -> Stepper:
+    from snake_sim_ros.newton import advance
+    from snake_sim_ros.spatial import SpatialStepper
+
+    return SpatialStepper(scene, advance, 10 * scene.robot.link_count)
+
+
+def _gauss_seidel(scene: Scene) -> Stepper:
+    from snake_sim_ros.gauss_seidel import advance
+    from snake_sim_ros.spatial import SpatialStepper
+
+    return SpatialStepper(scene, advance, 10 * scene.robot.link_count)
+
+
+def _paper(scene: Scene) -> Stepper:
+    from snake_sim_ros.prox_iteration import advance
+    from snake_sim_ros.prox_iteration import CONDENSED
+    from snake_sim_ros.spatial import SpatialStepper
+
+    return SpatialStepper(scene, advance, CONDENSED)
 
 
 def _reference(scene: Scene) -> Stepper:
@@ -154,14 +195,11 @@ def _reference(scene: Scene) -> Stepper:
     return ReferenceStepper(scene)
 
 
-def _paper(scene: Scene) -> Stepper:
-    from snake_sim_ros.spatial import SpatialStepper
-
-    return SpatialStepper(scene)
-
-
 METHODS: dict[str, Callable[[Scene], Stepper]] = {
-    'paper': _paper,  # the paper's step and iteration, compiled
+    'newton': _newton,  # semismooth Newton through the chain of links
+    'newton_dense': _newton_dense,  # the same on the Delassus operator
+    'gauss_seidel': _gauss_seidel,  # projections, one contact after the other
+    'paper': _paper,  # the paper's iteration: projections of all contacts at once
     'reference': _reference,  # the same in dense NumPy, to read beside the paper
 }
 
@@ -188,6 +226,6 @@ def initial_state(scene: Scene) -> State:
     return State(initial_coordinates(scene), np.zeros((scene.robot.link_count, 6)))
 
 
-def no_impulse(scene: Scene) -> Array:
-    """Return the impulses before the first contact: zero, shape (2n, 5)."""
-    return np.zeros((2 * scene.robot.link_count, 5))
+def no_history(scene: Scene) -> Array:
+    """Return the history before the first contact: zero, shape (3, 2n, 5)."""
+    return np.zeros((3, 2 * scene.robot.link_count, 5))

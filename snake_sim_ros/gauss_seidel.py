@@ -1,0 +1,103 @@
+"""
+Projected Gauss-Seidel iteration on the condensed contact problem, one contact after the other.
+
+The projections are those of the paper's iteration, eqs. (87)-(89), with prox parameters from the
+Delassus operator, 1/G_kk, and with the velocities that the impulses before have made [1].
+
+.. [1] F. Jourdan, P. Alart, M. Jean, "A Gauss-Seidel like algorithm to solve frictional contact
+   problems", 1998.
+"""
+
+import math
+
+from snake_sim_ros.articulated_body import factor_chain
+from snake_sim_ros.articulated_body import unload_chain
+from snake_sim_ros.compilation import compiled
+from snake_sim_ros.compilation import cycle_counter
+from snake_sim_ros.contact_laws import prox_disc
+from snake_sim_ros.contact_laws import prox_ellipse
+from snake_sim_ros.contact_laws import prox_half_line
+from snake_sim_ros.contacts import natural_map
+from snake_sim_ros.delassus import condense
+from snake_sim_ros.delassus import condensed_velocities
+from snake_sim_ros.delassus import end_twists
+from snake_sim_ros.prox_iteration import load
+from snake_sim_ros.spatial import begin_step
+from snake_sim_ros.spatial import end_step
+
+
+@compiled
+def sweep(laws, contact, width, delassus, impulse):
+    """Project the impulse of every closed contact once, with the velocities of that moment."""
+    G, gamma, rows = delassus.operator, delassus.packed, width * len(contact)
+    for k, a in enumerate(contact):
+        row = width * k
+        P_N = impulse[a, 0]
+        r = 1.0 / (G[row, row] + laws.compliance)
+        P_N = prox_half_line(P_N - r * (gamma[row] + laws.compliance * P_N))
+        put(G, gamma, rows, row, impulse, a, 0, P_N)
+        r = 1.0 / largest_eigenvalue(G, row + 1)
+        x, y = impulse[a, 1] - r * gamma[row + 1], impulse[a, 2] - r * gamma[row + 2]
+        x, y = prox_ellipse(x, y, laws.mu_x * P_N, laws.mu_y * P_N)
+        put(G, gamma, rows, row + 1, impulse, a, 1, x)
+        put(G, gamma, rows, row + 2, impulse, a, 2, y)
+        if width == 5:
+            r = 1.0 / largest_eigenvalue(G, row + 3)
+            x, y = impulse[a, 3] - r * gamma[row + 3], impulse[a, 4] - r * gamma[row + 4]
+            x, y = prox_disc(x, y, laws.mu_V * P_N)
+            put(G, gamma, rows, row + 3, impulse, a, 3, x)
+            put(G, gamma, rows, row + 4, impulse, a, 4, y)
+        else:
+            impulse[a, 3] = impulse[a, 4] = 0.0
+
+
+@compiled
+def put(G, gamma, rows, column, impulse, a, j, P):
+    """Set an impulse, and add what its change does to all velocities."""
+    change = P - impulse[a, j]
+    impulse[a, j] = P
+    if change != 0.0:
+        for row in range(rows):
+            gamma[row] += G[column, row] * change
+
+
+@compiled
+def largest_eigenvalue(G, k):
+    """Return the larger eigenvalue of the 2x2 block of G at k."""
+    half, off = 0.5 * (G[k, k] - G[k + 1, k + 1]), G[k, k + 1]
+    return 0.5 * (G[k, k] + G[k + 1, k + 1]) + math.sqrt(half * half + off * off)
+
+
+@compiled
+def iterate(laws, tolerance, limit, contact, table, chain, delassus, impulse):
+    """Sweep until the contact laws hold; return what `spatial.end_step` takes."""
+    unload_chain(chain)
+    factor_chain(chain)
+    width = 5 if laws.mu_V > 0.0 else 3
+    condense(contact, width, table, chain, delassus)
+    iterations = 0
+    while True:
+        load(contact, impulse, table)
+        condensed_velocities(contact, width, table, delassus)  # anew: rounding does not add up
+        residual, printed = natural_map(laws, contact, table, tolerance)
+        if residual <= tolerance or iterations >= limit:
+            break
+        sweep(laws, contact, width, delassus, impulse)
+        iterations += 1
+    end_twists(contact, table, chain)
+    return iterations, residual <= tolerance, residual, printed, False
+
+
+@compiled
+def advance(model, work, q, u, history, angle, rate, report, cycles):
+    """Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`."""
+    for k in range(len(angle)):
+        cycles[k] = cycle_counter()
+        count = begin_step(model, work, q, u, angle[k], rate[k])
+        outcome = iterate(
+            model.laws, model.residual_tolerance, model.iteration_limit,
+            work.contact[:count], work.table, work.chain, work.delassus, history[0],
+        )  # fmt: skip
+        if not end_step(model, work, q, u, history, count, outcome, report):
+            break
+    cycles[len(angle)] = cycle_counter()

@@ -1,0 +1,220 @@
+"""
+The contact laws as impulses that follow from velocities, linear about a trial, in the chain.
+
+With the selection rule a normal impulse is ``P_N = max(0, -gamma_N/compliance)``. A tangential
+law is first scaled by its coefficients, S = diag(mu_x, mu_y): the ellipse becomes the disc of
+radius P_N, the law stays the same. Then ``S^-1 P = prox_disc(S^-1 anchor - S gamma/epsilon)``,
+which is the law itself when the anchor, the impulse of the last iterate, no longer changes
+(proximal point method [1]_): nothing creeps.
+
+The derivative of the impulses with respect to the velocity adds a 6x6 matrix to the inertia of the
+link that a contact touches, not symmetric because sliding friction follows the normal impulse.
+What is left is the forward dynamics of a chain.
+
+.. [1] R. T. Rockafellar, "Monotone operators and the proximal point algorithm", 1976.
+"""
+
+import math
+
+from snake_sim_ros.articulated_body import factor_chain
+from snake_sim_ros.articulated_body import solve_chain
+from snake_sim_ros.articulated_body import unload_chain
+from snake_sim_ros.compilation import compiled
+from snake_sim_ros.contacts import contact_velocities
+from snake_sim_ros.contacts import GAMMA
+from snake_sim_ros.contacts import GEOMETRY_COLUMNS
+from snake_sim_ros.contacts import HEADING
+from snake_sim_ros.contacts import IMPULSE
+from snake_sim_ros.contacts import POINT
+from snake_sim_ros.contacts import RADIUS
+from snake_sim_ros.delassus import solve_condensed
+
+# More columns of the table of contacts; GAMMA and IMPULSE are the solution of a linear problem.
+LAW = GEOMETRY_COLUMNS  # P_N, S_NN at gamma = 0; then the same for SLIDING and for ROLLING:
+SLIDING = LAW + 2  # P_x, P_y, S_xx, S_xy, S_yy, S_xN, S_yN of P = P_0 - S gamma
+ROLLING = LAW + 9
+TRIAL = LAW + 16  # relative velocities about which the laws are linear
+ITERATE = TRIAL + 5  # impulses that go with them
+ANCHOR = ITERATE + 5  # impulses that the proximal point method starts from
+DISC = ANCHOR + 5  # radius of the disc if it is held, FREE if it is the normal impulse
+HELD = DISC + 1  # radius to hold next
+SAVED = HELD + 1  # trial and iterate, to come back to; up to spatial.COLUMNS
+FREE = -1.0
+
+
+@compiled
+def normal_law(laws, anchor, gamma):
+    """Return the impulse that follows from gamma_N, and its derivative with the opposite sign."""
+    proximal = max(0.0, laws.proximal - laws.compliance)
+    stiffness = 1.0 / (laws.compliance + proximal)
+    P_N = stiffness * (proximal * anchor - gamma)
+    return (P_N, stiffness) if P_N > 0.0 else (0.0, 0.0)
+
+
+@compiled
+def disc_law(proximal, anchor_x, anchor_y, gamma_x, gamma_y, mu_x, mu_y, radius):
+    """
+    Return the tangential impulse that follows from gamma for a disc radius, and its derivatives.
+
+    Returns
+    -------
+    P_x, P_y : float
+        [N s]
+    S_xx, S_xy, S_yy : float
+        Minus the derivative with respect to gamma [kg].
+    d_x, d_y : float
+        Derivative with respect to the radius: 0 when the contact sticks.
+
+    """
+    if radius <= 0.0 or (mu_x <= 0.0 and mu_y <= 0.0):
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    over = 2.0 / (proximal * (mu_x * mu_x + mu_y * mu_y))  # 1/epsilon
+    x = (anchor_x / mu_x if mu_x > 0.0 else 0.0) - over * mu_x * gamma_x
+    y = (anchor_y / mu_y if mu_y > 0.0 else 0.0) - over * mu_y * gamma_y
+    square = x * x + y * y
+    if square <= radius * radius:
+        return mu_x * x, mu_y * y, over * mu_x * mu_x, 0.0, over * mu_y * mu_y, 0.0, 0.0
+    shrink = 1.0 / math.sqrt(square)
+    x, y = x * shrink, y * shrink
+    d_x, d_y = mu_x * x, mu_y * y
+    shrink *= radius * over
+    S_xx, S_xy, S_yy = shrink * (mu_x * y) ** 2, -shrink * d_x * d_y, shrink * (mu_y * x) ** 2
+    return radius * d_x, radius * d_y, S_xx, S_xy, S_yy, d_x, d_y
+
+
+@compiled
+def linearize_disc(proximal, table, a, k, mu_x, mu_y, radius, S_N):
+    """Fill the law of components k, k+1 of contact a; S_N is how the radius follows gamma_N."""
+    x, y, normal = table[a, TRIAL + k], table[a, TRIAL + k + 1], table[a, TRIAL]
+    P_x, P_y, S_xx, S_xy, S_yy, d_x, d_y = disc_law(
+        proximal, table[a, ANCHOR + k], table[a, ANCHOR + k + 1], x, y, mu_x, mu_y, radius
+    )
+    law = SLIDING if k == 1 else ROLLING
+    S_xN, S_yN = d_x * S_N, d_y * S_N
+    table[a, law] = P_x + S_xx * x + S_xy * y + S_xN * normal
+    table[a, law + 1] = P_y + S_xy * x + S_yy * y + S_yN * normal
+    table[a, law + 2], table[a, law + 3], table[a, law + 4] = S_xx, S_xy, S_yy
+    table[a, law + 5], table[a, law + 6] = S_xN, S_yN
+
+
+@compiled
+def linearize(laws, contact, table):
+    """Fill the laws of all contacts, linear about TRIAL."""
+    for a in contact:
+        P_N, S_N = normal_law(laws, table[a, ANCHOR], table[a, TRIAL])
+        table[a, LAW], table[a, LAW + 1] = P_N + S_N * table[a, TRIAL], S_N
+        radius, follow = (P_N, S_N) if table[a, DISC] == FREE else (table[a, DISC], 0.0)
+        linearize_disc(laws.proximal, table, a, 1, laws.mu_x, laws.mu_y, radius, follow)
+        if laws.mu_V > 0.0:
+            linearize_disc(laws.proximal, table, a, 3, laws.mu_V, laws.mu_V, radius, follow)
+
+
+@compiled
+def add_laws(contact, table, rolling, wrench, inertia):
+    """Add the linear laws to the wrenches and to the inertias of the links."""
+    n = len(wrench)
+    for a in contact:
+        i = a if a < n else a - n
+        add_point_law(table, a, wrench, inertia, i)
+        if rolling:
+            add_rolling_law(table, a, wrench, inertia, i)
+
+
+@compiled
+def add_point_law(table, a, wrench, inertia, i):
+    """
+    Add to link i the impulse ``P_0 - S gamma`` of contact a, normal and sliding.
+
+    In axes of I it is ``force - K v``, ``v = v_O + omega x p`` the velocity of the contact point,
+    K = [[xx, xy, xz], [xy, yy, yz], [0, 0, zz]]; about O that is A += J^T K J, J = [-p~, 1].
+    """
+    cx, cy = table[a, HEADING], table[a, HEADING + 1]
+    x, y, z = table[a, POINT], table[a, POINT + 1], table[a, POINT + 2]
+    P_x, P_y, fz = table[a, SLIDING], table[a, SLIDING + 1], table[a, LAW]
+    fx, fy = cx * P_x - cy * P_y, cy * P_x + cx * P_y
+    wrench[i, 0] += y * fz - z * fy
+    wrench[i, 1] += z * fx - x * fz
+    wrench[i, 2] += x * fy - y * fx
+    wrench[i, 3] += fx
+    wrench[i, 4] += fy
+    wrench[i, 5] += fz
+    S_xx, S_xy, S_yy = table[a, SLIDING + 2], table[a, SLIDING + 3], table[a, SLIDING + 4]
+    S_xN, S_yN = table[a, SLIDING + 5], table[a, SLIDING + 6]
+    xx = cx * cx * S_xx - 2.0 * cx * cy * S_xy + cy * cy * S_yy
+    xy = cx * cy * (S_xx - S_yy) + (cx * cx - cy * cy) * S_xy
+    yy = cy * cy * S_xx + 2.0 * cx * cy * S_xy + cx * cx * S_yy
+    xz, yz, zz = cx * S_xN - cy * S_yN, cy * S_xN + cx * S_yN, table[a, LAW + 1]
+    add_row(inertia, i, 0, -z * xy, -z * yy, y * zz - z * yz, x, y, z)  # p~ K
+    add_row(inertia, i, 1, z * xx, z * xy, z * xz - x * zz, x, y, z)
+    add_row(inertia, i, 2, x * xy - y * xx, x * yy - y * xy, x * yz - y * xz, x, y, z)
+    add_row(inertia, i, 3, xx, xy, xz, x, y, z)  # K
+    add_row(inertia, i, 4, xy, yy, yz, x, y, z)
+    add_row(inertia, i, 5, 0.0, 0.0, zz, x, y, z)
+
+
+@compiled
+def add_row(inertia, i, row, a, b, c, x, y, z):
+    """Add (p x r, r), a row of J^T K J, for r = (a, b, c) and p = (x, y, z)."""
+    inertia[i, row, 0] += y * c - z * b
+    inertia[i, row, 1] += z * a - x * c
+    inertia[i, row, 2] += x * b - y * a
+    inertia[i, row, 3] += a
+    inertia[i, row, 4] += b
+    inertia[i, row, 5] += c
+
+
+@compiled
+def add_rolling_law(table, a, wrench, inertia, i):
+    """Add to link i the rolling torque r (P_v, -P_u) of contact a, eqs. (36), (37)."""
+    x, y, r = table[a, POINT], table[a, POINT + 1], table[a, RADIUS]
+    wrench[i, 0] += r * table[a, ROLLING + 1]
+    wrench[i, 1] -= r * table[a, ROLLING]
+    S_xx, S_xy, S_yy = table[a, ROLLING + 2], table[a, ROLLING + 3], table[a, ROLLING + 4]
+    S_xN, S_yN = table[a, ROLLING + 5], table[a, ROLLING + 6]
+    inertia[i, 0, 0] += r * r * S_yy + r * S_yN * y
+    inertia[i, 0, 1] -= r * r * S_xy + r * S_yN * x
+    inertia[i, 0, 5] += r * S_yN
+    inertia[i, 1, 0] -= r * r * S_xy + r * S_xN * y
+    inertia[i, 1, 1] += r * r * S_xx + r * S_xN * x
+    inertia[i, 1, 5] -= r * S_xN
+
+
+@compiled
+def linear_impulses(contact, table, rolling):
+    """Fill the impulses of the linear laws at GAMMA."""
+    for a in contact:
+        normal = table[a, GAMMA]
+        table[a, IMPULSE] = table[a, LAW] - table[a, LAW + 1] * normal
+        for k in range(1, 5 if rolling else 3, 2):
+            law = SLIDING if k == 1 else ROLLING
+            x, y = table[a, GAMMA + k], table[a, GAMMA + k + 1]
+            S_xx, S_xy, S_yy = table[a, law + 2], table[a, law + 3], table[a, law + 4]
+            S_xN, S_yN = table[a, law + 5], table[a, law + 6]
+            table[a, IMPULSE + k] = table[a, law] - S_xx * x - S_xy * y - S_xN * normal
+            table[a, IMPULSE + k + 1] = table[a, law + 1] - S_xy * x - S_yy * y - S_yN * normal
+
+
+@compiled
+def linear_step(laws, contact, table, chain, delassus):
+    """
+    Fill GAMMA and IMPULSE with the solution for the laws linear about TRIAL.
+
+    With a Delassus operator of size 0 the chain is solved with the laws, else G without the chain.
+
+    Returns
+    -------
+    bool
+        Whether the solution is finite.
+
+    """
+    linearize(laws, contact, table)
+    rolling = laws.mu_V > 0.0
+    if len(delassus.packed) > 0:
+        return solve_condensed(contact, 5 if rolling else 3, table, LAW, delassus)
+    unload_chain(chain)
+    add_laws(contact, table, rolling, chain.wrench, chain.inertia)
+    factor_chain(chain)
+    solve_chain(chain, chain.torque)
+    contact_velocities(contact, table, chain.twist)
+    linear_impulses(contact, table, rolling)
+    return math.isfinite(chain.twist[0, 3] + chain.twist[len(chain.twist) - 1, 3])

@@ -1,0 +1,334 @@
+"""
+Newton's method on the contact laws, each linear problem solved exactly in a sweep over the links.
+
+One iteration makes the laws linear about a trial (`linear_laws`) and solves the chain with them:
+it costs about as much as a step without contacts, for any number of links. Iterates satisfy the
+dynamics and the joints to rounding; only the laws are iterated for, and `contacts.natural_map`
+judges them. The methods `newton` and `newton_dense` differ in how they solve the linear problem.
+
+Far from the solution the method may circle. Then the line between two iterates is searched, and if
+that fails the radii of the discs are held for a while, which makes the problem convex: Newton's
+method with an exact line search solves it from anywhere, and the radii follow [1]_.
+
+.. [1] V. Acary, B. Brogliato, "Numerical Methods for Nonsmooth Dynamical Systems", 2008, ch. 13.
+"""
+
+import math
+
+from snake_sim_ros.articulated_body import factor_chain
+from snake_sim_ros.articulated_body import unload_chain
+from snake_sim_ros.compilation import compiled
+from snake_sim_ros.compilation import cycle_counter
+from snake_sim_ros.contacts import GAMMA
+from snake_sim_ros.contacts import HEADING
+from snake_sim_ros.contacts import IMPULSE
+from snake_sim_ros.contacts import natural_map
+from snake_sim_ros.contacts import POINT
+from snake_sim_ros.contacts import RADIUS
+from snake_sim_ros.delassus import condense
+from snake_sim_ros.delassus import end_twists
+from snake_sim_ros.linear_laws import ANCHOR
+from snake_sim_ros.linear_laws import DISC
+from snake_sim_ros.linear_laws import disc_law
+from snake_sim_ros.linear_laws import FREE
+from snake_sim_ros.linear_laws import HELD
+from snake_sim_ros.linear_laws import ITERATE
+from snake_sim_ros.linear_laws import linear_step
+from snake_sim_ros.linear_laws import normal_law
+from snake_sim_ros.linear_laws import SAVED
+from snake_sim_ros.linear_laws import TRIAL
+from snake_sim_ros.spatial import begin_step
+from snake_sim_ros.spatial import end_step
+
+COUPLED_STEPS = 6  # Newton iterations before the radii are held
+COUPLED_STEPS_LATER = 4  # and between rounds
+MANY_STEPS = 100  # while the residual falls
+HELD_STEPS = 30
+PLAIN_ROUNDS = 8  # rounds after which the radii are damped
+
+
+@compiled
+def misfit(laws, contact, table, fraction):
+    """
+    Compare impulses and laws a fraction of the way from TRIAL, ITERATE to GAMMA, IMPULSE.
+
+    Returns
+    -------
+    slope : float
+        ``sum (P - P(gamma)) . (GAMMA - TRIAL)``: for held radii the derivative of a convex
+        function along the way.
+    residual : float
+        Largest ``|P - P(gamma)|/r`` [m/s].
+
+    """
+    slope = normal = sliding = rolling = 0.0
+    for a in contact:
+        step = table[a, GAMMA] - table[a, TRIAL]
+        P_N, _ = normal_law(laws, table[a, ANCHOR], table[a, TRIAL] + fraction * step)
+        radius = P_N if table[a, DISC] == FREE else table[a, DISC]
+        P = table[a, ITERATE]
+        d = P + fraction * (table[a, IMPULSE] - P) - P_N
+        normal = max(normal, abs(d))
+        slope += d * step
+        d, along = disc_gap(laws.proximal, table, a, 1, laws.mu_x, laws.mu_y, radius, fraction)
+        sliding = max(sliding, d)
+        slope += along
+        if laws.mu_V > 0.0:
+            d, along = disc_gap(laws.proximal, table, a, 3, laws.mu_V, laws.mu_V, radius, fraction)
+            rolling = max(rolling, d)
+            slope += along
+    return slope, max(normal / laws.r_N, sliding / laws.r_T, rolling / laws.r_V)
+
+
+@compiled
+def disc_gap(proximal, table, a, k, mu_x, mu_y, radius, fraction):
+    """Return |P - P(gamma)| of components k, k+1 of contact a, and its part of the slope."""
+    x, y = table[a, TRIAL + k], table[a, TRIAL + k + 1]
+    step_x, step_y = table[a, GAMMA + k] - x, table[a, GAMMA + k + 1] - y
+    law_x, law_y, _, _, _, _, _ = disc_law(
+        proximal, table[a, ANCHOR + k], table[a, ANCHOR + k + 1],
+        x + fraction * step_x, y + fraction * step_y, mu_x, mu_y, radius,
+    )  # fmt: skip
+    P_x, P_y = table[a, ITERATE + k], table[a, ITERATE + k + 1]
+    d_x = P_x + fraction * (table[a, IMPULSE + k] - P_x) - law_x
+    d_y = P_y + fraction * (table[a, IMPULSE + k + 1] - P_y) - law_y
+    return math.sqrt(d_x * d_x + d_y * d_y), d_x * step_x + d_y * step_y
+
+
+@compiled
+def line_search(laws, contact, table):
+    """
+    Return the fraction of the way at which the slope has all but vanished: 1 if it is not reached.
+
+    0 means that the way goes up from its start. False position with halved weights (Illinois).
+    """
+    high, above = 1.0, misfit(laws, contact, table, 1.0)[0]
+    if not above > 0.0:
+        return 1.0
+    low, below = 0.0, misfit(laws, contact, table, 0.0)[0]
+    if not below < 0.0:
+        return 0.0
+    enough = 0.1 * min(-below, above)
+    fraction, side = 0.5, 0
+    for _ in range(20):
+        fraction = low - below * (high - low) / (above - below)
+        slope = misfit(laws, contact, table, fraction)[0]
+        if abs(slope) <= enough:
+            break
+        if slope > 0.0:
+            high, above = fraction, slope
+            below *= 0.5 if side > 0 else 1.0
+            side = 1
+        else:
+            low, below = fraction, slope
+            above *= 0.5 if side < 0 else 1.0
+            side = -1
+    return fraction
+
+
+@compiled
+def move(contact, table, fraction):
+    """Move TRIAL and ITERATE a fraction of the way to GAMMA and IMPULSE."""
+    for a in contact:
+        for j in range(5):
+            trial, P = table[a, TRIAL + j], table[a, ITERATE + j]
+            if fraction == 1.0:  # to the last bit
+                table[a, TRIAL + j], table[a, ITERATE + j] = (
+                    table[a, GAMMA + j],
+                    table[a, IMPULSE + j],
+                )
+            else:
+                table[a, TRIAL + j] = trial + fraction * (table[a, GAMMA + j] - trial)
+                table[a, ITERATE + j] = P + fraction * (table[a, IMPULSE + j] - P)
+
+
+@compiled
+def anchor_at_iterate(laws, contact, table):
+    """Fill ANCHOR with the admissible impulses next to ITERATE, in scaled components."""
+    for a in contact:
+        P_N = max(0.0, table[a, ITERATE])
+        table[a, ANCHOR] = P_N
+        for k in range(1, 4, 2):
+            mu_x, mu_y = (laws.mu_x, laws.mu_y) if k == 1 else (laws.mu_V, laws.mu_V)
+            x = table[a, ITERATE + k] / mu_x if mu_x > 0.0 else 0.0
+            y = table[a, ITERATE + k + 1] / mu_y if mu_y > 0.0 else 0.0
+            square = x * x + y * y
+            shrink = 1.0 if square <= P_N * P_N else P_N / math.sqrt(square)
+            table[a, ANCHOR + k], table[a, ANCHOR + k + 1] = mu_x * shrink * x, mu_y * shrink * y
+
+
+@compiled
+def coupled_steps(laws, tolerance, contact, table, chain, delassus, rounds):
+    """Iterate with the radii that the normal impulses have; return iterations and the verdict."""
+    for a in contact:
+        table[a, DISC] = FREE
+    residual = printed = math.inf
+    iterations, steps = 0, COUPLED_STEPS if rounds == 0 else COUPLED_STEPS_LATER
+    while iterations < steps:
+        iterations += 1
+        before = residual
+        if not linear_step(laws, contact, table, chain, delassus):
+            return iterations, math.inf, math.inf
+        residual, printed = natural_map(laws, contact, table, tolerance)
+        if residual <= tolerance:
+            break
+        fraction = 1.0
+        if rounds + iterations > 1 and residual > 1e3 * tolerance:  # below, rounding would decide
+            fraction = line_search(laws, contact, table)
+            if fraction == 0.0:
+                break
+        move(contact, table, fraction)
+        anchor_at_iterate(laws, contact, table)
+        if residual < 0.95 * before and steps < MANY_STEPS:
+            steps += 1  # slow, but it gets there
+    return iterations, residual, printed
+
+
+@compiled
+def held_steps(laws, tolerance, contact, table, chain, delassus):
+    """Solve the convex problem with the radii held; return iterations and the verdict."""
+    for a in contact:
+        table[a, DISC] = table[a, HELD]
+    iterations = 0
+    while iterations < HELD_STEPS:
+        iterations += 1
+        if not linear_step(laws, contact, table, chain, delassus):
+            return iterations, math.inf, math.inf
+        fraction = line_search(laws, contact, table)
+        move(contact, table, fraction if fraction > 0.0 else 1.0)
+        if fraction == 1.0 and misfit(laws, contact, table, 1.0)[1] <= tolerance:
+            break
+    residual, printed = natural_map(laws, contact, table, tolerance)
+    return iterations, residual, printed
+
+
+@compiled
+def newton(laws, tolerance, limit, contact, table, chain, delassus):
+    """
+    Find impulses and twists that satisfy the contact laws, from what `predict` filled.
+
+    Returns
+    -------
+    iterations : int
+    converged : bool
+    residual, printed_residual : float
+        Verdict of `natural_map` [m/s].
+    fell_back : bool
+        Whether the radii were held for a while.
+
+    """
+    iterations, fell_back = 0, False
+    residual = printed = math.inf
+    for rounds in range(limit):
+        spent, residual, printed = coupled_steps(
+            laws, tolerance, contact, table, chain, delassus, rounds
+        )
+        iterations += spent
+        if residual <= tolerance or iterations >= limit:
+            break
+        for a in contact:  # back to where the last round ended
+            if rounds > 0:
+                for j in range(10):
+                    table[a, TRIAL + j] = table[a, SAVED + j]
+            else:
+                table[a, HELD] = max(0.0, table[a, ITERATE])
+        anchor_at_iterate(laws, contact, table)
+        fell_back = True
+        inner = 1e2 * tolerance if rounds < PLAIN_ROUNDS else 0.1 * tolerance
+        spent, residual, printed = held_steps(laws, inner, contact, table, chain, delassus)
+        iterations += spent
+        if residual <= tolerance or iterations >= limit or residual == math.inf:
+            break
+        anchor_at_iterate(laws, contact, table)
+        share = 1.0 / (1 + rounds // PLAIN_ROUNDS)
+        for a in contact:
+            table[a, HELD] += share * (table[a, ANCHOR] - table[a, HELD])
+            for j in range(10):
+                table[a, SAVED + j] = table[a, TRIAL + j]  # and ITERATE, next to it
+    return iterations, residual <= tolerance, residual, printed, fell_back
+
+
+@compiled
+def predict(laws, contact, table, history, u, omega, center, mass, fall):
+    """
+    Fill TRIAL and ANCHOR from the last step: the velocities go on changing as they did.
+
+    A new contact starts with the velocities u, omega (in I) of its link at the start of the step,
+    and falls by `fall` [m/s] more; its impulse is that of a free link.
+    """
+    n = len(u)
+    for a in contact:
+        i = a if a < n else a - n
+        for j in range(5):
+            table[a, ANCHOR + j] = table[a, ITERATE + j] = history[0, a, j]
+        if history[0, a, 0] > 0.0:
+            table[a, TRIAL] = min(history[1, a, 0] + history[2, a, 0], 0.0)
+            for k in range(1, 4, 2):
+                x, y = history[1, a, k], history[1, a, k + 1]
+                next_x, next_y = x + history[2, a, k], y + history[2, a, k + 1]
+                ahead = x * next_x + y * next_y > 0.0
+                table[a, TRIAL + k] = next_x if ahead else x
+                table[a, TRIAL + k + 1] = next_y if ahead else y
+        else:
+            wx, wy, wz = omega[i, 0], omega[i, 1], omega[i, 2]
+            x, y = table[a, POINT] - center[i, 0], table[a, POINT + 1] - center[i, 1]
+            z = table[a, POINT + 2] - center[i, 2]
+            vx, vy = u[i, 0] + wy * z - wz * y, u[i, 1] + wz * x - wx * z
+            vz = u[i, 2] + wx * y - wy * x - fall
+            cx, cy = table[a, HEADING], table[a, HEADING + 1]
+            table[a, TRIAL] = min(0.0, vz) * mass[i] * max(laws.compliance, laws.proximal)
+            table[a, TRIAL + 1], table[a, TRIAL + 2] = cx * vx + cy * vy, cx * vy - cy * vx
+            table[a, TRIAL + 3] = -table[a, RADIUS] * wy
+            table[a, TRIAL + 4] = table[a, RADIUS] * wx
+
+
+@compiled
+def remember(contact, table, history):
+    """Fill history with the impulses, velocities and changes of the closed contacts, 0 if open."""
+    n, k = len(table) // 2, 0
+    for i in range(n):
+        for a in (i, n + i):
+            if k < len(contact) and contact[k] == a:
+                k += 1
+                now = table[a, IMPULSE] > 0.0
+                before = now and history[0, a, 0] > 0.0
+                for j in range(5):
+                    gamma = table[a, GAMMA + j]
+                    history[2, a, j] = gamma - history[1, a, j] if before else 0.0
+                    history[1, a, j] = gamma if now else 0.0
+                    history[0, a, j] = table[a, IMPULSE + j] if now else 0.0
+            elif history[0, a, 0] > 0.0:
+                history[:, a] = 0.0
+
+
+@compiled
+def solve_contacts(model, work, contact, history):
+    """Solve the contacts of a step; return what `spatial.end_step` takes."""
+    laws, table, chain, delassus = model.laws, work.table, work.chain, work.delassus
+    if len(delassus.packed) > 0:
+        unload_chain(chain)
+        factor_chain(chain)
+        condense(contact, 5 if laws.mu_V > 0.0 else 3, table, chain, delassus)
+    fall = -model.dt * model.gravity[2]
+    predict(
+        laws, contact, table, history, work.velocity, work.omega, work.center, model.mass, fall
+    )
+    outcome = newton(
+        laws, model.residual_tolerance, model.iteration_limit, contact, table, chain, delassus
+    )
+    if len(delassus.packed) > 0:
+        end_twists(contact, table, chain)
+    remember(contact, table, history)
+    return outcome
+
+
+@compiled
+def advance(model, work, q, u, history, angle, rate, report, cycles):
+    """Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`."""
+    for k in range(len(angle)):
+        cycles[k] = cycle_counter()
+        count = begin_step(model, work, q, u, angle[k], rate[k])
+        outcome = solve_contacts(model, work, work.contact[:count], history)
+        if not end_step(model, work, q, u, history, count, outcome, report):
+            break
+    cycles[len(angle)] = cycle_counter()

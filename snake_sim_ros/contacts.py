@@ -21,6 +21,8 @@ GAMMA = 6  # relative velocities [m/s]
 IMPULSE = 11  # impulses [N s]
 GEOMETRY_COLUMNS = 16
 
+PRESS = 5e-7  # velocity at which the selection rule may press a contact into the floor [m/s]
+
 
 class Laws(NamedTuple):
     """The numbers of the contact laws and of their judge."""
@@ -102,13 +104,32 @@ def contact_velocities(contact, table, twist):
 
 
 @compiled
+def selected(laws, contact, table, mass, impulse):
+    """
+    Return the laws with the compliance that this step selects with; GAMMA is of its start.
+
+    Deviation: the compliance of the selection rule moves a contact into the floor by compliance
+    times P_N. It is reduced where that would be more than PRESS, for the largest normal impulse
+    that is to be expected: the last one of a contact, or twice what stops its link alone.
+    """
+    n = len(mass)
+    most = 0.0
+    for a in contact:
+        most = max(most, impulse[a, 0], -2.0 * mass[a if a < n else a - n] * table[a, GAMMA])
+    compliance = min(laws.compliance, PRESS / most) if most > 0.0 else laws.compliance
+    return Laws(
+        laws.mu_x, laws.mu_y, laws.mu_V, compliance, laws.proximal, laws.r_N, laws.r_T, laws.r_V
+    )
+
+
+@compiled
 def natural_map(laws, contact, table, enough):
     """
     Return how far closed contacts are from their laws: ``max |P - prox_C(P - r gamma)|/r`` [m/s].
 
     This is the one judge of all solvers. The sets of sliding and rolling are those of the normal
-    impulse given. Where an upper bound for orthotropic sliding is not above `enough`, it stands for
-    the value: the projection on an ellipse is not cheap.
+    impulse given. Where an upper bound for orthotropic sliding is not above `enough`, it stands
+    for the value: the projection on an ellipse is not cheap.
 
     Returns
     -------
@@ -145,8 +166,8 @@ def disc_misfit(P_x, P_y, gamma_x, gamma_y, mu_x, mu_y, bound, r, enough):
 
     Let e be the point of the ellipse S disc, S = diag(mu_x, mu_y), that the disc projection of
     ``S^-1 P - r/mu_min^2 S gamma`` gives. Then P - r gamma lies ``(1 - mu_min^2 S^-2)(P - e)``
-    beside the normal of the ellipse in e, and because projections do not expand, the residual is at
-    most that and |P - e| together. For a disc this is |P - e|, the value itself.
+    beside the normal of the ellipse in e, and because projections do not expand, the residual is
+    at most that and |P - e| together. For a disc this is |P - e|, the value itself.
     """
     x, y = P_x - r * gamma_x, P_y - r * gamma_y
     lowest = min(mu_x, mu_y)

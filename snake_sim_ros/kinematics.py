@@ -122,6 +122,18 @@ def chain_geometry(half_length, R, center, axis):
 
 
 @compiled
+def twists(u, omega, center, twist):
+    """Fill the twists about O of links with velocities u and angular velocities omega in I."""
+    for i in range(len(u)):
+        wx, wy, wz = omega[i, 0], omega[i, 1], omega[i, 2]
+        x, y, z = center[i, 0], center[i, 1], center[i, 2]
+        twist[i, 0], twist[i, 1], twist[i, 2] = wx, wy, wz
+        twist[i, 3] = u[i, 0] - (wy * z - wz * y)
+        twist[i, 4] = u[i, 1] - (wz * x - wx * z)
+        twist[i, 5] = u[i, 2] - (wx * y - wy * x)
+
+
+@compiled
 def end_velocities(twist, R, center, u):
     """Fill u_E (n, 6) from the twists about O."""
     for i in range(len(u)):

@@ -20,11 +20,8 @@ from snake_sim_ros.articulated_body import unload_chain
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import cycle_counter
 from snake_sim_ros.contacts import GAMMA
-from snake_sim_ros.contacts import HEADING
 from snake_sim_ros.contacts import IMPULSE
 from snake_sim_ros.contacts import natural_map
-from snake_sim_ros.contacts import POINT
-from snake_sim_ros.contacts import RADIUS
 from snake_sim_ros.delassus import condense
 from snake_sim_ros.delassus import end_twists
 from snake_sim_ros.linear_laws import ANCHOR
@@ -249,37 +246,29 @@ def newton(laws, tolerance, limit, contact, table, chain, delassus):
 
 
 @compiled
-def predict(laws, contact, table, history, u, omega, center, mass, fall):
+def predict(laws, contact, table, mass, history):
     """
-    Fill TRIAL and ANCHOR from the last step: the velocities go on changing as they did.
+    Fill TRIAL and ANCHOR from the last step: impulses and velocities go on changing as they did.
 
-    A new contact starts with the velocities u, omega (in I) of its link at the start of the step,
-    and falls by `fall` [m/s] more; its impulse is that of a free link.
+    A new contact starts with GAMMA, its velocities at the start of the step, and with what stops
+    its link alone.
     """
-    n = len(u)
+    n = len(mass)
     for a in contact:
         i = a if a < n else a - n
         for j in range(5):
             table[a, ANCHOR + j] = table[a, ITERATE + j] = history[0, a, j]
+            table[a, TRIAL + j] = table[a, GAMMA + j]
+        P_N = -mass[i] * table[a, GAMMA]
         if history[0, a, 0] > 0.0:
-            table[a, TRIAL] = min(history[1, a, 0] + history[2, a, 0], 0.0)
+            P_N = history[0, a, 0] + history[2, a, 0]
             for k in range(1, 4, 2):
                 x, y = history[1, a, k], history[1, a, k + 1]
                 next_x, next_y = x + history[2, a, k], y + history[2, a, k + 1]
                 ahead = x * next_x + y * next_y > 0.0
                 table[a, TRIAL + k] = next_x if ahead else x
                 table[a, TRIAL + k + 1] = next_y if ahead else y
-        else:
-            wx, wy, wz = omega[i, 0], omega[i, 1], omega[i, 2]
-            x, y = table[a, POINT] - center[i, 0], table[a, POINT + 1] - center[i, 1]
-            z = table[a, POINT + 2] - center[i, 2]
-            vx, vy = u[i, 0] + wy * z - wz * y, u[i, 1] + wz * x - wx * z
-            vz = u[i, 2] + wx * y - wy * x - fall
-            cx, cy = table[a, HEADING], table[a, HEADING + 1]
-            table[a, TRIAL] = min(0.0, vz) * mass[i] * max(laws.compliance, laws.proximal)
-            table[a, TRIAL + 1], table[a, TRIAL + 2] = cx * vx + cy * vy, cx * vy - cy * vx
-            table[a, TRIAL + 3] = -table[a, RADIUS] * wy
-            table[a, TRIAL + 4] = table[a, RADIUS] * wx
+        table[a, TRIAL] = -max(laws.compliance, laws.proximal) * max(0.0, P_N)
 
 
 @compiled
@@ -292,27 +281,26 @@ def remember(contact, table, history):
                 k += 1
                 now = table[a, IMPULSE] > 0.0
                 before = now and history[0, a, 0] > 0.0
+                history[2, a, 0] = table[a, IMPULSE] - history[0, a, 0] if before else 0.0
+                for j in range(1, 5):
+                    change = table[a, GAMMA + j] - history[1, a, j]
+                    history[2, a, j] = change if before else 0.0
                 for j in range(5):
-                    gamma = table[a, GAMMA + j]
-                    history[2, a, j] = gamma - history[1, a, j] if before else 0.0
-                    history[1, a, j] = gamma if now else 0.0
                     history[0, a, j] = table[a, IMPULSE + j] if now else 0.0
+                    history[1, a, j] = table[a, GAMMA + j] if now else 0.0
             elif history[0, a, 0] > 0.0:
                 history[:, a] = 0.0
 
 
 @compiled
-def solve_contacts(model, work, contact, history):
+def solve_contacts(model, laws, work, contact, history):
     """Solve the contacts of a step; return what `spatial.end_step` takes."""
-    laws, table, chain, delassus = model.laws, work.table, work.chain, work.delassus
+    table, chain, delassus = work.table, work.chain, work.delassus
+    predict(laws, contact, table, model.mass, history)
     if len(delassus.packed) > 0:
         unload_chain(chain)
         factor_chain(chain)
         condense(contact, 5 if laws.mu_V > 0.0 else 3, table, chain, delassus)
-    fall = -model.dt * model.gravity[2]
-    predict(
-        laws, contact, table, history, work.velocity, work.omega, work.center, model.mass, fall
-    )
     outcome = newton(
         laws, model.residual_tolerance, model.iteration_limit, contact, table, chain, delassus
     )
@@ -327,8 +315,8 @@ def advance(model, work, q, u, history, angle, rate, report, cycles):
     """Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`."""
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
-        count = begin_step(model, work, q, u, angle[k], rate[k])
-        outcome = solve_contacts(model, work, work.contact[:count], history)
+        count, laws = begin_step(model, work, q, u, history[0], angle[k], rate[k])
+        outcome = solve_contacts(model, laws, work, work.contact[:count], history)
         if not end_step(model, work, q, u, history, count, outcome, report):
             break
     cycles[len(angle)] = cycle_counter()

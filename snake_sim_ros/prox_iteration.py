@@ -101,9 +101,9 @@ def advance(model, work, q, u, history, angle, rate, report, cycles):
     """Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`."""
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
-        count = begin_step(model, work, q, u, angle[k], rate[k])
+        count, laws = begin_step(model, work, q, u, history[0], angle[k], rate[k])
         outcome = iterate(
-            model.laws, model.tolerance, model.iteration_limit,
+            laws, model.tolerance, model.iteration_limit,
             work.contact[:count], work.table, work.chain, work.delassus, history[0],
         )  # fmt: skip
         if not end_step(model, work, q, u, history, count, outcome, report):

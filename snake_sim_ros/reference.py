@@ -269,7 +269,7 @@ class ReferenceStepper:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        self.compliance = scene.solver.normal_compliance * mean_delassus(scene.robot)
+        self.most_compliance = scene.solver.normal_compliance * mean_delassus(scene.robot)
 
     def advance(
         self, state: State, history: Array, angle: Array, rate: Array
@@ -313,6 +313,8 @@ class ReferenceStepper:
         joint_factor = cho_factor(W_J.T @ M_inv @ W_J, check_finite=False) if n > 1 else None
 
         P, iterations, change = impulse[active], 0, math.inf
+        stops = 2.0 * robot.per_link('link_mass')[active % n] * -(W_N.T @ u_A)
+        compliance = selection_compliance(self.most_compliance, np.append(P[:, 0], stops))
         while not change < scene.solver.tolerance and iterations < scene.solver.iteration_limit:
             S = W_N @ P[:, 0] + W_T @ P[:, 1:3].ravel() + W_V @ P[:, 3:].ravel()  # (76)
             # (84), with both terms negative; the paper's first sign is lost in print.

@@ -25,7 +25,9 @@ import numpy as np
 from snake_sim_ros.articulated_body import Chain
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.contacts import closed_contacts
+from snake_sim_ros.contacts import contact_velocities
 from snake_sim_ros.contacts import Laws
+from snake_sim_ros.contacts import selected
 from snake_sim_ros.delassus import Delassus
 from snake_sim_ros.joint_control import pd_law
 from snake_sim_ros.joint_control import START
@@ -39,6 +41,7 @@ from snake_sim_ros.kinematics import link_frames
 from snake_sim_ros.kinematics import middle_coordinates
 from snake_sim_ros.kinematics import penetration
 from snake_sim_ros.kinematics import rates_in_inertial_frame
+from snake_sim_ros.kinematics import twists
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.parameters import PD_SCHEMES
@@ -82,8 +85,7 @@ class Workspace(NamedTuple):
 
     q_mid: Array  # (n, 7) coordinates at the middle of the step, Euler parameters not normalized
     R: Array  # (n, 3, 3) link frames in I
-    velocity: Array  # (n, 6) velocities u at the start of the step
-    omega: Array  # (n, 3) angular velocities of the same in I
+    omega: Array  # (n, 3) angular velocities at the start of the step, in I
     center: Array  # (n, 3) link centers from O
     coordinate: Array  # (2, n-1, 2, 2) joint (yaw, pitch) x (angle, rate), at start and middle
     torque: Array  # (n-1, 2) impulse of the controller, without its implicit part [N m s]
@@ -197,8 +199,18 @@ def smooth_momentum(model, u, R, center, momentum):
 
 
 @compiled
-def begin_step(model, work, q, u, angle, rate):
-    """Fill all that the contact laws need, section VII; return how many contacts are closed."""
+def begin_step(model, work, q, u, impulse, angle, rate):
+    """
+    Fill all that a contact solver needs, section VII; velocities are those of the start.
+
+    Returns
+    -------
+    count : int
+        Closed contacts.
+    laws : Laws
+        Contact laws of this step.
+
+    """
     R, chain = work.R, work.chain
     middle_coordinates(model.dt, q, u, work.q_mid)
     if model.pd_scheme == START:
@@ -213,13 +225,14 @@ def begin_step(model, work, q, u, angle, rate):
     axis_loads(chain.axis, work.torque, work.damping, chain.torque, chain.damping)
     link_inertia(model, R, work.center, chain.bare)
     smooth_momentum(model, u, R, work.center, chain.momentum)
-    for i in range(len(u)):
-        for k in range(6):
-            work.velocity[i, k] = u[i, k]
-    return closed_contacts(
+    twists(u, work.omega, work.center, chain.twist)
+    count = closed_contacts(
         model.activation_tolerance, model.contact_offset, model.contact_radius,
         work.q_mid[:, 2], R, work.center, work.contact, work.table,
     )  # fmt: skip
+    contact = work.contact[:count]
+    contact_velocities(contact, work.table, chain.twist)
+    return count, selected(model.laws, contact, work.table, model.mass, impulse)
 
 
 @compiled
@@ -305,7 +318,6 @@ def make_workspace(n: int, size: int) -> Workspace:
     return Workspace(
         q_mid=zeros((n, 7)),
         R=zeros((n, 3, 3)),
-        velocity=zeros((n, 6)),
         omega=zeros((n, 3)),
         center=zeros((n, 3)),
         coordinate=zeros((2, n - 1, 2, 2)),

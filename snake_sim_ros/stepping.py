@@ -142,7 +142,8 @@ class Stepper(Protocol):
         history : ndarray, shape (3, 2n, 5)
             What a contact solver starts from: of every contact IMPULSE, the last one (normal,
             sliding x y, rolling x y) [N s], eq. (93); VELOCITY, relative velocities after it
-            [m/s]; and CHANGE, how much the last step changed them. `no_history` before the first.
+            [m/s]; CHANGE, by how much the last step changed the normal impulse and the other
+            velocities. `no_history` before the first.
         angle, rate : ndarray, shape (steps, n-1, 2)
             Joint references [rad], [rad/s] at the middle of every step.
 

@@ -11,6 +11,8 @@ import math
 
 from snake_sim_ros.compilation import compiled
 
+PRESS = 5e-7  # velocity at which the selection rule may press a contact into the floor [m/s]
+
 
 @compiled
 def prox_half_line(x):

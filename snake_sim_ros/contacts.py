@@ -11,6 +11,7 @@ import math
 from typing import NamedTuple
 
 from snake_sim_ros.compilation import compiled
+from snake_sim_ros.contact_laws import PRESS
 from snake_sim_ros.contact_laws import prox_ellipse
 
 # Columns of the table.
@@ -20,8 +21,6 @@ RADIUS = 5  # of the sphere
 GAMMA = 6  # relative velocities [m/s]
 IMPULSE = 11  # impulses [N s]
 GEOMETRY_COLUMNS = 16
-
-PRESS = 5e-7  # velocity at which the selection rule may press a contact into the floor [m/s]
 
 
 class Laws(NamedTuple):

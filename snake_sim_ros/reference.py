@@ -17,6 +17,7 @@ from scipy.linalg import cho_factor
 from scipy.linalg import cho_solve
 
 from snake_sim_ros import posture
+from snake_sim_ros.contact_laws import PRESS
 from snake_sim_ros.contact_laws import prox_disc
 from snake_sim_ros.contact_laws import prox_ellipse
 from snake_sim_ros.contact_laws import prox_half_line
@@ -241,6 +242,17 @@ def without_drift(robot: Robot, q: Array, rule: str) -> Array:
     return q
 
 
+def selection_compliance(compliance: float, impulses: Array) -> float:
+    """
+    Return the compliance of the selection rule in a step [1/kg].
+
+    Deviation: it moves a contact into the floor at ``compliance P_N``, and is reduced where that
+    would be more than PRESS for the largest of the normal impulses to be expected.
+    """
+    most = float(impulses.max(initial=0.0))
+    return min(compliance, PRESS / most) if most > 0.0 else compliance
+
+
 def contact_prox(scene: Scene, compliance: float, P: Array, gamma: Array) -> Array:
     """
     Return the impulses of one contact after one projection, eqs. (87)-(89), shape (5,).
@@ -325,10 +337,7 @@ class ReferenceStepper:
             gamma_T, gamma_V = (W_T.T @ u_E).reshape(-1, 2), (W_V.T @ u_E).reshape(-1, 2)
             gamma = np.hstack([gamma_N, gamma_T, gamma_V])
             P_new = np.array(
-                [
-                    contact_prox(scene, self.compliance, *pair)
-                    for pair in zip(P, gamma, strict=True)
-                ]
+                [contact_prox(scene, compliance, *pair) for pair in zip(P, gamma, strict=True)]
             )
             step = P_new.reshape(P.shape) - P
             change = sum(float(np.linalg.norm(step[:, k])) for k in ([0], [1, 2], [3, 4]))  # (93)
@@ -341,16 +350,16 @@ class ReferenceStepper:
         q_E = without_drift(robot, q_free, scene.drift_correction)
         g_J = joint_gaps(robot, without_drift(robot, q_free, 'none'))
 
-        def residual(compliance: float) -> float:
+        def residual(delta: float) -> float:
             pairs = zip(P - step, gamma, strict=True)  # the impulses that gave u_E
-            return max((natural_map(scene, compliance, *pair) for pair in pairs), default=0.0)
+            return max((natural_map(scene, delta, *pair) for pair in pairs), default=0.0)
 
         report = Report(
             steps=1,
             iterations=iterations,
             iterations_max=iterations,
             unconverged=int(not change < scene.solver.tolerance),
-            residual_max=residual(self.compliance),
+            residual_max=residual(compliance),
             printed_residual_max=residual(0.0),
             penetration_max=max(0.0, -float(posture.gaps(robot, q_E).min())),
             joint_gap_max=_largest(g_J[:, :3]),

@@ -8,7 +8,7 @@ on the difference to the reference rate.
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.parameters import PD_SCHEMES
 
-START, MIDPOINT, END = range(len(PD_SCHEMES))
+START, MIDPOINT, AVERAGE, END = range(len(PD_SCHEMES))
 
 
 @compiled
@@ -20,12 +20,14 @@ def pd_law(scheme, dt, start, mid, reference, stiffness, damping):
 
     - START: all at the start of the step, explicit; stable only for ``dt < 2 K_d/K_p``.
     - MIDPOINT: angle and time at the middle, rate at the start, explicit.
+    - AVERAGE: mean angle and mean rate of the step, linearly implicit, of second order:
+      ``angle_mean = angle_mid + dt/4 (rate_end - rate_start)``.
     - END: all at the end, linearly implicit: ``angle_end = angle_mid + dt/2 rate_end``.
 
     Parameters
     ----------
     scheme : int
-        START, MIDPOINT or END.
+        START, MIDPOINT, AVERAGE or END.
     dt : float
         Time step [s].
     start, mid : tuple of float
@@ -50,5 +52,9 @@ def pd_law(scheme, dt, start, mid, reference, stiffness, damping):
         return stiffness * (angle - start[0]) + damping * (rate - start[1]), 0.0
     if scheme == MIDPOINT:
         return stiffness * (angle - mid[0]) + damping * (rate - mid[1]), 0.0
+    if scheme == AVERAGE:
+        angle += dt / 4 * mid[1]
+        torque = stiffness * (angle - mid[0]) + damping * (rate - mid[1] / 2)
+        return torque, damping / 2 + stiffness * dt / 4
     angle += dt / 2 * rate
     return stiffness * (angle - mid[0]) + damping * rate, damping + stiffness * dt / 2

@@ -147,7 +147,7 @@ class Solver(Record):
     r_rolling: float = quantity(0.05, 'kg', 'prox parameter r_V', above=0)
 
 
-PD_SCHEMES = ('start', 'midpoint', 'end')
+PD_SCHEMES = ('start', 'midpoint', 'average', 'end')
 DRIFT_CORRECTIONS = ('paper', 'center_of_mass', 'none')
 
 

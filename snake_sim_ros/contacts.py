@@ -11,7 +11,6 @@ import math
 from typing import NamedTuple
 
 from snake_sim_ros.compilation import compiled
-from snake_sim_ros.contact_laws import PRESS
 from snake_sim_ros.contact_laws import prox_ellipse
 
 # Columns of the table.
@@ -20,7 +19,10 @@ HEADING = 3  # horizontal direction of the link axis: e_x of the contact frame
 RADIUS = 5  # of the sphere
 GAMMA = 6  # relative velocities [m/s]
 IMPULSE = 11  # impulses [N s]
-GEOMETRY_COLUMNS = 16
+GAP = 16  # gap [m]
+SHIFT = 17  # velocity that a gap still leaves open: a part of the normal GAMMA [m/s]
+START = 18  # normal velocity before the contacts act [m/s]
+LAW = 20  # first column of `linear_laws`
 
 
 class Laws(NamedTuple):
@@ -51,9 +53,12 @@ def closed_contacts(tolerance, offset, radius, height, R, center, contact, table
     for i in range(n):
         x, y, z = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
         for a, signed in ((i, offset[i]), (n + i, -offset[i])):
-            if height[i] + signed * z - radius[i] <= tolerance:
+            gap = height[i] + signed * z - radius[i]
+            if gap <= tolerance:
                 contact[count] = a
                 count += 1
+                table[a, GAP] = gap
+                table[a, SHIFT] = 0.0
                 c = math.sqrt(x * x + y * y)
                 flat = c > 1e-6
                 table[a, HEADING] = x / c if flat else 1.0
@@ -95,7 +100,7 @@ def contact_velocities(contact, table, twist):
         wx, wy, wz = twist[i, 0], twist[i, 1], twist[i, 2]
         vx = twist[i, 3] + wy * z - wz * y
         vy = twist[i, 4] + wz * x - wx * z
-        table[a, GAMMA] = twist[i, 5] + wx * y - wy * x
+        table[a, GAMMA] = twist[i, 5] + wx * y - wy * x + table[a, SHIFT]
         table[a, GAMMA + 1] = cx * vx + cy * vy
         table[a, GAMMA + 2] = cx * vy - cy * vx
         table[a, GAMMA + 3] = -table[a, RADIUS] * wy
@@ -103,19 +108,19 @@ def contact_velocities(contact, table, twist):
 
 
 @compiled
-def selected(laws, contact, table, mass, impulse):
+def selected(laws, contact, table, mass, impulse, press):
     """
     Return the laws with the compliance that this step selects with; GAMMA is of its start.
 
     Deviation: the compliance of the selection rule moves a contact into the floor by compliance
-    times P_N. It is reduced where that would be more than PRESS, for the largest normal impulse
+    times P_N. It is reduced where that would be more than `press`, for the largest normal impulse
     that is to be expected: the last one of a contact, or twice what stops its link alone.
     """
     n = len(mass)
     most = 0.0
     for a in contact:
         most = max(most, impulse[a, 0], -2.0 * mass[a if a < n else a - n] * table[a, GAMMA])
-    compliance = min(laws.compliance, PRESS / most) if most > 0.0 else laws.compliance
+    compliance = min(laws.compliance, press / most) if most > 0.0 else laws.compliance
     return Laws(
         laws.mu_x, laws.mu_y, laws.mu_V, compliance, laws.proximal, laws.r_N, laws.r_T, laws.r_V
     )

@@ -58,3 +58,24 @@ def pd_law(scheme, dt, start, mid, reference, stiffness, damping):
         return torque, damping / 2 + stiffness * dt / 4
     angle += dt / 2 * rate
     return stiffness * (angle - mid[0]) + damping * rate, damping + stiffness * dt / 2
+
+
+@compiled
+def implicit_pd_law(dt, angle, rate, reference, stiffness, damping):
+    """
+    Return torque and damping of the law at the end of a step, linear about a predicted end.
+
+    Parameters
+    ----------
+    dt : float
+        Time over which the rate acts on the angle [s].
+    angle, rate : float
+        Predicted angle [rad] and rate [rad/s] at the end.
+    reference : tuple of float
+        Reference angle [rad] and rate [rad/s] at the end.
+    stiffness, damping : float
+        Gains [N m/rad], [N m s/rad].
+
+    """
+    torque = stiffness * (reference[0] - angle + dt * rate) + damping * reference[1]
+    return torque, damping + stiffness * dt

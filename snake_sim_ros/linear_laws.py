@@ -22,16 +22,18 @@ from snake_sim_ros.articulated_body import unload_chain
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.contacts import contact_velocities
 from snake_sim_ros.contacts import GAMMA
-from snake_sim_ros.contacts import GEOMETRY_COLUMNS
 from snake_sim_ros.contacts import HEADING
 from snake_sim_ros.contacts import IMPULSE
+from snake_sim_ros.contacts import LAW
 from snake_sim_ros.contacts import POINT
 from snake_sim_ros.contacts import RADIUS
+from snake_sim_ros.contacts import SHIFT
 from snake_sim_ros.delassus import solve_condensed
 
 # More columns of the table of contacts; GAMMA and IMPULSE are the solution of a linear problem.
-LAW = GEOMETRY_COLUMNS  # P_N, S_NN at gamma = 0; then the same for SLIDING and for ROLLING:
-SLIDING = LAW + 2  # P_x, P_y, S_xx, S_xy, S_yy, S_xN, S_yN of P = P_0 - S gamma
+# LAW: P_N, S_NN at gamma = 0; then for sliding and for rolling P_x, P_y, S_xx, S_xy, S_yy, S_xN,
+# S_yN of P = P_0 - S gamma.
+SLIDING = LAW + 2
 ROLLING = LAW + 9
 TRIAL = LAW + 16  # relative velocities about which the laws are linear
 ITERATE = TRIAL + 5  # impulses that go with them
@@ -130,7 +132,9 @@ def add_point_law(table, a, wrench, inertia, i):
     """
     cx, cy = table[a, HEADING], table[a, HEADING + 1]
     x, y, z = table[a, POINT], table[a, POINT + 1], table[a, POINT + 2]
-    P_x, P_y, fz = table[a, SLIDING], table[a, SLIDING + 1], table[a, LAW]
+    S_xN, S_yN, shift = table[a, SLIDING + 5], table[a, SLIDING + 6], table[a, SHIFT]
+    P_x, P_y = table[a, SLIDING] - S_xN * shift, table[a, SLIDING + 1] - S_yN * shift
+    fz = table[a, LAW] - table[a, LAW + 1] * shift
     fx, fy = cx * P_x - cy * P_y, cy * P_x + cx * P_y
     wrench[i, 0] += y * fz - z * fy
     wrench[i, 1] += z * fx - x * fz
@@ -139,7 +143,6 @@ def add_point_law(table, a, wrench, inertia, i):
     wrench[i, 4] += fy
     wrench[i, 5] += fz
     S_xx, S_xy, S_yy = table[a, SLIDING + 2], table[a, SLIDING + 3], table[a, SLIDING + 4]
-    S_xN, S_yN = table[a, SLIDING + 5], table[a, SLIDING + 6]
     xx = cx * cx * S_xx - 2.0 * cx * cy * S_xy + cy * cy * S_yy
     xy = cx * cy * (S_xx - S_yy) + (cx * cx - cy * cy) * S_xy
     yy = cy * cy * S_xx + 2.0 * cx * cy * S_xy + cx * cx * S_yy
@@ -167,8 +170,8 @@ def add_row(inertia, i, row, a, b, c, x, y, z):
 def add_rolling_law(table, a, wrench, inertia, i):
     """Add to link i the rolling torque r (P_v, -P_u) of contact a, eqs. (36), (37)."""
     x, y, r = table[a, POINT], table[a, POINT + 1], table[a, RADIUS]
-    wrench[i, 0] += r * table[a, ROLLING + 1]
-    wrench[i, 1] -= r * table[a, ROLLING]
+    wrench[i, 0] += r * (table[a, ROLLING + 1] - table[a, ROLLING + 6] * table[a, SHIFT])
+    wrench[i, 1] -= r * (table[a, ROLLING] - table[a, ROLLING + 5] * table[a, SHIFT])
     S_xx, S_xy, S_yy = table[a, ROLLING + 2], table[a, ROLLING + 3], table[a, ROLLING + 4]
     S_xN, S_yN = table[a, ROLLING + 5], table[a, ROLLING + 6]
     inertia[i, 0, 0] += r * r * S_yy + r * S_yN * y

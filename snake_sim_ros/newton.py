@@ -246,20 +246,17 @@ def newton(laws, tolerance, limit, contact, table, chain, delassus):
 
 
 @compiled
-def predict(laws, contact, table, mass, history):
+def predict(laws, contact, table, history):
     """
     Fill TRIAL and ANCHOR from the last step: impulses and velocities go on changing as they did.
 
-    A new contact starts with GAMMA, its velocities at the start of the step, and with what stops
-    its link alone.
+    A new contact starts with GAMMA, its velocities before the contacts act, and without impulse.
     """
-    n = len(mass)
     for a in contact:
-        i = a if a < n else a - n
         for j in range(5):
             table[a, ANCHOR + j] = table[a, ITERATE + j] = history[0, a, j]
             table[a, TRIAL + j] = table[a, GAMMA + j]
-        P_N = -mass[i] * table[a, GAMMA]
+        P_N = 0.0
         if history[0, a, 0] > 0.0:
             P_N = history[0, a, 0] + history[2, a, 0]
             for k in range(1, 4, 2):
@@ -296,7 +293,7 @@ def remember(contact, table, history):
 def solve_contacts(model, laws, work, contact, history):
     """Solve the contacts of a step; return what `spatial.end_step` takes."""
     table, chain, delassus = work.table, work.chain, work.delassus
-    predict(laws, contact, table, model.mass, history)
+    predict(laws, contact, table, history)
     if len(delassus.packed) > 0:
         unload_chain(chain)
         factor_chain(chain)

@@ -166,7 +166,7 @@ class Scene(Record):
     duration: float = quantity(15.0, 's', 'length of an offline run', above=0)
     method: str = quantity('newton', '', 'time stepper, a name of stepping.METHODS')
     pd_scheme: str = quantity(
-        'midpoint', '', 'where in the step the joint controller acts', choices=PD_SCHEMES
+        'average', '', 'where in the step the joint controller acts', choices=PD_SCHEMES
     )
     drift_correction: str = quantity(
         'paper', '', 'what section VII-C holds fixed', choices=DRIFT_CORRECTIONS

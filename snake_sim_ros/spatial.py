@@ -24,6 +24,7 @@ import numpy as np
 
 from snake_sim_ros.articulated_body import Chain
 from snake_sim_ros.compilation import compiled
+from snake_sim_ros.contact_laws import PRESS
 from snake_sim_ros.contacts import closed_contacts
 from snake_sim_ros.contacts import contact_velocities
 from snake_sim_ros.contacts import Laws
@@ -91,6 +92,13 @@ class Workspace(NamedTuple):
     torque: Array  # (n-1, 2) impulse of the controller, without its implicit part [N m s]
     damping: Array  # (n-1, 2) implicit part of the controller, times dt [N m s^2]
     applied: Array  # (n-1, 2) impulse of the controller with its implicit part [N m s]
+    q_hat: Array  # (n, 7), u_hat, u_star (n, 6), q_start (n, 7), u_start (n, 6),
+    u_hat: Array  # history (5, 2n, 5), end_angle (n-1, 2): see bdf2
+    u_star: Array
+    q_start: Array
+    u_start: Array
+    history: Array
+    end_angle: Array
     chain: Chain
     contact: Array  # (2n,) indices of the closed contacts
     table: Array  # (2n, COLUMNS) see contacts and newton
@@ -99,7 +107,7 @@ class Workspace(NamedTuple):
 
 # Columns of the report array.
 STEPS, ITERATIONS, ITERATIONS_MAX, UNCONVERGED, FALLBACKS, RESIDUAL, PRINTED_RESIDUAL = range(7)
-PENETRATION, GAP, TWIST, CONTACTS, FAILED_LINK, FAILED_VALUE, REPORT_SIZE = range(7, 14)
+PENETRATION, GAP_MAX, TWIST_MAX, CONTACTS, FAILED_LINK, FAILED_VALUE, REPORT_SIZE = range(7, 14)
 
 
 @compiled
@@ -179,15 +187,14 @@ def link_inertia(model, R, center, inertia):
 
 
 @compiled
-def smooth_momentum(model, u, R, center, momentum):
-    """Fill M u_A + h(u_A) dt of every link as an impulse wrench about O, eq. (75)."""
-    dt = model.dt
+def smooth_momentum(model, dt, u, u_h, R, center, momentum):
+    """Fill M u + h(u_h) dt of every link as an impulse wrench about O, eq. (75)."""
     for i in range(len(u)):
         slender = (model.inertia_axial[i] - model.inertia_transversal[i]) * dt
-        wx, wy, wz = u[i, 3], u[i, 4], u[i, 5]
-        lx = model.inertia_transversal[i] * wx - slender * wy * wz
-        ly = model.inertia_transversal[i] * wy + slender * wz * wx
-        lz = model.inertia_axial[i] * wz
+        wx, wy, wz = u_h[i, 3], u_h[i, 4], u_h[i, 5]
+        lx = model.inertia_transversal[i] * u[i, 3] - slender * wy * wz
+        ly = model.inertia_transversal[i] * u[i, 4] + slender * wz * wx
+        lz = model.inertia_axial[i] * u[i, 5]
         px = model.mass[i] * (u[i, 0] + dt * model.gravity[0])
         py = model.mass[i] * (u[i, 1] + dt * model.gravity[1])
         pz = model.mass[i] * (u[i, 2] + dt * model.gravity[2])
@@ -224,7 +231,7 @@ def begin_step(model, work, q, u, impulse, angle, rate):
     joint_control(model, work.coordinate, angle, rate, work.torque, work.damping)
     axis_loads(chain.axis, work.torque, work.damping, chain.torque, chain.damping)
     link_inertia(model, R, work.center, chain.bare)
-    smooth_momentum(model, u, R, work.center, chain.momentum)
+    smooth_momentum(model, model.dt, u, u, R, work.center, chain.momentum)
     twists(u, work.omega, work.center, chain.twist)
     count = closed_contacts(
         model.activation_tolerance, model.contact_offset, model.contact_radius,
@@ -232,7 +239,7 @@ def begin_step(model, work, q, u, impulse, angle, rate):
     )  # fmt: skip
     contact = work.contact[:count]
     contact_velocities(contact, work.table, chain.twist)
-    return count, selected(model.laws, contact, work.table, model.mass, impulse)
+    return count, selected(model.laws, contact, work.table, model.mass, impulse, PRESS)
 
 
 @compiled
@@ -247,34 +254,51 @@ def end_step(model, work, q, u, history, count, outcome, report):
         without the selection rule [m/s], and whether the solver fell back on a slower method.
 
     """
-    iterations, converged, residual, printed_residual, fell_back = outcome
-    twist = work.chain.twist
-    for i in range(len(q)):
-        turn = model.dt * math.sqrt(twist[i, 0] ** 2 + twist[i, 1] ** 2 + twist[i, 2] ** 2)
+    if not turns_are_small(model.dt, work.chain.twist, report):
+        history[:] = 0.0
+        return False
+    applied_torque(work.R, work.chain.twist, work.torque, work.damping, work.applied)
+    end_velocities(work.chain.twist, work.R, work.center, u)
+    end_coordinates(model.dt, work.q_mid, u, q)
+    note_outcome(outcome, report)
+    finish(model, q, report)
+    report[CONTACTS] = count
+    return True
+
+
+@compiled
+def turns_are_small(dt, twist, report):
+    """Return whether no link turns further in a step than is resolved; report the first if not."""
+    for i in range(len(twist)):
+        turn = dt * math.sqrt(twist[i, 0] ** 2 + twist[i, 1] ** 2 + twist[i, 2] ** 2)
         if not (turn < math.pi / 2 and math.isfinite(twist[i, 3] + twist[i, 4] + twist[i, 5])):
             report[FAILED_LINK], report[FAILED_VALUE] = i + 1, turn
-            history[:] = 0.0
             return False
+    return True
 
-    applied_torque(work.R, twist, work.torque, work.damping, work.applied)
-    end_velocities(twist, work.R, work.center, u)
-    end_coordinates(model.dt, work.q_mid, u, q)
-    gap, violation = joint_violation(model.half_length, q)
-    close_joints(model.drift_correction, model.half_length, model.mass, q)
 
-    report[STEPS] += 1
+@compiled
+def note_outcome(outcome, report):
+    """Add to the report what a contact solver returned."""
+    iterations, converged, residual, printed_residual, fell_back = outcome
     report[ITERATIONS] += iterations
     report[ITERATIONS_MAX] = max(report[ITERATIONS_MAX], iterations)
     report[UNCONVERGED] += not converged
     report[FALLBACKS] += fell_back
     report[RESIDUAL] = max(report[RESIDUAL], residual)
     report[PRINTED_RESIDUAL] = max(report[PRINTED_RESIDUAL], printed_residual)
+
+
+@compiled
+def finish(model, q, report):
+    """Close the joints at the end of a step, and report how it was."""
+    gap, violation = joint_violation(model.half_length, q)
+    close_joints(model.drift_correction, model.half_length, model.mass, q)
+    report[STEPS] += 1
     depth = penetration(model.contact_offset, model.contact_radius, q)
     report[PENETRATION] = max(report[PENETRATION], depth)
-    report[GAP] = max(report[GAP], gap)
-    report[TWIST] = max(report[TWIST], violation)
-    report[CONTACTS] = count
-    return True
+    report[GAP_MAX] = max(report[GAP_MAX], gap)
+    report[TWIST_MAX] = max(report[TWIST_MAX], violation)
 
 
 def make_model(scene: Scene) -> Model:
@@ -324,6 +348,13 @@ def make_workspace(n: int, size: int) -> Workspace:
         torque=zeros((n - 1, 2)),
         damping=zeros((n - 1, 2)),
         applied=zeros((n - 1, 2)),
+        q_hat=zeros((n, 7)),
+        u_hat=zeros((n, 6)),
+        u_star=zeros((n, 6)),
+        q_start=zeros((n, 7)),
+        u_start=zeros((n, 6)),
+        history=zeros((5, 2 * n, 5)),
+        end_angle=zeros((n - 1, 2)),
         chain=Chain(
             axis=zeros((n - 1, 2, 6)),
             torque=zeros((n - 1, 2)),
@@ -395,8 +426,8 @@ class SpatialStepper:
             residual_max=float(numbers[RESIDUAL]),
             printed_residual_max=float(numbers[PRINTED_RESIDUAL]),
             penetration_max=float(numbers[PENETRATION]),
-            joint_gap_max=float(numbers[GAP]),
-            joint_twist_max=float(numbers[TWIST]),
+            joint_gap_max=float(numbers[GAP_MAX]),
+            joint_twist_max=float(numbers[TWIST_MAX]),
             contacts=int(numbers[CONTACTS]),
             joint_torque=self.work.applied / self.model.dt,
         )

@@ -139,11 +139,12 @@ class Stepper(Protocol):
         Parameters
         ----------
         state : State
-        history : ndarray, shape (3, 2n, 5)
-            What a contact solver starts from: of every contact IMPULSE, the last one (normal,
-            sliding x y, rolling x y) [N s], eq. (93); VELOCITY, relative velocities after it
-            [m/s]; CHANGE, by how much the last step changed the normal impulse and the other
-            velocities. `no_history` before the first.
+        history : ndarray, shape (5, 2n, 5)
+            What a step takes over from the one before. Of every contact: IMPULSE, the last one
+            (normal, sliding x y, rolling x y) [N s], eq. (93); VELOCITY, relative velocities after
+            it [m/s]; CHANGE, by how much the last step changed the normal impulse and the other
+            velocities. From PREVIOUS on, in a row: what a method of two steps keeps. `no_history`
+            before the first step.
         angle, rate : ndarray, shape (steps, n-1, 2)
             Joint references [rad], [rad/s] at the middle of every step.
 
@@ -151,18 +152,25 @@ class Stepper(Protocol):
         -------
         state : State
             The last good state if a step diverged.
-        history : ndarray, shape (3, 2n, 5)
+        history : ndarray, shape (5, 2n, 5)
         report : Report
 
         """
         ...
 
 
-IMPULSE, VELOCITY, CHANGE = range(3)
+IMPULSE, VELOCITY, CHANGE, PREVIOUS = range(4)
 
 
 def _newton(scene: Scene) -> Stepper:
     from snake_sim_ros.newton import advance
+    from snake_sim_ros.spatial import SpatialStepper
+
+    return SpatialStepper(scene, advance, 0)
+
+
+def _bdf2(scene: Scene) -> Stepper:
+    from snake_sim_ros.bdf2 import advance
     from snake_sim_ros.spatial import SpatialStepper
 
     return SpatialStepper(scene, advance, 0)
@@ -198,6 +206,7 @@ def _reference(scene: Scene) -> Stepper:
 
 METHODS: dict[str, Callable[[Scene], Stepper]] = {
     'newton': _newton,  # semismooth Newton through the chain of links
+    'bdf2': _bdf2,  # the same solver in a step of second order, for large steps
     'newton_dense': _newton_dense,  # the same on the Delassus operator
     'gauss_seidel': _gauss_seidel,  # projections, one contact after the other
     'paper': _paper,  # the paper's iteration: projections of all contacts at once
@@ -228,5 +237,5 @@ def initial_state(scene: Scene) -> State:
 
 
 def no_history(scene: Scene) -> Array:
-    """Return the history before the first contact: zero, shape (3, 2n, 5)."""
-    return np.zeros((3, 2 * scene.robot.link_count, 5))
+    """Return the history before the first contact: zero, shape (5, 2n, 5)."""
+    return np.zeros((5, 2 * scene.robot.link_count, 5))

@@ -1,0 +1,269 @@
+"""
+Second order between contact events: two-step backward differences in place of the paper's midpoint.
+
+Deviation: the step of the paper takes its geometry at the middle, but friction, joint rates and
+constraints at the velocity of the end: it is of first order. Here all are taken at the end. With
+``q_hat = (4 q_n - q_(n-1))/3``, the same for u, and h = 2/3 dt (BDF2 [1]_),
+
+    M u_E = M u_hat + h(q*, u*) h + W(q*) P,    q_E = q_hat + h F(q*) u_E,
+
+where the star is the end as it is predicted, ``u* = 2 u_n - u_(n-1)``. The contact laws stay as
+they are; they hold for u_E and are solved by Newton's method through the chain.
+
+Deviation: a contact with a gap takes part when it may close in the step, with the law
+``gamma_N + max(g - h gamma_N*, 0)/h + compliance P_N >= 0``: it lands with the gap closed, neither
+late nor inside the floor.
+
+A landing is an event: velocities jump, and differences over two steps mean nothing. The step is
+then taken again as SUB_STEPS steps of backward Euler (the same equations with ``q_hat = q_n``,
+h = dt/SUB_STEPS), and so is the first step, and the one after a landing.
+
+.. [1] E. Hairer, G. Wanner, "Solving Ordinary Differential Equations II", 1996, ch. V.
+"""
+
+import math
+
+from snake_sim_ros.compilation import compiled
+from snake_sim_ros.compilation import cycle_counter
+from snake_sim_ros.contacts import closed_contacts
+from snake_sim_ros.contacts import contact_velocities
+from snake_sim_ros.contacts import GAMMA
+from snake_sim_ros.contacts import GAP
+from snake_sim_ros.contacts import IMPULSE
+from snake_sim_ros.contacts import selected
+from snake_sim_ros.contacts import SHIFT
+from snake_sim_ros.contacts import START
+from snake_sim_ros.joint_control import implicit_pd_law
+from snake_sim_ros.kinematics import chain_geometry
+from snake_sim_ros.kinematics import end_velocities
+from snake_sim_ros.kinematics import half_rotation
+from snake_sim_ros.kinematics import joint_coordinates
+from snake_sim_ros.kinematics import link_frames
+from snake_sim_ros.kinematics import rates_in_inertial_frame
+from snake_sim_ros.kinematics import twists
+from snake_sim_ros.newton import solve_contacts
+from snake_sim_ros.spatial import applied_torque
+from snake_sim_ros.spatial import axis_loads
+from snake_sim_ros.spatial import CONTACTS
+from snake_sim_ros.spatial import finish
+from snake_sim_ros.spatial import link_inertia
+from snake_sim_ros.spatial import note_outcome
+from snake_sim_ros.spatial import smooth_momentum
+from snake_sim_ros.spatial import turns_are_small
+
+SUB_STEPS = 4
+REACH = 0.3  # a gap takes part if this speed could close it in the step [m/s]
+RESTS = 1e-4  # gap at which a contact that carried load stays on velocity level [m]
+# Selection: what is small beside an error of first order is not small here. Loads of a flat robot
+# follow the heights of its links through the stiff joints, so these must not sink.
+PRESS = 3e-8  # see contact_laws.PRESS [m/s]
+LANDING = 1e-2  # approach velocity from which a landing is an event [m/s]
+
+# What the method keeps in history from PREVIOUS on, for n links: q (7n), u (6n), and then
+SMOOTH, SPAN = 0, 1  # whether q and u count, and the time that the last impulses acted for
+
+
+@compiled
+def begin(model, work, h, q, u, history, angle, rate, twice):
+    """
+    Predict the end of the step and fill all that the contact solver needs.
+
+    With `twice`, q_hat and u_hat are those of two steps, else those of backward Euler.
+
+    Returns
+    -------
+    count : int
+        Contacts that take part.
+    laws : Laws
+        Contact laws of this step.
+
+    """
+    n = len(q)
+    star, hat, u_star, u_hat = work.q_mid, work.q_hat, work.u_star, work.u_hat
+    previous = history[3:].reshape(history[3:].size)
+    for i in range(n):
+        for k in range(7):
+            earlier = previous[7 * i + k]
+            hat[i, k] = (4.0 * q[i, k] - earlier) / 3.0 if twice else q[i, k]
+            star[i, k] = 2.0 * q[i, k] - earlier if twice else q[i, k]
+        for k in range(6):
+            earlier = previous[7 * n + 6 * i + k]
+            u_hat[i, k] = (4.0 * u[i, k] - earlier) / 3.0 if twice else u[i, k]
+            u_star[i, k] = 2.0 * u[i, k] - earlier if twice else u[i, k]
+        advance_link(h, star, hat, u_star, star, i)
+    link_frames(star[:, 3:], work.R)
+    rates_in_inertial_frame(work.R, u_star, work.omega)
+    chain_geometry(model.half_length, work.R, work.center, work.chain.axis)
+    joint_coordinates(work.R, work.omega, work.coordinate[1])
+    for j in range(n - 1):
+        for k in range(2):
+            torque, damping = implicit_pd_law(
+                h, work.coordinate[1, j, k, 0], work.coordinate[1, j, k, 1],
+                (angle[j, k], rate[j, k]), model.stiffness[k], model.damping[k],
+            )  # fmt: skip
+            work.torque[j, k], work.damping[j, k] = torque * h, damping * h
+    axis_loads(work.chain.axis, work.torque, work.damping, work.chain.torque, work.chain.damping)
+    link_inertia(model, work.R, work.center, work.chain.bare)
+    smooth_momentum(model, h, u_hat, u_star, work.R, work.center, work.chain.momentum)
+
+    twists(u_star, work.omega, work.center, work.chain.twist)
+    reach = max(model.activation_tolerance, REACH * h)
+    count = closed_contacts(
+        reach, model.contact_offset, model.contact_radius,
+        star[:, 2], work.R, work.center, work.contact, work.table,
+    )  # fmt: skip
+    contact, table = work.contact[:count], work.table
+    contact_velocities(contact, table, work.chain.twist)
+    for a in contact:
+        table[a, START] = table[a, GAMMA]
+        gap = table[a, GAP] - h * table[a, START]
+        rests = history[0, a, 0] > 0.0 and table[a, GAP] <= RESTS
+        if not rests and gap > model.activation_tolerance:
+            table[a, SHIFT] = gap / h
+        table[a, GAMMA] += table[a, SHIFT]
+    return count, selected(model.laws, contact, table, model.mass, history[0], PRESS)
+
+
+@compiled
+def advance_link(h, frame, hat, u, q, i):
+    """Fill q of link i with ``hat + h F(frame) u``, Euler parameters of length 1."""
+    p = frame[i, 3], frame[i, 4], frame[i, 5], frame[i, 6]
+    e = half_rotation(p, (u[i, 3], u[i, 4], u[i, 5]), h / 2)
+    for k in range(3):
+        q[i, k] = hat[i, k] + h * u[i, k]
+    e0, e1 = hat[i, 3] + e[0] - p[0], hat[i, 4] + e[1] - p[1]
+    e2, e3 = hat[i, 5] + e[2] - p[2], hat[i, 6] + e[3] - p[3]
+    s = 1.0 / math.sqrt(e0 * e0 + e1 * e1 + e2 * e2 + e3 * e3)
+    q[i, 3], q[i, 4], q[i, 5], q[i, 6] = s * e0, s * e1, s * e2, s * e3
+
+
+@compiled
+def one_step(model, work, h, q, u, history, angle, rate, twice, report):
+    """
+    Take one implicit step, with the reference at its end.
+
+    Returns
+    -------
+    int
+        1 if a contact landed, 0 if none, -1 if the step diverged; then q and u are as before.
+
+    """
+    previous = history[3:].reshape(history[3:].size)
+    scale = h / previous[13 * len(q) + SPAN]
+    for a in range(2 * len(q)):
+        for j in range(5):
+            history[0, a, j] *= scale
+        history[2, a, 0] *= scale
+    previous[13 * len(q) + SPAN] = h
+
+    count, laws = begin(model, work, h, q, u, history, angle, rate, twice)
+    contact, table = work.contact[:count], work.table
+    for a in contact:
+        if history[0, a, 0] > 0.0:
+            table[a, START] = 0.0  # it carried load: no landing
+    outcome = solve_contacts(model, laws, work, contact, history)
+    landed = 0
+    for a in contact:
+        if table[a, IMPULSE] > 0.0 and table[a, START] < -LANDING:
+            landed = 1
+    if not turns_are_small(h, work.chain.twist, report):
+        return -1
+    note_outcome(outcome, report)
+    report[CONTACTS] = count
+    applied_torque(work.R, work.chain.twist, work.torque, work.damping, work.applied)
+    end_velocities(work.chain.twist, work.R, work.center, u)
+    for i in range(len(q)):
+        advance_link(h, work.q_mid, work.q_hat, u, q, i)
+    return landed
+
+
+@compiled
+def sub_steps(model, work, q, u, history, angle, rate, report):
+    """Take one step as SUB_STEPS steps of backward Euler; return as `one_step` does."""
+    h, landed = model.dt / SUB_STEPS, 0
+    for k in range(SUB_STEPS):
+        ahead = (k + 1) * h - model.dt / 2  # the reference is that of the middle of the step
+        for j in range(len(angle)):
+            for axis in range(2):
+                work.end_angle[j, axis] = angle[j, axis] + ahead * rate[j, axis]
+        outcome = one_step(model, work, h, q, u, history, work.end_angle, rate, False, report)
+        if outcome < 0:
+            return outcome
+        landed = max(landed, outcome)
+    return landed
+
+
+@compiled
+def step(model, work, q, u, history, angle, rate, report):
+    """Advance q, u and history by one step; return whether it did not diverge."""
+    n = len(q)
+    previous = history[3:].reshape(history[3:].size)
+    smooth = previous[13 * n + SMOOTH] > 0.0
+    if previous[13 * n + SPAN] == 0.0:
+        previous[13 * n + SPAN] = model.dt
+    copy(q, u, history, work)
+    landed = 1
+    if smooth:
+        for j in range(len(angle)):
+            for axis in range(2):
+                work.end_angle[j, axis] = angle[j, axis] + model.dt / 2 * rate[j, axis]
+        h = 2.0 / 3.0 * model.dt
+        landed = one_step(model, work, h, q, u, history, work.end_angle, rate, True, report)
+        if landed > 0:
+            restore(q, u, history, work)
+    if landed > 0:
+        landed = sub_steps(model, work, q, u, history, angle, rate, report)
+    if landed < 0:
+        restore(q, u, history, work)
+        history[:] = 0.0
+        return False
+    for i in range(n):
+        for k in range(7):
+            previous[7 * i + k] = work.q_start[i, k]
+        for k in range(6):
+            previous[7 * n + 6 * i + k] = work.u_start[i, k]
+    previous[13 * n + SMOOTH] = 1.0 - landed
+    scale = model.dt / previous[13 * n + SPAN]
+    for j in range(len(work.applied)):
+        work.applied[j, 0] *= scale
+        work.applied[j, 1] *= scale
+    finish(model, q, report)
+    return True
+
+
+@compiled
+def copy(q, u, history, work):
+    """Keep where a step starts."""
+    for i in range(len(q)):
+        for k in range(7):
+            work.q_start[i, k] = q[i, k]
+        for k in range(6):
+            work.u_start[i, k] = u[i, k]
+    for slab in range(5):
+        for a in range(history.shape[1]):
+            for j in range(5):
+                work.history[slab, a, j] = history[slab, a, j]
+
+
+@compiled
+def restore(q, u, history, work):
+    """Go back to where the step started."""
+    for i in range(len(q)):
+        for k in range(7):
+            q[i, k] = work.q_start[i, k]
+        for k in range(6):
+            u[i, k] = work.u_start[i, k]
+    for slab in range(5):
+        for a in range(history.shape[1]):
+            for j in range(5):
+                history[slab, a, j] = work.history[slab, a, j]
+
+
+@compiled
+def advance(model, work, q, u, history, angle, rate, report, cycles):
+    """Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`."""
+    for k in range(len(angle)):
+        cycles[k] = cycle_counter()
+        if not step(model, work, q, u, history, angle[k], rate[k], report):
+            break
+    cycles[len(angle)] = cycle_counter()

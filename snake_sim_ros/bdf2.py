@@ -1,5 +1,5 @@
 """
-Second order between contact events: two-step backward differences in place of the paper's midpoint.
+Second order between contact events: two-step differences in place of the paper's midpoint.
 
 Deviation: the step of the paper takes its geometry at the middle, but friction, joint rates and
 constraints at the velocity of the end: it is of first order. Here all are taken at the end. With

@@ -1,11 +1,18 @@
 """
-Time per step, measured inside the compiled loop, and start-up times of new processes.
+Time per step and error of methods and time steps, and start-up times of new processes.
+
+The error is that of the path of the middle link against a converged solution, the largest distance
+at any sample over the distance that the link gets to. The converged solution is of Newton's method
+at two small time steps, extrapolated; how far it is from the finer of them says how converged it
+is.
 
 What the numbers do not show: they are of one scene, one machine and one moment. The processor's
-own counter is read between two steps, so nothing but the step is in them, neither references nor
-recording.
+own counter is read between two steps, so nothing but the step is in the times of steps, neither
+references nor recording. On a noisy machine compare ratios: to a calibration loop, a fixed amount
+of the same kind of arithmetic, that is timed beside every run.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from dataclasses import replace
 import os
@@ -17,77 +24,154 @@ import time
 import numpy as np
 
 from snake_sim_ros import gait
+from snake_sim_ros.articulated_body import factor
+from snake_sim_ros.compilation import compiled
+from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import scene_to_text
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.simulation import Simulation
+from snake_sim_ros.simulation import steps_in
 from snake_sim_ros.spatial import SpatialStepper
 from snake_sim_ros.stepping import Report
 
-CHUNK = 2000  # steps whose references are made at once
+SAMPLE = 0.1  # seconds between two samples of a path
+CONVERGED = (1 / 16000, 1 / 32000)  # time steps of the reference
+LINK_COUNTS = (10, 20, 40, 80, 160)
+RUNS = (  # method and steps a second
+    ('newton', 4000), ('newton', 1000), ('newton', 200), ('newton', 100),
+    ('bdf2', 400), ('bdf2', 100), ('bdf2', 50), ('bdf2', 20),
+    ('paper', 4000), ('newton_dense', 4000),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Timing:
     """
-    Time per step of one scene.
+    What a run of a scene took, and where it led.
 
     Attributes
     ----------
     median, p99 : float
-        Of single steps [us].
+        Time of single steps [us].
+    units : float
+        The median over the time of a factorization in the calibration loop.
     real_time_factor : float
-        Simulated time over the sum of all steps.
+        Simulated time over the time of all steps.
     compile_seconds : float
         Of the first call in this process: compiling, or loading what was compiled before.
+    path : ndarray, shape (m, 3)
+        Center of the middle link every SAMPLE seconds, from the start on [m].
     report : Report
 
     """
 
     median: float
     p99: float
+    units: float
     real_time_factor: float
     compile_seconds: float
+    path: Array
     report: Report
+
+
+@compiled
+def _factorizations(A, work, count):
+    for _ in range(count):
+        for i in range(6):
+            for j in range(6):
+                work[i, j] = A[i, j]
+        factor(work)
+
+
+def calibration() -> float:
+    """Return the time of one LU factorization of a 6x6 matrix [us], the best of some loops."""
+    A, work, count = np.eye(6) + 0.1, np.empty((6, 6)), 2000
+    _factorizations(A, work, 1)
+    best = np.inf
+    for _ in range(5):
+        begin = time.perf_counter()
+        _factorizations(A, work, count)
+        best = min(best, time.perf_counter() - begin)
+    return 1e6 * float(best) / count
 
 
 def time_steps(scene: Scene) -> Timing:
     """
-    Run a scene for its duration and return the time of its steps.
+    Run a scene for its duration, and return the times of its steps and its path.
 
     Raises
     ------
     ParameterError
-        If the method of the scene is not a compiled one.
+        If the method of the scene is not a compiled one, or dt does not divide SAMPLE, or SAMPLE
+        the duration.
 
     """
     simulation = Simulation(scene)
-    stepper = simulation.stepper
+    stepper, link = simulation.stepper, scene.robot.middle_link
     if not isinstance(stepper, SpatialStepper):
         raise ParameterError(f'method {scene.method!r} is not compiled, its steps are not timed')
-    compile_seconds = simulation.compile()
-    steps = round(scene.duration / scene.dt)
-    seconds, cycles = 0.0, []
-    for first in range(0, steps, CHUNK):
-        count = min(CHUNK, steps - first)
-        angle, rate = gait.reference(
-            scene.gait, simulation.midpoints(count), scene.robot.link_count - 1
+    sample = min(SAMPLE, scene.duration)
+    steps, compile_seconds = steps_in(sample, scene.dt, 'sampling period'), simulation.compile()
+    unit, seconds, cycles = calibration(), 0.0, []
+    path = [simulation.state.q[link, :3]]
+    for _ in range(steps_in(scene.duration, sample, 'duration')):
+        reference = gait.reference(
+            scene.gait, simulation.midpoints(steps), scene.robot.link_count - 1
         )
         begin = time.perf_counter()
-        report = simulation.advance(angle, rate)
+        report = simulation.advance(*reference)
         seconds += time.perf_counter() - begin
         cycles.append(np.diff(stepper.cycles[: report.steps + 1]))
+        path.append(simulation.state.q[link, :3])
         if report.failure:
             break
     counts = np.concatenate(cycles)
-    microseconds = 1e6 * seconds / counts.sum() * counts
+    microseconds = 1e6 * seconds / max(counts.sum(), 1) * counts
+    median = float(np.median(microseconds)) if len(counts) else np.nan
     return Timing(
-        median=float(np.median(microseconds)),
-        p99=float(np.percentile(microseconds, 99)),
+        median=median,
+        p99=float(np.percentile(microseconds, 99)) if len(counts) else np.nan,
+        units=median / unit,
         real_time_factor=simulation.time / seconds,
         compile_seconds=compile_seconds,
+        path=np.array(path),
         report=simulation.report,
     )
+
+
+def converged_path(scene: Scene) -> tuple[Array, float]:
+    """
+    Return the path of the middle link, extrapolated to no time step, and its own error.
+
+    Returns
+    -------
+    path : ndarray, shape (m, 3)
+        [m]
+    error : float
+        Of the finer of two runs against it, see `path_error`.
+
+    """
+    coarse, fine = (time_steps(replace(scene, method='newton', dt=dt)).path for dt in CONVERGED)
+    path = 2.0 * fine - coarse
+    return path, path_error(fine, path)
+
+
+def path_error(path: Array, expected: Array) -> float:
+    """Return the largest distance at any time, over that of the last point from the first."""
+    if path.shape != expected.shape:  # diverged
+        return np.inf
+    distance = np.linalg.norm(expected[-1] - expected[0])
+    return float(np.linalg.norm(path - expected, axis=1).max() / distance)
+
+
+def cost_exponent(scene: Scene, link_counts: Iterable[int]) -> tuple[dict[int, float], float]:
+    """Return the median step for numbers of links [us], and the exponent of a fitted power law."""
+    medians = {}
+    for n in link_counts:
+        medians[n] = time_steps(replace(scene, robot=replace(scene.robot, link_count=n))).median
+    exponent, _ = np.polyfit(np.log(list(medians)), np.log(list(medians.values())), 1)
+    return medians, float(exponent)
 
 
 def start_up_seconds(scene: Scene, *, cold: bool) -> float:

@@ -1,6 +1,7 @@
 """The command `snake-sim`: scenes without ROS, measurements, and the live demonstration."""
 
 import argparse
+from dataclasses import replace
 import json
 from pathlib import Path
 import sys
@@ -55,9 +56,14 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument('--rate', type=float, default=100.0, help='samples a second [Hz]')
     _add_scene_options(command)
 
-    command = commands.add_parser('bench', help='measure the time of a step')
+    command = commands.add_parser('bench', help='measure time and error of steps')
     command.set_defaults(command=_bench)
     command.add_argument('scene', nargs='*', default=list(CASES), help='default: cases A to D')
+    command.add_argument(
+        '--methods', nargs='+', metavar='METHOD', choices=[m for m in METHODS if m != 'reference'],
+        help='with --dt all combinations, in place of a table of selected ones',
+    )  # fmt: skip
+    command.add_argument('--dt', nargs='+', type=float, metavar='S', help='time steps [s]')
     command.add_argument(
         '--no-start-up', action='store_true', help='leave out the start-up times of new processes'
     )
@@ -137,6 +143,8 @@ def _summary(trajectory: Trajectory, level: str) -> dict[str, Any]:
         'real_time_factor': report.steps * scene.dt / max(trajectory.seconds, 1e-9),
         'iterations_per_step': report.iterations / max(report.steps, 1),
         'residual_max': report.residual_max,
+        'printed_residual_max': report.printed_residual_max,
+        'fallbacks': report.fallbacks,
         'unconverged_steps': report.unconverged,
         'penetration_max': report.penetration_max,
         'joint_gap_max': report.joint_gap_max,
@@ -145,28 +153,46 @@ def _summary(trajectory: Trajectory, level: str) -> dict[str, Any]:
 
 
 def _bench(options: argparse.Namespace) -> int:
-    from snake_sim_ros.bench import start_up_seconds
-    from snake_sim_ros.bench import time_steps
+    from snake_sim_ros import bench
 
     scenes = {source: _scene(options, source) for source in options.scene}
-    print(f'{"scene":29} {"median":>9} {"p99":>9} {"real time":>10} {"iterations":>11} '
-          f'{"residual":>10} {"unconverged":>12}')  # fmt: skip
-    for number, (source, scene) in enumerate(scenes.items()):
-        timing = time_steps(scene)
-        report = timing.report
-        print(f'{Path(source).stem:29} {timing.median:6.2f} us {timing.p99:6.1f} us '
-              f'{timing.real_time_factor:8.1f} x {report.iterations / max(report.steps, 1):11.1f} '
-              f'{report.residual_max:7.1e} m/s {report.unconverged:8d} of {report.steps}'
-              f'{" " * bool(report.failure)}{report.failure}', flush=True)  # fmt: skip
-        if number == 0:
-            first_call = timing.compile_seconds
-    print(f'compile time apart: {first_call:.2f} s in this process')
+    runs = [(method, 1 / rate) for method, rate in bench.RUNS]
+    if options.methods or options.dt or options.method:
+        methods = options.methods or [options.method or 'newton']
+        runs = [(method, dt) for method in methods for dt in options.dt or [1 / 4000]]
+    compiling: dict[str, float] = {}
+    for source, scene in scenes.items():
+        expected, doubt = bench.converged_path(scene)
+        print(f'{source}: {scene.duration:g} s, converged to {100 * doubt:.2g} %')
+        print(f'{"method":13} {"dt":>8} {"median":>9} {"p99":>9} {"units":>6} {"real time":>9} '
+              f'{"iter":>6} {"fell back":>9} {"residual":>8} {"printed":>8} {"unconv":>7} '
+              f'{"error":>9}')  # fmt: skip
+        for method, dt in runs:
+            timing = bench.time_steps(replace(scene, method=method, dt=dt))
+            compiling.setdefault(method, timing.compile_seconds)
+            report, error = timing.report, bench.path_error(timing.path, expected)
+            print(f'{method:13} {f"1/{1 / dt:g}":>8} {timing.median:6.2f} us {timing.p99:6.1f} us '
+                  f'{timing.units:6.1f} {timing.real_time_factor:7.1f} x '
+                  f'{report.iterations / max(report.steps, 1):6.2f} {report.fallbacks:9d} '
+                  f'{report.residual_max:8.1e} {report.printed_residual_max:8.1e} '
+                  f'{report.unconverged:7d} {100 * error:7.4f} %'
+                  f'{" " * bool(report.failure)}{report.failure}', flush=True)  # fmt: skip
+    print('units: median step over the factorization of a 6x6 matrix, timed beside it; residuals '
+          'in m/s, with the selection rule and as printed')  # fmt: skip
+    scene = replace(next(iter(scenes.values())), method='newton')
+    medians, exponent = bench.cost_exponent(
+        replace(scene, duration=min(1.0, scene.duration)), bench.LINK_COUNTS
+    )
+    print('newton, median step over links: '
+          + ', '.join(f'n = {n}: {median:.1f} us' for n, median in medians.items())
+          + f'; exponent {exponent:.2f}')  # fmt: skip
+    listed = ', '.join(f'{name} {seconds:.2f} s' for name, seconds in compiling.items())
+    print(f'compile time apart, in this process: {listed}')
     if not options.no_start_up:
-        scene = next(iter(scenes.values()))
         for cold in (True, False):
             what = 'nothing compiled before' if cold else 'everything compiled before'
             print(f'start of a new process to its first step, {what}: '
-                  f'{start_up_seconds(scene, cold=cold):.2f} s', flush=True)  # fmt: skip
+                  f'{bench.start_up_seconds(scene, cold=cold):.2f} s', flush=True)  # fmt: skip
     return 0
 
 

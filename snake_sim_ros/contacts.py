@@ -120,7 +120,8 @@ def selected(laws, contact, table, mass, impulse, press):
     most = 0.0
     for a in contact:
         most = max(most, impulse[a, 0], -2.0 * mass[a if a < n else a - n] * table[a, GAMMA])
-    compliance = min(laws.compliance, press / most) if most > 0.0 else laws.compliance
+    least = 0.1 * laws.proximal
+    compliance = min(laws.compliance, max(least, press / most)) if most > 0.0 else laws.compliance
     return Laws(
         laws.mu_x, laws.mu_y, laws.mu_V, compliance, laws.proximal, laws.r_N, laws.r_T, laws.r_V
     )

@@ -47,7 +47,7 @@ FREE = -1.0
 @compiled
 def normal_law(laws, anchor, gamma):
     """Return the impulse that follows from gamma_N, and its derivative with the opposite sign."""
-    proximal = max(0.0, laws.proximal - laws.compliance)
+    proximal = 0.0 if laws.compliance > 1e-2 * laws.proximal else laws.proximal
     stiffness = 1.0 / (laws.compliance + proximal)
     P_N = stiffness * (proximal * anchor - gamma)
     return (P_N, stiffness) if P_N > 0.0 else (0.0, 0.0)

@@ -265,7 +265,7 @@ def predict(laws, contact, table, history):
                 ahead = x * next_x + y * next_y > 0.0
                 table[a, TRIAL + k] = next_x if ahead else x
                 table[a, TRIAL + k + 1] = next_y if ahead else y
-        table[a, TRIAL] = -max(laws.compliance, laws.proximal) * max(0.0, P_N)
+        table[a, TRIAL] = -laws.compliance * max(0.0, P_N)
 
 
 @compiled

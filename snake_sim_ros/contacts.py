@@ -25,14 +25,23 @@ START = 18  # normal velocity before the contacts act [m/s]
 LAW = 20  # first column of `linear_laws`
 
 
-class Laws(NamedTuple):
-    """The numbers of the contact laws and of their judge."""
+class Disc(NamedTuple):
+    """Friction coefficients of one kind, scaled to a disc; see linear_laws."""
 
     mu_x: float
     mu_y: float
-    mu_V: float
+    over_x: float  # 1/mu_x and 1/mu_y, or 0
+    over_y: float
+    stiffness: float  # of the proximal point method, in scaled components; 0 without friction
+
+
+class Laws(NamedTuple):
+    """The numbers of the contact laws and of their judge."""
+
+    sliding: Disc
+    rolling: Disc
     compliance: float  # of the selection rule [1/kg]
-    proximal: float  # compliance of the proximal point method, see newton [1/kg]
+    proximal: float  # compliance of the proximal point method [1/kg]
     r_N: float
     r_T: float
     r_V: float
@@ -123,7 +132,7 @@ def selected(laws, contact, table, mass, impulse, press):
     least = 0.1 * laws.proximal
     compliance = min(laws.compliance, max(least, press / most)) if most > 0.0 else laws.compliance
     return Laws(
-        laws.mu_x, laws.mu_y, laws.mu_V, compliance, laws.proximal, laws.r_N, laws.r_T, laws.r_V
+        laws.sliding, laws.rolling, compliance, laws.proximal, laws.r_N, laws.r_T, laws.r_V
     )
 
 
@@ -152,20 +161,20 @@ def natural_map(laws, contact, table, enough):
         printed = max(printed, abs(P_N - max(0.0, x)))
         slide = disc_misfit(
             table[a, IMPULSE + 1], table[a, IMPULSE + 2], table[a, GAMMA + 1],
-            table[a, GAMMA + 2], laws.mu_x, laws.mu_y, P_N, laws.r_T, enough,
+            table[a, GAMMA + 2], laws.sliding, P_N, laws.r_T, enough,
         )  # fmt: skip
         tangential = max(tangential, slide)
-        if laws.mu_V > 0.0:
+        if laws.rolling.mu_x > 0.0:
             roll = disc_misfit(
                 table[a, IMPULSE + 3], table[a, IMPULSE + 4], table[a, GAMMA + 3],
-                table[a, GAMMA + 4], laws.mu_V, laws.mu_V, P_N, laws.r_V, enough,
+                table[a, GAMMA + 4], laws.rolling, P_N, laws.r_V, enough,
             )  # fmt: skip
             tangential = max(tangential, roll)
     return max(selected / laws.r_N, tangential), max(printed / laws.r_N, tangential)
 
 
 @compiled
-def disc_misfit(P_x, P_y, gamma_x, gamma_y, mu_x, mu_y, bound, r, enough):
+def disc_misfit(P_x, P_y, gamma_x, gamma_y, disc, bound, r, enough):
     """
     Return ``|P - prox(P - r gamma)|/r`` for half axes (mu_x, mu_y) bound, or an upper bound of it.
 
@@ -175,12 +184,12 @@ def disc_misfit(P_x, P_y, gamma_x, gamma_y, mu_x, mu_y, bound, r, enough):
     at most that and |P - e| together. For a disc this is |P - e|, the value itself.
     """
     x, y = P_x - r * gamma_x, P_y - r * gamma_y
-    lowest = min(mu_x, mu_y)
+    mu_x, mu_y, over_x, over_y = disc.mu_x, disc.mu_y, disc.over_x, disc.over_y
+    lowest, highest = min(mu_x, mu_y), max(over_x, over_y)
     if lowest > 0.0 and bound > 0.0:
-        over_x, over_y = 1.0 / mu_x, 1.0 / mu_y
         if (x * over_x) ** 2 + (y * over_y) ** 2 <= bound * bound:
             return math.sqrt(gamma_x * gamma_x + gamma_y * gamma_y)
-        weight = r / (lowest * lowest)
+        weight = r * highest * highest
         e_x = P_x * over_x - weight * mu_x * gamma_x
         e_y = P_y * over_y - weight * mu_y * gamma_y
         shrink = min(1.0, bound / math.sqrt(e_x * e_x + e_y * e_y))

@@ -38,13 +38,13 @@ def sweep(laws, contact, width, delassus, impulse):
         put(G, gamma, rows, row, impulse, a, 0, P_N)
         r = 1.0 / largest_eigenvalue(G, row + 1)
         x, y = impulse[a, 1] - r * gamma[row + 1], impulse[a, 2] - r * gamma[row + 2]
-        x, y = prox_ellipse(x, y, laws.mu_x * P_N, laws.mu_y * P_N)
+        x, y = prox_ellipse(x, y, laws.sliding.mu_x * P_N, laws.sliding.mu_y * P_N)
         put(G, gamma, rows, row + 1, impulse, a, 1, x)
         put(G, gamma, rows, row + 2, impulse, a, 2, y)
         if width == 5:
             r = 1.0 / largest_eigenvalue(G, row + 3)
             x, y = impulse[a, 3] - r * gamma[row + 3], impulse[a, 4] - r * gamma[row + 4]
-            x, y = prox_disc(x, y, laws.mu_V * P_N)
+            x, y = prox_disc(x, y, laws.rolling.mu_x * P_N)
             put(G, gamma, rows, row + 3, impulse, a, 3, x)
             put(G, gamma, rows, row + 4, impulse, a, 4, y)
         else:
@@ -73,7 +73,7 @@ def iterate(laws, tolerance, limit, contact, table, chain, delassus, impulse):
     """Sweep until the contact laws hold; return what `spatial.end_step` takes."""
     unload_chain(chain)
     factor_chain(chain)
-    width = 5 if laws.mu_V > 0.0 else 3
+    width = 5 if laws.rolling.mu_x > 0.0 else 3
     condense(contact, width, table, chain, delassus)
     iterations = 0
     while True:

@@ -54,7 +54,7 @@ def normal_law(laws, anchor, gamma):
 
 
 @compiled
-def disc_law(proximal, anchor_x, anchor_y, gamma_x, gamma_y, mu_x, mu_y, radius):
+def disc_law(disc, anchor_x, anchor_y, gamma_x, gamma_y, radius):
     """
     Return the tangential impulse that follows from gamma for a disc radius, and its derivatives.
 
@@ -68,11 +68,11 @@ def disc_law(proximal, anchor_x, anchor_y, gamma_x, gamma_y, mu_x, mu_y, radius)
         Derivative with respect to the radius: 0 when the contact sticks.
 
     """
-    if radius <= 0.0 or (mu_x <= 0.0 and mu_y <= 0.0):
+    if radius <= 0.0 or disc.stiffness <= 0.0:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    over = 2.0 / (proximal * (mu_x * mu_x + mu_y * mu_y))  # 1/epsilon
-    x = (anchor_x / mu_x if mu_x > 0.0 else 0.0) - over * mu_x * gamma_x
-    y = (anchor_y / mu_y if mu_y > 0.0 else 0.0) - over * mu_y * gamma_y
+    mu_x, mu_y, over = disc.mu_x, disc.mu_y, disc.stiffness
+    x = disc.over_x * anchor_x - over * mu_x * gamma_x
+    y = disc.over_y * anchor_y - over * mu_y * gamma_y
     square = x * x + y * y
     if square <= radius * radius:
         return mu_x * x, mu_y * y, over * mu_x * mu_x, 0.0, over * mu_y * mu_y, 0.0, 0.0
@@ -85,11 +85,11 @@ def disc_law(proximal, anchor_x, anchor_y, gamma_x, gamma_y, mu_x, mu_y, radius)
 
 
 @compiled
-def linearize_disc(proximal, table, a, k, mu_x, mu_y, radius, S_N):
+def linearize_disc(disc, table, a, k, radius, S_N):
     """Fill the law of components k, k+1 of contact a; S_N is how the radius follows gamma_N."""
     x, y, normal = table[a, TRIAL + k], table[a, TRIAL + k + 1], table[a, TRIAL]
     P_x, P_y, S_xx, S_xy, S_yy, d_x, d_y = disc_law(
-        proximal, table[a, ANCHOR + k], table[a, ANCHOR + k + 1], x, y, mu_x, mu_y, radius
+        disc, table[a, ANCHOR + k], table[a, ANCHOR + k + 1], x, y, radius
     )
     law = SLIDING if k == 1 else ROLLING
     S_xN, S_yN = d_x * S_N, d_y * S_N
@@ -106,9 +106,9 @@ def linearize(laws, contact, table):
         P_N, S_N = normal_law(laws, table[a, ANCHOR], table[a, TRIAL])
         table[a, LAW], table[a, LAW + 1] = P_N + S_N * table[a, TRIAL], S_N
         radius, follow = (P_N, S_N) if table[a, DISC] == FREE else (table[a, DISC], 0.0)
-        linearize_disc(laws.proximal, table, a, 1, laws.mu_x, laws.mu_y, radius, follow)
-        if laws.mu_V > 0.0:
-            linearize_disc(laws.proximal, table, a, 3, laws.mu_V, laws.mu_V, radius, follow)
+        linearize_disc(laws.sliding, table, a, 1, radius, follow)
+        if laws.rolling.mu_x > 0.0:
+            linearize_disc(laws.rolling, table, a, 3, radius, follow)
 
 
 @compiled
@@ -211,7 +211,7 @@ def linear_step(laws, contact, table, chain, delassus):
 
     """
     linearize(laws, contact, table)
-    rolling = laws.mu_V > 0.0
+    rolling = laws.rolling.mu_x > 0.0
     if len(delassus.packed) > 0:
         return solve_condensed(contact, 5 if rolling else 3, table, LAW, delassus)
     unload_chain(chain)

@@ -67,24 +67,24 @@ def misfit(laws, contact, table, fraction):
         d = P + fraction * (table[a, IMPULSE] - P) - P_N
         normal = max(normal, abs(d))
         slope += d * step
-        d, along = disc_gap(laws.proximal, table, a, 1, laws.mu_x, laws.mu_y, radius, fraction)
+        d, along = disc_gap(laws.sliding, table, a, 1, radius, fraction)
         sliding = max(sliding, d)
         slope += along
-        if laws.mu_V > 0.0:
-            d, along = disc_gap(laws.proximal, table, a, 3, laws.mu_V, laws.mu_V, radius, fraction)
+        if laws.rolling.mu_x > 0.0:
+            d, along = disc_gap(laws.rolling, table, a, 3, radius, fraction)
             rolling = max(rolling, d)
             slope += along
     return slope, max(normal / laws.r_N, sliding / laws.r_T, rolling / laws.r_V)
 
 
 @compiled
-def disc_gap(proximal, table, a, k, mu_x, mu_y, radius, fraction):
+def disc_gap(disc, table, a, k, radius, fraction):
     """Return |P - P(gamma)| of components k, k+1 of contact a, and its part of the slope."""
     x, y = table[a, TRIAL + k], table[a, TRIAL + k + 1]
     step_x, step_y = table[a, GAMMA + k] - x, table[a, GAMMA + k + 1] - y
     law_x, law_y, _, _, _, _, _ = disc_law(
-        proximal, table[a, ANCHOR + k], table[a, ANCHOR + k + 1],
-        x + fraction * step_x, y + fraction * step_y, mu_x, mu_y, radius,
+        disc, table[a, ANCHOR + k], table[a, ANCHOR + k + 1],
+        x + fraction * step_x, y + fraction * step_y, radius,
     )  # fmt: skip
     P_x, P_y = table[a, ITERATE + k], table[a, ITERATE + k + 1]
     d_x = P_x + fraction * (table[a, IMPULSE + k] - P_x) - law_x
@@ -145,13 +145,18 @@ def anchor_at_iterate(laws, contact, table):
     for a in contact:
         P_N = max(0.0, table[a, ITERATE])
         table[a, ANCHOR] = P_N
-        for k in range(1, 4, 2):
-            mu_x, mu_y = (laws.mu_x, laws.mu_y) if k == 1 else (laws.mu_V, laws.mu_V)
-            x = table[a, ITERATE + k] / mu_x if mu_x > 0.0 else 0.0
-            y = table[a, ITERATE + k + 1] / mu_y if mu_y > 0.0 else 0.0
-            square = x * x + y * y
-            shrink = 1.0 if square <= P_N * P_N else P_N / math.sqrt(square)
-            table[a, ANCHOR + k], table[a, ANCHOR + k + 1] = mu_x * shrink * x, mu_y * shrink * y
+        anchor_disc(laws.sliding, table, a, 1, P_N)
+        anchor_disc(laws.rolling, table, a, 3, P_N)
+
+
+@compiled
+def anchor_disc(disc, table, a, k, radius):
+    """Fill ANCHOR of components k, k+1 of contact a."""
+    x, y = disc.over_x * table[a, ITERATE + k], disc.over_y * table[a, ITERATE + k + 1]
+    square = x * x + y * y
+    shrink = 1.0 if square <= radius * radius else radius / math.sqrt(square)
+    table[a, ANCHOR + k] = disc.mu_x * shrink * x
+    table[a, ANCHOR + k + 1] = disc.mu_y * shrink * y
 
 
 @compiled
@@ -297,7 +302,7 @@ def solve_contacts(model, laws, work, contact, history):
     if len(delassus.packed) > 0:
         unload_chain(chain)
         factor_chain(chain)
-        condense(contact, 5 if laws.mu_V > 0.0 else 3, table, chain, delassus)
+        condense(contact, 5 if laws.rolling.mu_x > 0.0 else 3, table, chain, delassus)
     outcome = newton(
         laws, model.residual_tolerance, model.iteration_limit, contact, table, chain, delassus
     )

@@ -45,19 +45,19 @@ def prox_sweep(laws, contact, table, impulse):
         new_x, new_y = prox_ellipse(
             P_x - laws.r_T * table[a, GAMMA + 1],
             P_y - laws.r_T * table[a, GAMMA + 2],
-            laws.mu_x * new,
-            laws.mu_y * new,
+            laws.sliding.mu_x * new,
+            laws.sliding.mu_y * new,
         )
         normal += (new - P_N) ** 2
         sliding += (new_x - P_x) ** 2 + (new_y - P_y) ** 2
         impulse[a, 0], impulse[a, 1], impulse[a, 2] = new, new_x, new_y
         P_x, P_y = table[a, IMPULSE + 3], table[a, IMPULSE + 4]
         new_x = new_y = 0.0
-        if laws.mu_V > 0.0:
+        if laws.rolling.mu_x > 0.0:
             new_x, new_y = prox_disc(
                 P_x - laws.r_V * table[a, GAMMA + 3],
                 P_y - laws.r_V * table[a, GAMMA + 4],
-                laws.mu_V * new,
+                laws.rolling.mu_x * new,
             )
         rolling += (new_x - P_x) ** 2 + (new_y - P_y) ** 2
         impulse[a, 3], impulse[a, 4] = new_x, new_y
@@ -73,7 +73,7 @@ def iterate(laws, tolerance, limit, contact, table, chain, delassus, impulse):
     """
     unload_chain(chain)
     factor_chain(chain)
-    width = 5 if laws.mu_V > 0.0 else 3
+    width = 5 if laws.rolling.mu_x > 0.0 else 3
     columns = width * len(contact)
     condensed = False
     iterations, change = 0, math.inf

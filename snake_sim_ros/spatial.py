@@ -27,6 +27,7 @@ from snake_sim_ros.compilation import compiled
 from snake_sim_ros.contact_laws import PRESS
 from snake_sim_ros.contacts import closed_contacts
 from snake_sim_ros.contacts import contact_velocities
+from snake_sim_ros.contacts import Disc
 from snake_sim_ros.contacts import Laws
 from snake_sim_ros.contacts import selected
 from snake_sim_ros.delassus import Delassus
@@ -301,14 +302,24 @@ def finish(model, q, report):
     report[TWIST_MAX] = max(report[TWIST_MAX], violation)
 
 
+def make_disc(mu_x: float, mu_y: float, proximal: float) -> Disc:
+    """Return friction coefficients scaled to a disc, for a compliance [1/kg]."""
+    return Disc(
+        mu_x=mu_x,
+        mu_y=mu_y,
+        over_x=1.0 / mu_x if mu_x > 0.0 else 0.0,
+        over_y=1.0 / mu_y if mu_y > 0.0 else 0.0,
+        stiffness=2.0 / (proximal * (mu_x**2 + mu_y**2)) if max(mu_x, mu_y) > 0.0 else 0.0,
+    )
+
+
 def make_model(scene: Scene) -> Model:
     """Return the numbers of a scene as the compiled step takes them."""
     robot, friction, solver = scene.robot, scene.friction, scene.solver
     size = mean_delassus(robot)
     laws = Laws(
-        mu_x=friction.longitudinal,
-        mu_y=friction.transversal,
-        mu_V=friction.rolling,
+        sliding=make_disc(friction.longitudinal, friction.transversal, PROXIMAL * size),
+        rolling=make_disc(friction.rolling, friction.rolling, PROXIMAL * size),
         compliance=solver.normal_compliance * size,
         proximal=PROXIMAL * size,
         r_N=solver.r_normal,

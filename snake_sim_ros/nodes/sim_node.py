@@ -154,6 +154,8 @@ class SimNode(Node):
             'steps': report.steps,
             'residual': f'{self.simulation.last.residual_max:.3g}',
             'residual_max': f'{report.residual_max:.3g}',
+            'printed_residual_max': f'{report.printed_residual_max:.3g}',
+            'fallbacks': report.fallbacks,
             'iterations_per_step': f'{report.iterations / max(report.steps, 1):.3g}',
             'iterations_max': report.iterations_max,
             'unconverged_steps': report.unconverged,

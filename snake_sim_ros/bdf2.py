@@ -178,45 +178,32 @@ def one_step(model, work, h, q, u, history, angle, rate, twice, report):
 
 
 @compiled
-def sub_steps(model, work, q, u, history, angle, rate, report):
-    """Take one step as SUB_STEPS steps of backward Euler; return as `one_step` does."""
-    h, landed = model.dt / SUB_STEPS, 0
-    for k in range(SUB_STEPS):
-        ahead = (k + 1) * h - model.dt / 2  # the reference is that of the middle of the step
-        for j in range(len(angle)):
-            for axis in range(2):
-                work.end_angle[j, axis] = angle[j, axis] + ahead * rate[j, axis]
-        outcome = one_step(model, work, h, q, u, history, work.end_angle, rate, False, report)
-        if outcome < 0:
-            return outcome
-        landed = max(landed, outcome)
-    return landed
-
-
-@compiled
 def step(model, work, q, u, history, angle, rate, report):
     """Advance q, u and history by one step; return whether it did not diverge."""
     n = len(q)
     previous = history[3:].reshape(history[3:].size)
-    smooth = previous[13 * n + SMOOTH] > 0.0
     if previous[13 * n + SPAN] == 0.0:
         previous[13 * n + SPAN] = model.dt
-    copy(q, u, history, work)
-    landed = 1
-    if smooth:
-        for j in range(len(angle)):
+    keep(q, u, history, work)
+    parts = 1 if previous[13 * n + SMOOTH] > 0.0 else SUB_STEPS
+    part = landed = 0
+    while part < parts:
+        part += 1
+        twice = parts == 1
+        end = model.dt * part / parts
+        for j in range(len(angle)):  # the reference is that of the middle of the step
             for axis in range(2):
-                work.end_angle[j, axis] = angle[j, axis] + model.dt / 2 * rate[j, axis]
-        h = 2.0 / 3.0 * model.dt
-        landed = one_step(model, work, h, q, u, history, work.end_angle, rate, True, report)
-        if landed > 0:
+                late = (end - model.dt / 2) * rate[j, axis]
+                work.end_angle[j, axis] = angle[j, axis] + late
+        h = 2.0 / 3.0 * model.dt if twice else model.dt / parts
+        outcome = one_step(model, work, h, q, u, history, work.end_angle, rate, twice, report)
+        landed = max(landed, outcome)
+        if outcome < 0 or (outcome > 0 and twice):
             restore(q, u, history, work)
-    if landed > 0:
-        landed = sub_steps(model, work, q, u, history, angle, rate, report)
-    if landed < 0:
-        restore(q, u, history, work)
-        history[:] = 0.0
-        return False
+            if outcome < 0:
+                history[:] = 0.0
+                return False
+            part, parts = 0, SUB_STEPS
     for i in range(n):
         for k in range(7):
             previous[7 * i + k] = work.q_start[i, k]
@@ -232,7 +219,7 @@ def step(model, work, q, u, history, angle, rate, report):
 
 
 @compiled
-def copy(q, u, history, work):
+def keep(q, u, history, work):
     """Keep where a step starts."""
     for i in range(len(q)):
         for k in range(7):

@@ -23,6 +23,7 @@ is the next one toward the root, and A the articulated inertia of everything fro
 from typing import NamedTuple
 
 from snake_sim_ros.compilation import compiled
+from snake_sim_ros.compilation import inlined
 from snake_sim_ros.parameters import Array
 
 ZERO = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -42,21 +43,27 @@ class Chain(NamedTuple):
     right: Array  # (n-1, 2, 6) D^-1 S^T A
     compliance: Array  # (n-1, 4) entries 11, 12, 21, 22 of D^-1
     load: Array  # (n-1, 2) loads of the joint axes
+    rate: Array  # (n-1, 2) rates of the joint axes
+    left_over: Array  # (n-1, 2) torque that the rates leave
     twist: Array  # (n, 6) the solution
+    correction: Array  # (n, 6) what is added to it
     no_torque: Array  # (n-1, 2) zero
 
 
-@compiled
+@inlined
 def unload_chain(chain):
-    """Fill inertia and wrench with those of the links alone."""
+    """Fill inertia and wrench with those of the links alone, and twist with 0."""
     for i in range(len(chain.wrench)):
         for k in range(6):
             chain.wrench[i, k] = chain.momentum[i, k]
             for j in range(6):
                 chain.inertia[i, k, j] = chain.bare[i, k, j]
+            chain.twist[i, k] = 0.0
+    for j in range(len(chain.torque)):
+        chain.left_over[j, 0], chain.left_over[j, 1] = chain.torque[j, 0], chain.torque[j, 1]
 
 
-@compiled
+@inlined
 def factor_chain(chain):
     """Prepare the chain with the inertias in chain.inertia."""
     articulated_inertia(
@@ -64,13 +71,46 @@ def factor_chain(chain):
     )
 
 
-@compiled
+@inlined
 def solve_chain(chain, torque):
     """Fill chain.twist with what torques and chain.wrench make of the prepared chain."""
     articulated_velocity(
         chain.axis, chain.left, chain.right, chain.compliance,
-        chain.inertia[len(chain.inertia) // 2], torque, chain.wrench, chain.load, chain.twist,
+        chain.inertia[len(chain.inertia) // 2], torque, chain.wrench,
+        chain.load, chain.rate, chain.twist,
     )  # fmt: skip
+
+
+@inlined
+def correct_chain(chain):
+    """Solve the prepared chain for what is left over, and add the solution to chain.twist."""
+    articulated_velocity(
+        chain.axis, chain.left, chain.right, chain.compliance,
+        chain.inertia[len(chain.inertia) // 2], chain.left_over, chain.wrench,
+        chain.load, chain.rate, chain.correction,
+    )  # fmt: skip
+    for i in range(len(chain.twist)):
+        store(chain.twist, i, total(line(chain.twist, i), line(chain.correction, i)))
+
+
+@inlined
+def left_over(chain):
+    """
+    Fill what chain.twist leaves of the balance of momentum: chain.wrench and chain.left_over.
+
+    On entry chain.wrench is that of all loads, contacts at this twist among them. The stiffness of
+    contacts in a factored inertia costs up to eight digits; solving once more for the rest, which
+    is evaluated with the bare inertia, brings them back (iterative refinement).
+    """
+    for i in range(len(chain.twist)):
+        v = line(chain.twist, i)
+        for k in range(6):
+            chain.wrench[i, k] -= dot(line(chain.bare[i], k), v)
+    for j in range(len(chain.rate)):
+        rate0, rate1 = chain.rate[j, 0], chain.rate[j, 1]
+        d00, d01, d11 = chain.damping[j, 0], chain.damping[j, 1], chain.damping[j, 2]
+        chain.left_over[j, 0] = chain.torque[j, 0] - d00 * rate0 - d01 * rate1
+        chain.left_over[j, 1] = chain.torque[j, 1] - d01 * rate0 - d11 * rate1
 
 
 @compiled
@@ -106,12 +146,11 @@ def articulated_inertia(axis, damping, inertia, left, right, compliance):
     factor(inertia[root])
 
 
-@compiled
+@inlined
 def fold_inertia(j, axis, damping, A, parent, left, right, compliance):
     """Add to the inertia of the parent what joint j lets it feel of the inertia A beyond."""
     s0, s1 = line(axis[j], 0), line(axis[j], 1)
-    a0, a1, a2 = line(A, 0), line(A, 1), line(A, 2)
-    a3, a4, a5 = line(A, 3), line(A, 4), line(A, 5)
+    a0, a1, a2, a3, a4, a5 = lines(A)
     g0 = (dot(a0, s0), dot(a1, s0), dot(a2, s0), dot(a3, s0), dot(a4, s0), dot(a5, s0))
     g1 = (dot(a0, s1), dot(a1, s1), dot(a2, s1), dot(a3, s1), dot(a4, s1), dot(a5, s1))
     h0, h1 = blend(s0, a0, a1, a2, a3, a4, a5), blend(s1, a0, a1, a2, a3, a4, a5)
@@ -122,12 +161,7 @@ def fold_inertia(j, axis, damping, A, parent, left, right, compliance):
     compliance[j, 0], compliance[j, 1] = c00, c01
     compliance[j, 2], compliance[j, 3] = c10, c11
     g0, g1 = pair(c00, g0, c10, g1), pair(c01, g0, c11, g1)
-    add_reduced(parent, 0, a0, g0[0], h0, g1[0], h1)
-    add_reduced(parent, 1, a1, g0[1], h0, g1[1], h1)
-    add_reduced(parent, 2, a2, g0[2], h0, g1[2], h1)
-    add_reduced(parent, 3, a3, g0[3], h0, g1[3], h1)
-    add_reduced(parent, 4, a4, g0[4], h0, g1[4], h1)
-    add_reduced(parent, 5, a5, g0[5], h0, g1[5], h1)
+    add_reduced(parent, (a0, a1, a2, a3, a4, a5), g0, h0, g1, h1)
     store(left[j], 0, g0)
     store(left[j], 1, g1)
     store(right[j], 0, pair(c00, h0, c01, h1))
@@ -135,7 +169,9 @@ def fold_inertia(j, axis, damping, A, parent, left, right, compliance):
 
 
 @compiled
-def articulated_velocity(axis, left, right, compliance, root_factor, torque, wrench, load, twist):
+def articulated_velocity(
+    axis, left, right, compliance, root_factor, torque, wrench, load, rate, twist
+):
     """
     Fill the twists of all links under given loads.
 
@@ -151,6 +187,8 @@ def articulated_velocity(axis, left, right, compliance, root_factor, torque, wre
         Momentum and impulse wrench of every link together.
     load : ndarray, shape (n-1, 2)
         Filled with the loads of the joint axes.
+    rate : ndarray, shape (n-1, 2)
+        Filled with the rates of the joint axes.
     twist : ndarray, shape (n, 6)
         Filled with the twists.
 
@@ -168,15 +206,15 @@ def articulated_velocity(axis, left, right, compliance, root_factor, torque, wre
     store(twist, root, arm)
     for k in range(root):
         i = root - 1 - k
-        arm = unfold(i, axis, right, compliance, load, arm)
+        arm = unfold(i, axis, right, compliance, load, rate, arm)
         store(twist, i, arm)
         i = root + 1 + k
         if i < n:
-            other = unfold(i - 1, axis, right, compliance, load, other)
+            other = unfold(i - 1, axis, right, compliance, load, rate, other)
             store(twist, i, other)
 
 
-@compiled
+@inlined
 def fold(j, axis, left, torque, load, w):
     """Return what the parent of joint j feels of the wrench w beyond; keep its load."""
     load0 = torque[j, 0] + dot(line(axis[j], 0), w)
@@ -192,12 +230,13 @@ def fold(j, axis, left, torque, load, w):
     )
 
 
-@compiled
-def unfold(j, axis, right, compliance, load, v):
-    """Return the twist of the link beyond joint j from that of its parent, v."""
+@inlined
+def unfold(j, axis, right, compliance, load, rate, v):
+    """Return the twist of the link beyond joint j from that of its parent, v; keep the rates."""
     load0, load1 = load[j, 0], load[j, 1]
     rate0 = compliance[j, 0] * load0 + compliance[j, 1] * load1 - dot(line(right[j], 0), v)
     rate1 = compliance[j, 2] * load0 + compliance[j, 3] * load1 - dot(line(right[j], 1), v)
+    rate[j, 0], rate[j, 1] = rate0, rate1
     return total(v, pair(rate0, line(axis[j], 0), rate1, line(axis[j], 1)))
 
 
@@ -233,10 +272,23 @@ def solve(A, w):
 # Six numbers at a time: a processor keeps them in registers.
 
 
-@compiled
+@inlined
 def line(A, i):
     """Return A[i] as a tuple."""
     return A[i, 0], A[i, 1], A[i, 2], A[i, 3], A[i, 4], A[i, 5]
+
+
+@inlined
+def lines(A):
+    """Return the six rows of A as tuples."""
+    return (
+        (A[0, 0], A[0, 1], A[0, 2], A[0, 3], A[0, 4], A[0, 5]),
+        (A[1, 0], A[1, 1], A[1, 2], A[1, 3], A[1, 4], A[1, 5]),
+        (A[2, 0], A[2, 1], A[2, 2], A[2, 3], A[2, 4], A[2, 5]),
+        (A[3, 0], A[3, 1], A[3, 2], A[3, 3], A[3, 4], A[3, 5]),
+        (A[4, 0], A[4, 1], A[4, 2], A[4, 3], A[4, 4], A[4, 5]),
+        (A[5, 0], A[5, 1], A[5, 2], A[5, 3], A[5, 4], A[5, 5]),
+    )
 
 
 @compiled
@@ -245,19 +297,19 @@ def store(A, i, w):
     A[i, 0], A[i, 1], A[i, 2], A[i, 3], A[i, 4], A[i, 5] = w
 
 
-@compiled
+@inlined
 def dot(a, b):
     """Return a . b."""
     return (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3]) + (a[4] * b[4] + a[5] * b[5])
 
 
-@compiled
+@inlined
 def total(a, b):
     """Return a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5]
 
 
-@compiled
+@inlined
 def pair(x, a, y, b):
     """Return x a + y b."""
     return (
@@ -266,7 +318,7 @@ def pair(x, a, y, b):
     )  # fmt: skip
 
 
-@compiled
+@inlined
 def blend(s, a0, a1, a2, a3, a4, a5):
     """Return the sum of s[k] a_k."""
     return total(
@@ -274,12 +326,9 @@ def blend(s, a0, a1, a2, a3, a4, a5):
     )
 
 
-@compiled
-def add_reduced(A, i, a, x, b, y, c):
-    """Add a - x b - y c to A[i]."""
-    A[i, 0] += a[0] - x * b[0] - y * c[0]
-    A[i, 1] += a[1] - x * b[1] - y * c[1]
-    A[i, 2] += a[2] - x * b[2] - y * c[2]
-    A[i, 3] += a[3] - x * b[3] - y * c[3]
-    A[i, 4] += a[4] - x * b[4] - y * c[4]
-    A[i, 5] += a[5] - x * b[5] - y * c[5]
+@inlined
+def add_reduced(A, rows, x, b, y, c):
+    """Add the matrix of the given rows to A, less x b^T and y c^T."""
+    for i in range(6):
+        for j in range(6):
+            A[i, j] += rows[i][j] - x[i] * b[j] - y[i] * c[j]

@@ -161,7 +161,7 @@ def one_step(model, work, h, q, u, history, angle, rate, twice, report):
     for a in contact:
         if history[0, a, 0] > 0.0:
             table[a, START] = 0.0  # it carried load: no landing
-    outcome = solve_contacts(model, laws, work, contact, history)
+    outcome = solve_contacts(model, laws, contact, table, work.chain, None, history)
     landed = 0
     for a in contact:
         if table[a, IMPULSE] > 0.0 and table[a, START] < -LANDING:

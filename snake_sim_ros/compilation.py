@@ -52,10 +52,24 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     Return `function` compiled on its first call; plain Python with NUMBA_DISABLE_JIT=1.
 
     Every operation is rounded as written. With fast math a function that was just compiled and the
-    same one from the cache differ in their last bits, and a run could not be repeated exactly.
+    same one from the cache differ in their last bits, and a run could not be repeated exactly. A
+    function that allocates does not compile (_nrt).
     """
-    options = {'cache': True, 'nogil': True, 'error_model': 'numpy', '_nrt': False}
-    wrapper: Callable[..., Any] = numba.njit(**options)(function)
+    return _compiled(function)
+
+
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """
+    Return `function` compiled into its callers, which are compiled functions; see `compiled`.
+
+    A call costs a copy of all array headers in its arguments, often more than the work it does.
+    """
+    return _compiled(function, forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+
+
+def _compiled(function: Callable[..., Any], **options: bool) -> Callable[..., Any]:
+    options |= {'cache': True, 'nogil': True, '_nrt': False}
+    wrapper: Callable[..., Any] = numba.njit(error_model='numpy', **options)(function)
     return wrapper
 
 

@@ -11,6 +11,7 @@ import math
 from typing import NamedTuple
 
 from snake_sim_ros.compilation import compiled
+from snake_sim_ros.compilation import inlined
 from snake_sim_ros.contact_laws import prox_ellipse
 
 # Columns of the table.
@@ -28,6 +29,7 @@ LAW = 20  # first column of `linear_laws`
 class Disc(NamedTuple):
     """Friction coefficients of one kind, scaled to a disc; see linear_laws."""
 
+    column: int  # of the first component among those of an impulse
     mu_x: float
     mu_y: float
     over_x: float  # 1/mu_x and 1/mu_y, or 0
@@ -41,13 +43,14 @@ class Laws(NamedTuple):
     sliding: Disc
     rolling: Disc
     compliance: float  # of the selection rule [1/kg]
+    least: float  # compliance that the rule is not reduced below [1/kg]
     proximal: float  # compliance of the proximal point method [1/kg]
     r_N: float
     r_T: float
     r_V: float
 
 
-@compiled
+@inlined
 def closed_contacts(tolerance, offset, radius, height, R, center, contact, table):
     """
     Fill closed contacts, their points and frames; return how many are closed.
@@ -116,7 +119,7 @@ def contact_velocities(contact, table, twist):
         table[a, GAMMA + 4] = table[a, RADIUS] * wx
 
 
-@compiled
+@inlined
 def selected(laws, contact, table, mass, impulse, press):
     """
     Return the laws with the compliance that this step selects with; GAMMA is of its start.
@@ -129,11 +132,13 @@ def selected(laws, contact, table, mass, impulse, press):
     most = 0.0
     for a in contact:
         most = max(most, impulse[a, 0], -2.0 * mass[a if a < n else a - n] * table[a, GAMMA])
-    least = 0.1 * laws.proximal
-    compliance = min(laws.compliance, max(least, press / most)) if most > 0.0 else laws.compliance
+    compliance = laws.compliance
+    if most > 0.0:
+        compliance = min(compliance, max(laws.least, press / most))
     return Laws(
-        laws.sliding, laws.rolling, compliance, laws.proximal, laws.r_N, laws.r_T, laws.r_V
-    )
+        laws.sliding, laws.rolling, compliance, laws.least, laws.proximal,
+        laws.r_N, laws.r_T, laws.r_V,
+    )  # fmt: skip
 
 
 @compiled
@@ -173,7 +178,7 @@ def natural_map(laws, contact, table, enough):
     return max(selected / laws.r_N, tangential), max(printed / laws.r_N, tangential)
 
 
-@compiled
+@inlined
 def disc_misfit(P_x, P_y, gamma_x, gamma_y, disc, bound, r, enough):
     """
     Return ``|P - prox(P - r gamma)|/r`` for half axes (mu_x, mu_y) bound, or an upper bound of it.

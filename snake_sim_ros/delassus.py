@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from snake_sim_ros.articulated_body import solve_chain
 from snake_sim_ros.compilation import compiled
+from snake_sim_ros.compilation import inlined
 from snake_sim_ros.contacts import add_contact_wrench
 from snake_sim_ros.contacts import contact_velocities
 from snake_sim_ros.contacts import GAMMA
@@ -27,13 +28,19 @@ class Delassus(NamedTuple):
     packed: Array  # (c,) velocities
 
 
-@compiled
-def end_twists(contact, table, chain):
-    """Fill twists and relative velocities that the impulses lead to, (76), (84), (86), (90)."""
+@inlined
+def load_chain(contact, table, chain):
+    """Fill the wrenches of the links: momentum and contact impulses S, eqs. (75), (76)."""
     for i in range(len(chain.wrench)):
         for k in range(6):
             chain.wrench[i, k] = chain.momentum[i, k]
     add_contact_wrench(contact, table, chain.wrench)
+
+
+@compiled
+def end_twists(contact, table, chain):
+    """Fill twists and relative velocities that the impulses lead to, (84), (86), (90)-(92)."""
+    load_chain(contact, table, chain)
     solve_chain(chain, chain.torque)
     contact_velocities(contact, table, chain.twist)
 

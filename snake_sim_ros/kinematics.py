@@ -8,6 +8,7 @@ Every function fills the arrays named in its first line.
 import math
 
 from snake_sim_ros.compilation import compiled
+from snake_sim_ros.compilation import inlined
 from snake_sim_ros.parameters import DRIFT_CORRECTIONS
 
 PAPER, CENTER_OF_MASS, NONE = range(len(DRIFT_CORRECTIONS))
@@ -38,7 +39,7 @@ def rates_in_inertial_frame(R, u, omega):
             omega[i, k] = R[i, k, 0] * u[i, 3] + R[i, k, 1] * u[i, 4] + R[i, k, 2] * u[i, 5]
 
 
-@compiled
+@inlined
 def half_rotation(p, omega, step):
     """Return p + step H_bar(p)^T omega, omega in B: half of a step of the kinematic map (74)."""
     e0, e1, e2, e3 = p
@@ -121,7 +122,7 @@ def chain_geometry(half_length, R, center, axis):
             axis[j, k, 5] = x * ay - y * ax
 
 
-@compiled
+@inlined
 def twists(u, omega, center, twist):
     """Fill the twists about O of links with velocities u and angular velocities omega in I."""
     for i in range(len(u)):

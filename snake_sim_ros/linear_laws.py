@@ -16,10 +16,12 @@ What is left is the forward dynamics of a chain.
 
 import math
 
+from snake_sim_ros.articulated_body import correct_chain
 from snake_sim_ros.articulated_body import factor_chain
-from snake_sim_ros.articulated_body import solve_chain
+from snake_sim_ros.articulated_body import left_over
 from snake_sim_ros.articulated_body import unload_chain
 from snake_sim_ros.compilation import compiled
+from snake_sim_ros.compilation import inlined
 from snake_sim_ros.contacts import contact_velocities
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import HEADING
@@ -28,6 +30,7 @@ from snake_sim_ros.contacts import LAW
 from snake_sim_ros.contacts import POINT
 from snake_sim_ros.contacts import RADIUS
 from snake_sim_ros.contacts import SHIFT
+from snake_sim_ros.delassus import load_chain
 from snake_sim_ros.delassus import solve_condensed
 
 # More columns of the table of contacts; GAMMA and IMPULSE are the solution of a linear problem.
@@ -40,7 +43,8 @@ ITERATE = TRIAL + 5  # impulses that go with them
 ANCHOR = ITERATE + 5  # impulses that the proximal point method starts from
 DISC = ANCHOR + 5  # radius of the disc if it is held, FREE if it is the normal impulse
 HELD = DISC + 1  # radius to hold next
-SAVED = HELD + 1  # trial and iterate, to come back to; up to spatial.COLUMNS
+STEP = HELD + 1  # how far the one held before was from what it led to
+SAVED = STEP + 1  # trial and iterate, to come back to; up to spatial.COLUMNS
 FREE = -1.0
 
 
@@ -84,9 +88,10 @@ def disc_law(disc, anchor_x, anchor_y, gamma_x, gamma_y, radius):
     return radius * d_x, radius * d_y, S_xx, S_xy, S_yy, d_x, d_y
 
 
-@compiled
-def linearize_disc(disc, table, a, k, radius, S_N):
-    """Fill the law of components k, k+1 of contact a; S_N is how the radius follows gamma_N."""
+@inlined
+def linearize_disc(disc, table, a, radius, S_N):
+    """Fill the law of one kind of friction at contact a; S_N is how the radius follows gamma_N."""
+    k = disc.column
     x, y, normal = table[a, TRIAL + k], table[a, TRIAL + k + 1], table[a, TRIAL]
     P_x, P_y, S_xx, S_xy, S_yy, d_x, d_y = disc_law(
         disc, table[a, ANCHOR + k], table[a, ANCHOR + k + 1], x, y, radius
@@ -99,19 +104,19 @@ def linearize_disc(disc, table, a, k, radius, S_N):
     table[a, law + 5], table[a, law + 6] = S_xN, S_yN
 
 
-@compiled
+@inlined
 def linearize(laws, contact, table):
     """Fill the laws of all contacts, linear about TRIAL."""
     for a in contact:
         P_N, S_N = normal_law(laws, table[a, ANCHOR], table[a, TRIAL])
         table[a, LAW], table[a, LAW + 1] = P_N + S_N * table[a, TRIAL], S_N
         radius, follow = (P_N, S_N) if table[a, DISC] == FREE else (table[a, DISC], 0.0)
-        linearize_disc(laws.sliding, table, a, 1, radius, follow)
+        linearize_disc(laws.sliding, table, a, radius, follow)
         if laws.rolling.mu_x > 0.0:
-            linearize_disc(laws.rolling, table, a, 3, radius, follow)
+            linearize_disc(laws.rolling, table, a, radius, follow)
 
 
-@compiled
+@inlined
 def add_laws(contact, table, rolling, wrench, inertia):
     """Add the linear laws to the wrenches and to the inertias of the links."""
     n = len(wrench)
@@ -122,7 +127,7 @@ def add_laws(contact, table, rolling, wrench, inertia):
             add_rolling_law(table, a, wrench, inertia, i)
 
 
-@compiled
+@inlined
 def add_point_law(table, a, wrench, inertia, i):
     """
     Add to link i the impulse ``P_0 - S gamma`` of contact a, normal and sliding.
@@ -147,26 +152,25 @@ def add_point_law(table, a, wrench, inertia, i):
     xy = cx * cy * (S_xx - S_yy) + (cx * cx - cy * cy) * S_xy
     yy = cy * cy * S_xx + 2.0 * cx * cy * S_xy + cx * cx * S_yy
     xz, yz, zz = cx * S_xN - cy * S_yN, cy * S_xN + cx * S_yN, table[a, LAW + 1]
-    add_row(inertia, i, 0, -z * xy, -z * yy, y * zz - z * yz, x, y, z)  # p~ K
-    add_row(inertia, i, 1, z * xx, z * xy, z * xz - x * zz, x, y, z)
-    add_row(inertia, i, 2, x * xy - y * xx, x * yy - y * xy, x * yz - y * xz, x, y, z)
-    add_row(inertia, i, 3, xx, xy, xz, x, y, z)  # K
-    add_row(inertia, i, 4, xy, yy, yz, x, y, z)
-    add_row(inertia, i, 5, 0.0, 0.0, zz, x, y, z)
+    rows = (
+        (-z * xy, -z * yy, y * zz - z * yz),  # p~ K
+        (z * xx, z * xy, z * xz - x * zz),
+        (x * xy - y * xx, x * yy - y * xy, x * yz - y * xz),
+        (xx, xy, xz),  # K
+        (xy, yy, yz),
+        (0.0, 0.0, zz),
+    )
+    for k in range(6):  # (p x r, r) is a row of J^T K J
+        a_x, a_y, a_z = rows[k]
+        inertia[i, k, 0] += y * a_z - z * a_y
+        inertia[i, k, 1] += z * a_x - x * a_z
+        inertia[i, k, 2] += x * a_y - y * a_x
+        inertia[i, k, 3] += a_x
+        inertia[i, k, 4] += a_y
+        inertia[i, k, 5] += a_z
 
 
-@compiled
-def add_row(inertia, i, row, a, b, c, x, y, z):
-    """Add (p x r, r), a row of J^T K J, for r = (a, b, c) and p = (x, y, z)."""
-    inertia[i, row, 0] += y * c - z * b
-    inertia[i, row, 1] += z * a - x * c
-    inertia[i, row, 2] += x * b - y * a
-    inertia[i, row, 3] += a
-    inertia[i, row, 4] += b
-    inertia[i, row, 5] += c
-
-
-@compiled
+@inlined
 def add_rolling_law(table, a, wrench, inertia, i):
     """Add to link i the rolling torque r (P_v, -P_u) of contact a, eqs. (36), (37)."""
     x, y, r = table[a, POINT], table[a, POINT + 1], table[a, RADIUS]
@@ -182,7 +186,7 @@ def add_rolling_law(table, a, wrench, inertia, i):
     inertia[i, 1, 5] -= r * S_xN
 
 
-@compiled
+@inlined
 def linear_impulses(contact, table, rolling):
     """Fill the impulses of the linear laws at GAMMA."""
     for a in contact:
@@ -197,12 +201,12 @@ def linear_impulses(contact, table, rolling):
             table[a, IMPULSE + k + 1] = table[a, law + 1] - S_xy * x - S_yy * y - S_yN * normal
 
 
-@compiled
+@inlined
 def linear_step(laws, contact, table, chain, delassus):
     """
     Fill GAMMA and IMPULSE with the solution for the laws linear about TRIAL.
 
-    With a Delassus operator of size 0 the chain is solved with the laws, else G without the chain.
+    Without a Delassus operator (None) the chain is solved with the laws, else G without the chain.
 
     Returns
     -------
@@ -212,12 +216,16 @@ def linear_step(laws, contact, table, chain, delassus):
     """
     linearize(laws, contact, table)
     rolling = laws.rolling.mu_x > 0.0
-    if len(delassus.packed) > 0:
+    if delassus is not None:
         return solve_condensed(contact, 5 if rolling else 3, table, LAW, delassus)
     unload_chain(chain)
     add_laws(contact, table, rolling, chain.wrench, chain.inertia)
     factor_chain(chain)
-    solve_chain(chain, chain.torque)
-    contact_velocities(contact, table, chain.twist)
-    linear_impulses(contact, table, rolling)
+    for k in range(2):
+        if k == 1:  # once more for what rounding left
+            load_chain(contact, table, chain)
+            left_over(chain)
+        correct_chain(chain)
+        contact_velocities(contact, table, chain.twist)
+        linear_impulses(contact, table, rolling)
     return math.isfinite(chain.twist[0, 3] + chain.twist[len(chain.twist) - 1, 3])

@@ -19,6 +19,7 @@ from snake_sim_ros.articulated_body import factor_chain
 from snake_sim_ros.articulated_body import unload_chain
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import cycle_counter
+from snake_sim_ros.compilation import inlined
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import IMPULSE
 from snake_sim_ros.contacts import natural_map
@@ -33,6 +34,7 @@ from snake_sim_ros.linear_laws import ITERATE
 from snake_sim_ros.linear_laws import linear_step
 from snake_sim_ros.linear_laws import normal_law
 from snake_sim_ros.linear_laws import SAVED
+from snake_sim_ros.linear_laws import STEP
 from snake_sim_ros.linear_laws import TRIAL
 from snake_sim_ros.spatial import begin_step
 from snake_sim_ros.spatial import end_step
@@ -41,7 +43,8 @@ COUPLED_STEPS = 6  # Newton iterations before the radii are held
 COUPLED_STEPS_LATER = 4  # and between rounds
 MANY_STEPS = 100  # while the residual falls
 HELD_STEPS = 30
-PLAIN_ROUNDS = 8  # rounds after which the radii are damped
+PLAIN_ROUNDS = 8  # rounds after which they are solved for more exactly
+MOST_SHARE = 64.0  # of the way that held radii are moved at once
 
 
 @compiled
@@ -67,19 +70,20 @@ def misfit(laws, contact, table, fraction):
         d = P + fraction * (table[a, IMPULSE] - P) - P_N
         normal = max(normal, abs(d))
         slope += d * step
-        d, along = disc_gap(laws.sliding, table, a, 1, radius, fraction)
+        d, along = disc_gap(laws.sliding, table, a, radius, fraction)
         sliding = max(sliding, d)
         slope += along
         if laws.rolling.mu_x > 0.0:
-            d, along = disc_gap(laws.rolling, table, a, 3, radius, fraction)
+            d, along = disc_gap(laws.rolling, table, a, radius, fraction)
             rolling = max(rolling, d)
             slope += along
     return slope, max(normal / laws.r_N, sliding / laws.r_T, rolling / laws.r_V)
 
 
-@compiled
-def disc_gap(disc, table, a, k, radius, fraction):
-    """Return |P - P(gamma)| of components k, k+1 of contact a, and its part of the slope."""
+@inlined
+def disc_gap(disc, table, a, radius, fraction):
+    """Return |P - P(gamma)| of one kind of friction at contact a, and its part of the slope."""
+    k = disc.column
     x, y = table[a, TRIAL + k], table[a, TRIAL + k + 1]
     step_x, step_y = table[a, GAMMA + k] - x, table[a, GAMMA + k + 1] - y
     law_x, law_y, _, _, _, _, _ = disc_law(
@@ -92,7 +96,7 @@ def disc_gap(disc, table, a, k, radius, fraction):
     return math.sqrt(d_x * d_x + d_y * d_y), d_x * step_x + d_y * step_y
 
 
-@compiled
+@inlined
 def line_search(laws, contact, table):
     """
     Return the fraction of the way at which the slope has all but vanished: 1 if it is not reached.
@@ -123,7 +127,7 @@ def line_search(laws, contact, table):
     return fraction
 
 
-@compiled
+@inlined
 def move(contact, table, fraction):
     """Move TRIAL and ITERATE a fraction of the way to GAMMA and IMPULSE."""
     for a in contact:
@@ -139,19 +143,20 @@ def move(contact, table, fraction):
                 table[a, ITERATE + j] = P + fraction * (table[a, IMPULSE + j] - P)
 
 
-@compiled
+@inlined
 def anchor_at_iterate(laws, contact, table):
     """Fill ANCHOR with the admissible impulses next to ITERATE, in scaled components."""
     for a in contact:
         P_N = max(0.0, table[a, ITERATE])
         table[a, ANCHOR] = P_N
-        anchor_disc(laws.sliding, table, a, 1, P_N)
-        anchor_disc(laws.rolling, table, a, 3, P_N)
+        anchor_disc(laws.sliding, table, a, P_N)
+        anchor_disc(laws.rolling, table, a, P_N)
 
 
-@compiled
-def anchor_disc(disc, table, a, k, radius):
-    """Fill ANCHOR of components k, k+1 of contact a."""
+@inlined
+def anchor_disc(disc, table, a, radius):
+    """Fill ANCHOR of one kind of friction at contact a."""
+    k = disc.column
     x, y = disc.over_x * table[a, ITERATE + k], disc.over_y * table[a, ITERATE + k + 1]
     square = x * x + y * y
     shrink = 1.0 if square <= radius * radius else radius / math.sqrt(square)
@@ -159,14 +164,14 @@ def anchor_disc(disc, table, a, k, radius):
     table[a, ANCHOR + k + 1] = disc.mu_y * shrink * y
 
 
-@compiled
-def coupled_steps(laws, tolerance, contact, table, chain, delassus, rounds):
+@inlined
+def coupled_steps(laws, tolerance, limit, contact, table, chain, delassus, rounds):
     """Iterate with the radii that the normal impulses have; return iterations and the verdict."""
     for a in contact:
         table[a, DISC] = FREE
     residual = printed = math.inf
     iterations, steps = 0, COUPLED_STEPS if rounds == 0 else COUPLED_STEPS_LATER
-    while iterations < steps:
+    while iterations < min(steps, limit):
         iterations += 1
         before = residual
         if not linear_step(laws, contact, table, chain, delassus):
@@ -187,12 +192,12 @@ def coupled_steps(laws, tolerance, contact, table, chain, delassus, rounds):
 
 
 @compiled
-def held_steps(laws, tolerance, contact, table, chain, delassus):
+def held_steps(laws, tolerance, limit, contact, table, chain, delassus):
     """Solve the convex problem with the radii held; return iterations and the verdict."""
     for a in contact:
         table[a, DISC] = table[a, HELD]
     iterations = 0
-    while iterations < HELD_STEPS:
+    while iterations < min(HELD_STEPS, limit):
         iterations += 1
         if not linear_step(laws, contact, table, chain, delassus):
             return iterations, math.inf, math.inf
@@ -204,7 +209,7 @@ def held_steps(laws, tolerance, contact, table, chain, delassus):
     return iterations, residual, printed
 
 
-@compiled
+@inlined
 def newton(laws, tolerance, limit, contact, table, chain, delassus):
     """
     Find impulses and twists that satisfy the contact laws, from what `predict` filled.
@@ -221,9 +226,10 @@ def newton(laws, tolerance, limit, contact, table, chain, delassus):
     """
     iterations, fell_back = 0, False
     residual = printed = math.inf
+    share, before = 1.0, 0.0
     for rounds in range(limit):
         spent, residual, printed = coupled_steps(
-            laws, tolerance, contact, table, chain, delassus, rounds
+            laws, tolerance, limit - iterations, contact, table, chain, delassus, rounds
         )
         iterations += spent
         if residual <= tolerance or iterations >= limit:
@@ -234,23 +240,51 @@ def newton(laws, tolerance, limit, contact, table, chain, delassus):
                     table[a, TRIAL + j] = table[a, SAVED + j]
             else:
                 table[a, HELD] = max(0.0, table[a, ITERATE])
+                table[a, STEP] = 0.0
         anchor_at_iterate(laws, contact, table)
         fell_back = True
         inner = 1e2 * tolerance if rounds < PLAIN_ROUNDS else 0.1 * tolerance
-        spent, residual, printed = held_steps(laws, inner, contact, table, chain, delassus)
+        spent, residual, printed = held_steps(
+            laws, inner, limit - iterations, contact, table, chain, delassus
+        )
         iterations += spent
         if residual <= tolerance or iterations >= limit or residual == math.inf:
             break
         anchor_at_iterate(laws, contact, table)
-        share = 1.0 / (1 + rounds // PLAIN_ROUNDS)
+        along, size = follow(contact, table)
+        if rounds > 0 and along > 0.5 * before:
+            share = min(2.0 * share, MOST_SHARE)  # slow, all in one direction: further
+        elif along < 0.0:
+            share = max(0.5 * share, 1.0 / MOST_SHARE)  # to and fro: less far
+        before = size
         for a in contact:
-            table[a, HELD] += share * (table[a, ANCHOR] - table[a, HELD])
+            table[a, HELD] = max(0.0, table[a, HELD] + share * table[a, STEP])
             for j in range(10):
                 table[a, SAVED + j] = table[a, TRIAL + j]  # and ITERATE, next to it
     return iterations, residual <= tolerance, residual, printed, fell_back
 
 
-@compiled
+@inlined
+def follow(contact, table):
+    """
+    Fill STEP, how far the radii held are from the normal impulses that came of them.
+
+    Returns
+    -------
+    along, size : float
+        Product of the steps with those before, and with themselves.
+
+    """
+    along = size = 0.0
+    for a in contact:
+        step = table[a, ANCHOR] - table[a, HELD]
+        along += step * table[a, STEP]
+        size += step * step
+        table[a, STEP] = step
+    return along, size
+
+
+@inlined
 def predict(laws, contact, table, history):
     """
     Fill TRIAL and ANCHOR from the last step: impulses and velocities go on changing as they did.
@@ -273,7 +307,7 @@ def predict(laws, contact, table, history):
         table[a, TRIAL] = -laws.compliance * max(0.0, P_N)
 
 
-@compiled
+@inlined
 def remember(contact, table, history):
     """Fill history with the impulses, velocities and changes of the closed contacts, 0 if open."""
     n, k = len(table) // 2, 0
@@ -294,19 +328,22 @@ def remember(contact, table, history):
                 history[:, a] = 0.0
 
 
-@compiled
-def solve_contacts(model, laws, work, contact, history):
-    """Solve the contacts of a step; return what `spatial.end_step` takes."""
-    table, chain, delassus = work.table, work.chain, work.delassus
+@inlined
+def solve_contacts(model, laws, contact, table, chain, delassus, history):
+    """
+    Solve the contacts of a step; return what `spatial.end_step` takes.
+
+    Without a Delassus operator (None) the chain is solved with the laws, else G without the chain.
+    """
     predict(laws, contact, table, history)
-    if len(delassus.packed) > 0:
+    if delassus is not None:
         unload_chain(chain)
         factor_chain(chain)
         condense(contact, 5 if laws.rolling.mu_x > 0.0 else 3, table, chain, delassus)
     outcome = newton(
         laws, model.residual_tolerance, model.iteration_limit, contact, table, chain, delassus
     )
-    if len(delassus.packed) > 0:
+    if delassus is not None:
         end_twists(contact, table, chain)
     remember(contact, table, history)
     return outcome
@@ -318,7 +355,9 @@ def advance(model, work, q, u, history, angle, rate, report, cycles):
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
         count, laws = begin_step(model, work, q, u, history[0], angle[k], rate[k])
-        outcome = solve_contacts(model, laws, work, work.contact[:count], history)
+        outcome = solve_contacts(
+            model, laws, work.contact[:count], work.table, work.chain, work.delassus, history
+        )
         if not end_step(model, work, q, u, history, count, outcome, report):
             break
     cycles[len(angle)] = cycle_counter()

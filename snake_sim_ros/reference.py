@@ -17,6 +17,7 @@ from scipy.linalg import cho_factor
 from scipy.linalg import cho_solve
 
 from snake_sim_ros import posture
+from snake_sim_ros.contact_laws import LEAST
 from snake_sim_ros.contact_laws import PRESS
 from snake_sim_ros.contact_laws import prox_disc
 from snake_sim_ros.contact_laws import prox_ellipse
@@ -242,15 +243,16 @@ def without_drift(robot: Robot, q: Array, rule: str) -> Array:
     return q
 
 
-def selection_compliance(compliance: float, impulses: Array) -> float:
+def selection_compliance(compliance: float, least: float, impulses: Array) -> float:
     """
     Return the compliance of the selection rule in a step [1/kg].
 
     Deviation: it moves a contact into the floor at ``compliance P_N``, and is reduced where that
-    would be more than PRESS for the largest of the normal impulses to be expected.
+    would be more than PRESS for the largest of the normal impulses to be expected, but not below
+    `least`.
     """
     most = float(impulses.max(initial=0.0))
-    return min(compliance, PRESS / most) if most > 0.0 else compliance
+    return min(compliance, max(least, PRESS / most)) if most > 0.0 else compliance
 
 
 def contact_prox(scene: Scene, compliance: float, P: Array, gamma: Array) -> Array:
@@ -281,7 +283,7 @@ class ReferenceStepper:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        self.most_compliance = scene.solver.normal_compliance * mean_delassus(scene.robot)
+        self.size = mean_delassus(scene.robot)
 
     def advance(
         self, state: State, history: Array, angle: Array, rate: Array
@@ -326,7 +328,11 @@ class ReferenceStepper:
 
         P, iterations, change = impulse[active], 0, math.inf
         stops = 2.0 * robot.per_link('link_mass')[active % n] * -(W_N.T @ u_A)
-        compliance = selection_compliance(self.most_compliance, np.append(P[:, 0], stops))
+        compliance = selection_compliance(
+            scene.solver.normal_compliance * self.size,
+            LEAST * self.size,
+            np.append(P[:, 0], stops),
+        )
         while not change < scene.solver.tolerance and iterations < scene.solver.iteration_limit:
             S = W_N @ P[:, 0] + W_T @ P[:, 1:3].ravel() + W_V @ P[:, 3:].ravel()  # (76)
             # (84), with both terms negative; the paper's first sign is lost in print.

@@ -24,6 +24,8 @@ import numpy as np
 
 from snake_sim_ros.articulated_body import Chain
 from snake_sim_ros.compilation import compiled
+from snake_sim_ros.compilation import inlined
+from snake_sim_ros.contact_laws import LEAST
 from snake_sim_ros.contact_laws import PRESS
 from snake_sim_ros.contacts import closed_contacts
 from snake_sim_ros.contacts import contact_velocities
@@ -103,7 +105,7 @@ class Workspace(NamedTuple):
     chain: Chain
     contact: Array  # (2n,) indices of the closed contacts
     table: Array  # (2n, COLUMNS) see contacts and newton
-    delassus: Delassus
+    delassus: Delassus | None  # where a solver forms it
 
 
 # Columns of the report array.
@@ -111,7 +113,7 @@ STEPS, ITERATIONS, ITERATIONS_MAX, UNCONVERGED, FALLBACKS, RESIDUAL, PRINTED_RES
 PENETRATION, GAP_MAX, TWIST_MAX, CONTACTS, FAILED_LINK, FAILED_VALUE, REPORT_SIZE = range(7, 14)
 
 
-@compiled
+@inlined
 def joint_control(model, coordinate, angle, rate, torques, dampings):
     """Fill the impulses and the implicit damping of the controller on every joint axis."""
     start, mid = coordinate[0], coordinate[1]
@@ -130,7 +132,7 @@ def joint_control(model, coordinate, angle, rate, torques, dampings):
             dampings[j, k] = damping * model.dt
 
 
-@compiled
+@inlined
 def axis_loads(axis, torque, damping, axis_torque, axis_damping):
     """
     Fill what the controller does to the rates s of the joint axes.
@@ -150,7 +152,7 @@ def axis_loads(axis, torque, damping, axis_torque, axis_damping):
         axis_damping[j, 2] = damping[j, 1] + c * c * damping[j, 0]
 
 
-@compiled
+@inlined
 def applied_torque(R, twist, torque, damping, applied):
     """Fill the impulse of the controller on every joint, with the rates at the end of the step."""
     for j in range(len(torque)):
@@ -206,7 +208,7 @@ def smooth_momentum(model, dt, u, u_h, R, center, momentum):
         momentum[i, 3], momentum[i, 4], momentum[i, 5] = px, py, pz
 
 
-@compiled
+@inlined
 def begin_step(model, work, q, u, impulse, angle, rate):
     """
     Fill all that a contact solver needs, section VII; velocities are those of the start.
@@ -243,7 +245,7 @@ def begin_step(model, work, q, u, impulse, angle, rate):
     return count, selected(model.laws, contact, work.table, model.mass, impulse, PRESS)
 
 
-@compiled
+@inlined
 def end_step(model, work, q, u, history, count, outcome, report):
     """
     Move q and u to the end of the step with the twists of the chain; return False if it diverged.
@@ -267,7 +269,7 @@ def end_step(model, work, q, u, history, count, outcome, report):
     return True
 
 
-@compiled
+@inlined
 def turns_are_small(dt, twist, report):
     """Return whether no link turns further in a step than is resolved; report the first if not."""
     for i in range(len(twist)):
@@ -278,7 +280,7 @@ def turns_are_small(dt, twist, report):
     return True
 
 
-@compiled
+@inlined
 def note_outcome(outcome, report):
     """Add to the report what a contact solver returned."""
     iterations, converged, residual, printed_residual, fell_back = outcome
@@ -290,7 +292,7 @@ def note_outcome(outcome, report):
     report[PRINTED_RESIDUAL] = max(report[PRINTED_RESIDUAL], printed_residual)
 
 
-@compiled
+@inlined
 def finish(model, q, report):
     """Close the joints at the end of a step, and report how it was."""
     gap, violation = joint_violation(model.half_length, q)
@@ -302,9 +304,10 @@ def finish(model, q, report):
     report[TWIST_MAX] = max(report[TWIST_MAX], violation)
 
 
-def make_disc(mu_x: float, mu_y: float, proximal: float) -> Disc:
+def make_disc(column: int, mu_x: float, mu_y: float, proximal: float) -> Disc:
     """Return friction coefficients scaled to a disc, for a compliance [1/kg]."""
     return Disc(
+        column=column,
         mu_x=mu_x,
         mu_y=mu_y,
         over_x=1.0 / mu_x if mu_x > 0.0 else 0.0,
@@ -318,9 +321,10 @@ def make_model(scene: Scene) -> Model:
     robot, friction, solver = scene.robot, scene.friction, scene.solver
     size = mean_delassus(robot)
     laws = Laws(
-        sliding=make_disc(friction.longitudinal, friction.transversal, PROXIMAL * size),
-        rolling=make_disc(friction.rolling, friction.rolling, PROXIMAL * size),
+        sliding=make_disc(1, friction.longitudinal, friction.transversal, PROXIMAL * size),
+        rolling=make_disc(3, friction.rolling, friction.rolling, PROXIMAL * size),
         compliance=solver.normal_compliance * size,
+        least=LEAST * size,
         proximal=PROXIMAL * size,
         r_N=solver.r_normal,
         r_T=solver.r_sliding,
@@ -378,7 +382,10 @@ def make_workspace(n: int, size: int) -> Workspace:
             right=zeros((n - 1, 2, 6)),
             compliance=zeros((n - 1, 4)),
             load=zeros((n - 1, 2)),
+            rate=zeros((n - 1, 2)),
+            left_over=zeros((n - 1, 2)),
             twist=zeros((n, 6)),
+            correction=zeros((n, 6)),
             no_torque=zeros((n - 1, 2)),
         ),
         contact=np.zeros(2 * n, np.int64),
@@ -388,7 +395,9 @@ def make_workspace(n: int, size: int) -> Workspace:
             system=zeros((size, size + 1)),
             free=zeros(size),
             packed=zeros(size),
-        ),
+        )
+        if size > 0
+        else None,
     )
 
 

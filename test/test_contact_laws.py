@@ -17,7 +17,7 @@ from snake_sim_ros.parameters import Solver
 from snake_sim_ros.posture import chain
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import no_impulse
+from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import State
 
 # A projection is exact up to rounding: the root t to sqrt(1e-8)^2, then three products.
@@ -213,7 +213,7 @@ def test_a_solved_step_satisfies_the_scaled_disc_law(velocity):
     q[:, 2] = scene.robot.contact_radius - 1e-9
     start = State(q, np.array([[*velocity, 0.0, 0.0, 0.0, 0.0]]))
     zero = np.zeros((1, 0, 2))
-    end, impulse, report = make_stepper(scene).advance(start, no_impulse(scene), zero, zero)
+    end, impulse, report = make_stepper(scene).advance(start, no_history(scene), zero, zero)
     assert (report.contacts, report.unconverged) == (2, 0)
     R = rotation_matrices(reference.middle_coordinates(start, scene.dt)[:, 3:])
     _, W_T, _ = reference.contact_directions(scene.robot, R)

@@ -18,7 +18,7 @@ from scenes import ACROSS
 from scenes import ALONG
 from scenes import G
 from scenes import HEIGHT
-from scenes import history
+from scenes import course
 from scenes import lying
 from scenes import MASS
 from scenes import particle_scene
@@ -231,6 +231,6 @@ def test_order_of_lateral_undulation_on_the_floor():
         start = initial_state(scene)
         start.q[:, 2] -= 1e-6  # contacts safely closed
         every = round(0.025 / dt)
-        states, _, _ = history(scene, start, 10 * every, every)
+        states, _, _ = course(scene, start, 10 * every, every)
         paths.append(states.q[:, :, :3])
     check_order(1, 0.1, steps[:-1], differences(paths))

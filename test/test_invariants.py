@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scenes import CLOSED
 from scenes import EPS
-from scenes import history
+from scenes import course
 from scenes import kinetic_energy
 from scenes import references
 from scenes import run
@@ -31,7 +31,7 @@ from snake_sim_ros.rotations import product
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import no_impulse
+from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
 
@@ -82,7 +82,7 @@ def test_contacts_obey_their_laws_and_take_energy_in_every_step(
     )
     state = initial_state(scene)
     state.q[:, 2] += CLOSED
-    states, impulses, report = history(scene, state, steps)
+    states, impulses, report = course(scene, state, steps)
     assert not report.unconverged
     closed, sliding = [], 0
     angle, rate = references(scene, steps)
@@ -115,7 +115,7 @@ def test_contacts_obey_their_laws_and_take_energy_in_every_step(
         # no work on either velocity, so the difference is the work of the contact impulses at the
         # mean of both velocities: exactly so for the impulses before the last sweep, eps away.
         lifted = State(start.q + 10.0 * np.eye(7)[2], start.u)
-        free, _, _ = stepper.advance(lifted, no_impulse(scene), angle[k : k + 1], rate[k : k + 1])
+        free, _, _ = stepper.advance(lifted, no_history(scene), angle[k : k + 1], rate[k : k + 1])
         loss = kinetic_energy(scene.robot, free.u) - kinetic_energy(scene.robot, end.u)
         mean = (gamma + contact_velocities(scene, q_mid, free.u)[touching]) / 2
         # Friction, normal and rolling parts change by eps each; 1e-15 J of rounding in energies of
@@ -223,8 +223,8 @@ def test_repeated_and_divided_runs_are_equal_bit_by_bit(method, links, chunks, l
     # Divided, with a stepper that has done other steps before.
     stepper = make_stepper(scene)
     angle, rate = references(scene, steps)
-    stepper.advance(start, no_impulse(scene), angle[:7], rate[:7])
-    state, impulse, report = start, no_impulse(scene), Report()
+    stepper.advance(start, no_history(scene), angle[:7], rate[:7])
+    state, impulse, report = start, no_history(scene), Report()
     for k in range(0, steps, length):
         part = slice(k, k + length)
         state, impulse, news = stepper.advance(state, impulse, angle[part], rate[part])

@@ -41,7 +41,7 @@ from snake_sim_ros.reference import mass_matrix
 from snake_sim_ros.reference import torque_directions
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.stepping import initial_state
-from snake_sim_ros.stepping import no_impulse
+from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import State
 from snake_sim_ros.stepping import Status
 
@@ -316,7 +316,7 @@ def test_prox_parameter_that_is_too_large_is_reported(method):
     # the report tells. A step is either counted or ends with the natural map within eps/r.
     solver = Solver(r_sliding=0.2, iteration_limit=200)
     scene = Scene(solver=solver, gravity=slope(0.05, math.pi / 2), method=method)
-    state, impulse = straight(scene.robot), no_impulse(scene)
+    state, impulse = straight(scene.robot), no_history(scene)
     unconverged = []
     for _ in range(10 if method == 'reference' else 100):
         state, impulse, report = run(scene, state, 1, impulse)

@@ -13,7 +13,7 @@ from snake_sim_ros.records import ParameterError
 from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import make_stepper
 from snake_sim_ros.stepping import METHODS
-from snake_sim_ros.stepping import no_impulse
+from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
 from snake_sim_ros.stepping import Status
@@ -26,7 +26,7 @@ def problem(method, steps, **solver):
     scene = replace(load_scene('sidewinding'), method=method, solver=Solver(**solver))
     times = (np.arange(steps) + 0.5) * scene.dt
     reference = gait.reference(scene.gait, times, scene.robot.link_count - 1)
-    return make_stepper(scene), (initial_state(scene), no_impulse(scene), *reference)
+    return make_stepper(scene), (initial_state(scene), no_history(scene), *reference)
 
 
 def test_a_scene_begins_at_rest():
@@ -34,7 +34,7 @@ def test_a_scene_begins_at_rest():
     state = initial_state(scene)
     assert state.q.shape == (11, 7)
     assert state.u.tolist() == [[0.0] * 6] * 11
-    assert no_impulse(scene).tolist() == [[0.0] * 5] * 22
+    assert no_history(scene).tolist() == [[0.0] * 5] * 22
 
 
 def test_unknown_methods_are_refused():

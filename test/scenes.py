@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-import math
 
 import numpy as np
 import pytest

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from scenes import ACROSS
 from scenes import ALONG
+from scenes import course
 from scenes import G
 from scenes import HEIGHT
-from scenes import course
 from scenes import lying
 from scenes import MASS
 from scenes import particle_scene
@@ -41,9 +41,10 @@ from snake_sim_ros.stepping import make_stepper
 from snake_sim_ros.stepping import METHODS
 from snake_sim_ros.stepping import State
 
-
 # The dense one agrees with `paper` step by step, see test_agreement.
-compiled_method = pytest.mark.parametrize('method', [name for name in METHODS if name != 'reference'])
+compiled_method = pytest.mark.parametrize(
+    'method', [name for name in METHODS if name != 'reference']
+)
 
 
 def check_order(expected, band, steps, errors):

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scenes import ACROSS
 from scenes import chain_rounding
+from scenes import course
 from scenes import each_method
 from scenes import EPS
 from scenes import every_method
 from scenes import G
-from scenes import course
 from scenes import isotropic
 from scenes import kinetic_energy
 from scenes import link_scene
@@ -94,7 +94,7 @@ ROD = Robot(
     contact_offset=0.5,
     contact_radius=0.0,
 )
-# A sweep that changes impulses by less than 1e-13 N s is below r 1e-12 m/s/3: that is the residual.
+# Where a sweep changes impulses by less than 1e-13 N s, the residual is below that over r.
 ROD_SOLVER = Solver(
     tolerance=1e-13,
     residual_tolerance=1e-13 / 0.3,

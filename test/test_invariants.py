@@ -10,8 +10,8 @@ import math
 import numpy as np
 import pytest
 from scenes import CLOSED
-from scenes import EPS
 from scenes import course
+from scenes import EPS
 from scenes import kinetic_energy
 from scenes import references
 from scenes import run

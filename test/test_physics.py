@@ -14,11 +14,11 @@ from scenes import ACROSS
 from scenes import ALONG
 from scenes import chain_rounding
 from scenes import CLOSED
+from scenes import course
 from scenes import each_method
 from scenes import EPS
 from scenes import G
 from scenes import impulse_error
-from scenes import course
 from scenes import isotropic
 from scenes import kinetic_energy
 from scenes import link_scene

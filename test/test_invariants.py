@@ -3,6 +3,7 @@ What holds in every step of every gait: the contact laws, dissipation, symmetry,
 
 With eps the tolerance and r a prox parameter: the last sweep P' = prox_C(P - r gamma) changed P by
 less than eps, where gamma are the velocities that the step ends with.
+Methods that stop at a residual R leave P, which gave gamma, within r R of prox_C(P - r gamma).
 """
 
 import math

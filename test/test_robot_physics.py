@@ -3,7 +3,7 @@ Laws that a robot of several links has to obey: momentum, joints, rest, dissipat
 
 Where a closed solution of the time step exists it is the expected value; a bound with the solver's
 tolerance eps and a prox parameter r follows from the stopping rule: the last sweep changed an
-impulse by less than eps.
+impulse by less than eps, or the natural map is below the residual tolerance.
 """
 
 from dataclasses import replace

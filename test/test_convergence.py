@@ -39,6 +39,7 @@ from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import make_stepper
 from snake_sim_ros.stepping import METHODS
+from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import State
 
 # The dense one agrees with `paper` step by step, see test_agreement.
@@ -170,7 +171,8 @@ def swinging_particle(time, load, omega, mu):
 def swung_particle(method, count, gravity, mu):
     """Return x, y and whether the particle rests, at 20 times in 1 s of `count` steps."""
     dt, state, path = 1.0 / count, lying(radius=0.0), []
-    history, still = np.zeros((3, 2, 5)), np.zeros((1, 0, 2))
+    history = no_history(particle_scene(method, dt, mu, gravity(0.0)))
+    still = np.zeros((1, 0, 2))
     for k in range(count):
         scene = particle_scene(method, dt, mu, gravity((k + 0.5) * dt))
         state, history, _ = make_stepper(scene).advance(state, history, still, still)

@@ -12,22 +12,23 @@ from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import with_settings
 
 
-def short_run():
+def short_run(method):
     """
-    Return state, impulses and report after 3 steps of 5 links, begun 1e-9 m inside the floor.
+    Return state, history and report after 3 steps of 5 links, begun 1e-9 m inside the floor.
 
-    At most 10 contacts and 40 sweeps a step: the contact problem is condensed on the way.
+    At most 10 contacts and 40 iterations a step: the method `paper` condenses the contact problem
+    on the way.
     """
-    settings = {'robot.link_count': 5, 'solver.iteration_limit': 40}
+    settings = {'robot.link_count': 5, 'solver.iteration_limit': 40, 'method': method}
     scene = with_settings(load_scene('lateral_undulation'), settings)
     state = stepping.initial_state(scene)
     state.q[:, 2] -= 1e-9
     times = (np.arange(3) + 0.5) * scene.dt
     reference = gait.reference(scene.gait, times, scene.robot.link_count - 1)
-    return stepping.make_stepper(scene).advance(state, stepping.no_impulse(scene), *reference)
+    return stepping.make_stepper(scene).advance(state, stepping.no_history(scene), *reference)
 
 
 if __name__ == '__main__':
     sys.modules['rclpy'] = sys.modules['matplotlib'] = None  # type: ignore[assignment]
-    end, impulse, _ = short_run()
-    print(json.dumps([snake_sim_ros.__file__, end.q.tolist(), end.u.tolist(), impulse.tolist()]))
+    end, history, _ = short_run(sys.argv[1])
+    print(json.dumps([snake_sim_ros.__file__, end.q.tolist(), end.u.tolist(), history.tolist()]))

@@ -9,9 +9,12 @@ import shutil
 import subprocess
 import sys
 
+import numba
 import numpy as np
 import pytest
 from short_run import short_run
+
+from snake_sim_ros.compilation import compiled
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / 'snake_sim_ros'
@@ -95,20 +98,99 @@ def test_physics_imports_without_ros_and_matplotlib():
     assert python('-c', script, folder=ROOT) == 'imported\n'
 
 
-def test_physics_runs_without_nodes_and_without_compiler(tmp_path):
+@pytest.mark.parametrize('method', ['newton', 'newton_dense', 'gauss_seidel', 'paper'])
+def test_physics_runs_without_nodes_and_without_compiler(tmp_path, method):
     shutil.copytree(PACKAGE, tmp_path / 'snake_sim_ros', ignore=shutil.ignore_patterns('nodes'))
     program = str(ROOT / 'test' / 'short_run.py')
-    printed = python(program, folder=tmp_path, NUMBA_DISABLE_JIT='1')
-    file, q, u, impulse = json.loads(printed)
+    printed = python(program, method, folder=tmp_path, NUMBA_DISABLE_JIT='1')
+    file, q, u, history = json.loads(printed)
     assert Path(file).parent == tmp_path / 'snake_sim_ros'
-    end, compiled_impulse, report = short_run()
+    end, compiled_history, report = short_run(method)
     assert report.steps == 3
-    assert report.iterations_max > 3 * 10  # after which the contact problem is condensed
+    if method == 'paper':
+        assert report.iterations_max > 3 * 10  # after which the contact problem is condensed
     # Both round as written, but sines and tangents may come from another library: 120 sweeps pass
     # a last bit of them on, with stiff joints, to velocities below 1 m/s and 2 rad/s.
     assert np.abs(end.q - q).max() < 1e-12
     assert np.abs(end.u - u).max() < 1e-12
-    assert np.abs(compiled_impulse - impulse).max() < 1e-12
+    assert np.abs(compiled_history - history).max() < 1e-12
+
+
+# ---- compilation --------------------------------------------------------------------------------
+
+# Modules whose every function runs in the step of a compiled method; elsewhere a function with
+# rows of numbers in and out may be compiled and another one not.
+HOT = {
+    'articulated_body',
+    'contact_laws',
+    'contacts',
+    'delassus',
+    'gauss_seidel',
+    'kinematics',
+    'linear_laws',
+    'newton',
+    'prox_iteration',
+}
+
+
+def functions(path):
+    """Return the names of the functions at the top of a module, and of the compiled ones."""
+    nodes = [
+        node
+        for node in ast.parse(path.read_text(encoding='utf-8')).body
+        if isinstance(node, ast.FunctionDef)
+    ]
+    marked = [node.name for node in nodes if 'compiled' in map(ast.unparse, node.decorator_list)]
+    return {node.name for node in nodes}, set(marked)
+
+
+def test_all_physics_of_a_step_is_compiled():
+    assert HOT <= {path.stem for path in MODULES}
+    for path in MODULES:
+        names, marked = functions(path)
+        assert path.stem not in HOT or names == marked, path.stem
+    # What a step calls of other modules too.
+    names, marked = functions(PACKAGE / 'spatial.py')
+    assert names - marked == {'make_model', 'make_workspace'}
+
+
+@each_module
+def test_nothing_is_compiled_in_another_way(path):
+    # `compiled` is the only place that knows how: options would differ from function to function.
+    text = path.read_text(encoding='utf-8')
+    assert ('numba' in packages(path)) == (path.stem == 'compilation')
+    assert not re.search(r'\bn?jit\(', text) or path.stem == 'compilation'
+
+
+def makes_an_array(n):
+    return np.ones(n).sum()
+
+
+def copies_an_array(x):
+    return x.copy().sum()
+
+
+def makes_a_list(n):
+    return len([n, n])
+
+
+@pytest.mark.parametrize(
+    ('function', 'argument'),
+    [(makes_an_array, 3), (copies_an_array, np.ones(3)), (makes_a_list, 3)],
+)
+def test_functions_that_allocate_do_not_compile(function, argument):
+    # A step that allocates may wait for the allocator: the compiler refuses it.
+    assert function(argument) > 0
+    with pytest.raises(numba.core.errors.NumbaError):
+        compiled(function)(argument)
+
+
+def test_functions_that_only_write_to_arrays_compile():
+    def fill(x):
+        x[:] = 2.0
+        return x[1] + x[1:].sum()
+
+    assert compiled(fill)(np.ones(3)) == 6.0
 
 
 # ---- files --------------------------------------------------------------------------------------

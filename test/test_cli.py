@@ -35,7 +35,7 @@ def test_run_records_and_ends_with_a_line_of_json(tmp_path, capsys):
     lines = capsys.readouterr().out.splitlines()
     summary = json.loads(lines[-1])
     assert set(summary) >= KEYS
-    assert (summary['level'], summary['method']) == ('spatial', 'paper')
+    assert (summary['level'], summary['method']) == ('spatial', 'newton')
     assert 0 <= summary['unconverged_steps'] < 200 == summary['steps']
     assert summary['us_per_step'] > 0
     # Steps of 250 us
@@ -93,7 +93,8 @@ def test_numbers_in_settings_are_written_as_usual(capsys):
         (['lateral_undulation', '--out', 'nowhere/run.npz'], '--out: no folder'),
         (
             ['lateral_undulation', '--method', 'magic'],
-            "unknown method 'magic'; choose from: paper, reference",
+            "unknown method 'magic'; choose from: gauss_seidel, newton, newton_dense, paper, "
+            'reference',
         ),
     ],
 )

@@ -16,8 +16,10 @@ from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import Solver
 from snake_sim_ros.posture import chain
 from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import no_impulse
+from snake_sim_ros.stepping import METHODS
+from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import State
 
 # A projection is exact up to rounding: the root t to sqrt(1e-8)^2, then three products.
@@ -199,27 +201,40 @@ def test_both_sticking_and_sliding_were_solved():
     assert 3 <= sticks <= 17
 
 
+@pytest.mark.parametrize('delta', [0.0, 1e-4])
 @pytest.mark.parametrize('velocity', [(0.5, 0.3), (-0.2, 0.05), (0.0, 0.001), (1e-5, 1e-4)])
-def test_a_solved_step_satisfies_the_scaled_disc_law(velocity):
+@pytest.mark.parametrize('method', METHODS)
+def test_a_solved_step_satisfies_the_scaled_disc_law(method, velocity, delta):
     # One link on the floor, with the velocities of all its contacts from the dense directions.
     # Of the two spheres of one body the sliding rows are dependent, so only the law is compared.
     tolerance = 1e-13  # N s
     scene = Scene(
         robot=Robot(link_count=1),
         friction=Friction(longitudinal=0.1, transversal=0.5),
-        solver=Solver(tolerance=tolerance, iteration_limit=100_000),
+        solver=Solver(
+            tolerance=tolerance,
+            residual_tolerance=tolerance / 0.01,  # of a sliding velocity, r_T = 0.01 kg
+            iteration_limit=100_000,
+            normal_compliance=delta,
+        ),
+        method=method,
     )
     q = chain(scene.robot, np.zeros((0, 2)))
     q[:, 2] = scene.robot.contact_radius - 1e-9
     start = State(q, np.array([[*velocity, 0.0, 0.0, 0.0, 0.0]]))
     zero = np.zeros((1, 0, 2))
-    end, impulse, report = make_stepper(scene).advance(start, no_impulse(scene), zero, zero)
+    end, history, report = make_stepper(scene).advance(start, no_history(scene), zero, zero)
     assert (report.contacts, report.unconverged) == (2, 0)
     R = rotation_matrices(reference.middle_coordinates(start, scene.dt)[:, 3:])
-    _, W_T, _ = reference.contact_directions(scene.robot, R)
+    W_N, W_T, _ = reference.contact_directions(scene.robot, R)
     mu, r = np.array([0.1, 0.5]), scene.solver.r_sliding
-    for P, gamma in zip(impulse, (W_T.T @ end.u.ravel()).reshape(-1, 2), strict=True):
+    for P, gamma in zip(history[IMPULSE], (W_T.T @ end.u.ravel()).reshape(-1, 2), strict=True):
         scaled = mu * prox_disc(*(P[1:3] / mu - r * mu * gamma), P[0])
         # A step changes the impulses by less than the tolerance. From the residual of one law to
         # that of the other: a factor up to 1/mu_x^2 = 100.
         assert np.abs(scaled - P[1:3]).max() < 100 * tolerance
+    # Normal law: gamma_N + c P_N vanishes, up to the tolerance over r_N or the residual.
+    c = delta * reference.mean_delassus(scene.robot)
+    P_N, gamma_N = history[IMPULSE, :, 0], W_N.T @ end.u.ravel()
+    assert (P_N > 0).all()
+    assert np.abs(gamma_N + c * P_N).max() < scene.solver.residual_tolerance

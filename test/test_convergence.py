@@ -16,12 +16,13 @@ import numpy as np
 import pytest
 from scenes import ACROSS
 from scenes import ALONG
+from scenes import course
 from scenes import G
 from scenes import HEIGHT
-from scenes import history
 from scenes import lying
 from scenes import MASS
 from scenes import particle_scene
+from scenes import PRINTED
 from scenes import run
 from scipy.integrate import quad
 from scipy.optimize import brentq
@@ -37,7 +38,14 @@ from snake_sim_ros.posture import joint_angles
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.stepping import METHODS
+from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import State
+
+# The dense one agrees with `paper` step by step, see test_agreement.
+compiled_method = pytest.mark.parametrize(
+    'method', [name for name in METHODS if name != 'reference']
+)
 
 
 def check_order(expected, band, steps, errors):
@@ -160,18 +168,20 @@ def swinging_particle(time, load, omega, mu):
     return path, stops
 
 
-def swung_particle(count, gravity, mu):
+def swung_particle(method, count, gravity, mu):
     """Return x, y and whether the particle rests, at 20 times in 1 s of `count` steps."""
     dt, state, path = 1.0 / count, lying(radius=0.0), []
-    impulse, still = np.zeros((2, 5)), np.zeros((1, 0, 2))
+    history = no_history(particle_scene(method, dt, mu, gravity(0.0)))
+    still = np.zeros((1, 0, 2))
     for k in range(count):
-        scene = particle_scene('paper', dt, mu, gravity((k + 0.5) * dt))
-        state, impulse, _ = make_stepper(scene).advance(state, impulse, still, still)
+        scene = particle_scene(method, dt, mu, gravity((k + 0.5) * dt))
+        state, history, _ = make_stepper(scene).advance(state, history, still, still)
         path.append([*state.q[0, :2], np.abs(state.u[0, :2]).max() < 1e-10])
     return np.array(path)[count // 20 - 1 :: count // 20]
 
 
-def test_order_of_stick_slip_on_a_line():
+@compiled_method
+def test_order_of_stick_slip_on_a_line(method):
     # A force that depends on time only is integrated with second order by its value at the middle;
     # a transition at rest falls somewhere within a step, an error of up to mu g dt^2/8 each. So
     # this stick-slip keeps the second order. The fraction of the step at which transitions fall is
@@ -181,7 +191,9 @@ def test_order_of_stick_slip_on_a_line():
     assert stops >= 2
     counts, errors = 60 * 2 ** np.arange(6), []
     for count in counts:
-        path = swung_particle(count, lambda t: (load * G * math.sin(omega * t), 0.0, -G), (mu, mu))
+        path = swung_particle(
+            method, count, lambda t: (load * G * math.sin(omega * t), 0.0, -G), (mu, mu)
+        )
         errors.append(np.abs(path[:, 0] - exact).max())
     check_order(2, 0.3, 1.0 / counts, errors)
 
@@ -189,7 +201,8 @@ def test_order_of_stick_slip_on_a_line():
 @pytest.mark.parametrize(
     ('mu', 'load', 'phase'), [((0.3, 0.3), (0.3, 0.3), 0.0), ((0.1, 0.5), (0.12, 0.6), 2.1)]
 )
-def test_order_of_stick_slip_in_the_plane(mu, load, phase):
+@compiled_method
+def test_order_of_stick_slip_in_the_plane(method, mu, load, phase):
     # Gravity swings in x and y with a lag, so that the body sticks, slides along bends and sticks
     # again. The direction of friction is that of the velocity at the end of the step: first order.
     def gravity(t):
@@ -197,12 +210,13 @@ def test_order_of_stick_slip_in_the_plane(mu, load, phase):
         return x * G, y * G, -G
 
     counts = 60 * 2 ** np.arange(6)
-    paths = [swung_particle(count, gravity, mu) for count in counts]
+    paths = [swung_particle(method, count, gravity, mu) for count in counts]
     assert 0 < paths[-1][:, 2].sum() < 20
     check_order(1, 0.1, 1.0 / counts[:-1], differences([path[:, :2] for path in paths]))
 
 
-def test_order_of_sliding_that_turns_and_stops():
+@compiled_method
+def test_order_of_sliding_that_turns_and_stops(method):
     # Orthotropic friction, (1, 1) m/s: the end of the path by the integrals over v_x that are
     # derived in test_physics.py. The direction of friction is that of the end velocity: first
     # order.
@@ -214,23 +228,33 @@ def test_order_of_sliding_that_turns_and_stops():
         )[0])  # fmt: skip
     steps, errors = 1 / 1000 / 2 ** np.arange(6), []
     for dt in steps:
-        scene = particle_scene('paper', dt, (mu_x, mu_y), (0.0, 0.0, -G))
+        scene = particle_scene(method, dt, (mu_x, mu_y), (0.0, 0.0, -G))
         end, _, _ = run(scene, lying((1.0, 1.0, 0.0), radius=0.0), round(1.2 / dt))
         errors.append(np.abs(end.q[0, :2] - stop).max())
     check_order(1, 0.1, steps, errors)
 
 
-def test_order_of_lateral_undulation_on_the_floor():
+@pytest.mark.parametrize('method', ['newton', 'paper'])
+def test_order_of_lateral_undulation_on_the_floor(method):
     # Joints, and friction that turns at 22 sliding contacts: first order, as far as the split of
-    # the normal forces, which is not unique, converges too. The tolerance shrinks with dt, as
-    # impulses do. From rest, the first quarter second; sampled every 25 ms.
+    # the normal forces converges too: by the printed laws it is not unique, the selection rule
+    # makes it so. The tolerance shrinks with dt, as impulses do. From rest, the first quarter
+    # second; sampled every 25 ms.
     steps, paths = 1 / 2000 / 2 ** np.arange(5), []
     for dt in steps:
-        settings = {'dt': dt, 'solver.tolerance': 4e-5 * dt, 'solver.iteration_limit': 20000}
+        settings = {
+            'method': method,
+            'dt': dt,
+            'solver.tolerance': 4e-5 * dt,
+            'solver.residual_tolerance': 1e-6 * dt,
+            'solver.iteration_limit': 20000,
+        }
+        if method == 'paper':
+            settings |= {f'solver.{name}': value for name, value in PRINTED.items()}
         scene = with_settings(load_scene('lateral_undulation'), settings)
         start = initial_state(scene)
         start.q[:, 2] -= 1e-6  # contacts safely closed
         every = round(0.025 / dt)
-        states, _, _ = history(scene, start, 10 * every, every)
+        states, _, _ = course(scene, start, 10 * every, every)
         paths.append(states.q[:, :, :3])
     check_order(1, 0.1, steps[:-1], differences(paths))

@@ -1,5 +1,6 @@
 """What a stepper promises, whatever its method: untouched inputs, reports, refusals."""
 
+from dataclasses import fields
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +11,16 @@ from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import Solver
 from snake_sim_ros.records import ParameterError
+from snake_sim_ros.stepping import CHANGE
+from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import make_stepper
 from snake_sim_ros.stepping import METHODS
-from snake_sim_ros.stepping import no_impulse
+from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
 from snake_sim_ros.stepping import Status
+from snake_sim_ros.stepping import VELOCITY
 
 each_method = pytest.mark.parametrize('method', METHODS)
 
@@ -26,7 +30,7 @@ def problem(method, steps, **solver):
     scene = replace(load_scene('sidewinding'), method=method, solver=Solver(**solver))
     times = (np.arange(steps) + 0.5) * scene.dt
     reference = gait.reference(scene.gait, times, scene.robot.link_count - 1)
-    return make_stepper(scene), (initial_state(scene), no_impulse(scene), *reference)
+    return make_stepper(scene), (initial_state(scene), no_history(scene), *reference)
 
 
 def test_a_scene_begins_at_rest():
@@ -34,33 +38,40 @@ def test_a_scene_begins_at_rest():
     state = initial_state(scene)
     assert state.q.shape == (11, 7)
     assert state.u.tolist() == [[0.0] * 6] * 11
-    assert no_impulse(scene).tolist() == [[0.0] * 5] * 22
+    history = no_history(scene)
+    assert history.shape[1:] == (22, 5)
+    assert len(history) > max(IMPULSE, VELOCITY, CHANGE)
+    assert not history.any()
 
 
 def test_unknown_methods_are_refused():
     with pytest.raises(ParameterError) as caught:
-        make_stepper(Scene(method='gauss_seidel'))
+        make_stepper(Scene(method='magic'))
     names = ', '.join(sorted(METHODS))
-    assert str(caught.value) == f"unknown method 'gauss_seidel'; choose from: {names}"
+    assert str(caught.value) == f"unknown method 'magic'; choose from: {names}"
 
 
 def test_reports_add_up():
-    first = Report(2, 30, 20, 1, 1e-6, 2e-5, 1e-9, 4e-9, 22, np.ones((1, 2)))
-    later = Report(3, 12, 5, 0, 3e-6, 1e-5, 2e-9, 1e-9, 20, np.zeros((1, 2)))
+    first = Report(
+        steps=2, iterations=30, iterations_max=20, unconverged=1, fallbacks=4, residual_max=1e-6,
+        printed_residual_max=2e-6, penetration_max=2e-5, joint_gap_max=1e-9, joint_twist_max=4e-9,
+        contacts=22, joint_torque=np.ones((1, 2)),
+    )  # fmt: skip
+    later = Report(
+        steps=3, iterations=12, iterations_max=5, unconverged=0, fallbacks=1, residual_max=3e-6,
+        printed_residual_max=1e-6, penetration_max=1e-5, joint_gap_max=2e-9, joint_twist_max=1e-9,
+        contacts=20, joint_torque=np.zeros((1, 2)),
+    )  # fmt: skip
     total = first + later
     # Counters are summed, largest values kept, contacts and torques are those of the last step.
     assert (total.steps, total.iterations, total.iterations_max) == (5, 42, 20)
-    assert (total.unconverged, total.contacts) == (1, 20)
+    assert (total.unconverged, total.fallbacks, total.contacts) == (1, 5, 20)
     assert (total.residual_max, total.penetration_max) == (3e-6, 2e-5)
+    assert total.printed_residual_max == 2e-6
     assert (total.joint_gap_max, total.joint_twist_max) == (2e-9, 4e-9)
     assert total.joint_torque is later.joint_torque
-    largest = (
-        'iterations_max',
-        'residual_max',
-        'penetration_max',
-        'joint_gap_max',
-        'joint_twist_max',
-    )
+    largest = [field.name for field in fields(Report) if field.name.endswith('_max')]
+    assert len(largest) == 6
     for name in largest:
         assert getattr(later + first, name) == getattr(total, name)
 
@@ -77,15 +88,15 @@ def test_status_is_the_worst():
 
 @each_method
 def test_inputs_are_left_alone(method):
-    stepper, (state, impulse, angle, rate) = problem(method, 2, iteration_limit=5)
-    copies = [array.copy() for array in (state.q, state.u, impulse, angle, rate)]
-    end, end_impulse, _ = stepper.advance(state, impulse, angle, rate)
-    for array, copy in zip((state.q, state.u, impulse, angle, rate), copies, strict=True):
+    stepper, (state, history, angle, rate) = problem(method, 2, iteration_limit=5)
+    copies = [array.copy() for array in (state.q, state.u, history, angle, rate)]
+    end, end_history, _ = stepper.advance(state, history, angle, rate)
+    for array, copy in zip((state.q, state.u, history, angle, rate), copies, strict=True):
         assert (array == copy).all()
     # Results do not share memory with inputs, nor with what the stepper returns next.
-    kept = [array.copy() for array in (end.q, end.u, end_impulse)]
-    stepper.advance(end, end_impulse, angle, rate)
-    for array, copy in zip((end.q, end.u, end_impulse), kept, strict=True):
+    kept = [array.copy() for array in (end.q, end.u, end_history)]
+    stepper.advance(end, end_history, angle, rate)
+    for array, copy in zip((end.q, end.u, end_history), kept, strict=True):
         assert (array == copy).all()
 
 
@@ -103,18 +114,20 @@ def test_a_stepper_has_no_memory(method):
 
 @each_method
 def test_no_references_are_no_steps(method):
-    stepper, (state, impulse, angle, rate) = problem(method, 0)
-    end, end_impulse, report = stepper.advance(state, impulse, angle, rate)
+    stepper, (state, history, angle, rate) = problem(method, 0)
+    end, end_history, report = stepper.advance(state, history, angle, rate)
     assert (end.q == state.q).all()
     assert (end.u == state.u).all()
-    assert (end_impulse == impulse).all()
+    assert (end_history == history).all()
     assert (report.steps, report.status) == (0, Status.CONVERGED)
     assert np.isfinite(report.joint_torque).all()
 
 
 @each_method
 def test_a_step_that_does_not_converge_says_so(method):
-    stepper, arguments = problem(method, 2, iteration_limit=3, tolerance=1e-15)
+    stepper, arguments = problem(
+        method, 2, iteration_limit=3, tolerance=1e-15, residual_tolerance=1e-300
+    )
     _, _, report = stepper.advance(*arguments)
     assert (report.steps, report.iterations, report.iterations_max) == (2, 6, 3)
     assert (report.unconverged, report.status) == (2, Status.MAX_ITERATIONS)
@@ -123,11 +136,11 @@ def test_a_step_that_does_not_converge_says_so(method):
 
 @each_method
 def test_a_step_that_diverges_says_so(method):
-    stepper, (state, impulse, angle, rate) = problem(method, 3, iteration_limit=5)
+    stepper, (state, history, angle, rate) = problem(method, 3, iteration_limit=5)
     fast = State(state.q, state.u.copy())
     # 1e5 rad/s are 25 rad a step of 1/4000 s, which says nothing about where the link is.
     fast.u[:, 3] = 1e5
-    end, _, report = stepper.advance(fast, impulse, angle, rate)
+    end, _, report = stepper.advance(fast, history, angle, rate)
     assert report.status is Status.DIVERGED
     assert report.steps == 0
     assert report.failure.startswith('link 1 would turn by ')
@@ -138,8 +151,8 @@ def test_a_step_that_diverges_says_so(method):
 @each_method
 @pytest.mark.parametrize('bad', [np.nan, np.inf])
 def test_a_state_that_is_not_finite_says_so(method, bad):
-    stepper, (state, impulse, angle, rate) = problem(method, 1, iteration_limit=5)
+    stepper, (state, history, angle, rate) = problem(method, 1, iteration_limit=5)
     state.u[4, 2] = bad
     with np.errstate(invalid='ignore'):
-        _, _, report = stepper.advance(state, impulse, angle, rate)
+        _, _, report = stepper.advance(state, history, angle, rate)
     assert report.status is Status.DIVERGED

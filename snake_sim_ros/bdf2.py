@@ -61,6 +61,7 @@ LANDING = 1e-2  # approach velocity from which a landing is an event [m/s]
 
 # What the method keeps in history from PREVIOUS on, for n links: q (7n), u (6n), and then
 SMOOTH, SPAN = 0, 1  # whether q and u count, and the time that the last impulses acted for
+RATE = 2  # rates of the joint references (2(n-1))
 
 
 @compiled
@@ -121,7 +122,9 @@ def begin(model, work, h, q, u, history, angle, rate, twice):
         if not rests and gap > model.activation_tolerance:
             table[a, SHIFT] = gap / h
         table[a, GAMMA] += table[a, SHIFT]
-    return count, selected(model.laws, contact, table, model.mass, history[0], PRESS)
+    return count, selected(
+        model.laws, contact, table, model.mass, history[0], PRESS, -h * model.gravity[2]
+    )
 
 
 @compiled
@@ -158,9 +161,6 @@ def one_step(model, work, h, q, u, history, angle, rate, twice, report):
 
     count, laws = begin(model, work, h, q, u, history, angle, rate, twice)
     contact, table = work.contact[:count], work.table
-    for a in contact:
-        if history[0, a, 0] > 0.0:
-            table[a, START] = 0.0  # it carried load: no landing
     outcome = solve_contacts(model, laws, contact, table, work.chain, None, history)
     landed = 0
     for a in contact:
@@ -182,7 +182,8 @@ def step(model, work, q, u, history, angle, rate, report):
     """Advance q, u and history by one step; return whether it did not diverge."""
     n = len(q)
     previous = history[3:].reshape(history[3:].size)
-    if previous[13 * n + SPAN] == 0.0:
+    known = previous[13 * n + SPAN] > 0.0
+    if not known:
         previous[13 * n + SPAN] = model.dt
     keep(q, u, history, work)
     parts = 1 if previous[13 * n + SMOOTH] > 0.0 else SUB_STEPS
@@ -190,13 +191,18 @@ def step(model, work, q, u, history, angle, rate, report):
     while part < parts:
         part += 1
         twice = parts == 1
-        end = model.dt * part / parts
-        for j in range(len(angle)):  # the reference is that of the middle of the step
+        late = model.dt * (part / parts - 0.5)  # the reference is that of the middle of the step
+        for j in range(len(angle)):
             for axis in range(2):
-                late = (end - model.dt / 2) * rate[j, axis]
-                work.end_angle[j, axis] = angle[j, axis] + late
+                change = rate[j, axis] - previous[13 * n + RATE + 2 * j + axis]
+                acceleration = change / model.dt if known else 0.0
+                work.end_rate[j, axis] = rate[j, axis] + late * acceleration
+                mean = rate[j, axis] + 0.5 * late * acceleration
+                work.end_angle[j, axis] = angle[j, axis] + late * mean
         h = 2.0 / 3.0 * model.dt if twice else model.dt / parts
-        outcome = one_step(model, work, h, q, u, history, work.end_angle, rate, twice, report)
+        outcome = one_step(
+            model, work, h, q, u, history, work.end_angle, work.end_rate, twice, report
+        )
         landed = max(landed, outcome)
         if outcome < 0 or (outcome > 0 and twice):
             restore(q, u, history, work)
@@ -209,6 +215,9 @@ def step(model, work, q, u, history, angle, rate, report):
             previous[7 * i + k] = work.q_start[i, k]
         for k in range(6):
             previous[7 * n + 6 * i + k] = work.u_start[i, k]
+    for j in range(len(angle)):
+        for axis in range(2):
+            previous[13 * n + RATE + 2 * j + axis] = rate[j, axis]
     previous[13 * n + SMOOTH] = 1.0 - landed
     scale = model.dt / previous[13 * n + SPAN]
     for j in range(len(work.applied)):

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
 from snake_sim_ros.contact_laws import prox_ellipse
+from snake_sim_ros.contact_laws import REST
 
 # Columns of the table.
 POINT = 0  # contact point from O
@@ -23,6 +24,7 @@ IMPULSE = 11  # impulses [N s]
 GAP = 16  # gap [m]
 SHIFT = 17  # velocity that a gap still leaves open: a part of the normal GAMMA [m/s]
 START = 18  # normal velocity before the contacts act [m/s]
+CENTER = 19  # normal impulse about which the selection rule is compliant [N s]
 LAW = 20  # first column of `linear_laws`
 
 
@@ -120,18 +122,29 @@ def contact_velocities(contact, table, twist):
 
 
 @inlined
-def selected(laws, contact, table, mass, impulse, press):
+def selected(laws, contact, table, mass, impulse, press, fall):
     """
-    Return the laws with the compliance that this step selects with; GAMMA is of its start.
+    Fill CENTER, and return the laws with the compliance that this step selects with.
+
+    GAMMA is of the start of the step, impulse of the last one, and weight adds `fall` [m/s].
 
     Deviation: the compliance of the selection rule moves a contact into the floor by compliance
     times P_N. It is reduced where that would be more than `press`, for the largest normal impulse
     that is to be expected: the last one of a contact, or twice what stops its link alone.
+
+    Deviation: while all contacts that carry load are at rest, the rule selects the impulses next to
+    the last ones instead of those of least norm, so that nothing sinks or creeps.
     """
     n = len(mass)
-    most = 0.0
+    most = fastest = 0.0
     for a in contact:
-        most = max(most, impulse[a, 0], -2.0 * mass[a if a < n else a - n] * table[a, GAMMA])
+        stop = fall - 2.0 * table[a, GAMMA]
+        most = max(most, impulse[a, 0], mass[a if a < n else a - n] * stop)
+        if impulse[a, 0] > 0.0:
+            slip = max(abs(table[a, GAMMA + 1]), abs(table[a, GAMMA + 2]))
+            fastest = max(fastest, abs(table[a, GAMMA]), slip)
+    for a in contact:
+        table[a, CENTER] = impulse[a, 0] if fastest <= REST else 0.0
     compliance = laws.compliance
     if most > 0.0:
         compliance = min(compliance, max(laws.least, press / most))
@@ -153,7 +166,7 @@ def natural_map(laws, contact, table, enough):
     Returns
     -------
     residual : float
-        Of the laws with the selection rule: ``gamma_N + compliance P_N`` in place of gamma_N.
+        Of the laws with the selection rule: ``gamma_N + compliance (P_N - CENTER)`` for gamma_N.
     printed_residual : float
         Of the laws of the paper, without the rule.
 
@@ -162,7 +175,8 @@ def natural_map(laws, contact, table, enough):
     for a in contact:
         P_N = table[a, IMPULSE]
         x = P_N - laws.r_N * table[a, GAMMA]
-        selected = max(selected, abs(P_N - max(0.0, x - laws.r_N * laws.compliance * P_N)))
+        rule = laws.compliance * (P_N - table[a, CENTER])
+        selected = max(selected, abs(P_N - max(0.0, x - laws.r_N * rule)))
         printed = max(printed, abs(P_N - max(0.0, x)))
         slide = disc_misfit(
             table[a, IMPULSE + 1], table[a, IMPULSE + 2], table[a, GAMMA + 1],

@@ -17,6 +17,7 @@ from snake_sim_ros.compilation import cycle_counter
 from snake_sim_ros.contact_laws import prox_disc
 from snake_sim_ros.contact_laws import prox_ellipse
 from snake_sim_ros.contact_laws import prox_half_line
+from snake_sim_ros.contacts import CENTER
 from snake_sim_ros.contacts import natural_map
 from snake_sim_ros.delassus import condense
 from snake_sim_ros.delassus import condensed_velocities
@@ -27,14 +28,15 @@ from snake_sim_ros.spatial import end_step
 
 
 @compiled
-def sweep(laws, contact, width, delassus, impulse):
+def sweep(laws, contact, width, table, delassus, impulse):
     """Project the impulse of every closed contact once, with the velocities of that moment."""
     G, gamma, rows = delassus.operator, delassus.packed, width * len(contact)
     for k, a in enumerate(contact):
         row = width * k
         P_N = impulse[a, 0]
         r = 1.0 / (G[row, row] + laws.compliance)
-        P_N = prox_half_line(P_N - r * (gamma[row] + laws.compliance * P_N))
+        rule = laws.compliance * (P_N - table[a, CENTER])
+        P_N = prox_half_line(P_N - r * (gamma[row] + rule))
         put(G, gamma, rows, row, impulse, a, 0, P_N)
         r = 1.0 / largest_eigenvalue(G, row + 1)
         x, y = impulse[a, 1] - r * gamma[row + 1], impulse[a, 2] - r * gamma[row + 2]
@@ -82,7 +84,7 @@ def iterate(laws, tolerance, limit, contact, table, chain, delassus, impulse):
         residual, printed = natural_map(laws, contact, table, tolerance)
         if residual <= tolerance or iterations >= limit:
             break
-        sweep(laws, contact, width, delassus, impulse)
+        sweep(laws, contact, width, table, delassus, impulse)
         iterations += 1
     end_twists(contact, table, chain)
     return iterations, residual <= tolerance, residual, printed, False

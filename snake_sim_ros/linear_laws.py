@@ -22,6 +22,7 @@ from snake_sim_ros.articulated_body import left_over
 from snake_sim_ros.articulated_body import unload_chain
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
+from snake_sim_ros.contacts import CENTER
 from snake_sim_ros.contacts import contact_velocities
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import HEADING
@@ -49,11 +50,11 @@ FREE = -1.0
 
 
 @compiled
-def normal_law(laws, anchor, gamma):
+def normal_law(laws, center, anchor, gamma):
     """Return the impulse that follows from gamma_N, and its derivative with the opposite sign."""
     proximal = 0.0 if laws.compliance > 1e-2 * laws.proximal else laws.proximal
     stiffness = 1.0 / (laws.compliance + proximal)
-    P_N = stiffness * (proximal * anchor - gamma)
+    P_N = stiffness * (laws.compliance * center + proximal * anchor - gamma)
     return (P_N, stiffness) if P_N > 0.0 else (0.0, 0.0)
 
 
@@ -108,7 +109,7 @@ def linearize_disc(disc, table, a, radius, S_N):
 def linearize(laws, contact, table):
     """Fill the laws of all contacts, linear about TRIAL."""
     for a in contact:
-        P_N, S_N = normal_law(laws, table[a, ANCHOR], table[a, TRIAL])
+        P_N, S_N = normal_law(laws, table[a, CENTER], table[a, ANCHOR], table[a, TRIAL])
         table[a, LAW], table[a, LAW + 1] = P_N + S_N * table[a, TRIAL], S_N
         radius, follow = (P_N, S_N) if table[a, DISC] == FREE else (table[a, DISC], 0.0)
         linearize_disc(laws.sliding, table, a, radius, follow)

@@ -20,6 +20,7 @@ from snake_sim_ros.articulated_body import unload_chain
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import cycle_counter
 from snake_sim_ros.compilation import inlined
+from snake_sim_ros.contacts import CENTER
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import IMPULSE
 from snake_sim_ros.contacts import natural_map
@@ -64,7 +65,9 @@ def misfit(laws, contact, table, fraction):
     slope = normal = sliding = rolling = 0.0
     for a in contact:
         step = table[a, GAMMA] - table[a, TRIAL]
-        P_N, _ = normal_law(laws, table[a, ANCHOR], table[a, TRIAL] + fraction * step)
+        P_N, _ = normal_law(
+            laws, table[a, CENTER], table[a, ANCHOR], table[a, TRIAL] + fraction * step
+        )
         radius = P_N if table[a, DISC] == FREE else table[a, DISC]
         P = table[a, ITERATE]
         d = P + fraction * (table[a, IMPULSE] - P) - P_N
@@ -304,7 +307,7 @@ def predict(laws, contact, table, history):
                 ahead = x * next_x + y * next_y > 0.0
                 table[a, TRIAL + k] = next_x if ahead else x
                 table[a, TRIAL + k + 1] = next_y if ahead else y
-        table[a, TRIAL] = -laws.compliance * max(0.0, P_N)
+        table[a, TRIAL] = -laws.compliance * (max(0.0, P_N) - table[a, CENTER])
 
 
 @inlined

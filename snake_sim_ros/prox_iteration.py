@@ -9,6 +9,7 @@ from snake_sim_ros.compilation import cycle_counter
 from snake_sim_ros.contact_laws import prox_disc
 from snake_sim_ros.contact_laws import prox_ellipse
 from snake_sim_ros.contact_laws import prox_half_line
+from snake_sim_ros.contacts import CENTER
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import IMPULSE
 from snake_sim_ros.contacts import natural_map
@@ -41,7 +42,8 @@ def prox_sweep(laws, contact, table, impulse):
     normal = sliding = rolling = 0.0
     for a in contact:
         P_N, P_x, P_y = table[a, IMPULSE], table[a, IMPULSE + 1], table[a, IMPULSE + 2]
-        new = prox_half_line(P_N - laws.r_N * (table[a, GAMMA] + laws.compliance * P_N))
+        rule = laws.compliance * (P_N - table[a, CENTER])
+        new = prox_half_line(P_N - laws.r_N * (table[a, GAMMA] + rule))
         new_x, new_y = prox_ellipse(
             P_x - laws.r_T * table[a, GAMMA + 1],
             P_y - laws.r_T * table[a, GAMMA + 2],

@@ -22,6 +22,7 @@ from snake_sim_ros.contact_laws import PRESS
 from snake_sim_ros.contact_laws import prox_disc
 from snake_sim_ros.contact_laws import prox_ellipse
 from snake_sim_ros.contact_laws import prox_half_line
+from snake_sim_ros.contact_laws import REST
 from snake_sim_ros.joint_control import pd_law
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import PD_SCHEMES
@@ -255,18 +256,28 @@ def selection_compliance(compliance: float, least: float, impulses: Array) -> fl
     return min(compliance, max(least, PRESS / most)) if most > 0.0 else compliance
 
 
-def contact_prox(scene: Scene, compliance: float, P: Array, gamma: Array) -> Array:
+def selection_center(P_N: Array, gamma: Array) -> Array:
+    """
+    Return the normal impulses about which the selection rule is compliant in a step.
+
+    Deviation: zero, but the last ones P_N while all contacts that carry load are at rest, so that
+    nothing sinks or creeps. gamma (m, 3) are normal and sliding velocities at the start.
+    """
+    return P_N if np.abs(gamma[P_N > 0.0]).max(initial=0.0) <= REST else np.zeros_like(P_N)
+
+
+def contact_prox(scene: Scene, compliance: float, center: float, P: Array, gamma: Array) -> Array:
     """
     Return the impulses of one contact after one projection, eqs. (87)-(89), shape (5,).
 
     The sliding and rolling sets take the new normal impulse.
 
-    Deviation: the selection rule takes ``gamma_N + compliance P_N`` [1/kg] in place of gamma_N.
+    Deviation: the selection rule takes ``gamma_N + compliance (P_N - center)`` for gamma_N.
     The normal forces of a robot that lies flat are not unique, and friction depends on them; this
     tiny compliance makes them the ones of least norm. The scene can switch it off.
     """
     friction, r = scene.friction, scene.solver
-    P_N = prox_half_line(P[0] - r.r_normal * (gamma[0] + compliance * P[0]))
+    P_N = prox_half_line(P[0] - r.r_normal * (gamma[0] + compliance * (P[0] - center)))
     P_T = prox_ellipse(
         *(P[1:3] - r.r_sliding * gamma[1:3]),
         friction.longitudinal * P_N,
@@ -327,12 +338,15 @@ class ReferenceStepper:
         joint_factor = cho_factor(W_J.T @ M_inv @ W_J, check_finite=False) if n > 1 else None
 
         P, iterations, change = impulse[active], 0, math.inf
-        stops = 2.0 * robot.per_link('link_mass')[active % n] * -(W_N.T @ u_A)
+        fall = -dt * scene.gravity[2]
+        gamma_A = np.column_stack([W_N.T @ u_A, (W_T.T @ u_A).reshape(-1, 2)])
+        stops = robot.per_link('link_mass')[active % n] * (fall - 2.0 * gamma_A[:, 0])
         compliance = selection_compliance(
             scene.solver.normal_compliance * self.size,
             LEAST * self.size,
             np.append(P[:, 0], stops),
         )
+        center = selection_center(P[:, 0], gamma_A)
         while not change < scene.solver.tolerance and iterations < scene.solver.iteration_limit:
             S = W_N @ P[:, 0] + W_T @ P[:, 1:3].ravel() + W_V @ P[:, 3:].ravel()  # (76)
             # (84), with both terms negative; the paper's first sign is lost in print.
@@ -343,7 +357,10 @@ class ReferenceStepper:
             gamma_T, gamma_V = (W_T.T @ u_E).reshape(-1, 2), (W_V.T @ u_E).reshape(-1, 2)
             gamma = np.hstack([gamma_N, gamma_T, gamma_V])
             P_new = np.array(
-                [contact_prox(scene, compliance, *pair) for pair in zip(P, gamma, strict=True)]
+                [
+                    contact_prox(scene, compliance, *args)
+                    for args in zip(center, P, gamma, strict=True)
+                ]
             )
             step = P_new.reshape(P.shape) - P
             change = sum(float(np.linalg.norm(step[:, k])) for k in ([0], [1, 2], [3, 4]))  # (93)
@@ -357,7 +374,7 @@ class ReferenceStepper:
         g_J = joint_gaps(robot, without_drift(robot, q_free, 'none'))
 
         def residual(delta: float) -> float:
-            pairs = zip(P - step, gamma, strict=True)  # the impulses that gave u_E
+            pairs = zip(center, P - step, gamma, strict=True)  # the impulses that gave u_E
             return max((natural_map(scene, delta, *pair) for pair in pairs), default=0.0)
 
         report = Report(
@@ -376,13 +393,13 @@ class ReferenceStepper:
         return State(q_E, u_E), history, report
 
 
-def natural_map(scene: Scene, compliance: float, P: Array, gamma: Array) -> float:
+def natural_map(scene: Scene, compliance: float, center: float, P: Array, gamma: Array) -> float:
     """Return ``max |P - prox_C(P - r gamma)|/r`` of one contact, sets of the given P_N [m/s]."""
     friction, r = scene.friction, scene.solver
     x, y = P[1:3] - r.r_sliding * gamma[1:3]
     P_T = prox_ellipse(x, y, friction.longitudinal * P[0], friction.transversal * P[0])
     P_V = prox_disc(*(P[3:] - r.r_rolling * gamma[3:]), friction.rolling * P[0])
-    P_N = prox_half_line(P[0] - r.r_normal * (gamma[0] + compliance * P[0]))
+    P_N = prox_half_line(P[0] - r.r_normal * (gamma[0] + compliance * (P[0] - center)))
     sliding = float(np.linalg.norm(P[1:3] - P_T)) / r.r_sliding
     rolling = float(np.linalg.norm(P[3:] - P_V)) / r.r_rolling
     return max(float(abs(P[0] - P_N)) / r.r_normal, sliding, rolling)

@@ -96,12 +96,13 @@ class Workspace(NamedTuple):
     damping: Array  # (n-1, 2) implicit part of the controller, times dt [N m s^2]
     applied: Array  # (n-1, 2) impulse of the controller with its implicit part [N m s]
     q_hat: Array  # (n, 7), u_hat, u_star (n, 6), q_start (n, 7), u_start (n, 6),
-    u_hat: Array  # history (5, 2n, 5), end_angle (n-1, 2): see bdf2
+    u_hat: Array  # history (5, 2n, 5), end_angle, end_rate (n-1, 2): see bdf2
     u_star: Array
     q_start: Array
     u_start: Array
     history: Array
     end_angle: Array
+    end_rate: Array
     chain: Chain
     contact: Array  # (2n,) indices of the closed contacts
     table: Array  # (2n, COLUMNS) see contacts and newton
@@ -242,7 +243,9 @@ def begin_step(model, work, q, u, impulse, angle, rate):
     )  # fmt: skip
     contact = work.contact[:count]
     contact_velocities(contact, work.table, chain.twist)
-    return count, selected(model.laws, contact, work.table, model.mass, impulse, PRESS)
+    return count, selected(
+        model.laws, contact, work.table, model.mass, impulse, PRESS, -model.dt * model.gravity[2]
+    )
 
 
 @inlined
@@ -370,6 +373,7 @@ def make_workspace(n: int, size: int) -> Workspace:
         u_start=zeros((n, 6)),
         history=zeros((5, 2 * n, 5)),
         end_angle=zeros((n - 1, 2)),
+        end_rate=zeros((n - 1, 2)),
         chain=Chain(
             axis=zeros((n - 1, 2, 6)),
             torque=zeros((n - 1, 2)),

@@ -44,8 +44,6 @@ RESIDUAL = 1e-9  # m/s, the tolerance of all scenes
 # Not promised to converge: Painleve's threshold is 0.978 for one link and lower with impulses from
 # the joints; and thrown, tumbling links with rolling friction.
 OPEN = ('mu 5 ', 'mu 1', 'mu 2', 'mu 5', 'mu 3', 'tumbling')
-# Two solutions exist: both methods find one, not the same.
-AMBIGUOUS = ('mu_V',)
 
 
 def load():
@@ -66,7 +64,6 @@ def load():
 
 PROBLEMS = load()
 SOLVABLE = [name for name in PROBLEMS if not any(part in name for part in OPEN)]
-UNIQUE = [name for name in SOLVABLE if not any(part in name for part in AMBIGUOUS)]
 each_problem = pytest.mark.parametrize('name', PROBLEMS)
 each_solvable = pytest.mark.parametrize('name', SOLVABLE)
 each_method = pytest.mark.parametrize('method', ['newton', 'newton_dense'])
@@ -132,7 +129,7 @@ def test_velocities_follow_from_the_impulses(name, method):
     assert np.abs(step.velocities(P) - u.ravel()).max() <= bound
 
 
-@pytest.mark.parametrize('name', UNIQUE)
+@each_solvable
 def test_both_methods_find_the_same_velocities(name):
     step, P, u, report = solved(name, 'newton')
     _, other_P, other_u, other_report = solved(name, 'newton_dense')

@@ -1,0 +1,112 @@
+"""One step of the paper's scheme in dense NumPy, to judge what a compiled solver made of it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from snake_sim_ros import reference
+from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.posture import gaps
+from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.stepping import IMPULSE
+from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.stepping import Report
+from snake_sim_ros.stepping import State
+
+EPS = np.finfo(float).eps
+
+
+@dataclass
+class DenseStep:
+    """
+    The linear part of a step, eqs. (75), (76): velocities as they follow from contact impulses.
+
+    Attributes
+    ----------
+    active : ndarray, shape (k,)
+        Closed contacts.
+    W : ndarray, shape (6n, k, 5)
+        Directions (normal, sliding x y, rolling x y): ``gamma = W^T u``.
+    M : ndarray, shape (6n, 6n)
+        Mass matrix with the implicit part of the controller.
+    W_J : ndarray, shape (6n, 4(n-1))
+    momentum : ndarray, shape (6n,)
+    compliance : float
+        Of the selection rule in this step [1/kg].
+
+    """
+
+    scene: Scene
+    active: Array
+    W: Array
+    M: Array
+    W_J: Array
+    momentum: Array
+    compliance: float
+
+    def velocities(self, P: Array) -> Array:
+        """Return u (6n,) for impulses (k, 5) of the closed contacts: the balance with joints."""
+        rows, joints = self.W_J.shape
+        K = np.zeros((rows + joints, rows + joints))
+        K[:rows, :rows], K[:rows, rows:], K[rows:, :rows] = self.M, -self.W_J, self.W_J.T
+        right = self.momentum + np.einsum('rkj,kj->r', self.W, P)
+        return np.linalg.solve(K, np.append(right, np.zeros(joints)))[:rows]
+
+    def gamma(self, u: Array) -> Array:
+        """Return relative velocities (k, 5)."""
+        return np.einsum('rkj,r->kj', self.W, u.ravel())
+
+    def energy(self, u: Array) -> float:
+        """Return what contact impulses cannot raise: u^T M u/2, implicit controller included."""
+        return float(u.ravel() @ self.M @ u.ravel()) / 2
+
+    def delassus(self) -> Array:
+        """Return G (5k, 5k): gamma = G P + gamma_free."""
+        W = self.W.reshape(len(self.W), -1)
+        columns = np.linalg.solve(self.M, np.hstack([W, self.W_J]))
+        split = W.shape[1]
+        G, H = W.T @ columns[:, :split], self.W_J.T @ columns[:, :split]
+        if self.W_J.shape[1]:
+            G = G - H.T @ np.linalg.solve(self.W_J.T @ columns[:, split:], H)
+        return G
+
+    def residual(self, P: Array, gamma: Array, compliance: float) -> float:
+        """Return the exact natural-map residual of all closed contacts [m/s]."""
+        pairs = zip(P, gamma, strict=True)
+        return max((reference.natural_map(self.scene, compliance, *p) for p in pairs), default=0.0)
+
+
+def dense_step(scene: Scene, state: State, history: Array, angle: Array, rate: Array) -> DenseStep:
+    """Return the step from a state with one reference (n-1, 2)."""
+    robot, dt, n = scene.robot, scene.dt, scene.robot.link_count
+    q_M = reference.middle_coordinates(state, dt)
+    R = rotation_matrices(q_M[:, 3:])
+    active = np.flatnonzero(gaps(robot, q_M) <= scene.solver.activation_tolerance)
+    W_N, W_T, W_V = reference.contact_directions(robot, R)
+    W = np.concatenate(
+        [W_N[:, :, None], W_T.reshape(6 * n, -1, 2), W_V.reshape(6 * n, -1, 2)], axis=2
+    )[:, active]
+    W_tau = reference.torque_directions(R)
+    torque, damping = reference.joint_torque_law(scene, state, q_M, angle, rate)
+    M, u_A = reference.mass_matrix(robot), state.u.ravel()
+    h = reference.smooth_forces(robot, np.array(scene.gravity), state.u)
+    stops = 2.0 * robot.per_link('link_mass')[active % n] * -(W[:, :, 0].T @ u_A)
+    most = np.append(history[IMPULSE, active, 0], stops)
+    delta = scene.solver.normal_compliance * reference.mean_delassus(robot)
+    return DenseStep(
+        scene=scene,
+        active=active,
+        W=W,
+        M=M + dt * (W_tau * damping) @ W_tau.T,
+        W_J=reference.joint_directions(robot, R),
+        momentum=M @ u_A + h * dt + W_tau @ torque * dt,
+        compliance=reference.selection_compliance(delta, most),
+    )
+
+
+def one_step(
+    scene: Scene, state: State, history: Array, angle: Array, rate: Array
+) -> tuple[State, Array, Report]:
+    """Return state, history and report after one step with one reference (n-1, 2)."""
+    return make_stepper(scene).advance(state, history, angle[None], rate[None])

@@ -1,0 +1,126 @@
+"""What is at rest stays at rest, what slides does not lift, and joints stay closed."""
+
+from dataclasses import replace
+
+from dense_step import EPS
+import numpy as np
+import pytest
+
+from snake_sim_ros.contact_laws import PRESS
+from snake_sim_ros.parameters import Friction
+from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import Robot
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.parameters import with_settings
+from snake_sim_ros.posture import gaps
+from snake_sim_ros.posture import joint_angles
+from snake_sim_ros.reference import joint_gaps
+from snake_sim_ros.stepping import initial_state
+from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.stepping import no_history
+from snake_sim_ros.stepping import State
+from snake_sim_ros.stepping import Status
+from snake_sim_ros.stepping import VELOCITY
+
+DT = 1 / 1000
+TILT = np.radians(10.0)
+HELD = Friction(longitudinal=0.5, transversal=0.5)  # tan(10 deg) = 0.18
+each_direction = pytest.mark.parametrize('direction', [0.0, 1.0, np.pi / 2])
+
+
+class OnSlope:
+    """The robot of case A in its curved posture, held by its controller on a floor that tilts."""
+
+    def __init__(self, method, direction, compliance):
+        down = np.array([np.cos(direction), np.sin(direction)])
+        gravity = 9.81 * np.append(np.sin(TILT) * down, -np.cos(TILT))
+        scene = replace(load_scene('lateral_undulation'), friction=HELD, gravity=tuple(gravity))
+        settings = {'method': method, 'dt': DT, 'solver.normal_compliance': compliance}
+        self.scene = with_settings(scene, settings)
+        self.stepper = make_stepper(self.scene)
+        self.state, self.history = initial_state(self.scene), no_history(self.scene)
+        self.angle = joint_angles(self.state.q)
+
+    def rest(self, seconds):
+        """Hold the posture for a time; return the report."""
+        steps = round(seconds / DT)
+        angle = np.tile(self.angle, (steps, 1, 1))
+        self.state, self.history, report = self.stepper.advance(
+            self.state, self.history, angle, np.zeros(angle.shape)
+        )
+        assert report.status is Status.CONVERGED
+        return report
+
+
+@each_direction
+@pytest.mark.parametrize('method', ['newton', 'bdf2'])
+def test_friction_alone_holds_the_robot_on_a_slope(method, direction):
+    robot = OnSlope(method, direction, compliance=0.0)
+    robot.rest(5.0)
+    start = robot.state.q
+    robot.rest(60.0)
+    # 60 000 steps: a residual of 1e-9 m/s that always had the same sign would make 6e-8 m. A
+    # contact that sticks is solved by a linear problem, to rounding: EPS of g sin(tilt) dt in
+    # velocity, 1e-19 m/s, and half a unit in the last place of |q| <= 1 m when a step is added.
+    assert np.abs(robot.state.q - start)[:, :3].max() <= 1e-9
+    # The ten joints pass on rounding of 1e-16 m each; sticking itself is exact to 1e-12 m/s.
+    assert np.abs(robot.history[VELOCITY, :, 1:3]).max() <= 1e-12
+
+
+@pytest.mark.parametrize('method', ['newton', 'newton_dense', 'bdf2'])
+def test_with_the_rule_the_robot_sinks_no_faster_than_it_may(method):
+    robot = OnSlope(method, 0.0, compliance=1e-4)
+    robot.rest(5.0)
+    start = gaps(robot.scene.robot, robot.state.q)
+    seconds = 10.0
+    report = robot.rest(seconds)
+    sunk = start - gaps(robot.scene.robot, robot.state.q)
+    # PRESS bounds gamma_N, the residual is beside it.
+    assert sunk.min() >= -1e-9 * seconds
+    assert sunk.max() <= (PRESS + 1e-9) * seconds
+    assert report.iterations_max <= 20
+    # Gravity pulls along x, nearly the axis of the robot: all stick.
+    assert np.abs(robot.history[VELOCITY, :, 1:3]).max() <= 1e-9
+
+
+@pytest.mark.parametrize('method', ['newton', 'newton_dense', 'bdf2', 'gauss_seidel'])
+@pytest.mark.parametrize('velocity', [(6.0, 0.0), (0.0, 6.0)])
+def test_t13_a_sliding_link_does_not_lift(velocity, method):
+    scene = Scene(robot=Robot(link_count=1), friction=HELD, method=method)
+    stepper, history = make_stepper(scene), no_history(scene)
+    state = initial_state(scene)
+    state.q[:, 2] -= 1e-12  # closed, whatever rounding makes of zero
+    state.u[0, :2] = velocity
+    none = np.zeros((1, 0, 2))
+    highest = -np.inf
+    for _ in range(1000):
+        state, history, report = stepper.advance(state, history, none, none)
+        assert report.contacts == 2
+        highest = max(highest, gaps(scene.robot, state.q).max())
+    # A gap is the difference of two lengths below 0.1 m; one rounding of each is left.
+    assert highest <= 4 * 0.1 * EPS
+    lost = 0.5 * 9.81 * 1000 * scene.dt
+    if velocity[1] == 0.0:  # it still slides at the end: v0 - mu g t, friction of all the weight
+        # Less what the residual leaves open of each normal impulse: mu r_N 1e-9 m/s over m.
+        slack = 1000 * 2 * 0.5 * 0.1 * 1e-9 / (7.5 / 11)
+        assert state.u[0, 0] == pytest.approx(6.0 - lost, abs=slack + 2 * PRESS)
+
+
+@pytest.mark.parametrize('method', ['newton', 'newton_dense', 'bdf2', 'gauss_seidel'])
+@pytest.mark.parametrize('rule', ['paper', 'center_of_mass'])
+def test_joints_are_closed_after_every_step(rule, method):
+    scene = with_settings(load_scene('lateral_undulation'), {'method': method, 'dt': DT})
+    scene = replace(scene, drift_correction=rule)
+    stepper, history = make_stepper(scene), no_history(scene)
+    start = initial_state(scene)
+    spin = np.zeros((11, 6))
+    spin[:, 4], spin[:, 0], spin[:, 1] = 3.0, -3.0 * start.q[:, 1], 3.0 * start.q[:, 0]
+    state = State(start.q, spin)  # fast, so that a step opens the joints
+    angle = np.zeros((1, 10, 2))
+    drift = 0.0
+    for _ in range(200):
+        state, history, report = stepper.advance(state, history, angle, angle)
+        drift = max(drift, report.joint_gap_max)
+        # Centers are sums of lengths up to n L = 1.3 m, 11 roundings: 3e-15; angles alike.
+        assert np.abs(joint_gaps(scene.robot, state.q)).max() <= 1e-12
+    assert drift > 1e-9  # there was something to close

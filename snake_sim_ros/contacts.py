@@ -132,8 +132,8 @@ def selected(laws, contact, table, mass, impulse, press, fall):
     times P_N. It is reduced where that would be more than `press`, for the largest normal impulse
     that is to be expected: the last one of a contact, or twice what stops its link alone.
 
-    Deviation: while all contacts that carry load are at rest, the rule selects the impulses next to
-    the last ones instead of those of least norm, so that nothing sinks or creeps.
+    Deviation: while all contacts that carry load are at rest, the rule selects the impulses next
+    to the last ones instead of those of least norm, so that nothing sinks or creeps.
     """
     n = len(mass)
     most = fastest = 0.0

@@ -403,10 +403,11 @@ def test_sweeps_solve_the_constrained_chain(link_count):
 
         swept = inertia.copy()
         left, right, compliance = *np.empty((2, n - 1, 2, 6)), np.empty((n - 1, 4))
-        load, twist = np.empty((n - 1, 2)), np.empty((n, 6))
+        load, rates = np.empty((2, n - 1, 2))
+        twist = np.empty((n, 6))
         articulated_inertia(axis, entries, swept, left, right, compliance)
         articulated_velocity(
-            axis, left, right, compliance, swept[root], torque, wrench, load, twist
+            axis, left, right, compliance, swept[root], torque, wrench, load, rates, twist
         )
 
         # One system for the twists V of all links and the impulses of all joints, split into

@@ -93,7 +93,7 @@ def test_numbers_in_settings_are_written_as_usual(capsys):
         (['lateral_undulation', '--out', 'nowhere/run.npz'], '--out: no folder'),
         (
             ['lateral_undulation', '--method', 'magic'],
-            "unknown method 'magic'; choose from: gauss_seidel, newton, newton_dense, paper, "
+            "unknown method 'magic'; choose from: bdf2, gauss_seidel, newton, newton_dense, paper, "
             'reference',
         ),
     ],
@@ -108,7 +108,16 @@ def test_unusable_arguments_of_run(arguments, sentence, capsys, tmp_path, monkey
 
 def test_run_that_diverges_says_so_and_saves_what_was_good(tmp_path, capsys):
     path = tmp_path / 'run.npz'
-    settings = ['--set', 'robot.yaw_damping=5.0', '--duration', '0.05', '--rate', '2000']
+    settings = [
+        '--set',
+        'robot.yaw_damping=5.0',
+        '--set',
+        'pd_scheme=start',
+        '--duration',
+        '0.05',
+        '--rate',
+        '2000',
+    ]
     assert main(['run', 'lateral_undulation', '--out', str(path), *settings]) == 1
     output = capsys.readouterr()
     assert 'diverged: t = ' in output.err
@@ -150,15 +159,22 @@ def test_ctrl_c_saves_what_was_recorded(tmp_path):
 
 
 def test_bench_prints_times(capsys):
-    assert main(['bench', 'sidewinding', '--duration', '0.05', '--no-start-up']) == 0
-    head, row, compiling = capsys.readouterr().out.splitlines()
-    assert head.split()[:3] == ['scene', 'median', 'p99']
-    words = row.split()
-    assert words[0] == 'sidewinding'
-    median, p99 = float(words[1]), float(words[3])
-    assert 0 < median <= p99
-    assert row.endswith('0 of 200')
-    assert compiling.startswith('compile time apart: ')
+    methods = ['--methods', 'newton', 'paper', '--dt', '0.00025', '0.001']
+    assert main(['bench', 'sidewinding', '--duration', '0.05', '--no-start-up', *methods]) == 0
+    title, head, *rows, units, links, compiling = capsys.readouterr().out.splitlines()
+    assert title.startswith('sidewinding: 0.05 s, converged to ')
+    assert head.split()[:4] == ['method', 'dt', 'median', 'p99']
+    assert [row.split()[:2] for row in rows] == [
+        ['newton', '1/4000'], ['newton', '1/1000'], ['paper', '1/4000'], ['paper', '1/1000'],
+    ]  # fmt: skip
+    for row in rows:
+        words = row.split()
+        assert 0 < float(words[2]) <= float(words[4])
+        assert words[-1] == '%'
+        assert words[-3] == '0'  # unconverged
+    assert units.startswith('units: ')
+    assert 'n = 160: ' in links
+    assert compiling.startswith('compile time apart, in this process: newton ')
 
 
 def test_bench_times_only_compiled_methods(capsys):

@@ -131,7 +131,9 @@ def test_duration_that_is_no_multiple_of_the_sampling_period_is_refused(scene):
 
 def test_run_that_diverges_returns_what_was_good(scene):
     # With explicit damping a rate grows by K_d dt/Theta a step; 5 N m s/rad is far too much.
-    trajectory = run(with_settings(scene, {'robot.yaw_damping': 5.0}), rate=1000.0)
+    trajectory = run(
+        with_settings(scene, {'robot.yaw_damping': 5.0, 'pd_scheme': 'start'}), rate=1000.0
+    )
     report = trajectory.report
     assert report.status is Status.DIVERGED
     assert report.failure.startswith(f't = {report.steps * scene.dt:g} s: ')
@@ -143,7 +145,7 @@ def test_run_that_diverges_returns_what_was_good(scene):
 
 
 def test_diverged_simulation_waits_for_reset(scene):
-    simulation = Simulation(with_settings(scene, {'robot.yaw_damping': 5.0}))
+    simulation = Simulation(with_settings(scene, {'robot.yaw_damping': 5.0, 'pd_scheme': 'start'}))
     angle = np.tile(start_posture(scene).angle + 0.1, (200, 1, 1))
     report = simulation.advance(angle, np.zeros_like(angle))
     assert report.failure

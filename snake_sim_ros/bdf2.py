@@ -45,11 +45,13 @@ from snake_sim_ros.newton import solve_contacts
 from snake_sim_ros.spatial import applied_torque
 from snake_sim_ros.spatial import axis_loads
 from snake_sim_ros.spatial import CONTACTS
+from snake_sim_ros.spatial import FALLBACKS
 from snake_sim_ros.spatial import finish
 from snake_sim_ros.spatial import link_inertia
 from snake_sim_ros.spatial import note_outcome
 from snake_sim_ros.spatial import smooth_momentum
 from snake_sim_ros.spatial import turns_are_small
+from snake_sim_ros.spatial import UNCONVERGED
 
 SUB_STEPS = 4
 REACH = 0.3  # a gap takes part if this speed could close it in the step [m/s]
@@ -187,6 +189,7 @@ def step(model, work, q, u, history, angle, rate, report):
         previous[13 * n + SPAN] = model.dt
     keep(q, u, history, work)
     parts = 1 if previous[13 * n + SMOOTH] > 0.0 else SUB_STEPS
+    unconverged, fallbacks = report[UNCONVERGED], report[FALLBACKS]
     part = landed = 0
     while part < parts:
         part += 1
@@ -223,6 +226,8 @@ def step(model, work, q, u, history, angle, rate, report):
     for j in range(len(work.applied)):
         work.applied[j, 0] *= scale
         work.applied[j, 1] *= scale
+    report[UNCONVERGED] = min(report[UNCONVERGED], unconverged + 1)  # steps, not parts of them
+    report[FALLBACKS] = min(report[FALLBACKS], fallbacks + 1)
     finish(model, q, report)
     return True
 

@@ -39,6 +39,18 @@ class Disc(NamedTuple):
     stiffness: float  # of the proximal point method, in scaled components; 0 without friction
 
 
+def make_disc(column: int, mu_x: float, mu_y: float, proximal: float) -> Disc:
+    """Return friction coefficients scaled to a disc, for a compliance [1/kg]."""
+    return Disc(
+        column=column,
+        mu_x=mu_x,
+        mu_y=mu_y,
+        over_x=1.0 / mu_x if mu_x > 0.0 else 0.0,
+        over_y=1.0 / mu_y if mu_y > 0.0 else 0.0,
+        stiffness=2.0 / (proximal * (mu_x**2 + mu_y**2)) if max(mu_x, mu_y) > 0.0 else 0.0,
+    )
+
+
 class Laws(NamedTuple):
     """The numbers of the contact laws and of their judge."""
 
@@ -130,7 +142,8 @@ def selected(laws, contact, table, mass, impulse, press, fall):
 
     Deviation: the compliance of the selection rule moves a contact into the floor by compliance
     times P_N. It is reduced where that would be more than `press`, for the largest normal impulse
-    that is to be expected: the last one of a contact, or twice what stops its link alone.
+    that is to be expected: the last one of a contact, or twice what stops its link alone and half
+    its weight.
 
     Deviation: while all contacts that carry load are at rest, the rule selects the impulses next
     to the last ones instead of those of least norm, so that nothing sinks or creeps.
@@ -138,7 +151,7 @@ def selected(laws, contact, table, mass, impulse, press, fall):
     n = len(mass)
     most = fastest = 0.0
     for a in contact:
-        stop = fall - 2.0 * table[a, GAMMA]
+        stop = 0.5 * fall - 2.0 * table[a, GAMMA]
         most = max(most, impulse[a, 0], mass[a if a < n else a - n] * stop)
         if impulse[a, 0] > 0.0:
             slip = max(abs(table[a, GAMMA + 1]), abs(table[a, GAMMA + 2]))

@@ -340,7 +340,7 @@ class ReferenceStepper:
         P, iterations, change = impulse[active], 0, math.inf
         fall = -dt * scene.gravity[2]
         gamma_A = np.column_stack([W_N.T @ u_A, (W_T.T @ u_A).reshape(-1, 2)])
-        stops = robot.per_link('link_mass')[active % n] * (fall - 2.0 * gamma_A[:, 0])
+        stops = robot.per_link('link_mass')[active % n] * (0.5 * fall - 2.0 * gamma_A[:, 0])
         compliance = selection_compliance(
             scene.solver.normal_compliance * self.size,
             LEAST * self.size,

@@ -29,8 +29,8 @@ from snake_sim_ros.contact_laws import LEAST
 from snake_sim_ros.contact_laws import PRESS
 from snake_sim_ros.contacts import closed_contacts
 from snake_sim_ros.contacts import contact_velocities
-from snake_sim_ros.contacts import Disc
 from snake_sim_ros.contacts import Laws
+from snake_sim_ros.contacts import make_disc
 from snake_sim_ros.contacts import selected
 from snake_sim_ros.delassus import Delassus
 from snake_sim_ros.joint_control import pd_law
@@ -305,18 +305,6 @@ def finish(model, q, report):
     report[PENETRATION] = max(report[PENETRATION], depth)
     report[GAP_MAX] = max(report[GAP_MAX], gap)
     report[TWIST_MAX] = max(report[TWIST_MAX], violation)
-
-
-def make_disc(column: int, mu_x: float, mu_y: float, proximal: float) -> Disc:
-    """Return friction coefficients scaled to a disc, for a compliance [1/kg]."""
-    return Disc(
-        column=column,
-        mu_x=mu_x,
-        mu_y=mu_y,
-        over_x=1.0 / mu_x if mu_x > 0.0 else 0.0,
-        over_y=1.0 / mu_y if mu_y > 0.0 else 0.0,
-        stiffness=2.0 / (proximal * (mu_x**2 + mu_y**2)) if max(mu_x, mu_y) > 0.0 else 0.0,
-    )
 
 
 def make_model(scene: Scene) -> Model:

@@ -185,13 +185,13 @@ def test_link_of_aiko_jams_above_its_critical_friction(method):
 
 @each_method
 def test_selection_rule_presses_an_impact_no_deeper_than_its_bound(method, dt):
-    # A link lands flat with v: twice what stops it and its weight, m (2 v + g dt), is expected, so
-    # that the compliance is c = PRESS/(m (2 v + g dt)), if that is not below the least one; two
+    # A link lands flat with v: twice what stops it and half its weight, m (2 v + g dt/2), is expected,
+    # so that the compliance is c = PRESS/(m (2 v + g dt/2)), if that is not below the least one; two
     # contacts carry (2/m + c) P = v + g dt. In the next step the last impulse is what is expected.
     v, size = 1.0, mean_delassus(ROBOT)
     solver = replace(TIGHT, normal_compliance=1e-4)
     scene = link_scene(method, dt, solver=solver, friction=isotropic(0.0))
-    c = max(LEAST * size, PRESS / (MASS * (2 * v + G * dt)))
+    c = max(LEAST * size, PRESS / (MASS * (2 * v + G * dt / 2)))
     assert c < 1e-4 * size
     P = (v + G * dt) / (2 / MASS + c)
     state, history, report = run(scene, lying((0.0, 0.0, -v)), 1)
@@ -203,7 +203,7 @@ def test_selection_rule_presses_an_impact_no_deeper_than_its_bound(method, dt):
     # The printed laws are violated by as much, and the report tells.
     assert abs(report.printed_residual_max - c * P) < error
     assert report.residual_max <= SPEED
-    later = min(1e-4 * size, max(LEAST * size, PRESS / max(P, MASS * (G * dt + 2 * c * P))))
+    later = min(1e-4 * size, max(LEAST * size, PRESS / max(P, MASS * (G * dt / 2 + 2 * c * P))))
     P = (c * P + G * dt) / (2 / MASS + later)
     state, history, report = run(scene, state, 1, history)
     assert abs(state.u[0, 2] + later * P) < error

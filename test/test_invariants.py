@@ -132,9 +132,9 @@ def test_contacts_obey_their_laws_and_take_energy_in_every_step(
         P_N, P_T, P_V = P[:, 0], P[:, 1:3], P[:, 3:]
         gamma_T, gamma_V = gamma[:, 1:3], gamma[:, 3:]
         # The selection rule presses with c (P_N - center); c is less where PRESS would be exceeded
-        # by the last impulse, or by twice what stops the link and its weight.
+        # by the last impulse, or by twice what stops the link and half its weight.
         before = contact_velocities(scene, q_mid, start.u)[touching, :3]
-        stop = -scene.gravity[2] * scene.dt - 2 * before[:, 0]
+        stop = -scene.gravity[2] * scene.dt / 2 - 2 * before[:, 0]
         last = impulses[k][touching, 0]
         c = selection_compliance(
             solver.normal_compliance * size,

@@ -33,7 +33,9 @@ from scenes import SWEEPING
 from scenes import TIGHT
 from scipy.linalg import null_space
 
+from snake_sim_ros.contact_laws import LEAST
 from snake_sim_ros.contact_laws import PRESS
+from snake_sim_ros.contact_laws import REST
 from snake_sim_ros.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import Robot
@@ -194,8 +196,9 @@ def test_printed_laws_leave_open_how_a_straight_robot_rests_on_its_contacts(meth
 @pytest.mark.parametrize('delta', [0.0, 1e-4])
 def test_robot_at_rest_stays_there(method, delta):
     # Printed laws: nothing moves by more than all steps with |gamma| <= eps/r_T or the residual
-    # would. With the selection rule P = (g dt + c P_before)/(2/m + c), all alike, and the robot
-    # sinks at c P; everything else stays.
+    # would. With the selection rule gamma = -c (P - z), all alike, where z is the last impulse, 0
+    # in the first step, and m (gamma - gamma_before) = 2 P - m g dt. The robot sinks in the first
+    # step, by 1e-11 m; everything else stays.
     steps = 20 if method == 'reference' else 4000
     # A sweep of Gauss-Seidel takes c/G of the error in the null space of G away, 5e-5.
     residual = 1e-9 if method == 'gauss_seidel' and delta else 1e-11
@@ -206,11 +209,13 @@ def test_robot_at_rest_stays_there(method, delta):
     scene = Scene(method=method, solver=solver)
     state, dt, c = straight(scene.robot), scene.dt, delta * mean_delassus(scene.robot)
     end, history, report = run(scene, state, steps)
-    P = depth = 0.0
+    P = depth = sinking = 0.0
     for _ in range(steps):
-        before, P = P, (G * dt + c * P) / (2 / MASS + c)
-        depth += dt / 2 * c * (before + P)
-    assert depth < PRESS * steps * dt
+        last, before = P, sinking
+        P = (G * dt + c * last + before) / (2 / MASS + c)
+        sinking = c * (P - last)
+        depth += dt / 2 * (before + sinking)
+    assert depth < 2 * PRESS * dt
     # The residual may be in the null space of G, where impulses are off by it over c, and the
     # velocities of contacts by c times that: sqrt(22) R + R.
     error = steps * dt * residual * (math.sqrt(22) + 1 if delta else 1)
@@ -229,6 +234,7 @@ def test_selection_rule_picks_the_normal_impulses_of_least_norm(method):
     # of g the rule may be stiffer by PRESS, so that sweeps, which take r c of the error in the
     # null space of G away, need not be many: r = 0.3 kg is 0.99/lambda_max. Without friction:
     # sticking contacts can push against each other, which pitches links and moves their weight.
+    # The robot slides: at rest the impulses next to the last ones are selected.
     gravity, delta = 0.01 * G, 0.015
     solver = Solver(
         tolerance=1e-16, residual_tolerance=1e-14, normal_compliance=delta, r_normal=0.3,
@@ -243,7 +249,9 @@ def test_selection_rule_picks_the_normal_impulses_of_least_norm(method):
     for seed in range(1 if method == 'reference' else 5):
         history = no_history(scene)
         history[IMPULSE, :, 0] = P * np.random.default_rng(seed).uniform(0.0, 2.0, 22)
-        end, history, report = run(scene, straight(scene.robot), 1, history)
+        start = straight(scene.robot)
+        start.u[:, 0] = 10 * REST
+        end, history, report = run(scene, start, 1, history)
         # What is left of a residual, or eps/r_N, in the null space of G: that over c.
         left = max(solver.tolerance / solver.r_normal, solver.residual_tolerance)
         assert np.abs(history[IMPULSE, :, 0] - P).max() < math.sqrt(22) * left / c < 1e-6 * P
@@ -290,9 +298,18 @@ def test_heavy_link_costs_iterations_but_no_force(method, ratio, condition, iter
     assert carried == pytest.approx(weight, rel=1e-6)
 
 
-@pytest.mark.parametrize('method', [name for name in MIDPOINT_METHODS if name not in SWEEPING])
-@pytest.mark.parametrize('ratio', [1, 10, 100, 1000])
-@pytest.mark.parametrize('delta', [0.0, 1e-4])
+@pytest.mark.parametrize(
+    ('method', 'ratio', 'delta'),
+    [
+        (method, ratio, delta)
+        for method in MIDPOINT_METHODS
+        for ratio in (1, 10, 100, 1000)
+        for delta in (0.0, 1e-4)
+        # A sweep of Gauss-Seidel takes c/G of the error in the null space of G away, and c is 1e-6
+        # for a heavy link: 1e7 sweeps.
+        if method not in SWEEPING and not (method == 'gauss_seidel' and delta and ratio > 10)
+    ],
+)
 def test_heavy_link_is_carried(method, ratio, delta):
     robot, state, factor = heavy_middle(ratio)
     solver = Solver(normal_compliance=delta, iteration_limit=100000)
@@ -306,8 +323,11 @@ def test_heavy_link_is_carried(method, ratio, delta):
     size = mean_delassus(robot)
     error = 11 * chain_rounding(method, G * scene.dt, size) + 22 * EPS * weight * max(1.0, ratio)
     assert abs(carried - weight - momentum) < error
-    # The heavy link falls with the mean of what its two contacts press, up to the residual.
-    press = delta * size * history[IMPULSE, [5, 16], 0].mean()
+    # The heavy link falls with the mean of what its two contacts press, up to the residual. Half
+    # its weight is what is expected of a contact.
+    expected = ratio * MASS * G * scene.dt / 2
+    compliance = min(delta * size, max(LEAST * size, PRESS / expected))
+    press = compliance * history[IMPULSE, [5, 16], 0].mean()
     assert abs(end.u[5, 2] + press) < solver.residual_tolerance
 
 

@@ -44,6 +44,7 @@ class Chain(NamedTuple):
     compliance: Array  # (n-1, 4) entries 11, 12, 21, 22 of D^-1
     load: Array  # (n-1, 2) loads of the joint axes
     rate: Array  # (n-1, 2) rates of the joint axes
+    rate_correction: Array  # (n-1, 2) what is added to them
     left_over: Array  # (n-1, 2) torque that the rates leave
     twist: Array  # (n, 6) the solution
     correction: Array  # (n, 6) what is added to it
@@ -52,7 +53,7 @@ class Chain(NamedTuple):
 
 @inlined
 def unload_chain(chain):
-    """Fill inertia and wrench with those of the links alone, and twist with 0."""
+    """Fill inertia and wrench with those of the links alone, twists and rates with 0."""
     for i in range(len(chain.wrench)):
         for k in range(6):
             chain.wrench[i, k] = chain.momentum[i, k]
@@ -61,6 +62,7 @@ def unload_chain(chain):
             chain.twist[i, k] = 0.0
     for j in range(len(chain.torque)):
         chain.left_over[j, 0], chain.left_over[j, 1] = chain.torque[j, 0], chain.torque[j, 1]
+        chain.rate[j, 0] = chain.rate[j, 1] = 0.0
 
 
 @inlined
@@ -83,14 +85,29 @@ def solve_chain(chain, torque):
 
 @inlined
 def correct_chain(chain):
-    """Solve the prepared chain for what is left over, and add the solution to chain.twist."""
+    """
+    Solve the prepared chain for what is left over, and add the solution to twists and rates.
+
+    Returns
+    -------
+    float
+        Largest component of a twist that was added.
+
+    """
     articulated_velocity(
         chain.axis, chain.left, chain.right, chain.compliance,
         chain.inertia[len(chain.inertia) // 2], chain.left_over, chain.wrench,
-        chain.load, chain.rate, chain.correction,
+        chain.load, chain.rate_correction, chain.correction,
     )  # fmt: skip
+    largest = 0.0
     for i in range(len(chain.twist)):
-        store(chain.twist, i, total(line(chain.twist, i), line(chain.correction, i)))
+        for k in range(6):
+            chain.twist[i, k] += chain.correction[i, k]
+            largest = max(largest, abs(chain.correction[i, k]))
+    for j in range(len(chain.rate)):
+        chain.rate[j, 0] += chain.rate_correction[j, 0]
+        chain.rate[j, 1] += chain.rate_correction[j, 1]
+    return largest
 
 
 @inlined

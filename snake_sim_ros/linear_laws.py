@@ -45,8 +45,12 @@ ANCHOR = ITERATE + 5  # impulses that the proximal point method starts from
 DISC = ANCHOR + 5  # radius of the disc if it is held, FREE if it is the normal impulse
 HELD = DISC + 1  # radius to hold next
 STEP = HELD + 1  # how far the one held before was from what it led to
-SAVED = STEP + 1  # trial and iterate, to come back to; up to spatial.COLUMNS
+FORCE = STEP + 1  # impulses of the laws at TRIAL
+SAVED = FORCE + 5  # trial and iterate, to come back to; up to spatial.COLUMNS
 FREE = -1.0
+
+CORRECTIONS = 4  # of the twists, at most
+SMALL = 1e-6  # correction after which the next one would be rounding [m/s, rad/s]
 
 
 @compiled
@@ -98,6 +102,7 @@ def linearize_disc(disc, table, a, radius, S_N):
         disc, table[a, ANCHOR + k], table[a, ANCHOR + k + 1], x, y, radius
     )
     law = SLIDING if k == 1 else ROLLING
+    table[a, FORCE + k], table[a, FORCE + k + 1] = P_x, P_y
     S_xN, S_yN = d_x * S_N, d_y * S_N
     table[a, law] = P_x + S_xx * x + S_xy * y + S_xN * normal
     table[a, law + 1] = P_y + S_xy * x + S_yy * y + S_yN * normal
@@ -110,6 +115,7 @@ def linearize(laws, contact, table):
     """Fill the laws of all contacts, linear about TRIAL."""
     for a in contact:
         P_N, S_N = normal_law(laws, table[a, CENTER], table[a, ANCHOR], table[a, TRIAL])
+        table[a, FORCE] = P_N
         table[a, LAW], table[a, LAW + 1] = P_N + S_N * table[a, TRIAL], S_N
         radius, follow = (P_N, S_N) if table[a, DISC] == FREE else (table[a, DISC], 0.0)
         linearize_disc(laws.sliding, table, a, radius, follow)
@@ -189,17 +195,19 @@ def add_rolling_law(table, a, wrench, inertia, i):
 
 @inlined
 def linear_impulses(contact, table, rolling):
-    """Fill the impulses of the linear laws at GAMMA."""
+    """Fill the impulses of the linear laws at GAMMA, from those at TRIAL: few digits cancel."""
     for a in contact:
-        normal = table[a, GAMMA]
-        table[a, IMPULSE] = table[a, LAW] - table[a, LAW + 1] * normal
+        normal = table[a, GAMMA] - table[a, TRIAL]
+        table[a, IMPULSE] = table[a, FORCE] - table[a, LAW + 1] * normal
         for k in range(1, 5 if rolling else 3, 2):
             law = SLIDING if k == 1 else ROLLING
-            x, y = table[a, GAMMA + k], table[a, GAMMA + k + 1]
+            x = table[a, GAMMA + k] - table[a, TRIAL + k]
+            y = table[a, GAMMA + k + 1] - table[a, TRIAL + k + 1]
             S_xx, S_xy, S_yy = table[a, law + 2], table[a, law + 3], table[a, law + 4]
             S_xN, S_yN = table[a, law + 5], table[a, law + 6]
-            table[a, IMPULSE + k] = table[a, law] - S_xx * x - S_xy * y - S_xN * normal
-            table[a, IMPULSE + k + 1] = table[a, law + 1] - S_xy * x - S_yy * y - S_yN * normal
+            P_x, P_y = table[a, FORCE + k], table[a, FORCE + k + 1]
+            table[a, IMPULSE + k] = P_x - S_xx * x - S_xy * y - S_xN * normal
+            table[a, IMPULSE + k + 1] = P_y - S_xy * x - S_yy * y - S_yN * normal
 
 
 @inlined
@@ -222,11 +230,13 @@ def linear_step(laws, contact, table, chain, delassus):
     unload_chain(chain)
     add_laws(contact, table, rolling, chain.wrench, chain.inertia)
     factor_chain(chain)
-    for k in range(2):
-        if k == 1:  # once more for what rounding left
+    for k in range(CORRECTIONS):
+        if k > 0:  # once more for what rounding left
             load_chain(contact, table, chain)
             left_over(chain)
-        correct_chain(chain)
+        largest = correct_chain(chain)
         contact_velocities(contact, table, chain.twist)
         linear_impulses(contact, table, rolling)
+        if k > 0 and not largest > SMALL:
+            break
     return math.isfinite(chain.twist[0, 3] + chain.twist[len(chain.twist) - 1, 3])

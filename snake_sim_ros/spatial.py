@@ -56,7 +56,7 @@ from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
 
 # Columns of the table of contacts, with those of `newton`.
-COLUMNS = 64
+COLUMNS = 72
 # Compliance of the proximal point method, relative to the Delassus operator: it changes no
 # solution. Smaller is closer to the laws in one iteration, and loses digits to rounding.
 PROXIMAL = 1e-5
@@ -375,6 +375,7 @@ def make_workspace(n: int, size: int) -> Workspace:
             compliance=zeros((n - 1, 4)),
             load=zeros((n - 1, 2)),
             rate=zeros((n - 1, 2)),
+            rate_correction=zeros((n - 1, 2)),
             left_over=zeros((n - 1, 2)),
             twist=zeros((n, 6)),
             correction=zeros((n, 6)),

@@ -44,6 +44,7 @@ from snake_sim_ros.reference import torque_directions
 from snake_sim_ros.rotations import about
 from snake_sim_ros.rotations import product
 from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.spatial import PROXIMAL
 from snake_sim_ros.stepping import CHANGE
 from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import initial_state
@@ -210,7 +211,11 @@ def test_velocities_are_those_that_the_impulses_give(method, links):
         if links > 1:
             left -= W_J @ np.linalg.solve((W_J.T / M) @ W_J, W_J.T @ (left / M))
         largest = max(largest, np.abs(left / M).max())
-    assert largest < 1e-10
+    # Through the chain impulses are rounded with the stiffness of the laws, eps |gamma|/(1e-5 G):
+    # 1e-11 N s at 0.1 m/s, and the torque of rolling turns a link by L_SC/Theta_3 of it.
+    stiff = EPS * 0.1 / (PROXIMAL * mean_delassus(scene.robot))
+    turn = scene.robot.contact_radius / scene.robot.inertia_axial
+    assert largest < (stiff * turn * 2 * links if method == 'newton' else 1e-10)
 
 
 @pytest.mark.parametrize('method', ['newton', 'newton_dense'])

@@ -185,8 +185,8 @@ def test_link_of_aiko_jams_above_its_critical_friction(method):
 
 @each_method
 def test_selection_rule_presses_an_impact_no_deeper_than_its_bound(method, dt):
-    # A link lands flat with v: twice what stops it and half its weight, m (2 v + g dt/2), is expected,
-    # so that the compliance is c = PRESS/(m (2 v + g dt/2)), if that is not below the least one; two
+    # A link lands flat with v: twice what stops it and half its weight, m (2 v + g dt/2), is
+    # expected, so that the compliance is PRESS over that, if that is not below the least one; two
     # contacts carry (2/m + c) P = v + g dt. In the next step the last impulse is what is expected.
     v, size = 1.0, mean_delassus(ROBOT)
     solver = replace(TIGHT, normal_compliance=1e-4)

@@ -231,8 +231,9 @@ def newton(laws, tolerance, limit, contact, table, chain, delassus):
     residual = printed = math.inf
     share, before = 1.0, 0.0
     for rounds in range(limit):
+        most = limit - iterations - (HELD_STEPS if rounds > 0 else 0)  # with radii held at the end
         spent, residual, printed = coupled_steps(
-            laws, tolerance, limit - iterations, contact, table, chain, delassus, rounds
+            laws, tolerance, most, contact, table, chain, delassus, rounds
         )
         iterations += spent
         if residual <= tolerance or iterations >= limit:
@@ -258,7 +259,7 @@ def newton(laws, tolerance, limit, contact, table, chain, delassus):
         if rounds > 0 and along > 0.5 * before:
             share = min(2.0 * share, MOST_SHARE)  # slow, all in one direction: further
         elif along < 0.0:
-            share = max(0.5 * share, 1.0 / MOST_SHARE)  # to and fro: less far
+            share = max(0.5 * min(share, 1.0), 1.0 / MOST_SHARE)  # to and fro: less far
         before = size
         for a in contact:
             table[a, HELD] = max(0.0, table[a, HELD] + share * table[a, STEP])

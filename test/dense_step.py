@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from snake_sim_ros import reference
+from snake_sim_ros.contact_laws import LEAST
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.posture import gaps
@@ -34,6 +35,8 @@ class DenseStep:
     momentum : ndarray, shape (6n,)
     compliance : float
         Of the selection rule in this step [1/kg].
+    center : ndarray, shape (k,)
+        Normal impulses about which the rule is compliant [N s].
 
     """
 
@@ -44,6 +47,7 @@ class DenseStep:
     W_J: Array
     momentum: Array
     compliance: float
+    center: Array
 
     def velocities(self, P: Array) -> Array:
         """Return u (6n,) for impulses (k, 5) of the closed contacts: the balance with joints."""
@@ -73,8 +77,11 @@ class DenseStep:
 
     def residual(self, P: Array, gamma: Array, compliance: float) -> float:
         """Return the exact natural-map residual of all closed contacts [m/s]."""
-        pairs = zip(P, gamma, strict=True)
-        return max((reference.natural_map(self.scene, compliance, *p) for p in pairs), default=0.0)
+        triples = zip(self.center, P, gamma, strict=True)
+        return max(
+            (reference.natural_map(self.scene, compliance, *triple) for triple in triples),
+            default=0.0,
+        )
 
 
 def dense_step(scene: Scene, state: State, history: Array, angle: Array, rate: Array) -> DenseStep:
@@ -91,9 +98,11 @@ def dense_step(scene: Scene, state: State, history: Array, angle: Array, rate: A
     torque, damping = reference.joint_torque_law(scene, state, q_M, angle, rate)
     M, u_A = reference.mass_matrix(robot), state.u.ravel()
     h = reference.smooth_forces(robot, np.array(scene.gravity), state.u)
-    stops = 2.0 * robot.per_link('link_mass')[active % n] * -(W[:, :, 0].T @ u_A)
-    most = np.append(history[IMPULSE, active, 0], stops)
-    delta = scene.solver.normal_compliance * reference.mean_delassus(robot)
+    gamma_A = np.einsum('rkj,r->kj', W[:, :, :3], u_A)
+    stop = -dt * scene.gravity[2] / 2 - 2.0 * gamma_A[:, 0]
+    last = history[IMPULSE, active, 0]
+    most = np.append(last, robot.per_link('link_mass')[active % n] * stop)
+    size = reference.mean_delassus(robot)
     return DenseStep(
         scene=scene,
         active=active,
@@ -101,7 +110,10 @@ def dense_step(scene: Scene, state: State, history: Array, angle: Array, rate: A
         M=M + dt * (W_tau * damping) @ W_tau.T,
         W_J=reference.joint_directions(robot, R),
         momentum=M @ u_A + h * dt + W_tau @ torque * dt,
-        compliance=reference.selection_compliance(delta, most),
+        compliance=reference.selection_compliance(
+            scene.solver.normal_compliance * size, LEAST * size, most
+        ),
+        center=reference.selection_center(last, gamma_A),
     )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from snake_sim_ros import gait
+from snake_sim_ros.contact_laws import REST
 from snake_sim_ros.parameters import Friction
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import Robot
@@ -230,27 +231,22 @@ def test_linear_momentum_is_exact_and_spin_is_of_second_order():
 # ---- landing ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('frequency', [50, 100])
-@pytest.mark.parametrize('height', [1e-3, 5e-2, 1e-1])
-def test_a_flat_link_lands_without_bounce_and_without_penetration(height, frequency):
+@pytest.mark.parametrize('frequency', [50, 100, 400, 4000])
+def test_a_flat_link_lands_without_bounce_and_without_penetration(frequency):
     scene = replace(LINK, dt=1 / frequency)
-    stepper, state, history = make_stepper(scene), initial_state(scene), no_history(scene)
-    state.q[0, 2] += height
     none = np.zeros((1, 0, 2))
-    touched = False
-    for _ in range(frequency):
-        state, history, report = stepper.advance(state, history, none, none)
-        assert report.status is Status.CONVERGED
-        gap = gaps(scene.robot, state.q)
-        touched = touched or bool(gap.min() <= 1e-6)
-        assert gap.min() >= -1e-6  # it neither enters the floor
-        assert state.u[0, 2] <= RESIDUAL  # nor goes up
-        if touched:
-            assert np.abs(gap).max() <= 1e-6  # and stays
-    assert touched
-    # At rest it sinks at PRESS or less.
-    assert np.abs(state.u).max() <= PRESS + 2 * RESIDUAL
-    assert report.penetration_max <= 1e-6
+    for height in np.linspace(0.01, 0.1, 20):
+        stepper, state, history = make_stepper(scene), initial_state(scene), no_history(scene)
+        state.q[0, 2] += height
+        # It falls for at most 0.143 s.
+        for _ in range(round(0.2 * frequency)):
+            state, history, report = stepper.advance(state, history, none, none)
+            assert report.status is Status.CONVERGED
+            # What is slower than REST counts as at rest: no faster upward.
+            assert state.u[0, 2] <= REST
+            assert report.penetration_max <= 1e-6
+        assert np.abs(gaps(scene.robot, state.q)).max() <= 1e-6
+        assert np.abs(state.u).max() <= REST
 
 
 # ---- history ------------------------------------------------------------------------------------
@@ -300,6 +296,7 @@ def test_the_contact_laws_hold_in_every_step(name, rolling):
     stepper, state, history = make_stepper(scene), initial_state(scene), no_history(scene)
     angle, rate = references(scene, 400)
     for k in range(len(angle)):
+        last, slow = history[IMPULSE].copy(), np.abs(history[VELOCITY]).max() <= 10 * REST
         state, history, report = stepper.advance(state, history, angle[k : k + 1], rate[k : k + 1])
         assert report.status is Status.CONVERGED
         assert report.residual_max <= RESIDUAL
@@ -308,8 +305,11 @@ def test_the_contact_laws_hold_in_every_step(name, rolling):
         assert (P[~closed] == 0.0).all()
         P, gamma = P[closed], gamma[closed]
         # Complementarity with the rule; velocities of landing contacts count their gap.
-        assert (gamma[:, 0] <= RESIDUAL).all()
+        # gamma = -c (P - z), where z is 0, or the last impulse if the robot was at rest, at most
+        # scaled from h = dt/4 to 2/3 dt; c is at most that of the scene.
         assert (gamma[:, 0] + compliance * P[:, 0] >= -RESIDUAL).all()
+        center = 8 / 3 * last[closed, 0] if slow else 0.0
+        assert (gamma[:, 0] <= RESIDUAL + compliance * center).all()
         # Beyond the ellipse by what the residual allows, r |e|, and the power of friction by what
         # it adds to impulses and velocities.
         for part, mu, r_k in (

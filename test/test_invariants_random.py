@@ -113,7 +113,7 @@ def check_step(scene, step, end, history, report):
 
     e = RESIDUAL + slack
     # Complementarity with the rule: what carries does not move off, nothing moves in.
-    ruled = gamma[:, 0] + step.compliance * P[:, 0]
+    ruled = gamma[:, 0] + step.compliance * (P[:, 0] - step.center)
     assert (ruled >= -e).all()
     assert (ruled[P[:, 0] > scene.solver.r_normal * e] <= e).all()
     friction, r = scene.friction, scene.solver

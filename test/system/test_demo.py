@@ -85,7 +85,11 @@ def test_whole_demonstration(compiled, tmp_path):
         r'link 6 went from \(-?0\.0\d+, -?0\.\d+\) to \(.*\) m in 1\.[45]\d s: 0\.\d+ m',
         process.output,
     ), process.output
-    for line in ('method               newton', 'unconverged steps    0', 'rejected commands    0'):
+    for line in (
+        'method               newton',
+        'unconverged steps    0',
+        'rejected commands    0',
+    ):
         assert line in process.output
     assert (tmp_path / 'demo.png').read_bytes().startswith(PNG)
     assert_no_orphans(process)

@@ -31,7 +31,7 @@ def link_frames(p, R):
         R[i, 2, 1] = 2.0 * s * (e2 * e3 + e0 * e1)
 
 
-@compiled
+@inlined
 def rates_in_inertial_frame(R, u, omega):
     """Fill omega (n, 3) with the angular velocities in I."""
     for i in range(len(u)):
@@ -52,7 +52,7 @@ def half_rotation(p, omega, step):
     )
 
 
-@compiled
+@inlined
 def middle_coordinates(dt, q, u, q_mid):
     """Fill q_mid with q_M = q_A + dt/2 F(q_M) u_A, eq. (72), solved in closed form for p_M."""
     for i in range(len(q)):
@@ -64,7 +64,7 @@ def middle_coordinates(dt, q, u, q_mid):
         q_mid[i, 3], q_mid[i, 4], q_mid[i, 5], q_mid[i, 6] = s * e0, s * e1, s * e2, s * e3
 
 
-@compiled
+@inlined
 def end_coordinates(dt, q_mid, u, q):
     """Fill q with q_E = q_M + dt/2 F(q_M) u_E, eq. (83), Euler parameters of length 1 (VII-C)."""
     for i in range(len(q)):
@@ -76,7 +76,7 @@ def end_coordinates(dt, q_mid, u, q):
         q[i, 3], q[i, 4], q[i, 5], q[i, 6] = s * e0, s * e1, s * e2, s * e3
 
 
-@compiled
+@inlined
 def joint_coordinates(R, omega, coordinate):
     """Fill coordinate (n-1, 2, 2) with the (angle, rate) of yaw and pitch, eq. (66)."""
     for j in range(len(R) - 1):
@@ -134,7 +134,7 @@ def twists(u, omega, center, twist):
         twist[i, 5] = u[i, 2] - (wx * y - wy * x)
 
 
-@compiled
+@inlined
 def end_velocities(twist, R, center, u):
     """Fill u_E (n, 6) from the twists about O."""
     for i in range(len(u)):
@@ -147,7 +147,7 @@ def end_velocities(twist, R, center, u):
             u[i, 3 + k] = R[i, 0, k] * wx + R[i, 1, k] * wy + R[i, 2, k] * wz
 
 
-@compiled
+@inlined
 def axis_z(q, i):
     """Return e_z of link i in I."""
     e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
@@ -158,7 +158,7 @@ def axis_z(q, i):
     )
 
 
-@compiled
+@inlined
 def joint_violation(half_length, q):
     """Return the largest violation of a joint in position [m] and angle [1], eqs. (11)-(13)."""
     gap = twist = 0.0
@@ -171,7 +171,7 @@ def joint_violation(half_length, q):
     return gap, twist
 
 
-@compiled
+@inlined
 def close_joints(rule, half_length, mass, q):
     """
     Remove the joint drift from q, section VII-C: link by link from the first one, which is held.
@@ -200,7 +200,7 @@ def close_joints(rule, half_length, mass, q):
             q[i, 2] -= moment_z / mass_sum
 
 
-@compiled
+@inlined
 def cross_of_joint(q, j):
     """Return e_y of link j times e_x and e_y of link j+1; the first is g_Jphi, eq. (13)."""
     e0, e1, e2, e3 = q[j, 3], q[j, 4], q[j, 5], q[j, 6]
@@ -221,7 +221,7 @@ def cross_of_joint(q, j):
     return along_x, along_y
 
 
-@compiled
+@inlined
 def turn_about_axis(q, i, theta):
     """Turn link i by theta about its own e_z: p_i o (cos theta/2, 0, 0, sin theta/2)."""
     c, s = math.cos(theta / 2), math.sin(theta / 2)
@@ -234,7 +234,7 @@ def turn_about_axis(q, i, theta):
     )
 
 
-@compiled
+@inlined
 def penetration(offset, radius, q):
     """Return how deep the lowest contact sphere is below the floor [m], 0 if it is not."""
     lowest = 0.0

@@ -194,7 +194,7 @@ def coupled_steps(laws, tolerance, limit, contact, table, chain, delassus, round
     return iterations, residual, printed
 
 
-@compiled
+@inlined
 def held_steps(laws, tolerance, limit, contact, table, chain, delassus):
     """Solve the convex problem with the radii held; return iterations and the verdict."""
     for a in contact:

@@ -23,7 +23,6 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.articulated_body import Chain
-from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
 from snake_sim_ros.contact_laws import LEAST
 from snake_sim_ros.contact_laws import PRESS
@@ -166,7 +165,7 @@ def applied_torque(R, twist, torque, damping, applied):
         applied[j, 1] = torque[j, 1] - damping[j, 1] * pitch_rate
 
 
-@compiled
+@inlined
 def link_inertia(model, R, center, inertia):
     """Fill the 6x6 inertia of every link about O, eqs. (47), (48)."""
     for i in range(len(R)):
@@ -190,7 +189,7 @@ def link_inertia(model, R, center, inertia):
         A[2, 4] = A[4, 2] = m * x
 
 
-@compiled
+@inlined
 def smooth_momentum(model, dt, u, u_h, R, center, momentum):
     """Fill M u + h(u_h) dt of every link as an impulse wrench about O, eq. (75)."""
     for i in range(len(u)):

@@ -111,9 +111,11 @@ def test_physics_runs_without_nodes_and_without_compiler(tmp_path, method):
         assert report.iterations_max > 3 * 10  # after which the contact problem is condensed
     # Both round as written, but sines and tangents may come from another library: 120 sweeps pass
     # a last bit of them on, with stiff joints, to velocities below 1 m/s and 2 rad/s.
-    assert np.abs(end.q - q).max() < 1e-12
-    assert np.abs(end.u - u).max() < 1e-12
-    assert np.abs(compiled_history - history).max() < 1e-12
+    # The dense elimination passes it on with its condition, some 1e2 more.
+    bound = 1e-10 if method == 'newton_dense' else 1e-12
+    assert np.abs(end.q - q).max() < bound
+    assert np.abs(end.u - u).max() < bound
+    assert np.abs(compiled_history - history).max() < bound
 
 
 # ---- compilation --------------------------------------------------------------------------------

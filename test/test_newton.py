@@ -41,8 +41,8 @@ from snake_sim_ros.stepping import Status
 
 FILE = Path(__file__).parent / 'data' / 'hard_contacts.npz'
 RESIDUAL = 1e-9  # m/s, the tolerance of all scenes
-# Not promised to converge: steps far beyond Painleve's threshold (0.978 for one link and lower with
-# impulses from the joints), and thrown links with rolling friction.
+# Not promised to converge: steps far beyond Painleve's threshold (0.978 for one link and lower
+# with impulses from the joints), and thrown links with rolling friction.
 OPEN = {
     'mu 5 step 3090',
     'mu 5 step 3192',

@@ -10,6 +10,7 @@ from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.posture import gaps
 from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.spatial import PROXIMAL
 from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import make_stepper
 from snake_sim_ros.stepping import Report
@@ -51,11 +52,15 @@ class DenseStep:
 
     def velocities(self, P: Array) -> Array:
         """Return u (6n,) for impulses (k, 5) of the closed contacts: the balance with joints."""
+        right = self.momentum + np.einsum('rkj,kj->r', self.W, P)
+        return self._balance(right[:, None])[:, 0]
+
+    def _balance(self, loads: Array) -> Array:
+        """Return velocities (6n, m) for loads (6n, m) that the joints pass on."""
         rows, joints = self.W_J.shape
         K = np.zeros((rows + joints, rows + joints))
         K[:rows, :rows], K[:rows, rows:], K[rows:, :rows] = self.M, -self.W_J, self.W_J.T
-        right = self.momentum + np.einsum('rkj,kj->r', self.W, P)
-        return np.linalg.solve(K, np.append(right, np.zeros(joints)))[:rows]
+        return np.linalg.solve(K, np.vstack([loads, np.zeros((joints, loads.shape[1]))]))[:rows]
 
     def gamma(self, u: Array) -> Array:
         """Return relative velocities (k, 5)."""
@@ -74,6 +79,32 @@ class DenseStep:
         if self.W_J.shape[1]:
             G = G - H.T @ np.linalg.solve(self.W_J.T @ columns[:, split:], H)
         return G
+
+    def balance_error(self, P: Array, u: Array) -> float:
+        """
+        Return a bound for what rounding leaves of the balance of `newton`: of `velocities(P) - u`.
+
+        Impulses are those of the proximal laws at u, ``dP = -S dgamma``. The normal law has
+        1/(compliance + c), c = PROXIMAL G; friction 2/c where it sticks and P_N mu^2/|mu gamma|
+        where it slides, and follows the normal impulse with mu. A contact velocity rounds ten
+        times a number up to |u|: v and two products with lengths below 1 m, twice.
+        """
+        gamma, P_N = self.gamma(u), P[:, 0]
+        proximal = PROXIMAL * reference.mean_delassus(self.scene.robot)
+        S = np.zeros(P.shape)
+        S[:, 0] = np.where(P_N > 0.0, 1.0 / (self.compliance + proximal), 0.0)
+        friction = self.scene.friction
+        for part, mu in (
+            (slice(1, 3), (friction.longitudinal, friction.transversal)),
+            (slice(3, 5), (friction.rolling, friction.rolling)),
+        ):
+            slip = np.maximum(np.linalg.norm(mu * gamma[:, part], axis=1), 1e-300)
+            stiffness = np.minimum(2.0 / proximal, P_N * max(mu) ** 2 / slip)
+            S[:, part] = stiffness[:, None] + max(mu) * S[:, :1]
+        response = self._balance(self.W.reshape(len(self.W), -1))
+        speed = max(1e-3, float(np.abs(u).max()))
+        # The condition of the joints: 1.4e5 for the paper's robot.
+        return 10 * EPS * speed * float((np.abs(response) @ S.ravel()).max()) + 1.4e5 * EPS * speed
 
     def residual(self, P: Array, gamma: Array, compliance: float) -> float:
         """Return the exact natural-map residual of all closed contacts [m/s]."""

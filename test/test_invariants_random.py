@@ -142,7 +142,9 @@ def check_step(scene, step, end, history, report):
     work += (P[:, 0] * e).sum()
     free = step.velocities(np.zeros(P.shape))
     off = np.abs(step.velocities(P) - end.u.ravel()).max()
-    if scene.method == 'newton_dense':
+    if scene.method == 'newton':
+        assert off <= step.balance_error(P, end.u)
+    else:
         # The condition of the joints, 1.4e5 for the paper's robot, times the ratio of masses.
         assert off <= 9 * 1.4e5 * EPS * max(1e-3, speed)
     work += off * np.abs(step.M).sum() * speed

@@ -41,9 +41,17 @@ from snake_sim_ros.stepping import Status
 
 FILE = Path(__file__).parent / 'data' / 'hard_contacts.npz'
 RESIDUAL = 1e-9  # m/s, the tolerance of all scenes
-# Not promised to converge: Painleve's threshold is 0.978 for one link and lower with impulses from
-# the joints; and thrown, tumbling links with rolling friction.
-OPEN = ('mu 5', 'mu 2', 'mu_V 0.5', 'tumbling')
+# Not promised to converge: steps far beyond Painleve's threshold (0.978 for one link and lower
+# with impulses from the joints), and thrown links with rolling friction.
+OPEN = {
+    'mu 5 step 3090',
+    'mu 5 step 3192',
+    'mu 5 step 4050',
+    'mu 5 step 5529',
+    'dropped and spinning, mu_V 0.5',
+    'tumbling, mu_V 0.05',
+}
+OPEN_DENSE = OPEN | {'dropped and spinning, mu 2', 'dropped and spinning, mu 5'}
 
 
 def load():
@@ -63,9 +71,16 @@ def load():
 
 
 PROBLEMS = load()
-SOLVABLE = [name for name in PROBLEMS if not any(part in name for part in OPEN)]
 each_problem = pytest.mark.parametrize('name', PROBLEMS)
-each_solvable = pytest.mark.parametrize('name', SOLVABLE)
+each_solvable = pytest.mark.parametrize(
+    ('name', 'method'),
+    [
+        (name, method)
+        for method, left_open in (('newton', OPEN), ('newton_dense', OPEN_DENSE))
+        for name in PROBLEMS
+        if name not in left_open
+    ],
+)
 each_method = pytest.mark.parametrize('method', ['newton', 'newton_dense'])
 
 
@@ -108,7 +123,6 @@ def test_the_report_is_honest(name, method):
 
 
 @each_solvable
-@each_method
 def test_converges(name, method):
     report = solved(name, method)[-1]
     assert report.status is Status.CONVERGED
@@ -116,20 +130,19 @@ def test_converges(name, method):
 
 
 @each_solvable
-@each_method
 def test_velocities_follow_from_the_impulses(name, method):
     step, P, u, _ = solved(name, method)
-    # Each of k contacts gives its impulse as P_0 - S gamma, S <= 2/(1e-5 G): ten roundings of
-    # gamma, EPS |u| each, become impulses of 2e6 EPS |u|/G, and velocities with the largest ratio
-    # of Delassus entries, tangential over normal, 26/2.9 = 9. `newton_dense` solves for impulses:
-    # cond(W_J^T M^-1 W_J) = 1.4e5 stands in place of the stiffness, 1000 times that with a
-    # heavy link, and gamma is formed once.
-    k, speed = len(P), max(1e-3, np.abs(u).max())
-    bound = 9 * k * 2e6 * EPS * speed
+    bound = step.balance_error(P, u)
+    if method == 'newton_dense':
+        # It solves for impulses, and gamma is formed once: the condition of W_J^T M^-1 W_J, 1.4e5,
+        # 1000 times that with a heavy link, with the largest ratio of Delassus entries, tangential
+        # over normal, 26/2.9 = 9.
+        heavy = 1000 if 'heavy' in name else 1
+        bound = 9 * 1.4e5 * heavy * EPS * max(1e-3, np.abs(u).max())
     assert np.abs(step.velocities(P) - u.ravel()).max() <= bound
 
 
-@each_solvable
+@pytest.mark.parametrize('name', [name for name in PROBLEMS if name not in OPEN_DENSE])
 def test_both_methods_find_the_same_velocities(name):
     step, P, u, report = solved(name, 'newton')
     _, other_P, other_u, other_report = solved(name, 'newton_dense')

@@ -62,7 +62,8 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """
     Return `function` compiled into its callers, which are compiled functions; see `compiled`.
 
-    A call costs a copy of all array headers in its arguments, often more than the work it does.
+    A call costs a copy of all array headers in its arguments, often more than the work it does. It
+    has no entry from Python: only compiled functions can call it.
     """
     return _compiled(function, forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 

@@ -39,7 +39,7 @@ def rates_in_inertial_frame(R, u, omega):
             omega[i, k] = R[i, k, 0] * u[i, 3] + R[i, k, 1] * u[i, 4] + R[i, k, 2] * u[i, 5]
 
 
-@inlined
+@compiled
 def half_rotation(p, omega, step):
     """Return p + step H_bar(p)^T omega, omega in B: half of a step of the kinematic map (74)."""
     e0, e1, e2, e3 = p
@@ -52,7 +52,7 @@ def half_rotation(p, omega, step):
     )
 
 
-@inlined
+@compiled
 def middle_coordinates(dt, q, u, q_mid):
     """Fill q_mid with q_M = q_A + dt/2 F(q_M) u_A, eq. (72), solved in closed form for p_M."""
     for i in range(len(q)):

@@ -98,8 +98,8 @@ def test_physics_imports_without_ros_and_matplotlib():
     assert python('-c', script, folder=ROOT) == 'imported\n'
 
 
-# `newton_dense` is made of the same functions; its elimination passes a last bit on with a factor of
-# 1e5 and more.
+# `newton_dense` is made of the same functions; its elimination passes a last bit on with a factor
+# of 1e5 and more.
 @pytest.mark.parametrize('method', ['newton', 'gauss_seidel', 'paper'])
 def test_physics_runs_without_nodes_and_without_compiler(tmp_path, method):
     shutil.copytree(PACKAGE, tmp_path / 'snake_sim_ros', ignore=shutil.ignore_patterns('nodes'))

@@ -51,7 +51,16 @@ setup(
         **ros_wheels,
         'plots': plots,
         'peers': ['mujoco>=3'],
-        'test': ['pytest>=7', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML', 'wheel', *plots],
+        'test': [
+            'pytest>=7',
+            'pytest-xdist',
+            'hypothesis',
+            'ruff',
+            'mypy',
+            'types-PyYAML',
+            'wheel',
+            *plots,
+        ],
     },
     entry_points={
         'console_scripts': [

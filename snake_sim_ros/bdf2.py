@@ -187,7 +187,7 @@ def step(model, work, q, u, history, angle, rate, report):
     known = previous[13 * n + SPAN] > 0.0
     if not known:
         previous[13 * n + SPAN] = model.dt
-    keep(q, u, history, work)
+    copy(q, u, history, work.q_start, work.u_start, work.history)
     parts = 1 if previous[13 * n + SMOOTH] > 0.0 else SUB_STEPS
     unconverged, fallbacks = report[UNCONVERGED], report[FALLBACKS]
     part = landed = 0
@@ -208,7 +208,7 @@ def step(model, work, q, u, history, angle, rate, report):
         )
         landed = max(landed, outcome)
         if outcome < 0 or (outcome > 0 and twice):
-            restore(q, u, history, work)
+            copy(work.q_start, work.u_start, work.history, q, u, history)
             if outcome < 0:
                 history[:] = 0.0
                 return False
@@ -233,31 +233,17 @@ def step(model, work, q, u, history, angle, rate, report):
 
 
 @compiled
-def keep(q, u, history, work):
-    """Keep where a step starts."""
+def copy(q, u, history, q_to, u_to, history_to):
+    """Fill q_to, u_to and history_to."""
     for i in range(len(q)):
         for k in range(7):
-            work.q_start[i, k] = q[i, k]
+            q_to[i, k] = q[i, k]
         for k in range(6):
-            work.u_start[i, k] = u[i, k]
-    for slab in range(5):
+            u_to[i, k] = u[i, k]
+    for slab in range(len(history)):
         for a in range(history.shape[1]):
             for j in range(5):
-                work.history[slab, a, j] = history[slab, a, j]
-
-
-@compiled
-def restore(q, u, history, work):
-    """Go back to where the step started."""
-    for i in range(len(q)):
-        for k in range(7):
-            q[i, k] = work.q_start[i, k]
-        for k in range(6):
-            u[i, k] = work.u_start[i, k]
-    for slab in range(5):
-        for a in range(history.shape[1]):
-            for j in range(5):
-                history[slab, a, j] = work.history[slab, a, j]
+                history_to[slab, a, j] = history[slab, a, j]
 
 
 @compiled

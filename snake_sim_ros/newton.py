@@ -329,7 +329,7 @@ def remember(contact, table, history):
                     history[0, a, j] = table[a, IMPULSE + j] if now else 0.0
                     history[1, a, j] = table[a, GAMMA + j] if now else 0.0
             elif history[0, a, 0] > 0.0:
-                history[:, a] = 0.0
+                history[:3, a] = 0.0
 
 
 @inlined

@@ -42,16 +42,16 @@ from snake_sim_ros.kinematics import link_frames
 from snake_sim_ros.kinematics import rates_in_inertial_frame
 from snake_sim_ros.kinematics import twists
 from snake_sim_ros.newton import solve_contacts
+from snake_sim_ros.report import CONTACTS
+from snake_sim_ros.report import FALLBACKS
+from snake_sim_ros.report import note_outcome
+from snake_sim_ros.report import UNCONVERGED
 from snake_sim_ros.spatial import applied_torque
 from snake_sim_ros.spatial import axis_loads
-from snake_sim_ros.spatial import CONTACTS
-from snake_sim_ros.spatial import FALLBACKS
 from snake_sim_ros.spatial import finish
 from snake_sim_ros.spatial import link_inertia
-from snake_sim_ros.spatial import note_outcome
 from snake_sim_ros.spatial import smooth_momentum
 from snake_sim_ros.spatial import turns_are_small
-from snake_sim_ros.spatial import UNCONVERGED
 
 SUB_STEPS = 4
 REACH = 0.3  # a gap takes part if this speed could close it in the step [m/s]
@@ -228,8 +228,7 @@ def step(model, work, q, u, history, angle, rate, report):
         work.applied[j, 1] *= scale
     report[UNCONVERGED] = min(report[UNCONVERGED], unconverged + 1)  # steps, not parts of them
     report[FALLBACKS] = min(report[FALLBACKS], fallbacks + 1)
-    finish(model, q, report)
-    return True
+    return finish(model, work.chain.twist, q, u, history, report)
 
 
 @compiled

@@ -110,7 +110,7 @@ def _scene(options: argparse.Namespace, source: str) -> Scene:
 
 def _run(options: argparse.Namespace) -> int:
     scene = _scene(options, options.scene)
-    level = make_stepper(scene).level
+    make_stepper(scene)
     if options.out and not options.out.absolute().parent.is_dir():
         raise ParameterError(f'--out: no folder {options.out.absolute().parent}')
     print('compiling ...', end='\r', file=sys.stderr, flush=True)
@@ -126,17 +126,18 @@ def _run(options: argparse.Namespace) -> int:
         print(f'diverged: {report.failure}', file=sys.stderr)
     if options.out:
         print(f'{len(trajectory.time)} samples in {options.out}')
-    print(json.dumps(_summary(trajectory, level)))
+    print(json.dumps(_summary(trajectory)))
     if report.status is Status.DIVERGED:
         return 1
     return 130 if trajectory.interrupted else 0
 
 
-def _summary(trajectory: Trajectory, level: str) -> dict[str, Any]:
+def _summary(trajectory: Trajectory) -> dict[str, Any]:
     scene, report = trajectory.scene, trajectory.report
     return {
         'method': scene.method,
-        'level': level,
+        'level': report.level,
+        'planar_steps': report.planar_steps,
         'status': report.status.value,
         'steps': report.steps,
         'us_per_step': 1e6 * trajectory.seconds / max(report.steps, 1),

@@ -148,6 +148,7 @@ class Solver(Record):
 
 
 PD_SCHEMES = ('start', 'midpoint', 'average', 'end')
+LEVELS = ('auto', 'planar', 'spatial')
 DRIFT_CORRECTIONS = ('paper', 'center_of_mass', 'none')
 
 
@@ -165,6 +166,12 @@ class Scene(Record):
     dt: float = quantity(1 / 4000, 's', 'time step', above=0, maximum=0.1)
     duration: float = quantity(15.0, 's', 'length of an offline run', above=0)
     method: str = quantity('newton', '', 'time stepper, a name of stepping.METHODS')
+    level: str = quantity(
+        'auto', '', 'model level; auto is planar while that is exact', choices=LEVELS
+    )
+    settling_time: float = quantity(
+        0.1, 's', 'how long a robot lies flat and still before auto is planar again', above=0
+    )
     pd_scheme: str = quantity(
         'average', '', 'where in the step the joint controller acts', choices=PD_SCHEMES
     )

@@ -20,7 +20,7 @@ from snake_sim_ros.posture import initial_coordinates
 from snake_sim_ros.records import ParameterError
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class State:
     """
     Coordinates and velocities of all links, nothing else.
@@ -36,6 +36,12 @@ class State:
 
     q: Array
     u: Array
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether all numbers are the same, to the bit."""
+        if not isinstance(other, State):
+            return NotImplemented
+        return np.array_equal(self.q, other.q) and np.array_equal(self.u, other.u)
 
 
 class Status(Enum):
@@ -71,6 +77,12 @@ class Report:
         Contacts closed in the last step.
     joint_torque : ndarray, shape (n-1, 2)
         Torque (yaw, pitch) of the last step [N m].
+    level : str
+        Model level of the last step, `spatial` or `planar`.
+    planar_steps : int
+        How many of the steps were planar.
+    left : str
+        Empty, or why the step after the last one cannot be planar.
     failure : str
         Empty, or the sentence that says what diverged, when and where.
 
@@ -88,6 +100,9 @@ class Report:
     joint_twist_max: float = 0.0
     contacts: int = 0
     joint_torque: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    level: str = 'spatial'
+    planar_steps: int = 0
+    left: str = ''
     failure: str = ''
 
     @property
@@ -101,7 +116,7 @@ class Report:
         """Return the report of these steps and of `later` ones."""
         added = {
             name: getattr(self, name) + getattr(later, name)
-            for name in ('steps', 'iterations', 'unconverged', 'fallbacks')
+            for name in ('steps', 'iterations', 'unconverged', 'fallbacks', 'planar_steps')
         }
         largest = {
             item.name: max(getattr(self, item.name), getattr(later, item.name))
@@ -113,6 +128,8 @@ class Report:
             **largest,
             contacts=later.contacts,
             joint_torque=later.joint_torque,
+            level=later.level,
+            left=later.left,
             failure=self.failure or later.failure,
         )
 
@@ -160,37 +177,43 @@ class Stepper(Protocol):
 
 
 IMPULSE, VELOCITY, CHANGE, PREVIOUS = range(4)
+SETTLING = (-1, -1, -1)  # in history: steps that a robot still has to lie flat and still
 
 
-def _newton(scene: Scene) -> Stepper:
+def _newton(scene: Scene, level: str = 'spatial') -> Stepper:
+    if level == 'planar':
+        from snake_sim_ros.planar_newton import advance as planar_advance
+        from snake_sim_ros.planar_stepper import PlanarStepper
+
+        return PlanarStepper(scene, planar_advance)
     from snake_sim_ros.newton import advance
     from snake_sim_ros.spatial import SpatialStepper
 
     return SpatialStepper(scene, advance, 0)
 
 
-def _bdf2(scene: Scene) -> Stepper:
+def _bdf2(scene: Scene, level: str = 'spatial') -> Stepper:
     from snake_sim_ros.bdf2 import advance
     from snake_sim_ros.spatial import SpatialStepper
 
     return SpatialStepper(scene, advance, 0)
 
 
-def _newton_dense(scene: Scene) -> Stepper:
+def _newton_dense(scene: Scene, level: str = 'spatial') -> Stepper:
     from snake_sim_ros.newton import advance
     from snake_sim_ros.spatial import SpatialStepper
 
     return SpatialStepper(scene, advance, 10 * scene.robot.link_count)
 
 
-def _gauss_seidel(scene: Scene) -> Stepper:
+def _gauss_seidel(scene: Scene, level: str = 'spatial') -> Stepper:
     from snake_sim_ros.gauss_seidel import advance
     from snake_sim_ros.spatial import SpatialStepper
 
     return SpatialStepper(scene, advance, 10 * scene.robot.link_count)
 
 
-def _paper(scene: Scene) -> Stepper:
+def _paper(scene: Scene, level: str = 'spatial') -> Stepper:
     from snake_sim_ros.prox_iteration import advance
     from snake_sim_ros.prox_iteration import CONDENSED
     from snake_sim_ros.spatial import SpatialStepper
@@ -198,13 +221,13 @@ def _paper(scene: Scene) -> Stepper:
     return SpatialStepper(scene, advance, CONDENSED)
 
 
-def _reference(scene: Scene) -> Stepper:
+def _reference(scene: Scene, level: str = 'spatial') -> Stepper:
     from snake_sim_ros.reference import ReferenceStepper
 
     return ReferenceStepper(scene)
 
 
-METHODS: dict[str, Callable[[Scene], Stepper]] = {
+METHODS: dict[str, Callable[..., Stepper]] = {
     'newton': _newton,  # semismooth Newton through the chain of links
     'bdf2': _bdf2,  # the same solver in a step of second order, for large steps
     'newton_dense': _newton_dense,  # the same on the Delassus operator
@@ -228,7 +251,9 @@ def make_stepper(scene: Scene) -> Stepper:
         raise ParameterError(
             f'unknown method {scene.method!r}; choose from: {", ".join(sorted(METHODS))}'
         )
-    return METHODS[scene.method](scene)
+    from snake_sim_ros.levels import stepper_of_level
+
+    return stepper_of_level(scene, METHODS[scene.method])
 
 
 def initial_state(scene: Scene) -> State:

@@ -21,10 +21,12 @@ what the selection rule and the stiff joints let it; friction there differs by s
 import math
 from typing import NamedTuple
 
+from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import IMPULSE
 from snake_sim_ros.contacts import Laws
+from snake_sim_ros.delassus import Delassus
 from snake_sim_ros.hinge_chain import factor_hinges
 from snake_sim_ros.hinge_chain import HingeChain
 from snake_sim_ros.hinge_chain import solve_hinges
@@ -33,6 +35,7 @@ from snake_sim_ros.parameters import Array
 from snake_sim_ros.report import CONTACTS
 from snake_sim_ros.report import FAILED_LINK
 from snake_sim_ros.report import FAILED_VALUE
+from snake_sim_ros.report import LEFT
 from snake_sim_ros.report import note_outcome
 from snake_sim_ros.report import STEPS
 
@@ -83,6 +86,8 @@ class PlanarWorkspace(NamedTuple):
     contact: Array  # (2n,) indices of all contacts
     table: Array  # (2n, COLUMNS) see contacts and newton
     twist: Array  # (n, 3) the last twists in the plane
+    standing: Array  # (2,) see find_loads
+    delassus: Delassus | None  # where a solver forms it
 
 
 @inlined
@@ -167,17 +172,77 @@ def table_velocities(table, i, n, offset, c, s, vx, vy, omega):
 
 
 @inlined
+def contact_velocities(model, work):
+    """Fill the sliding velocities of all contacts that work.twist makes."""
+    n = len(work.heading)
+    for i in range(n):
+        x, y = work.center[i, 0], work.center[i, 1]
+        c, s = work.heading[i, 0], work.heading[i, 1]
+        w = work.twist[i, 0]
+        vx, vy = work.twist[i, 1] - w * y, work.twist[i, 2] + w * x
+        table_velocities(work.table, i, n, model.offset[i], c, s, vx, vy, w)
+
+
+@compiled
+def factor_bare(work):
+    """Prepare the chain of the links alone."""
+    for i in range(len(work.bare)):
+        for k in range(6):
+            work.chain.inertia[i, k] = work.bare[i, k]
+    factor_hinges(work.chain)
+
+
+@compiled
+def end_twists(model, work):
+    """Fill twists and sliding velocities that the friction impulses in the table lead to."""
+    chain, table, n = work.chain, work.table, len(work.heading)
+    for i in range(n):
+        c, s = work.heading[i, 0], work.heading[i, 1]
+        along = table[i, IMPULSE + 1] + table[n + i, IMPULSE + 1]
+        across = table[i, IMPULSE + 2] + table[n + i, IMPULSE + 2]
+        moment = model.offset[i] * (table[i, IMPULSE + 2] - table[n + i, IMPULSE + 2])
+        px, py = c * along - s * across, s * along + c * across
+        moment += work.center[i, 0] * py - work.center[i, 1] * px
+        chain.wrench[i, 0] = work.momentum[i, 0] + moment
+        chain.wrench[i, 1] = work.momentum[i, 1] + px
+        chain.wrench[i, 2] = work.momentum[i, 2] + py
+    solve_hinges(chain, work.torque)
+    for i in range(n):
+        for k in range(3):
+            work.twist[i, k] = chain.twist[i, k]
+    contact_velocities(model, work)
+
+
+@compiled
+def condense(model, work, delassus):
+    """Fill the Delassus operator and the free velocities of sliding; normal rows are zero."""
+    table, contact, free = work.table, work.contact, delassus.free
+    for a in contact:
+        table[a, IMPULSE + 1] = table[a, IMPULSE + 2] = 0.0
+    end_twists(model, work)
+    for k, a in enumerate(contact):
+        for j in range(3):
+            free[3 * k + j] = table[a, GAMMA + j]
+    for k, a in enumerate(contact):
+        for j in range(3):
+            if j > 0:
+                table[a, IMPULSE + j] = 1.0
+                end_twists(model, work)
+                table[a, IMPULSE + j] = 0.0
+            for other, b in enumerate(contact):
+                for i in range(3):
+                    row = 3 * other + i
+                    velocity = table[b, GAMMA + i] - free[row] if j > 0 else 0.0
+                    delassus.operator[3 * k + j, row] = velocity
+
+
+@inlined
 def find_loads(model, work):
     """
     Fill the normal impulses that go with the friction impulses in the table.
 
-    Returns
-    -------
-    least : float
-        The smallest of them [N s].
-    lean : float
-        Largest roll or pitch angle of a link at which the joints hold the robot [rad].
-
+    In work.standing are then the smallest of them [N s], and the roll or pitch of a link at which
+    the joints hold the robot [rad].
     """
     table, upright, n = work.table, work.upright, len(work.heading)
     for i in range(n):
@@ -196,21 +261,34 @@ def find_loads(model, work):
         table[i, IMPULSE], table[n + i, IMPULSE] = load + lever, load - lever
         least = min(least, load - abs(lever))
         turn = max(turn, abs(wx) + abs(wy))
-    return least, turn * model.lean
+    work.standing[0], work.standing[1] = least, turn * model.lean
 
 
 @inlined
-def end_step(model, work, q, u, outcome, report):
+def end_step(model, work, q, u, history, outcome, report):
     """
-    Move q (n+2,) and u (n, 3) to the end of the step; return False if it diverged.
+    Move q (n+2,) and u (n, 3) to the end of the step, unless it is not planar or diverged.
 
-    `outcome` is what a contact solver returns, see `spatial.end_step`.
+    Parameters
+    ----------
+    outcome : tuple
+        What a contact solver returns, see `spatial.end_step`.
+
+    Returns
+    -------
+    bool
+        Whether it was done.
+
     """
     n, dt, twist = len(u), model.dt, work.twist
+    if not (work.standing[0] > 0.0 and work.standing[1] <= LEAN):
+        report[LEFT] = 1.0
+        return False
     for i in range(n):
         turn = dt * abs(twist[i, 0])
         if not (turn < math.pi / 2 and math.isfinite(twist[i, 1] + twist[i, 2])):
             report[FAILED_LINK], report[FAILED_VALUE] = i + 1, turn
+            history[:] = 0.0
             return False
     for j in range(n - 1):
         yaw_rate = twist[j + 1, 0] - twist[j, 0]

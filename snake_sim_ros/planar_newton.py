@@ -15,7 +15,9 @@ from snake_sim_ros.compilation import cycle_counter
 from snake_sim_ros.compilation import inlined
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import IMPULSE
+from snake_sim_ros.contacts import LAW
 from snake_sim_ros.contacts import natural_map
+from snake_sim_ros.delassus import solve_condensed
 from snake_sim_ros.hinge_chain import factor_hinges
 from snake_sim_ros.hinge_chain import solve_hinges
 from snake_sim_ros.linear_laws import ANCHOR
@@ -35,11 +37,12 @@ from snake_sim_ros.newton import move
 from snake_sim_ros.newton import next_share
 from snake_sim_ros.newton import PLAIN_ROUNDS
 from snake_sim_ros.planar import begin_step
+from snake_sim_ros.planar import condense
+from snake_sim_ros.planar import contact_velocities
 from snake_sim_ros.planar import end_step
+from snake_sim_ros.planar import end_twists
+from snake_sim_ros.planar import factor_bare
 from snake_sim_ros.planar import find_loads
-from snake_sim_ros.planar import LEAN
-from snake_sim_ros.planar import table_velocities
-from snake_sim_ros.report import LEFT
 
 # Where history keeps the change of the change of a load: in the plane nothing rolls.
 BEND = 3
@@ -130,9 +133,19 @@ def add_laws(model, work, again):
 
 
 @inlined
-def linear_step(model, work, again):
-    """Fill GAMMA, IMPULSE and the twists with the solution for the laws linear about TRIAL."""
+def linear_step(model, work, delassus, again):
+    """
+    Fill GAMMA, IMPULSE and the twists with the solution for the laws linear about TRIAL.
+
+    Without a Delassus operator (None) the chain is solved with the laws, else G without the chain.
+    """
     table, chain, n = work.table, work.chain, len(work.heading)
+    if delassus is not None:
+        for a in work.contact:
+            linearize_disc(model.laws.sliding, table, a, table[a, DISC], 0.0)
+            table[a, LAW], table[a, LAW + 1] = table[a, IMPULSE], 0.0
+        solve_condensed(work.contact, 3, table, LAW, delassus)
+        return
     add_laws(model, work, again)
     factor_hinges(chain)
     for j in range(n - 1):
@@ -143,26 +156,23 @@ def linear_step(model, work, again):
         for k in range(3):
             v = chain.twist[i, k]
             work.twist[i, k] = work.twist[i, k] + v if again else v
-        x, y = work.center[i, 0], work.center[i, 1]
-        c, s = work.heading[i, 0], work.heading[i, 1]
-        w, vx, vy = work.twist[i, 0], work.twist[i, 1], work.twist[i, 2]
-        table_velocities(table, i, n, model.offset[i], c, s, vx - w * y, vy + w * x, w)
-        for a in (i, n + i):
-            d_x = table[a, GAMMA + 1] - table[a, TRIAL + 1]
-            d_y = table[a, GAMMA + 2] - table[a, TRIAL + 2]
-            S_xx, S_xy, S_yy = table[a, SLIDING + 2], table[a, SLIDING + 3], table[a, SLIDING + 4]
-            table[a, IMPULSE + 1] = table[a, FORCE + 1] - S_xx * d_x - S_xy * d_y
-            table[a, IMPULSE + 2] = table[a, FORCE + 2] - S_xy * d_x - S_yy * d_y
+    contact_velocities(model, work)
+    for a in work.contact:
+        d_x = table[a, GAMMA + 1] - table[a, TRIAL + 1]
+        d_y = table[a, GAMMA + 2] - table[a, TRIAL + 2]
+        S_xx, S_xy, S_yy = table[a, SLIDING + 2], table[a, SLIDING + 3], table[a, SLIDING + 4]
+        table[a, IMPULSE + 1] = table[a, FORCE + 1] - S_xx * d_x - S_xy * d_y
+        table[a, IMPULSE + 2] = table[a, FORCE + 2] - S_xy * d_x - S_yy * d_y
 
 
 @inlined
-def coupled_steps(model, work, limit):
+def coupled_steps(model, work, delassus, limit):
     """Iterate with the loads of the last iterate; return iterations and the residual."""
     laws, contact, table = model.laws, work.contact, work.table
     residual, iterations, steps = math.inf, 0, COUPLED_STEPS
     while iterations < min(steps, limit):
         before = residual
-        linear_step(model, work, iterations > 0)
+        linear_step(model, work, delassus, iterations > 0)
         find_loads(model, work)
         residual, _ = natural_map(laws, contact, table, model.residual_tolerance)
         iterations += 1
@@ -178,14 +188,14 @@ def coupled_steps(model, work, limit):
 
 
 @inlined
-def held_steps(model, work, tolerance, again, limit):
+def held_steps(model, work, delassus, tolerance, again, limit):
     """Solve the convex problem with the radii and anchors held; return iterations."""
     laws, contact, table = model.laws, work.contact, work.table
     for a in contact:  # no part of the line search
         table[a, IMPULSE] = table[a, ITERATE] = table[a, ANCHOR]
     iterations = 0
     while iterations < min(HELD_STEPS, limit):
-        linear_step(model, work, again or iterations > 0)
+        linear_step(model, work, delassus, again or iterations > 0)
         iterations += 1
         fraction = line_search(laws, contact, table) if again or iterations > 1 else 1.0
         if fraction == 0.0:
@@ -200,21 +210,18 @@ def held_steps(model, work, tolerance, again, limit):
 
 
 @inlined
-def solve_contacts(model, work, history):
+def solve_contacts(model, work, delassus, history):
     """
-    Solve the contacts of a step.
+    Solve the contacts of a step; return what `planar.end_step` takes.
 
-    Returns
-    -------
-    outcome : tuple
-        What `planar.end_step` takes.
-    lies : bool
-        Whether all contacts carry load and the joints hold the robot flat.
-
+    Without a Delassus operator (None) the chain is solved with the laws, else G without the chain.
     """
     laws, contact, table, limit = model.laws, work.contact, work.table, model.iteration_limit
     predict(contact, table, history)
-    iterations, residual = coupled_steps(model, work, limit)
+    if delassus is not None:
+        factor_bare(work)
+        condense(model, work, delassus)
+    iterations, residual = coupled_steps(model, work, delassus, limit)
     rounds, share, before = 0, 1.0, 0.0
     while residual > model.residual_tolerance and iterations < limit:
         if rounds == 0:
@@ -224,7 +231,7 @@ def solve_contacts(model, work, history):
         for a in contact:
             table[a, DISC] = table[a, HELD]
         inner = (1e2 if rounds < PLAIN_ROUNDS else 0.1) * model.residual_tolerance
-        iterations += held_steps(model, work, inner, rounds > 0, limit - iterations)
+        iterations += held_steps(model, work, delassus, inner, rounds > 0, limit - iterations)
         find_loads(model, work)
         residual, _ = natural_map(laws, contact, table, model.residual_tolerance)
         move(contact, table, 1.0)
@@ -234,12 +241,11 @@ def solve_contacts(model, work, history):
         for a in contact:
             table[a, HELD] = max(0.0, table[a, HELD] + share * table[a, STEP])
         rounds += 1
-    least, lean = find_loads(model, work)
-    lies = least > 0.0 and lean <= LEAN
-    if lies:
-        remember(contact, table, history)
-    converged = residual <= model.residual_tolerance
-    return (iterations, converged, residual, residual, rounds > 0), lies
+    if delassus is not None:
+        end_twists(model, work)
+    find_loads(model, work)
+    remember(contact, table, history)
+    return iterations, residual <= model.residual_tolerance, residual, residual, rounds > 0
 
 
 @compiled
@@ -248,11 +254,7 @@ def advance(model, work, q, u, history, angle, rate, report, cycles):
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
         begin_step(model, work, q, u, angle[k], rate[k])
-        outcome, lies = solve_contacts(model, work, history)
-        if not lies:
-            report[LEFT] = 1.0
-            break
-        if not end_step(model, work, q, u, outcome, report):
-            history[:] = 0.0
+        outcome = solve_contacts(model, work, work.delassus, history)
+        if not end_step(model, work, q, u, history, outcome, report):
             break
     cycles[len(angle)] = cycle_counter()

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from snake_sim_ros.contacts import IMPULSE
+from snake_sim_ros.delassus import make_delassus
 from snake_sim_ros.hinge_chain import HingeChain
 from snake_sim_ros.kinematics import CENTER_OF_MASS
 from snake_sim_ros.parameters import Array
@@ -65,8 +66,8 @@ def make_planar_model(scene: Scene) -> PlanarModel:
     )
 
 
-def make_planar_workspace(n: int) -> PlanarWorkspace:
-    """Return the arrays of the compiled step for n links."""
+def make_planar_workspace(n: int, size: int) -> PlanarWorkspace:
+    """Return the arrays of the compiled step for n links and a Delassus operator of a size."""
     contact = np.array([[i, n + i] for i in range(n)]).ravel()
     return PlanarWorkspace(
         heading=np.zeros((n, 2)),
@@ -83,6 +84,8 @@ def make_planar_workspace(n: int) -> PlanarWorkspace:
         contact=contact,
         table=np.zeros((2 * n, COLUMNS)),
         twist=np.zeros((n, 3)),
+        standing=np.zeros(2),
+        delassus=make_delassus(size),
     )
 
 
@@ -106,8 +109,8 @@ class PlanarStepper:
     A compiled contact solver in the plane; see `stepping.Stepper`.
 
     Links keep the height and the tilt that they come with, which are those of a robot that lies
-    flat up to the tolerances of `levels`. What they have of velocity out of the plane goes into the
-    contact impulses of the first step, as in any inelastic impact.
+    flat up to the tolerances of `levels`. Their velocity out of the plane goes into the contact
+    impulses of the first step, as in any inelastic impact.
 
     In history, from PREVIOUS on, are the coordinates of the last step, so that the Euler
     parameters that are made of them need not be read back: steps in parts are the same to the bit.
@@ -119,14 +122,16 @@ class PlanarStepper:
         Compiled ``advance(model, work, q, u, history, angle, rate, report, cycles)``: as in
         `spatial.SpatialStepper`, for planar coordinates q (n+2,) and velocities u (n, 3). It ends
         before the first step that is not planar, and says so in the report.
+    size : int
+        Rows of the largest Delassus operator that the solver forms.
 
     """
 
     level = 'planar'
 
-    def __init__(self, scene: Scene, loop: Callable[..., None]) -> None:
+    def __init__(self, scene: Scene, loop: Callable[..., None], size: int) -> None:
         self.model = make_planar_model(scene)
-        self.work = make_planar_workspace(scene.robot.link_count)
+        self.work = make_planar_workspace(scene.robot.link_count, size)
         self.loop = loop
         self.cycles = np.zeros(1, np.int64)
 

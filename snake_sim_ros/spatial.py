@@ -32,6 +32,7 @@ from snake_sim_ros.contacts import Laws
 from snake_sim_ros.contacts import make_disc
 from snake_sim_ros.contacts import selected
 from snake_sim_ros.delassus import Delassus
+from snake_sim_ros.delassus import make_delassus
 from snake_sim_ros.joint_control import pd_law
 from snake_sim_ros.joint_control import START
 from snake_sim_ros.kinematics import chain_geometry
@@ -391,14 +392,7 @@ def make_workspace(n: int, size: int) -> Workspace:
         ),
         contact=np.zeros(2 * n, np.int64),
         table=zeros((2 * n, COLUMNS)),
-        delassus=Delassus(
-            operator=zeros((size, size)),
-            system=zeros((size, size + 1)),
-            free=zeros(size),
-            packed=zeros(size),
-        )
-        if size > 0
-        else None,
+        delassus=make_delassus(size),
     )
 
 

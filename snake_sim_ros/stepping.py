@@ -180,48 +180,60 @@ IMPULSE, VELOCITY, CHANGE, PREVIOUS = range(4)
 SETTLING = (-1, -1, -1)  # in history: steps that a robot still has to lie flat and still
 
 
-def _newton(scene: Scene, level: str = 'spatial') -> Stepper:
+def _planar(scene: Scene, loop: Callable[..., None], size: int) -> Stepper:
+    from snake_sim_ros.planar_stepper import PlanarStepper
+
+    return PlanarStepper(scene, loop, size)
+
+
+def _spatial(scene: Scene, loop: Callable[..., None], size: int) -> Stepper:
+    from snake_sim_ros.spatial import SpatialStepper
+
+    return SpatialStepper(scene, loop, size)
+
+
+def _newton(scene: Scene, level: str = 'spatial', size: int = 0) -> Stepper:
     if level == 'planar':
-        from snake_sim_ros.planar_newton import advance as planar_advance
-        from snake_sim_ros.planar_stepper import PlanarStepper
+        from snake_sim_ros import planar_newton
 
-        return PlanarStepper(scene, planar_advance)
-    from snake_sim_ros.newton import advance
-    from snake_sim_ros.spatial import SpatialStepper
+        return _planar(scene, planar_newton.advance, size)
+    from snake_sim_ros import newton
 
-    return SpatialStepper(scene, advance, 0)
-
-
-def _bdf2(scene: Scene, level: str = 'spatial') -> Stepper:
-    from snake_sim_ros.bdf2 import advance
-    from snake_sim_ros.spatial import SpatialStepper
-
-    return SpatialStepper(scene, advance, 0)
+    return _spatial(scene, newton.advance, size)
 
 
 def _newton_dense(scene: Scene, level: str = 'spatial') -> Stepper:
-    from snake_sim_ros.newton import advance
-    from snake_sim_ros.spatial import SpatialStepper
+    return _newton(scene, level, 10 * scene.robot.link_count)
 
-    return SpatialStepper(scene, advance, 10 * scene.robot.link_count)
+
+def _bdf2(scene: Scene, level: str = 'spatial') -> Stepper:
+    from snake_sim_ros import bdf2
+
+    return _spatial(scene, bdf2.advance, 0)
 
 
 def _gauss_seidel(scene: Scene, level: str = 'spatial') -> Stepper:
-    from snake_sim_ros.gauss_seidel import advance
-    from snake_sim_ros.spatial import SpatialStepper
+    from snake_sim_ros import gauss_seidel
 
-    return SpatialStepper(scene, advance, 10 * scene.robot.link_count)
+    size = 10 * scene.robot.link_count
+    if level == 'planar':
+        return _planar(scene, gauss_seidel.advance_in_plane, size)
+    return _spatial(scene, gauss_seidel.advance, size)
 
 
 def _paper(scene: Scene, level: str = 'spatial') -> Stepper:
-    from snake_sim_ros.prox_iteration import advance
-    from snake_sim_ros.prox_iteration import CONDENSED
-    from snake_sim_ros.spatial import SpatialStepper
+    from snake_sim_ros import prox_iteration
 
-    return SpatialStepper(scene, advance, CONDENSED)
+    if level == 'planar':
+        return _planar(scene, prox_iteration.advance_in_plane, 0)
+    return _spatial(scene, prox_iteration.advance, prox_iteration.CONDENSED)
 
 
 def _reference(scene: Scene, level: str = 'spatial') -> Stepper:
+    if level == 'planar':
+        from snake_sim_ros.planar_reference import make_loop
+
+        return _planar(scene, make_loop(scene), 0)
     from snake_sim_ros.reference import ReferenceStepper
 
     return ReferenceStepper(scene)

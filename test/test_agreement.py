@@ -62,10 +62,10 @@ def random_scene(rng, link_count, friction, pd_scheme, drift_correction, laws):
     return Scene(
         robot=replace(
             random_robot(rng, link_count),
-            yaw_stiffness=rng.uniform(10, 100),
-            pitch_stiffness=rng.uniform(100, 800),
-            yaw_damping=rng.uniform(0.1, 0.3),
-            pitch_damping=rng.uniform(0.1, 0.3),
+            yaw_stiffness=rng.uniform(10, 100, link_count - 1),
+            pitch_stiffness=rng.uniform(100, 800, link_count - 1),
+            yaw_damping=rng.uniform(0.1, 0.3, link_count - 1),
+            pitch_damping=rng.uniform(0.1, 0.3, link_count - 1),
         ),
         friction=friction,
         solver=Solver(

@@ -20,6 +20,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from typing import Any
 
 import numpy as np
 
@@ -27,8 +28,10 @@ from snake_sim_ros import gait
 from snake_sim_ros.articulated_body import factor
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import scene_to_text
+from snake_sim_ros.parameters import with_settings
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.simulation import Simulation
 from snake_sim_ros.simulation import steps_in
@@ -37,12 +40,24 @@ from snake_sim_ros.stepping import Report
 
 SAMPLE = 0.1  # seconds between two samples of a path
 CONVERGED = (1 / 16000, 1 / 32000)  # time steps of the reference
-LINK_COUNTS = (10, 20, 40, 80, 160)
+LINK_COUNTS = (10, 20, 40, 80, 160, 200)
 RUNS = (  # method and steps a second
     ('newton', 4000), ('newton', 1000), ('newton', 200), ('newton', 100),
     ('bdf2', 400), ('bdf2', 100), ('bdf2', 50), ('bdf2', 20),
     ('paper', 4000), ('newton_dense', 4000),
 )  # fmt: skip
+LIFT = 10.0  # m, out of reach of the floor for more than a second
+CASE_A = 'lateral_undulation'
+SITUATIONS: dict[str, tuple[str, dict[str, Any], float]] = {  # scene, settings, lift [m]
+    'all contacts': (CASE_A, {}, 0.0),
+    'flight': (CASE_A, {}, LIFT),
+    'few contacts': ('sidewinding', {'gait.soft_start': 0.0}, 0.0),
+    'isotropic': ('lateral_undulation_isotropic', {}, 0.0),
+    'rolling friction': (CASE_A, {'friction.rolling': 0.01}, 0.0),
+    'isotropic, rolling': ('lateral_undulation_isotropic', {'friction.rolling': 0.01}, 0.0),
+    'slope of 3 deg': (CASE_A, {'gravity': (0.513, 0.0, -9.797)}, 0.0),
+}
+ROUNDS = 5
 
 
 @dataclass(frozen=True)
@@ -96,9 +111,15 @@ def calibration() -> float:
     return 1e6 * float(best) / count
 
 
-def time_steps(scene: Scene) -> Timing:
+def time_steps(scene: Scene, *, lift: float = 0.0) -> Timing:
     """
     Run a scene for its duration, and return the times of its steps and its path.
+
+    Parameters
+    ----------
+    scene : Scene
+    lift : float, optional
+        How high above the floor the robot starts [m].
 
     Raises
     ------
@@ -108,6 +129,7 @@ def time_steps(scene: Scene) -> Timing:
 
     """
     simulation = Simulation(scene)
+    simulation.state.q[:, 2] += lift
     stepper, link = simulation.stepper, scene.robot.middle_link
     if not isinstance(stepper, SpatialStepper):
         raise ParameterError(f'method {scene.method!r} is not compiled, its steps are not timed')
@@ -163,6 +185,21 @@ def path_error(path: Array, expected: Array) -> float:
         return np.inf
     distance = np.linalg.norm(expected[-1] - expected[0])
     return float(np.linalg.norm(path - expected, axis=1).max() / distance)
+
+
+def situation_timings(duration: float = 1.0) -> dict[str, list[Timing]]:
+    """
+    Return timings of steps that have different things to pay for, the compiled default method.
+
+    What is absent should cost nothing. The situations take turns, ROUNDS times: what disturbs the
+    machine for a while disturbs them all.
+    """
+    timings: dict[str, list[Timing]] = {name: [] for name in SITUATIONS}
+    for _ in range(ROUNDS):
+        for name, (source, settings, lift) in SITUATIONS.items():
+            scene = with_settings(load_scene(source), {**settings, 'duration': duration})
+            timings[name].append(time_steps(scene, lift=lift))
+    return timings
 
 
 def cost_exponent(scene: Scene, link_counts: Iterable[int]) -> tuple[dict[int, float], float]:

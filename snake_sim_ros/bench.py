@@ -29,9 +29,11 @@ from snake_sim_ros.articulated_body import factor
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import Robot
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import scene_to_text
 from snake_sim_ros.parameters import with_settings
+from snake_sim_ros.records import flat_fields
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.simulation import Simulation
 from snake_sim_ros.simulation import steps_in
@@ -48,7 +50,7 @@ RUNS = (  # method and steps a second
 )  # fmt: skip
 LIFT = 10.0  # m, out of reach of the floor for more than a second
 CASE_A = 'lateral_undulation'
-SITUATIONS: dict[str, tuple[str, dict[str, Any], float]] = {  # scene, settings, lift [m]
+SITUATIONS: dict[str, tuple[str, dict[str, Any], float]] = {  # scene, settings and lift [m]
     'all contacts': (CASE_A, {}, 0.0),
     'flight': (CASE_A, {}, LIFT),
     'few contacts': ('sidewinding', {'gait.soft_start': 0.0}, 0.0),
@@ -187,28 +189,60 @@ def path_error(path: Array, expected: Array) -> float:
     return float(np.linalg.norm(path - expected, axis=1).max() / distance)
 
 
-def situation_timings(duration: float = 1.0) -> dict[str, list[Timing]]:
+def situations(duration: float) -> dict[str, tuple[float, float, int]]:
     """
-    Return timings of steps that have different things to pay for, the compiled default method.
+    Return what steps of the default method cost by what there is to pay for; absent is free.
 
-    What is absent should cost nothing. The situations take turns, ROUNDS times: what disturbs the
-    machine for a while disturbs them all.
+    The situations take turns, ROUNDS times: what disturbs the machine disturbs them all.
+
+    Parameters
+    ----------
+    duration : float
+        Of every run [s].
+
+    Returns
+    -------
+    dict
+        Name -> median step [us], its ratio to that of the first situation, and the contacts that
+        were closed at the end.
+
     """
+    scenes = {
+        name: with_settings(load_scene(source), {**settings, 'duration': duration})
+        for name, (source, settings, _) in SITUATIONS.items()
+    }
     timings: dict[str, list[Timing]] = {name: [] for name in SITUATIONS}
     for _ in range(ROUNDS):
-        for name, (source, settings, lift) in SITUATIONS.items():
-            scene = with_settings(load_scene(source), {**settings, 'duration': duration})
-            timings[name].append(time_steps(scene, lift=lift))
-    return timings
+        for name, scene in scenes.items():
+            timings[name].append(time_steps(scene, lift=SITUATIONS[name][2]))
+    medians = {
+        name: float(np.median([timing.median for timing in runs]))
+        for name, runs in timings.items()
+    }
+    first = next(iter(medians.values()))
+    return {
+        name: (median, median / first, timings[name][-1].report.contacts)
+        for name, median in medians.items()
+    }
 
 
 def cost_exponent(scene: Scene, link_counts: Iterable[int]) -> tuple[dict[int, float], float]:
     """Return the median step for numbers of links [us], and the exponent of a fitted power law."""
     medians = {}
     for n in link_counts:
-        medians[n] = time_steps(replace(scene, robot=replace(scene.robot, link_count=n))).median
+        medians[n] = time_steps(replace(scene, robot=with_links(scene.robot, n))).median
     exponent, _ = np.polyfit(np.log(list(medians)), np.log(list(medians.values())), 1)
     return medians, float(exponent)
+
+
+def with_links(robot: Robot, link_count: int) -> Robot:
+    """Return a robot with another number of links: lists of values begin again at their end."""
+    lists = {
+        name: tuple(np.resize(value, link_count + len(value) - robot.link_count))
+        for name, (value, _) in flat_fields(robot).items()
+        if isinstance(value, tuple)
+    }
+    return replace(robot, link_count=link_count, **lists)
 
 
 def start_up_seconds(scene: Scene, *, cold: bool) -> float:

@@ -186,6 +186,9 @@ def _bench(options: argparse.Namespace) -> int:
     print('newton, median step over links: '
           + ', '.join(f'n = {n}: {median:.1f} us' for n, median in medians.items())
           + f'; exponent {exponent:.2f}')  # fmt: skip
+    print('newton, median step by what there is to pay for, and its ratio to all contacts:')
+    for name, (median, ratio, contacts) in bench.situations(min(1.0, scene.duration)).items():
+        print(f'{name:20} {median:6.2f} us {ratio:6.3f} {contacts:3d} contacts at the end')
     listed = ', '.join(f'{name} {seconds:.2f} s' for name, seconds in compiling.items())
     print(f'compile time apart, in this process: {listed}')
     if not options.no_start_up:

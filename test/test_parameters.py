@@ -180,9 +180,10 @@ def test_per_joint_lists(name):
         assert getattr(robot, name) == (10.0, 20.0)
         gains, column = robot.per_joint(kind), ('yaw', 'pitch').index(axis)
         assert gains[:, column].tolist() == values
-        assert gains[:, 1 - column].tolist() == Robot(link_count=3).per_joint(kind)[
-            :, 1 - column
-        ].tolist()
+        assert (
+            gains[:, 1 - column].tolist()
+            == Robot(link_count=3).per_joint(kind)[:, 1 - column].tolist()
+        )
     for length in (0, 1, 3):
         message = refusal(Robot, link_count=3, **{name: [1.0] * length})
         expected = f'one number or one for each of the 2 joints, got {length} numbers'

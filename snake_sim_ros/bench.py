@@ -237,7 +237,7 @@ def cost_exponent(scene: Scene, link_counts: Iterable[int]) -> tuple[dict[int, f
 
 def with_links(robot: Robot, link_count: int) -> Robot:
     """Return a robot with another number of links: lists of values begin again at their end."""
-    lists = {
+    lists: dict[str, Any] = {
         name: tuple(np.resize(value, link_count + len(value) - robot.link_count))
         for name, (value, _) in flat_fields(robot).items()
         if isinstance(value, tuple)

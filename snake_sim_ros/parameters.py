@@ -105,7 +105,8 @@ class Robot(Record):
         """
         if self.inertia == 'consistent' and name in ('inertia_transversal', 'inertia_axial'):
             m, L, r = map(self.per_link, ('link_mass', 'link_length', 'contact_radius'))
-            return m * r**2 / 2 if name == 'inertia_axial' else m * (3 * r**2 + L**2) / 12
+            across, along = m * (3 * r**2 + L**2) / 12, m * r**2 / 2
+            return np.asarray(along if name == 'inertia_axial' else across)
         return self._each(name, self.link_count)
 
     def per_joint(self, name: str) -> Array:

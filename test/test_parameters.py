@@ -201,7 +201,7 @@ def test_one_gain_is_for_all_joints():
 
 def test_consistent_inertia_is_that_of_a_uniform_cylinder():
     # Integrals of the density m/(pi r^2 L) in cylinder coordinates: r^2/2 along the axis, and
-    # across it r^2/4 of the disc and L^2/12 of the rod, times m. Aiko's are those of its stated radius.
+    # across it r^2/4 of the disc and L^2/12 of the rod, times m.
     lengths, masses, radii = (0.1, 0.122, 0.3), (1.0, 7.5 / 11, 2.0), (0.05, 0.0525, 0.1)
     robot = Robot(
         link_count=3, inertia='consistent',

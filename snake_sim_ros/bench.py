@@ -189,7 +189,7 @@ def path_error(path: Array, expected: Array) -> float:
     return float(np.linalg.norm(path - expected, axis=1).max() / distance)
 
 
-def situations(duration: float) -> dict[str, tuple[float, float, int]]:
+def situations(duration: float) -> dict[str, tuple[float, float, float, int]]:
     """
     Return what steps of the default method cost by what there is to pay for; absent is free.
 
@@ -203,8 +203,8 @@ def situations(duration: float) -> dict[str, tuple[float, float, int]]:
     Returns
     -------
     dict
-        Name -> median step [us], its ratio to that of the first situation, and the contacts that
-        were closed at the end.
+        Name -> median step [us], its ratio to that of the first situation, iterations a step, and
+        the contacts that were closed at the end.
 
     """
     scenes = {
@@ -220,10 +220,12 @@ def situations(duration: float) -> dict[str, tuple[float, float, int]]:
         for name, runs in timings.items()
     }
     first = next(iter(medians.values()))
+    reports = {name: runs[-1].report for name, runs in timings.items()}
     return {
-        name: (median, median / first, timings[name][-1].report.contacts)
+        name: (median, median / first, reports[name].iterations / reports[name].steps,
+               reports[name].contacts)
         for name, median in medians.items()
-    }
+    }  # fmt: skip
 
 
 def cost_exponent(scene: Scene, link_counts: Iterable[int]) -> tuple[dict[int, float], float]:

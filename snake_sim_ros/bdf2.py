@@ -102,7 +102,7 @@ def begin(model, work, h, q, u, history, angle, rate, twice):
         for k in range(2):
             torque, damping = implicit_pd_law(
                 h, work.coordinate[1, j, k, 0], work.coordinate[1, j, k, 1],
-                (angle[j, k], rate[j, k]), model.stiffness[k], model.damping[k],
+                (angle[j, k], rate[j, k]), model.stiffness[j, k], model.damping[j, k],
             )  # fmt: skip
             work.torque[j, k], work.damping[j, k] = torque * h, damping * h
     axis_loads(work.chain.axis, work.torque, work.damping, work.chain.torque, work.chain.damping)

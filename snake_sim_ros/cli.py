@@ -187,6 +187,11 @@ def _bench(options: argparse.Namespace) -> int:
     print('newton, median step over links: '
           + ', '.join(f'n = {n}: {median:.1f} us' for n, median in medians.items())
           + f'; exponent {exponent:.2f}')  # fmt: skip
+    print('newton, median step by what there is to pay for, and its ratio to all contacts:')
+    table = bench.situations(min(1.0, scene.duration))
+    for name, (median, ratio, iterations, contacts) in table.items():
+        print(f'{name:20} {median:6.2f} us {ratio:6.3f} {iterations:6.2f} iter, '
+              f'{contacts:2d} contacts at the end')  # fmt: skip
     listed = ', '.join(f'{name} {seconds:.2f} s' for name, seconds in compiling.items())
     print(f'compile time apart, in this process: {listed}')
     if not options.no_start_up:

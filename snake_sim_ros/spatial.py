@@ -133,8 +133,8 @@ def joint_control(model, coordinate, angle, rate, torques, dampings):
                 (start[j, k, 0], start[j, k, 1]),
                 (mid[j, k, 0], mid[j, k, 1]),
                 (angle[j, k], rate[j, k]),
-                model.stiffness[k],
-                model.damping[k],
+                model.stiffness[j, k],
+                model.damping[j, k],
             )
             torques[j, k] = torque * model.dt
             dampings[j, k] = damping * model.dt
@@ -336,8 +336,8 @@ def make_model(scene: Scene) -> Model:
         inertia_axial=robot.per_link('inertia_axial'),
         contact_offset=robot.per_link('contact_offset'),
         contact_radius=robot.per_link('contact_radius'),
-        stiffness=np.array([robot.yaw_stiffness, robot.pitch_stiffness]),
-        damping=np.array([robot.yaw_damping, robot.pitch_damping]),
+        stiffness=robot.per_joint('stiffness'),
+        damping=robot.per_joint('damping'),
         gravity=np.array(scene.gravity),
         laws=laws,
         activation_tolerance=solver.activation_tolerance,

@@ -37,7 +37,6 @@ from snake_sim_ros.records import flat_fields
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.simulation import Simulation
 from snake_sim_ros.simulation import steps_in
-from snake_sim_ros.spatial import SpatialStepper
 from snake_sim_ros.stepping import Report
 
 SAMPLE = 0.1  # seconds between two samples of a path
@@ -133,10 +132,11 @@ def time_steps(scene: Scene, *, lift: float = 0.0) -> Timing:
     simulation = Simulation(scene)
     simulation.state.q[:, 2] += lift
     stepper, link = simulation.stepper, scene.robot.middle_link
-    if not isinstance(stepper, SpatialStepper):
+    if scene.method == 'reference':
         raise ParameterError(f'method {scene.method!r} is not compiled, its steps are not timed')
     sample = min(SAMPLE, scene.duration)
-    steps, compile_seconds = steps_in(sample, scene.dt, 'sampling period'), simulation.compile()
+    steps = steps_in(sample, scene.dt, 'sampling period')
+    compile_seconds = simulation.compile(scene.gait)
     unit, seconds, cycles = calibration(), 0.0, []
     path = [simulation.state.q[link, :3]]
     for _ in range(steps_in(scene.duration, sample, 'duration')):
@@ -176,7 +176,8 @@ def converged_path(scene: Scene) -> tuple[Array, float]:
         Of the finer of two runs against it, see `path_error`.
 
     """
-    coarse, fine = (time_steps(replace(scene, method='newton', dt=dt)).path for dt in CONVERGED)
+    scene = replace(scene, level='spatial', method='newton')
+    coarse, fine = (time_steps(replace(scene, dt=dt)).path for dt in CONVERGED)
     path = 2.0 * fine - coarse
     return path, path_error(fine, path)
 
@@ -208,7 +209,9 @@ def situations(duration: float) -> dict[str, tuple[float, float, float, int]]:
 
     """
     scenes = {
-        name: with_settings(load_scene(source), {**settings, 'duration': duration})
+        name: with_settings(
+            load_scene(source), {**settings, 'level': 'spatial', 'duration': duration}
+        )
         for name, (source, settings, _) in SITUATIONS.items()
     }
     timings: dict[str, list[Timing]] = {name: [] for name in SITUATIONS}

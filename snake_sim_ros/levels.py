@@ -137,12 +137,7 @@ class FlatStepper:
     def __init__(self, scene: Scene, planar: PlanarStepper) -> None:
         if reason := what_is_not_planar(scene):
             raise ParameterError(f'level planar: {reason}; choose level spatial or auto')
-        self.scene, self.planar = scene, planar
-
-    @property
-    def cycles(self) -> Array:
-        """Time stamps between the steps of the last call, shape (steps+1,)."""
-        return self.planar.cycles
+        self.scene, self.planar, self.cycles = scene, planar, planar.cycles
 
     def advance(
         self, state: State, history: Array, angle: Array, rate: Array
@@ -153,7 +148,7 @@ class FlatStepper:
         report, reason = Report(level=self.level), what_does_not_lie(self.scene, state)
         if not reason:
             state, history, report = self.planar.advance(state, history, angle[:stop], rate[:stop])
-            reason, report.left = report.left, ''
+            self.cycles, reason, report.left = self.planar.cycles, report.left, ''
             if not reason and not report.failure and stop < len(vertical):
                 reason = what_is_told(angle[stop], rate[stop])
         if reason:
@@ -173,7 +168,8 @@ def stepper_of_level(scene: Scene, make: Callable[..., Any]) -> Stepper:
     """
     if scene.level == 'planar':
         return FlatStepper(scene, make(scene, 'planar'))
-    if scene.level == 'spatial' or what_is_not_planar(scene):
+    # The reference is the paper's step unless it is told otherwise.
+    if scene.level == 'spatial' or scene.method == 'reference' or what_is_not_planar(scene):
         stepper: Stepper = make(scene, 'spatial')
         return stepper
     return LevelStepper(scene, make(scene, 'planar'), make(scene, 'spatial'))

@@ -110,7 +110,7 @@ def make_loop(scene: Scene) -> Callable[..., None]:
     """Return what `planar_stepper.PlanarStepper` runs."""
     n, dt, solver, friction = scene.robot.link_count, scene.dt, scene.solver, scene.friction
     scheme = PD_SCHEMES.index(scene.pd_scheme)
-    pitch = np.array(np.broadcast_to(scene.robot.pitch_stiffness, (n - 1,)), dtype=float)
+    pitch = scene.robot.per_joint('stiffness')[:, 1]
 
     def prox(P: Array, gamma: Array, P_N: Array) -> Array:
         pairs = zip(P - solver.r_sliding * gamma, np.maximum(P_N, 0.0), strict=True)

@@ -36,9 +36,10 @@ KNOWN = -2  # in history: whether it holds planar coordinates
 
 def make_planar_model(scene: Scene) -> PlanarModel:
     """Return the numbers of a scene as the compiled step takes them."""
-    spatial, robot, n = make_model(scene), scene.robot, scene.robot.link_count
+    spatial, n = make_model(scene), scene.robot.link_count
     half, mass, dt = spatial.half_length, spatial.mass, scene.dt
-    pitch = np.broadcast_to(np.asarray(robot.pitch_stiffness, dtype=float), (n - 1,))
+    stiffness, damping = spatial.stiffness, spatial.damping
+    pitch = stiffness[:, 1]
     stiffest = max(pitch.max(initial=0.0), np.finfo(float).tiny)
     hold = HOLD * float(half.min()) ** 2
     keeps_center = scene.drift_correction == DRIFT_CORRECTIONS[CENTER_OF_MASS]
@@ -50,8 +51,8 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         inertia_axial=spatial.inertia_axial,
         offset=spatial.contact_offset,
         radius=float(spatial.contact_radius[0]),
-        stiffness=np.array(np.broadcast_to(robot.yaw_stiffness, (n - 1,)), dtype=float),
-        damping=np.array(np.broadcast_to(robot.yaw_damping, (n - 1,)), dtype=float),
+        stiffness=np.ascontiguousarray(stiffness[:, 0]),
+        damping=np.ascontiguousarray(damping[:, 0]),
         hold=hold * pitch / stiffest,
         lean=hold / (stiffest * dt),
         fall=dt * scene.gravity[2],

@@ -290,6 +290,7 @@ class ReferenceStepper:
     """The time step (72)-(93) of the paper for a scene; see `stepping.Stepper`."""
 
     level = 'spatial'
+    cycles = np.zeros(0, np.int64)
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene

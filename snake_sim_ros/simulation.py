@@ -11,6 +11,7 @@ import numpy as np
 
 from snake_sim_ros import gait
 from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import Gait
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import scene_to_text
 from snake_sim_ros.posture import joint_angles
@@ -115,16 +116,24 @@ class Simulation:
         axes = (self.scene.robot.link_count - 1, 2)
         self.report = self.last = Report(joint_torque=np.zeros(axes))
 
-    def compile(self, *, all_levels: bool = True) -> float:
+    def compile(self, wave: Gait | None = None) -> float:
         """
         Take one step and forget it: nothing is compiled later. Return the time it took [s].
 
-        Without `all_levels`, only the level of the first step is compiled.
+        Parameters
+        ----------
+        wave : Gait, optional
+            If given, only the level that its first step needs is compiled; else all levels are.
+
         """
         begin = time.perf_counter()
-        axes = (1, self.scene.robot.link_count - 1, 2)
-        for pitch in (0.0, 1e-3) if all_levels else (0.0,):
-            self.stepper.advance(self.state, self.history, np.full(axes, pitch), np.zeros(axes))
+        axes = self.scene.robot.link_count - 1
+        angles = [np.zeros((1, axes, 2)), np.full((1, axes, 2), 1e-3)]
+        steps = [(angle, np.zeros_like(angle)) for angle in angles]
+        if wave:
+            steps = [gait.reference(wave, self.midpoints(1), axes)]
+        for angle, rate in steps:
+            self.stepper.advance(self.state, self.history, angle, rate)
         return time.perf_counter() - begin
 
     def change(self, scene: Scene) -> None:
@@ -289,7 +298,7 @@ def run(
             f'got {scene.duration:g} s'
         )
     simulation = Simulation(scene)
-    simulation.compile(all_levels=False)
+    simulation.compile(scene.gait)
     states, torques, seconds = [simulation.state], [simulation.report.joint_torque], 0.0
     levels = []
     interrupted = False

@@ -143,9 +143,20 @@ def divergence(link: int, turn: float, dt: float, steps: int) -> str:
 
 
 class Stepper(Protocol):
-    """A method that advances a scene in time."""
+    """
+    A method that advances a scene in time.
+
+    Attributes
+    ----------
+    level : str
+        Model level of the last step.
+    cycles : ndarray, shape (steps+1,)
+        Time stamps between the steps of the last call; empty if they are not compiled.
+
+    """
 
     level: str
+    cycles: Array
 
     def advance(
         self, state: State, history: Array, angle: Array, rate: Array

@@ -27,6 +27,7 @@ import numpy as np
 from snake_sim_ros import gait
 from snake_sim_ros.articulated_body import factor
 from snake_sim_ros.compilation import compiled
+from snake_sim_ros.compilation import cycle_counter
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import Robot
@@ -138,6 +139,7 @@ def time_steps(scene: Scene, *, lift: float = 0.0) -> Timing:
     steps = steps_in(sample, scene.dt, 'sampling period')
     compile_seconds = simulation.compile(scene.gait)
     unit, seconds, cycles = calibration(), 0.0, []
+    start = time.perf_counter(), cycle_counter()
     path = [simulation.state.q[link, :3]]
     for _ in range(steps_in(scene.duration, sample, 'duration')):
         reference = gait.reference(
@@ -151,7 +153,8 @@ def time_steps(scene: Scene, *, lift: float = 0.0) -> Timing:
         if report.failure:
             break
     counts = np.concatenate(cycles)
-    microseconds = 1e6 * seconds / max(counts.sum(), 1) * counts
+    wall, ticks = time.perf_counter() - start[0], cycle_counter() - start[1]
+    microseconds = 1e6 * wall / max(ticks, 1) * counts
     median = float(np.median(microseconds)) if len(counts) else np.nan
     return Timing(
         median=median,

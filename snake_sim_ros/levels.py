@@ -50,8 +50,18 @@ def what_is_not_planar(scene: Scene) -> str:
     return ''
 
 
-def what_does_not_lie(scene: Scene, state: State) -> str:
+def is_vertical(angle: Array, rate: Array) -> Array:
+    """Return whether any pitch joint is told to move, for every step, shape (steps,)."""
+    pitch = angle[..., 1], rate[..., 1]
+    if not (pitch[0].any() or pitch[1].any()):
+        return np.zeros(len(angle), dtype=bool)
+    return np.asarray(np.abs(pitch).max(axis=(0, 2), initial=0.0) > STRAIGHT)
+
+
+def what_does_not_lie(planar: PlanarStepper, scene: Scene, state: State, history: Array) -> str:
     """Return what of a state keeps a robot from lying flat and still, as a clause, or nothing."""
+    if planar.goes_on(state, history):
+        return ''
     n = scene.robot.link_count
     gap = gaps(scene.robot, state.q)
     R = rotation_matrices(state.q[:, 3:])
@@ -92,16 +102,16 @@ class LevelStepper:
     ) -> tuple[State, Array, Report]:
         """Return state, history and report after as many steps as there are references."""
         history, report = history.copy(), Report(level=self.level)
-        vertical = np.abs([angle[..., 1], rate[..., 1]]).max(axis=(0, 2), initial=0.0) > STRAIGHT
+        vertical = is_vertical(angle, rate)
         start, ticks = 0, [np.zeros(1, np.int64)]
         while start < len(vertical) and not report.failure:
-            changes = np.flatnonzero(vertical[start:] != vertical[start])
-            part = slice(start, start + int(changes[0]) if len(changes) else len(vertical))
+            changes = vertical[start:] != vertical[start]
+            part = slice(start, start + int(changes.argmax()) if changes.any() else None)
             reason = ''
             if vertical[start]:
                 reason = what_is_told(angle[start], rate[start])
             elif history[SETTLING] <= 0:
-                reason = what_does_not_lie(self.scene, state)
+                reason = what_does_not_lie(self.planar, self.scene, state, history)
             if reason:
                 history[SETTLING] = self.settle_steps
             stepper = self.planar if history[SETTLING] <= 0 else self.spatial
@@ -143,9 +153,10 @@ class FlatStepper:
         self, state: State, history: Array, angle: Array, rate: Array
     ) -> tuple[State, Array, Report]:
         """Return state, history and report after as many steps as there are references."""
-        vertical = np.abs([angle[..., 1], rate[..., 1]]).max(axis=(0, 2), initial=0.0) > STRAIGHT
+        vertical = is_vertical(angle, rate)
         stop = int(vertical.argmax()) if vertical.any() else len(vertical)
-        report, reason = Report(level=self.level), what_does_not_lie(self.scene, state)
+        report = Report(level=self.level)
+        reason = what_does_not_lie(self.planar, self.scene, state, history)
         if not reason:
             state, history, report = self.planar.advance(state, history, angle[:stop], rate[:stop])
             self.cycles, reason, report.left = self.planar.cycles, report.left, ''

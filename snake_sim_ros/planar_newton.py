@@ -187,7 +187,7 @@ def coupled_steps(model, work, delassus, limit):
     return iterations, residual
 
 
-@inlined
+@compiled
 def held_steps(model, work, delassus, tolerance, again, limit):
     """Solve the convex problem with the radii and anchors held; return iterations."""
     laws, contact, table = model.laws, work.contact, work.table
@@ -243,7 +243,7 @@ def solve_contacts(model, work, delassus, history):
         rounds += 1
     if delassus is not None:
         end_twists(model, work)
-    find_loads(model, work)
+        find_loads(model, work)
     remember(contact, table, history)
     return iterations, residual <= model.residual_tolerance, residual, residual, rounds > 0
 

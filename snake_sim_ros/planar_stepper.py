@@ -14,6 +14,8 @@ from snake_sim_ros.parameters import PD_SCHEMES
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.planar import PlanarModel
 from snake_sim_ros.planar import PlanarWorkspace
+from snake_sim_ros.planar import recall
+from snake_sim_ros.planar import to_space
 from snake_sim_ros.report import LEFT
 from snake_sim_ros.report import report_from
 from snake_sim_ros.report import REPORT_SIZE
@@ -134,6 +136,9 @@ class PlanarStepper:
         self.model = make_planar_model(scene)
         self.work = make_planar_workspace(scene.robot.link_count, size)
         self.loop = loop
+        n = scene.robot.link_count
+        shapes = (n + 2, (n, 3), (n, 4), (n, 7), (n, 6))
+        self.recalled = tuple(np.empty(shape) for shape in shapes)  # see planar.recall
         self.cycles = np.zeros(1, np.int64)
 
     def advance(
@@ -151,7 +156,8 @@ class PlanarStepper:
             report.left = self.reason()
         if report.steps == 0:
             return state, history, report
-        end = self.state(q, u, tilt, state.q[:, 2])
+        end = State(np.empty_like(state.q), np.empty_like(state.u))
+        to_space(self.model.half_length, q, u, tilt, state.q[:, 2], end.q, end.u)
         self.remember(history, q, u, tilt)
         return end, history, report
 
@@ -166,25 +172,33 @@ class PlanarStepper:
 
     def coordinates(self, state: State, history: Array) -> tuple[Array, Array, Array]:
         """
-        Return planar coordinates (n+2,), velocities (n, 3) and tilts of a state; see `state`.
+        Return planar coordinates (n+2,), velocities (n, 3) and tilts (n, 4) of a state.
 
         The momentum that the state has out of the plane is kept for the first step.
         """
         n = len(self.model.mass)
-        memory = history[PREVIOUS:].reshape(-1)
-        q, omega = memory[: n + 2].copy(), memory[n + 2 : 2 * n + 2]
-        tilt = memory[2 * n + 2 : 6 * n + 2].reshape(n, 4).copy()
-        u = np.column_stack([state.u[:, :2], omega])
-        if memory[KNOWN] and self.state(q, u, tilt, state.q[:, 2]) == state:
+        q, u, tilt = np.empty(n + 2), np.empty((n, 3)), np.empty((n, 4))
+        if self.goes_on(state, history):
+            q, u, tilt, *_ = (part.copy() for part in self.recalled)
             return q, u, tilt
         R = rotation_matrices(state.q[:, 3:])
         theta = np.arctan2(R[:, 1, 2], R[:, 0, 2])
-        tilt = product(about_vertical(-theta), state.q[:, 3:])
+        zero = np.zeros(n)
+        back = np.stack([np.cos(theta / 2), zero, zero, -np.sin(theta / 2)], axis=-1)
+        tilt = product(back, state.q[:, 3:])
         tilt[np.abs(tilt - FLAT).max(axis=1) < ROUNDING] = FLAT
         spin = np.einsum('ijk,ik->ij', R, state.u[:, 3:])
-        u = np.column_stack([state.u[:, :2], spin[:, 2]])
+        u[:, :2], u[:, 2] = state.u[:, :2], spin[:, 2]
+        q[:2], q[2:] = state.q[0, :2], theta
         self.take_up(state, R, spin)
-        return np.concatenate([state.q[0, :2], theta]), u, tilt
+        return q, u, tilt
+
+    def goes_on(self, state: State, history: Array) -> bool:
+        """Return whether the last step was planar and led to this state."""
+        memory, made = history[PREVIOUS:].reshape(-1), self.recalled
+        return bool(memory[KNOWN]) and bool(
+            recall(self.model.half_length, memory, state.q, state.u, *made)
+        )
 
     def take_up(self, state: State, R: Array, spin: Array) -> None:
         """Fill work.impact with the momentum of a state out of the plane."""
@@ -197,41 +211,9 @@ class PlanarStepper:
         self.work.impact[:, 1] = -center[:, 0] * lift + turning[:, 1]
         self.work.impact[:, 2] = lift
 
-    def state(self, q: Array, u: Array, tilt: Array, height: Array) -> State:
-        """
-        Return the state of all links for planar coordinates.
-
-        Parameters
-        ----------
-        q : ndarray, shape (n+2,)
-            Center of link 1 [m] and headings of all links [rad].
-        u : ndarray, shape (n, 3)
-            Velocities [m/s] and turning rates [rad/s] in the plane.
-        tilt : ndarray, shape (n, 4)
-            Euler parameters of links without their heading; FLAT if a link lies flat.
-        height : ndarray, shape (n,)
-            Of the link centers [m].
-
-        """
-        n = len(u)
-        p = product(about_vertical(q[2:]), tilt)
-        standing = rotation_matrices(tilt)
-        reach = (self.model.half_length * standing[:, 0, 2])[:, None]
-        reach = reach * np.column_stack([np.cos(q[2:]), np.sin(q[2:])])
-        center = np.zeros((n, 2))
-        center[1:] = np.cumsum(reach[:-1] + reach[1:], axis=0)
-        velocity = np.column_stack([u[:, :2], np.zeros(n), u[:, 2:] * standing[:, 2]])
-        return State(np.column_stack([q[:2] + center, height, p]), velocity)
-
     def remember(self, history: Array, q: Array, u: Array, tilt: Array) -> None:
         """Fill history with the coordinates."""
         memory = history[PREVIOUS:].reshape(-1)
         kept = np.concatenate([q, u[:, 2], tilt.ravel()])
         memory[: len(kept)] = kept
         memory[KNOWN] = 1.0
-
-
-def about_vertical(angle: Array) -> Array:
-    """Return the Euler parameters of turns by angles (n,) about e_z of I, shape (n, 4)."""
-    zero = np.zeros_like(angle)
-    return np.stack([np.cos(angle / 2), zero, zero, np.sin(angle / 2)], axis=-1)

@@ -17,11 +17,14 @@ from snake_sim_ros.kinematics import FLAT_TILT
 from snake_sim_ros.kinematics import STILL
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
+from snake_sim_ros.planar_stepper import forget
+from snake_sim_ros.planar_stepper import KNOWN
 from snake_sim_ros.planar_stepper import PlanarStepper
 from snake_sim_ros.posture import gaps
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.spatial import SpatialStepper
+from snake_sim_ros.stepping import PREVIOUS
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import SETTLING
 from snake_sim_ros.stepping import State
@@ -116,6 +119,8 @@ class LevelStepper:
                 history[SETTLING] = self.settle_steps
             stepper = self.planar if history[SETTLING] <= 0 else self.spatial
             if stepper is self.spatial:
+                if history[PREVIOUS:].reshape(-1)[KNOWN]:
+                    forget(history)
                 stepper.watch(0 if vertical[start] else self.settle_steps)
             state, history, news = stepper.advance(state, history, angle[part], rate[part])
             if news.left:

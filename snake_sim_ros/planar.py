@@ -87,6 +87,11 @@ class PlanarWorkspace(NamedTuple):
     table: Array  # (2n, COLUMNS) see contacts and newton
     twist: Array  # (n, 3) the last twists in the plane
     standing: Array  # (2,) see find_loads
+    q_hat: Array  # (n+2,), u_hat, u_star, u_start (n, 3), q_start (n+2,): see planar_bdf2
+    u_hat: Array
+    u_star: Array
+    q_start: Array
+    u_start: Array
     delassus: Delassus | None  # where a solver forms it
 
 
@@ -97,7 +102,7 @@ def begin_step(model, work, q, u, angle, rate):
     for i in range(n):
         theta = q[2 + i] + dt / 2 * u[i, 2]
         work.heading[i, 0], work.heading[i, 1] = math.cos(theta), math.sin(theta)
-    place_links(model, work)
+    place_links(model, work, model.fall)
     for j in range(n - 1):
         difference, turn = q[3 + j] - q[2 + j], u[j + 1, 2] - u[j, 2]
         torque, damping = pd_law(
@@ -105,6 +110,13 @@ def begin_step(model, work, q, u, angle, rate):
             (angle[j, 0], rate[j, 0]), model.stiffness[j], model.damping[j],
         )  # fmt: skip
         work.torque[j], chain.damping[j] = torque * dt, damping * dt
+    fill_momentum(model, work, u, u)
+
+
+@inlined
+def fill_momentum(model, work, u, u_start):
+    """Fill the inertias and momenta of links that move with u (n, 3), velocities with u_start."""
+    n = len(u)
     for i in range(n):
         m, x, y = model.mass[i], work.center[i, 0], work.center[i, 1]
         px, py = m * u[i, 0], m * u[i, 1]
@@ -114,12 +126,17 @@ def begin_step(model, work, q, u, angle, rate):
         A[0], A[1], A[2] = model.inertia[i] + m * (x * x + y * y), -m * y, m * x
         A[3], A[4], A[5] = m, 0.0, m
         c, s = work.heading[i, 0], work.heading[i, 1]
-        table_velocities(work.table, i, n, model.offset[i], c, s, u[i, 0], u[i, 1], u[i, 2])
+        vx, vy, omega = u_start[i, 0], u_start[i, 1], u_start[i, 2]
+        table_velocities(work.table, i, n, model.offset[i], c, s, vx, vy, omega)
 
 
 @inlined
-def place_links(model, work):
-    """Fill centers from O, the axes of both chains, and prepare the equilibrium for loads."""
+def place_links(model, work, weight_velocity):
+    """
+    Fill centers from O, the axes of both chains, and prepare the equilibrium for loads.
+
+    The weight would let links fall at a given velocity [m/s].
+    """
     heading, center, half = work.heading, work.center, model.half_length
     n = len(heading)
     root = n // 2
@@ -144,7 +161,7 @@ def place_links(model, work):
         upright[j, 0], upright[j, 1], upright[j, 2] = a, b, b * x - a * y
         work.upright.damping[j] = model.hold[j]
     for i in range(n):
-        x, y, fall = center[i, 0], center[i, 1], model.mass[i] * model.fall
+        x, y, fall = center[i, 0], center[i, 1], model.mass[i] * weight_velocity
         reach_x, reach_y = model.offset[i] * heading[i, 0], model.offset[i] * heading[i, 1]
         A = work.upright.inertia[i]  # of contacts at +- reach: (y, -x, 1) times itself
         A[0], A[1], A[2] = (
@@ -265,6 +282,37 @@ def find_loads(model, work):
 
 
 @inlined
+def is_planar(model, work, history, report):
+    """Return whether the solution of a step is planar, and no link turns further than resolved."""
+    if not (work.standing[0] > 0.0 and work.standing[1] <= LEAN):
+        report[LEFT] = 1.0
+        return False
+    for i in range(len(work.twist)):
+        turn = model.dt * abs(work.twist[i, 0])
+        if not (turn < math.pi / 2 and math.isfinite(work.twist[i, 1] + work.twist[i, 2])):
+            report[FAILED_LINK], report[FAILED_VALUE] = i + 1, turn
+            history[:] = 0.0
+            return False
+    return True
+
+
+@inlined
+def end_velocities(model, work, u):
+    """Fill u (n, 3) from the twists, and the impulses of the joints that go with them."""
+    twist, n = work.twist, len(u)
+    for j in range(n - 1):
+        yaw_rate = twist[j + 1, 0] - twist[j, 0]
+        work.applied[j, 0] = work.torque[j] - work.chain.damping[j] * yaw_rate
+        work.applied[j, 1] = -model.hold[j] * work.upright.rate[j]
+    for i in range(n):
+        u[i, 0] = twist[i, 1] - twist[i, 0] * work.center[i, 1]
+        u[i, 1] = twist[i, 2] + twist[i, 0] * work.center[i, 0]
+        u[i, 2] = twist[i, 0]
+        for k in range(3):
+            work.impact[i, k] = 0.0
+
+
+@inlined
 def end_step(model, work, q, u, history, outcome, report):
     """
     Move q (n+2,) and u (n, 3) to the end of the step, unless it is not planar or diverged.
@@ -280,46 +328,29 @@ def end_step(model, work, q, u, history, outcome, report):
         Whether it was done.
 
     """
-    n, dt, twist = len(u), model.dt, work.twist
-    if not (work.standing[0] > 0.0 and work.standing[1] <= LEAN):
-        report[LEFT] = 1.0
+    if not is_planar(model, work, history, report):
         return False
-    for i in range(n):
-        turn = dt * abs(twist[i, 0])
-        if not (turn < math.pi / 2 and math.isfinite(twist[i, 1] + twist[i, 2])):
-            report[FAILED_LINK], report[FAILED_VALUE] = i + 1, turn
-            history[:] = 0.0
-            return False
-    for j in range(n - 1):
-        yaw_rate = twist[j + 1, 0] - twist[j, 0]
-        work.applied[j, 0] = work.torque[j] - work.chain.damping[j] * yaw_rate
-        work.applied[j, 1] = -model.hold[j] * work.upright.rate[j]
     before_x, before_y = held_point(model, q)
-    move(model, q, u)
-    for i in range(n):
-        q[2 + i] += dt / 2 * (u[i, 2] + twist[i, 0])
-        u[i, 0] = twist[i, 1] - twist[i, 0] * work.center[i, 1]
-        u[i, 1] = twist[i, 2] + twist[i, 0] * work.center[i, 0]
-        u[i, 2] = twist[i, 0]
-        for k in range(3):
-            work.impact[i, k] = 0.0
-    move(model, q, u)
+    move(model, 0.5 * model.dt, q, u)
+    end_velocities(model, work, u)
+    move(model, 0.5 * model.dt, q, u)
     after_x, after_y = held_point(model, q)
     q[0] += before_x - after_x
     q[1] += before_y - after_y
     note_outcome(outcome, report)
     report[STEPS] += 1
-    report[CONTACTS] = 2 * n
+    report[CONTACTS] = 2 * len(u)
     return True
 
 
 @inlined
-def move(model, q, u):
-    """Move the robot for half a step with the velocity of the point that section VII-C holds."""
+def move(model, h, q, u):
+    """Move the robot for a time h, as a whole with the point that section VII-C holds."""
+    for i in range(len(u)):
+        q[2 + i] += h * u[i, 2]
     for i in range(len(u) if model.keeps_center else 1):
-        share = 0.5 * model.dt * model.share[i]
-        q[0] += share * u[i, 0]
-        q[1] += share * u[i, 1]
+        q[0] += h * model.share[i] * u[i, 0]
+        q[1] += h * model.share[i] * u[i, 1]
 
 
 @inlined

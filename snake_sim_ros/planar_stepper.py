@@ -26,6 +26,7 @@ from snake_sim_ros.spatial import COLUMNS
 from snake_sim_ros.spatial import make_model
 from snake_sim_ros.stepping import PREVIOUS
 from snake_sim_ros.stepping import Report
+from snake_sim_ros.stepping import SETTLING
 from snake_sim_ros.stepping import State
 
 # Share of a contact's stiffness with which the pitch joints hold the robot while loads are found:
@@ -34,6 +35,13 @@ HOLD = 1e-5
 ROUNDING = 1e-13  # Euler parameters nearer to FLAT than this are FLAT
 
 KNOWN = -2  # in history: whether it holds planar coordinates
+
+
+def forget(history: Array) -> None:
+    """Erase what the steps before kept in history, in place, but for impulses and velocities."""
+    settling = history[SETTLING]
+    history[PREVIOUS:] = 0.0
+    history[SETTLING] = settling
 
 
 def make_planar_model(scene: Scene) -> PlanarModel:
@@ -88,6 +96,11 @@ def make_planar_workspace(n: int, size: int) -> PlanarWorkspace:
         table=np.zeros((2 * n, COLUMNS)),
         twist=np.zeros((n, 3)),
         standing=np.zeros(2),
+        q_hat=np.zeros(n + 2),
+        u_hat=np.zeros((n, 3)),
+        u_star=np.zeros((n, 3)),
+        q_start=np.zeros(n + 2),
+        u_start=np.zeros((n, 3)),
         delassus=make_delassus(size),
     )
 
@@ -181,6 +194,7 @@ class PlanarStepper:
         if self.goes_on(state, history):
             q, u, tilt, *_ = (part.copy() for part in self.recalled)
             return q, u, tilt
+        forget(history)
         R = rotation_matrices(state.q[:, 3:])
         theta = np.arctan2(R[:, 1, 2], R[:, 0, 2])
         zero = np.zeros(n)
@@ -196,9 +210,8 @@ class PlanarStepper:
     def goes_on(self, state: State, history: Array) -> bool:
         """Return whether the last step was planar and led to this state."""
         memory, made = history[PREVIOUS:].reshape(-1), self.recalled
-        return bool(memory[KNOWN]) and bool(
-            recall(self.model.half_length, memory, state.q, state.u, *made)
-        )
+        same = recall(self.model.half_length, memory, state.q, state.u, *made)
+        return bool(same and memory[KNOWN])
 
     def take_up(self, state: State, R: Array, spin: Array) -> None:
         """Fill work.impact with the momentum of a state out of the plane."""

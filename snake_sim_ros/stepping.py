@@ -212,6 +212,10 @@ def _newton_dense(scene: Scene, level: str = 'spatial') -> Stepper:
 
 
 def _bdf2(scene: Scene, level: str = 'spatial') -> Stepper:
+    if level == 'planar':
+        from snake_sim_ros import planar_bdf2
+
+        return _planar(scene, planar_bdf2.advance, 0)
     from snake_sim_ros import bdf2
 
     return _spatial(scene, bdf2.advance, 0)

@@ -114,6 +114,7 @@ def test_contacts_obey_their_laws_and_take_energy_in_every_step(
     scene = Scene(
         robot=Robot(link_count=links), gait=gait, friction=friction, solver=solver, method=method,
         pd_scheme='midpoint',  # explicit: its torque is the same with and without contacts
+        level='spatial',
     )  # fmt: skip
     size = mean_delassus(scene.robot)
     state = initial_state(scene)

@@ -319,6 +319,8 @@ def test_robot_turned_on_the_floor_goes_the_turned_path(method, links, steps, pi
         friction=friction,
         solver=symmetric_solver(method),
         method=method,
+        # Nearly straight, its loads go to and fro in the plane: projections do not converge.
+        level='spatial' if method == 'gauss_seidel' else 'auto',
     )
     start, R = lowered(scene), rotation_matrices(turn)
     turned = start.q.copy()

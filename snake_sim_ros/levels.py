@@ -126,7 +126,7 @@ class LevelStepper:
             if news.left:
                 history[SETTLING], news.left = self.settle_steps, ''
             ticks.append(np.diff(stepper.cycles[: news.steps + 1]))
-            report += news
+            report = report + news if report.steps else news
             start += news.steps
         self.level, self.cycles = report.level, np.cumsum(np.concatenate(ticks))
         return state, history, report

@@ -49,6 +49,7 @@ class Chain(NamedTuple):
     twist: Array  # (n, 6) the solution
     correction: Array  # (n, 6) what is added to it
     no_torque: Array  # (n-1, 2) zero
+    frame: Array | None = None  # (contacts, 3, 3) contact frames; None on a flat floor
 
 
 @inlined

@@ -5,9 +5,11 @@ import math
 import numpy as np
 
 from snake_sim_ros import gait
+from snake_sim_ros import scenery
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Robot
 from snake_sim_ros.parameters import Scene
+from snake_sim_ros.records import ParameterError
 from snake_sim_ros.rotations import about
 from snake_sim_ros.rotations import FLAT
 from snake_sim_ros.rotations import product
@@ -116,7 +118,13 @@ def initial_coordinates(scene: Scene) -> Array:
     Return the coordinates at the start of a scene, shape (n, 7).
 
     The joints have the angles of the gait at t = 0, the centroid of the links is above the origin,
-    their principal axis is along e_x of I, and the lowest sphere touches the floor.
+    their principal axis is along e_x of I, and the lowest sphere touches the ground.
+
+    Raises
+    ------
+    ParameterError
+        If a link is inside a peg.
+
     """
     robot = scene.robot
     q = chain(robot, gait.reference(scene.gait, 0.0, robot.link_count - 1)[0])
@@ -125,5 +133,20 @@ def initial_coordinates(scene: Scene) -> Array:
     turn = about(2, -math.atan2(2 * xy, xx - yy) / 2)
     q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
     q[:, 3:] = product(turn, q[:, 3:])
-    q[:, 2] -= gaps(robot, q).min()
+    q[:, 2] += scenery.lift(scene, q) if scene.ground.heights else -gaps(robot, q).min()
+    if scene.pegs.x:
+        refuse_overlap(scene, q)
     return q
+
+
+def refuse_overlap(scene: Scene, q: Array) -> None:
+    """Raise if a link is inside a peg."""
+    n, first = scene.robot.link_count, scenery.first_peg(scene)
+    gap = scenery.contact_geometry(scene, q)[0][first:].reshape(-1, n)
+    peg, link = (int(index) for index in np.unravel_index(gap.argmin(), gap.shape))
+    if gap[peg, link] < 0.0:
+        x, y, radius = scene.pegs.axes[peg]
+        raise ParameterError(
+            f'pegs must be beside the robot at its start: peg {peg + 1} at ({x:g}, {y:g}) m with '
+            f'radius {radius:g} m is {-gap[peg, link]:.3g} m inside link {link + 1}'
+        )

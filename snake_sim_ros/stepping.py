@@ -18,6 +18,7 @@ from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.posture import initial_coordinates
 from snake_sim_ros.records import ParameterError
+from snake_sim_ros.scenery import contact_count
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,7 @@ class Stepper(Protocol):
         Parameters
         ----------
         state : State
-        history : ndarray, shape (5, 2n, 5)
+        history : ndarray, shape (5, contacts, 5)
             What a step takes over from the one before. Of every contact: IMPULSE, the last one
             (normal, sliding x y, rolling x y) [N s], eq. (93); VELOCITY, relative velocities after
             it [m/s]; CHANGE, by how much the last step changed the normal impulse and the other
@@ -152,7 +153,7 @@ class Stepper(Protocol):
         -------
         state : State
             The last good state if a step diverged.
-        history : ndarray, shape (5, 2n, 5)
+        history : ndarray, shape (5, contacts, 5)
         report : Report
 
         """
@@ -180,14 +181,14 @@ def _newton_dense(scene: Scene) -> Stepper:
     from snake_sim_ros.newton import advance
     from snake_sim_ros.spatial import SpatialStepper
 
-    return SpatialStepper(scene, advance, 10 * scene.robot.link_count)
+    return SpatialStepper(scene, advance, 5 * contact_count(scene))
 
 
 def _gauss_seidel(scene: Scene) -> Stepper:
     from snake_sim_ros.gauss_seidel import advance
     from snake_sim_ros.spatial import SpatialStepper
 
-    return SpatialStepper(scene, advance, 10 * scene.robot.link_count)
+    return SpatialStepper(scene, advance, 5 * contact_count(scene))
 
 
 def _paper(scene: Scene) -> Stepper:
@@ -237,5 +238,5 @@ def initial_state(scene: Scene) -> State:
 
 
 def no_history(scene: Scene) -> Array:
-    """Return the history before the first contact: zero, shape (5, 2n, 5)."""
-    return np.zeros((5, 2 * scene.robot.link_count, 5))
+    """Return the history before the first contact: zero, shape (5, contacts, 5)."""
+    return np.zeros((5, contact_count(scene), 5))

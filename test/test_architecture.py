@@ -132,6 +132,7 @@ HOT = {
     'kinematics',
     'linear_laws',
     'newton',
+    'obstacles',
     'prox_iteration',
 }
 
@@ -158,7 +159,7 @@ def test_all_physics_of_a_step_is_compiled():
         assert path.stem not in HOT or names == marked | {'make_disc'} & names, path.stem
     # What a step calls of other modules too.
     names, marked = functions(PACKAGE / 'spatial.py')
-    assert names - marked == {'make_model', 'make_workspace'}
+    assert names - marked == {'make_model', 'make_obstacles', 'make_workspace', 'peg_friction'}
 
 
 @each_module

@@ -111,10 +111,7 @@ def begin(model, work, h, q, u, history, angle, rate, twice):
 
     twists(u_star, work.omega, work.center, work.chain.twist)
     reach = max(model.activation_tolerance, REACH * h)
-    count = contacts_of(
-        model.obstacles, reach, model, star, work.R, work.center, work.contact, work.table,
-        work.chain.frame,
-    )  # fmt: skip
+    count = contacts_of(model.obstacles, reach, model, work, star)
     contact, table = work.contact[:count], work.table
     contact_velocities(contact, table, work.chain.frame, work.chain.twist)
     for a in contact:

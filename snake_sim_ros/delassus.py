@@ -9,6 +9,8 @@ number of links does without it.
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from snake_sim_ros.articulated_body import solve_chain
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
@@ -26,6 +28,16 @@ class Delassus(NamedTuple):
     system: Array  # (c, c+1) matrix and right side of a linear problem
     free: Array  # (c,) velocities without contact impulses
     packed: Array  # (c,) velocities
+
+
+def make_delassus(size: int) -> Delassus:
+    """Return arrays for an operator with up to `size` rows."""
+    return Delassus(
+        operator=np.zeros((size, size)),
+        system=np.zeros((size, size + 1)),
+        free=np.zeros(size),
+        packed=np.zeros(size),
+    )
 
 
 @inlined

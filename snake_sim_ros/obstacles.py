@@ -9,16 +9,23 @@ nothing here is called.
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
 from snake_sim_ros.contacts import closed_contacts
 from snake_sim_ros.contacts import GAP
+from snake_sim_ros.contacts import make_disc
+from snake_sim_ros.contacts import PegFriction
 from snake_sim_ros.contacts import POINT
 from snake_sim_ros.contacts import RADIUS
 from snake_sim_ros.contacts import SHIFT
 from snake_sim_ros.kinematics import axis_z
 from snake_sim_ros.kinematics import penetration
 from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.scenery import first_peg
+from snake_sim_ros.scenery import is_flat
 
 
 class Obstacles(NamedTuple):
@@ -32,17 +39,45 @@ class Obstacles(NamedTuple):
     first_peg: int  # number of the first contact with a peg
 
 
+def make_obstacles(scene: Scene) -> Obstacles | None:
+    """Return ground and pegs as the compiled step takes them; None if all is flat."""
+    ground = scene.ground
+    if is_flat(scene):
+        return None
+    heights = np.array(ground.heights, dtype=float)
+    return Obstacles(
+        heights=heights.reshape(len(ground.heights), -1) if ground.heights else np.zeros((0, 0)),
+        cell=ground.cell,
+        origin_x=ground.origin[0],
+        origin_y=ground.origin[1],
+        pegs=scene.pegs.axes,
+        first_peg=first_peg(scene),
+    )
+
+
+def make_peg_friction(scene: Scene, proximal: float) -> PegFriction | None:
+    """Return the friction of pegs for a compliance [1/kg]: isotropic, without rolling friction."""
+    if is_flat(scene):
+        return None
+    mu = scene.pegs.friction
+    return PegFriction(
+        first=first_peg(scene),
+        sliding=make_disc(1, mu, mu, proximal),
+        rolling=make_disc(3, 0.0, 0.0, proximal),
+    )
+
+
 @inlined
-def contacts_of(obstacles, tolerance, model, q, R, center, contact, table, frame):
+def contacts_of(obstacles, tolerance, model, work, q):
     """Fill the closed contacts, their points and frames; return how many are closed."""
+    offset, radius = model.contact_offset, model.contact_radius
     if obstacles is None:
         return closed_contacts(
-            tolerance, model.contact_offset, model.contact_radius, q[:, 2], R, center, contact,
-            table,
-        )  # fmt: skip
+            tolerance, offset, radius, q[:, 2], work.R, work.center, work.contact, work.table
+        )
     return touching(
-        obstacles, tolerance, model.contact_offset, model.contact_radius, q, R, center, contact,
-        table, frame,
+        obstacles, tolerance, offset, radius, q, work.R, work.center, work.contact, work.table,
+        work.chain.frame,
     )  # fmt: skip
 
 

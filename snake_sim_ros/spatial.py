@@ -29,9 +29,9 @@ from snake_sim_ros.contact_laws import PRESS
 from snake_sim_ros.contacts import contact_velocities
 from snake_sim_ros.contacts import Laws
 from snake_sim_ros.contacts import make_disc
-from snake_sim_ros.contacts import PegFriction
 from snake_sim_ros.contacts import selected
 from snake_sim_ros.delassus import Delassus
+from snake_sim_ros.delassus import make_delassus
 from snake_sim_ros.joint_control import pd_law
 from snake_sim_ros.joint_control import START
 from snake_sim_ros.kinematics import chain_geometry
@@ -47,6 +47,8 @@ from snake_sim_ros.kinematics import twists
 from snake_sim_ros.linear_laws import NOTED
 from snake_sim_ros.obstacles import contacts_of
 from snake_sim_ros.obstacles import deepest
+from snake_sim_ros.obstacles import make_obstacles
+from snake_sim_ros.obstacles import make_peg_friction
 from snake_sim_ros.obstacles import Obstacles
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import DRIFT_CORRECTIONS
@@ -54,7 +56,6 @@ from snake_sim_ros.parameters import PD_SCHEMES
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.reference import mean_delassus
 from snake_sim_ros.scenery import contact_count
-from snake_sim_ros.scenery import first_peg
 from snake_sim_ros.scenery import is_flat
 from snake_sim_ros.stepping import divergence
 from snake_sim_ros.stepping import Report
@@ -243,10 +244,7 @@ def begin_step(model, work, q, u, impulse, angle, rate):
     link_inertia(model, R, work.center, chain.bare)
     smooth_momentum(model, model.dt, u, u, R, work.center, chain.momentum)
     twists(u, work.omega, work.center, chain.twist)
-    count = contacts_of(
-        model.obstacles, model.activation_tolerance, model, work.q_mid, R, work.center,
-        work.contact, work.table, chain.frame,
-    )  # fmt: skip
+    count = contacts_of(model.obstacles, model.activation_tolerance, model, work, work.q_mid)
     contact = work.contact[:count]
     contact_velocities(contact, work.table, chain.frame, chain.twist)
     return count, selected(
@@ -326,7 +324,7 @@ def make_model(scene: Scene) -> Model:
         r_N=solver.r_normal,
         r_T=solver.r_sliding,
         r_V=solver.r_rolling,
-        pegs=peg_friction(scene, PROXIMAL * size),
+        pegs=make_peg_friction(scene, PROXIMAL * size),
     )
     return Model(
         half_length=robot.per_link('link_length') / 2,
@@ -347,29 +345,6 @@ def make_model(scene: Scene) -> Model:
         pd_scheme=PD_SCHEMES.index(scene.pd_scheme),
         drift_correction=DRIFT_CORRECTIONS.index(scene.drift_correction),
         obstacles=make_obstacles(scene),
-    )
-
-
-def peg_friction(scene: Scene, proximal: float) -> PegFriction | None:
-    """Return the friction of contacts with pegs, for a compliance [1/kg]; None if all is flat."""
-    mu = scene.pegs.friction
-    sliding, rolling = make_disc(1, mu, mu, proximal), make_disc(3, 0.0, 0.0, proximal)
-    return None if is_flat(scene) else PegFriction(first_peg(scene), sliding, rolling)
-
-
-def make_obstacles(scene: Scene) -> Obstacles | None:
-    """Return ground and pegs as the compiled step takes them; None if all is flat."""
-    ground = scene.ground
-    if is_flat(scene):
-        return None
-    heights = np.array(ground.heights, dtype=float)
-    return Obstacles(
-        heights=heights.reshape(len(ground.heights), -1) if ground.heights else np.zeros((0, 0)),
-        cell=ground.cell,
-        origin_x=ground.origin[0],
-        origin_y=ground.origin[1],
-        pegs=scene.pegs.axes,
-        first_peg=first_peg(scene),
     )
 
 
@@ -415,14 +390,7 @@ def make_workspace(scene: Scene, size: int) -> Workspace:
         ),
         contact=np.zeros(count, np.int64),
         table=zeros((count, COLUMNS)),
-        delassus=Delassus(
-            operator=zeros((size, size)),
-            system=zeros((size, size + 1)),
-            free=zeros(size),
-            packed=zeros(size),
-        )
-        if size > 0
-        else None,
+        delassus=make_delassus(size) if size > 0 else None,
     )
 
 

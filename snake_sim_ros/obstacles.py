@@ -213,7 +213,7 @@ def ground_contact(obstacles, x, y, z, radius, k):
     if k == 3:
         along_x = height(obstacles, column + side_x, row)
         along_y = height(obstacles, column, row + side_y)
-        if max(along_x, along_y) >= z - dz:  # on the box of another neighbor, too
+        if max(along_x, along_y) >= min(z, top):  # on the box of another neighbor, too
             return math.inf, 0.0, 0.0, 1.0
     distance = math.sqrt(dx * dx + dy * dy + dz * dz)
     if distance > 0.0:

@@ -42,14 +42,14 @@ def sweep(laws, contact, width, table, delassus, impulse):
         put(G, gamma, rows, row, impulse, a, 0, P_N)
         r = 1.0 / largest_eigenvalue(G, row + 1)
         x, y = impulse[a, 1] - r * gamma[row + 1], impulse[a, 2] - r * gamma[row + 2]
-        disc = sliding_disc(laws, laws.pegs, a)
+        disc = sliding_disc(laws, laws.other, a)
         x, y = prox_ellipse(x, y, disc.mu_x * P_N, disc.mu_y * P_N)
         put(G, gamma, rows, row + 1, impulse, a, 1, x)
         put(G, gamma, rows, row + 2, impulse, a, 2, y)
         if width == 5:
             r = 1.0 / largest_eigenvalue(G, row + 3)
             x, y = impulse[a, 3] - r * gamma[row + 3], impulse[a, 4] - r * gamma[row + 4]
-            x, y = prox_disc(x, y, rolling_disc(laws, laws.pegs, a).mu_x * P_N)
+            x, y = prox_disc(x, y, rolling_disc(laws, laws.other, a).mu_x * P_N)
             put(G, gamma, rows, row + 3, impulse, a, 3, x)
             put(G, gamma, rows, row + 4, impulse, a, 4, y)
         else:

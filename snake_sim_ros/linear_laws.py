@@ -19,9 +19,11 @@ import math
 from snake_sim_ros.articulated_body import correct_chain
 from snake_sim_ros.articulated_body import factor_chain
 from snake_sim_ros.articulated_body import left_over
+from snake_sim_ros.articulated_body import respond
 from snake_sim_ros.articulated_body import unload_chain
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
+from snake_sim_ros.contacts import add_contact_wrench
 from snake_sim_ros.contacts import CENTER
 from snake_sim_ros.contacts import contact_velocities
 from snake_sim_ros.contacts import direction
@@ -29,6 +31,8 @@ from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import HEADING
 from snake_sim_ros.contacts import IMPULSE
 from snake_sim_ros.contacts import LAW
+from snake_sim_ros.contacts import LINK
+from snake_sim_ros.contacts import OTHER
 from snake_sim_ros.contacts import POINT
 from snake_sim_ros.contacts import RADIUS
 from snake_sim_ros.contacts import rolling_disc
@@ -122,9 +126,9 @@ def linearize(laws, contact, table):
         table[a, FORCE] = P_N
         table[a, LAW], table[a, LAW + 1] = P_N + S_N * table[a, TRIAL], S_N
         radius, follow = (P_N, S_N) if table[a, DISC] == FREE else (table[a, DISC], 0.0)
-        linearize_disc(sliding_disc(laws, laws.pegs, a), table, a, radius, follow)
+        linearize_disc(sliding_disc(laws, laws.other, a), table, a, radius, follow)
         if laws.rolling.mu_x > 0.0:
-            linearize_disc(rolling_disc(laws, laws.pegs, a), table, a, radius, follow)
+            linearize_disc(rolling_disc(laws, laws.other, a), table, a, radius, follow)
 
 
 @inlined
@@ -208,9 +212,8 @@ def add_laws_in_frames(contact, table, frame, rolling, wrench, inertia):
     W are the directions (normal, sliding; rolling). Friction follows the normal velocity, which
     follows from the first of them.
     """
-    n = len(wrench)
     for a in contact:
-        A, w = inertia[a % n], wrench[a % n]
+        A, w = inertia[int(table[a, LINK])], wrench[int(table[a, LINK])]
         normal = direction(table, frame, a, 0)
         along, across = direction(table, frame, a, 1), direction(table, frame, a, 2)
         S_N, shift = table[a, LAW + 1], table[a, SHIFT]
@@ -258,6 +261,54 @@ def linear_impulses(contact, table, rolling):
 
 
 @inlined
+def single_count(contact, table, pairs):
+    """Return the number of contacts without those of two links, which are listed last."""
+    if pairs is None:
+        return len(contact)
+    count = len(contact)
+    while count > 0 and table[contact[count - 1], OTHER] >= 0.0:
+        count -= 1
+    return count
+
+
+@inlined
+def couple_pairs(contact, width, table, chain, pairs):
+    """
+    Add to the twists what the contacts of two links do to them; fill the impulses of these.
+
+    They couple two links, which a sweep over the chain cannot fold into the inertia of one. The
+    chain is solved for a unit of every component of their impulses instead; what is left is a
+    small dense problem. `pairs` is the Delassus operator of the chain, None without such contacts.
+    """
+    if pairs is None:
+        return
+    contact_velocities(contact, table, chain.frame, chain.twist)
+    for k, a in enumerate(contact):
+        for j in range(width):
+            pairs.free[width * k + j] = table[a, GAMMA + j]
+            table[a, IMPULSE + j] = 0.0
+    for j in range(len(chain.left_over)):
+        chain.left_over[j, 0] = chain.left_over[j, 1] = 0.0
+    for k, a in enumerate(contact):
+        for j in range(width):
+            table[a, IMPULSE + j] = 1.0
+            chain.wrench[:] = 0.0
+            add_contact_wrench(contact[k : k + 1], table, chain.frame, chain.wrench)
+            table[a, IMPULSE + j] = 0.0
+            respond(chain)
+            contact_velocities(contact, table, chain.frame, chain.correction)
+            for other, b in enumerate(contact):
+                for i in range(width):
+                    shift = table[b, SHIFT] if i == 0 else 0.0
+                    pairs.operator[width * k + j, width * other + i] = table[b, GAMMA + i] - shift
+    if len(contact) > 0:
+        solve_condensed(contact, width, table, LAW, pairs)
+        chain.wrench[:] = 0.0
+        add_contact_wrench(contact, table, chain.frame, chain.wrench)
+        correct_chain(chain)
+
+
+@inlined
 def linear_step(laws, contact, table, chain, delassus):
     """
     Fill GAMMA and IMPULSE with the solution for the laws linear about TRIAL.
@@ -275,15 +326,18 @@ def linear_step(laws, contact, table, chain, delassus):
     if delassus is not None:
         return solve_condensed(contact, 5 if rolling else 3, table, LAW, delassus)
     unload_chain(chain)
-    add_laws(contact, table, chain.frame, rolling, chain.wrench, chain.inertia)
+    single = contact[: single_count(contact, table, chain.pairs)]
+    add_laws(single, table, chain.frame, rolling, chain.wrench, chain.inertia)
     factor_chain(chain)
     for k in range(CORRECTIONS):
         if k > 0:  # once more for what rounding left
             load_chain(contact, table, chain)
             left_over(chain)
         largest = correct_chain(chain)
+        if k == 0:
+            couple_pairs(contact[len(single) :], 5 if rolling else 3, table, chain, chain.pairs)
         contact_velocities(contact, table, chain.frame, chain.twist)
-        linear_impulses(contact, table, rolling)
+        linear_impulses(single, table, rolling)
         if k > 0 and not largest > SMALL:
             break
     return math.isfinite(chain.twist[0, 3] + chain.twist[len(chain.twist) - 1, 3])

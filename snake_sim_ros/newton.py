@@ -76,11 +76,11 @@ def misfit(laws, contact, table, fraction):
         d = P + fraction * (table[a, IMPULSE] - P) - P_N
         normal = max(normal, abs(d))
         slope += d * step
-        d, along = disc_gap(sliding_disc(laws, laws.pegs, a), table, a, radius, fraction)
+        d, along = disc_gap(sliding_disc(laws, laws.other, a), table, a, radius, fraction)
         sliding = max(sliding, d)
         slope += along
         if laws.rolling.mu_x > 0.0:
-            d, along = disc_gap(rolling_disc(laws, laws.pegs, a), table, a, radius, fraction)
+            d, along = disc_gap(rolling_disc(laws, laws.other, a), table, a, radius, fraction)
             rolling = max(rolling, d)
             slope += along
     return slope, max(normal / laws.r_N, sliding / laws.r_T, rolling / laws.r_V)
@@ -155,8 +155,8 @@ def anchor_at_iterate(laws, contact, table):
     for a in contact:
         P_N = max(0.0, table[a, ITERATE])
         table[a, ANCHOR] = P_N
-        anchor_disc(sliding_disc(laws, laws.pegs, a), table, a, P_N)
-        anchor_disc(rolling_disc(laws, laws.pegs, a), table, a, P_N)
+        anchor_disc(sliding_disc(laws, laws.other, a), table, a, P_N)
+        anchor_disc(rolling_disc(laws, laws.other, a), table, a, P_N)
 
 
 @inlined

@@ -15,8 +15,10 @@ from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
 from snake_sim_ros.contacts import closed_contacts
 from snake_sim_ros.contacts import GAP
+from snake_sim_ros.contacts import LINK
 from snake_sim_ros.contacts import make_disc
-from snake_sim_ros.contacts import PegFriction
+from snake_sim_ros.contacts import OTHER
+from snake_sim_ros.contacts import OtherFriction
 from snake_sim_ros.contacts import POINT
 from snake_sim_ros.contacts import RADIUS
 from snake_sim_ros.contacts import SHIFT
@@ -24,8 +26,10 @@ from snake_sim_ros.kinematics import axis_z
 from snake_sim_ros.kinematics import penetration
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
+from snake_sim_ros.scenery import first_pair
 from snake_sim_ros.scenery import first_peg
 from snake_sim_ros.scenery import is_flat
+from snake_sim_ros.scenery import pairs
 
 
 class Obstacles(NamedTuple):
@@ -37,6 +41,8 @@ class Obstacles(NamedTuple):
     origin_y: float
     pegs: Array  # (pegs, 3) x, y, radius [m]
     first_peg: int  # number of the first contact with a peg
+    first_pair: int  # and of the first one of two links
+    pair_count: int
 
 
 def make_obstacles(scene: Scene) -> Obstacles | None:
@@ -52,17 +58,21 @@ def make_obstacles(scene: Scene) -> Obstacles | None:
         origin_y=ground.origin[1],
         pegs=scene.pegs.axes,
         first_peg=first_peg(scene),
+        first_pair=first_pair(scene),
+        pair_count=len(pairs(scene)),
     )
 
 
-def make_peg_friction(scene: Scene, proximal: float) -> PegFriction | None:
-    """Return the friction of pegs for a compliance [1/kg]: isotropic, without rolling friction."""
+def make_other_friction(scene: Scene, proximal: float) -> OtherFriction | None:
+    """Return isotropic friction of pegs and of links on links, for a compliance [1/kg]."""
     if is_flat(scene):
         return None
-    mu = scene.pegs.friction
-    return PegFriction(
-        first=first_peg(scene),
-        sliding=make_disc(1, mu, mu, proximal),
+    mu, mu_pair = scene.pegs.friction, scene.self_contact_friction
+    return OtherFriction(
+        first_peg=first_peg(scene),
+        first_pair=first_pair(scene),
+        peg=make_disc(1, mu, mu, proximal),
+        pair=make_disc(1, mu_pair, mu_pair, proximal),
         rolling=make_disc(3, 0.0, 0.0, proximal),
     )
 
@@ -105,6 +115,7 @@ def touching(obstacles, tolerance, offset, radius, q, R, center, contact, table,
                     contact[count] = a
                     count += 1
                     place(table, a, gap, arm, radius[i], axis, center[i], (nx, ny, nz))
+                    table[a, LINK], table[a, OTHER] = i, -1
                     face_link(frame[a], (nx, ny, nz), axis)
         for k in range(len(obstacles.pegs)):
             px, py, peg_radius = obstacles.pegs[k, 0], obstacles.pegs[k, 1], obstacles.pegs[k, 2]
@@ -120,9 +131,46 @@ def touching(obstacles, tolerance, offset, radius, q, R, center, contact, table,
                 contact[count] = a
                 count += 1
                 place(table, a, gap, arm, radius[i], axis, center[i], (nx, ny, 0.0))
+                table[a, LINK], table[a, OTHER] = i, -1
                 fill(frame[a], 0, (nx, ny, 0.0))
                 fill(frame[a], 1, (-ny, nx, 0.0))
                 fill(frame[a], 2, (0.0, 0.0, 1.0))
+    if obstacles.pair_count > 0:
+        count = touching_links(
+            obstacles.first_pair, tolerance, offset, radius, q, R, center, contact, table, frame,
+            count,
+        )  # fmt: skip
+    return count
+
+
+@compiled
+def touching_links(a, tolerance, offset, radius, q, R, center, contact, table, frame, count):
+    """Fill the contacts of links with each other, from number a on; return how many are closed."""
+    n = len(R)
+    for i in range(n):
+        axis = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
+        for j in range(i + 2, n):
+            x, y, z = q[i, 0] - q[j, 0], q[i, 1] - q[j, 1], q[i, 2] - q[j, 2]
+            reach = offset[i] + offset[j] + radius[i] + radius[j] + tolerance
+            if x * x + y * y + z * z > reach * reach:
+                a += 4
+                continue
+            for side in range(4):
+                arm = offset[i] if side < 2 else -offset[i]
+                other = offset[j] if side % 2 == 0 else -offset[j]
+                dx = x + arm * axis[0] - other * R[j, 0, 2]
+                dy = y + arm * axis[1] - other * R[j, 1, 2]
+                dz = z + arm * axis[2] - other * R[j, 2, 2]
+                distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+                gap = distance - radius[i] - radius[j]
+                if gap <= tolerance:
+                    contact[count] = a
+                    count += 1
+                    normal = dx / distance, dy / distance, dz / distance
+                    place(table, a, gap, arm, radius[i], axis, center[i], normal)
+                    table[a, LINK], table[a, OTHER] = i, j
+                    face_link(frame[a], normal, axis)
+                a += 1
     return count
 
 
@@ -144,6 +192,15 @@ def penetration_of(obstacles, offset, radius, q):
                 obstacles.pegs[k, 0], obstacles.pegs[k, 1],
             )  # fmt: skip
             lowest = min(lowest, distance - obstacles.pegs[k, 2] - radius[i])
+        if obstacles.pair_count > 0:
+            for j in range(i + 2, len(q)):
+                for side in range(4):
+                    arm = offset[i] if side < 2 else -offset[i]
+                    other = offset[j] if side % 2 == 0 else -offset[j]
+                    square, beyond = 0.0, axis_z(q, j)
+                    for k in range(3):
+                        square += (q[i, k] + arm * axis[k] - q[j, k] - other * beyond[k]) ** 2
+                    lowest = min(lowest, math.sqrt(square) - radius[i] - radius[j])
     return -lowest
 
 

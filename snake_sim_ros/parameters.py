@@ -212,6 +212,10 @@ class Scene(Record):
     friction: Friction = Friction()
     ground: Ground = Ground()
     pegs: Pegs = Pegs()
+    self_contact: bool = quantity(False, '', 'whether links that are not neighbors touch')
+    self_contact_friction: float = quantity(
+        0.2, '1', 'Coulomb friction of links on each other', minimum=0
+    )
     gait: Gait = Gait()
     solver: Solver = Solver()
     gravity: tuple[float, ...] = quantity(

@@ -123,7 +123,7 @@ def initial_coordinates(scene: Scene) -> Array:
     Raises
     ------
     ParameterError
-        If a link is inside a peg.
+        If a link is inside a peg or inside another link.
 
     """
     robot = scene.robot
@@ -134,19 +134,26 @@ def initial_coordinates(scene: Scene) -> Array:
     q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
     q[:, 3:] = product(turn, q[:, 3:])
     q[:, 2] += scenery.lift(scene, q) if scene.ground.heights else -gaps(robot, q).min()
-    if scene.pegs.x:
+    if scene.pegs.x or scene.self_contact:
         refuse_overlap(scene, q)
     return q
 
 
 def refuse_overlap(scene: Scene, q: Array) -> None:
-    """Raise if a link is inside a peg."""
-    n, first = scene.robot.link_count, scenery.first_peg(scene)
-    gap = scenery.contact_geometry(scene, q)[0][first:].reshape(-1, n)
-    peg, link = (int(index) for index in np.unravel_index(gap.argmin(), gap.shape))
-    if gap[peg, link] < 0.0:
-        x, y, radius = scene.pegs.axes[peg]
+    """Raise if a link is inside a peg or another link."""
+    first = scenery.first_peg(scene)
+    gap = scenery.contact_geometry(scene, q)[0][first:]
+    a = first + int(gap.argmin())
+    if gap.min() >= 0.0:
+        return
+    depth, (link, other) = -gap.min(), scenery.links(scene)[a] + 1
+    if other > 0:
         raise ParameterError(
-            f'pegs must be beside the robot at its start: peg {peg + 1} at ({x:g}, {y:g}) m with '
-            f'radius {radius:g} m is {-gap[peg, link]:.3g} m inside link {link + 1}'
+            f'links must be apart at the start: link {link} is {depth:.3g} m inside link {other}'
         )
+    peg = (a - first) // scene.robot.link_count
+    x, y, radius = scene.pegs.axes[peg]
+    raise ParameterError(
+        f'pegs must be beside the robot at its start: peg {peg + 1} at ({x:g}, {y:g}) m with '
+        f'radius {radius:g} m is {depth:.3g} m inside link {link}'
+    )

@@ -108,13 +108,15 @@ def scene_contacts(scene: Scene, q: Array) -> tuple[Array, Array, Array, Array]:
     gap, lever, frame = scenery.contact_geometry(scene, q)
     n, count = robot.link_count, len(gap)
     W_N, W_T, W_V = (np.zeros((6 * n, width * count)) for width in (1, 2, 2))
-    for a, (normal, e_x, e_y) in enumerate(frame):
-        i, sphere = a % n, robot.per_link('contact_radius')[a % n]
-        W_N[link_rows(i), a] = _point_direction(R[i], lever[a], normal)
-        W_T[link_rows(i), 2 * a] = _point_direction(R[i], lever[a], e_x)
-        W_T[link_rows(i), 2 * a + 1] = _point_direction(R[i], lever[a], e_y)
-        D = np.column_stack([e_x, e_y])
-        W_V[6 * i + 3 : 6 * i + 6, 2 * a : 2 * a + 2] = (D.T @ tilde(sphere * normal) @ R[i]).T
+    for a, (i, j) in enumerate(scenery.links(scene)):
+        normal, *tangents = frame[a]
+        for link, sign in ((i, 1), (j, -1)) if j >= 0 else ((i, 1),):
+            arm = q[i, :3] + lever[a] - q[link, :3]
+            W_N[link_rows(link), a] = sign * _point_direction(R[link], arm, normal)
+            for k, e in enumerate(tangents):
+                W_T[link_rows(link), 2 * a + k] = sign * _point_direction(R[link], arm, e)
+        r_CS, D = robot.per_link('contact_radius')[i] * normal, np.column_stack(tangents)
+        W_V[6 * i + 3 : 6 * i + 6, 2 * a : 2 * a + 2] = (D.T @ tilde(r_CS) @ R[i]).T
     return gap, W_N, W_T, W_V
 
 
@@ -340,7 +342,7 @@ class ReferenceStepper:
     ) -> tuple[State, Array, Report]:
         """Return state, history and report after one step, section VII."""
         scene, robot, dt = self.scene, self.scene.robot, self.scene.dt
-        n, history = robot.link_count, history.copy()
+        n, history, links = robot.link_count, history.copy(), scenery.links(scene)
         impulse = history[IMPULSE]
         u_A = state.u.ravel()
 
@@ -363,7 +365,7 @@ class ReferenceStepper:
         P, iterations, change = impulse[active], 0, math.inf
         fall = -dt * scene.gravity[2]
         gamma_A = np.column_stack([W_N.T @ u_A, (W_T.T @ u_A).reshape(-1, 2)])
-        stops = robot.per_link('link_mass')[active % n] * (0.5 * fall - 2.0 * gamma_A[:, 0])
+        stops = robot.per_link('link_mass')[links[active, 0]] * (0.5 * fall - 2.0 * gamma_A[:, 0])
         compliance = selection_compliance(
             scene.solver.normal_compliance * self.size,
             LEAST * self.size,

@@ -4,7 +4,8 @@ What a robot can touch besides a flat floor: ground of cells and pegs; gaps and 
 This is the definition, in NumPy, that `obstacles.py` compiles. Contacts are numbered in slots of
 one for each link, so that contact a belongs to link a % n: the front and the rear spheres on the
 ground below them, as in eq. (10); where the ground has cells, six more slots for the higher cells
-beside the front and the rear spheres; then a slot for every peg.
+beside the front and the rear spheres; then a slot for every peg. Contacts of links with each other
+come last: four of every two that are not neighbors, of the spheres of one with those of the other.
 
 A sphere is in contact with the box below each cell at the nearest point of the box. The cell below
 its center is always there; a neighbor only where it is higher, so that a flat ground is flat
@@ -30,7 +31,7 @@ E_X, E_Y, E_Z = np.eye(3)
 
 def is_flat(scene: Scene) -> bool:
     """Return whether there is nothing but the floor z = 0."""
-    return not scene.ground.heights and not scene.pegs.x
+    return not scene.ground.heights and not scene.pegs.x and not scene.self_contact
 
 
 def first_peg(scene: Scene) -> int:
@@ -38,13 +39,34 @@ def first_peg(scene: Scene) -> int:
     return scene.robot.link_count * (2 + (BESIDE if scene.ground.heights else 0))
 
 
+def first_pair(scene: Scene) -> int:
+    """Return the number of the first contact of two links."""
+    return first_peg(scene) + scene.robot.link_count * len(scene.pegs.x)
+
+
+def pairs(scene: Scene) -> list[tuple[int, int, int, int]]:
+    """Return link, other link, and the signs of their spheres, of every contact of two links."""
+    n = scene.robot.link_count if scene.self_contact else 0
+    apart = [(i, j) for i in range(n) for j in range(i + 2, n)]
+    return [(i, j, s, t) for i, j in apart for s in (1, -1) for t in (1, -1)]
+
+
 def contact_count(scene: Scene) -> int:
     """Return the number of contacts, closed or not: 2n on a flat floor."""
-    return first_peg(scene) + scene.robot.link_count * len(scene.pegs.x)
+    return first_pair(scene) + len(pairs(scene))
+
+
+def links(scene: Scene) -> Array:
+    """Return the link of every contact and the one it touches, or -1, shape (contacts, 2)."""
+    n, first = scene.robot.link_count, first_pair(scene)
+    of_world = [(a % n, -1) for a in range(first)]
+    return np.array(of_world + [(i, j) for i, j, _, _ in pairs(scene)])
 
 
 def friction(scene: Scene, a: int) -> tuple[float, float, float]:
     """Return mu along e_x and e_y of the contact frame, and of rolling, of contact a."""
+    if a >= first_pair(scene):
+        return scene.self_contact_friction, scene.self_contact_friction, 0.0
     if a >= first_peg(scene):
         return scene.pegs.friction, scene.pegs.friction, 0.0
     floor = scene.friction
@@ -120,7 +142,7 @@ def contact_geometry(scene: Scene, q: Array) -> tuple[Array, Array, Array]:
     lever : ndarray, shape (contacts, 3)
         Link center to contact point [m, frame I].
     frame : ndarray, shape (contacts, 3, 3)
-        Normal, from the obstacle to the link, e_x and e_y of every contact, in I.
+        Normal, from the obstacle or other link to the link, e_x and e_y of every contact, in I.
 
     """
     robot, count = scene.robot, contact_count(scene)
@@ -154,6 +176,13 @@ def contact_geometry(scene: Scene, q: Array) -> tuple[Array, Array, Array]:
             gap[a] = np.linalg.norm(apart) - peg_radius - radius[i]
             lever[a] = arm - radius[i] * normal
             frame[a] = normal, np.cross(E_Z, normal), E_Z
+    for a, (i, j, s, t) in enumerate(pairs(scene), first_pair(scene)):
+        arm = s * offset[i] * R[i] @ E_Z
+        apart = q[i, :3] + arm - q[j, :3] - t * offset[j] * R[j] @ E_Z
+        distance = np.linalg.norm(apart)
+        gap[a] = distance - radius[i] - radius[j]
+        lever[a] = arm - radius[i] * apart / distance
+        frame[a] = apart / distance, *tangents(apart / distance, R[i] @ E_Z)
     return gap, lever, frame
 
 

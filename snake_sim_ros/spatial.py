@@ -48,7 +48,7 @@ from snake_sim_ros.linear_laws import NOTED
 from snake_sim_ros.obstacles import contacts_of
 from snake_sim_ros.obstacles import deepest
 from snake_sim_ros.obstacles import make_obstacles
-from snake_sim_ros.obstacles import make_peg_friction
+from snake_sim_ros.obstacles import make_other_friction
 from snake_sim_ros.obstacles import Obstacles
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import DRIFT_CORRECTIONS
@@ -57,12 +57,12 @@ from snake_sim_ros.parameters import Scene
 from snake_sim_ros.reference import mean_delassus
 from snake_sim_ros.scenery import contact_count
 from snake_sim_ros.scenery import is_flat
+from snake_sim_ros.scenery import pairs
 from snake_sim_ros.stepping import divergence
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
 
-# Columns of the table of contacts, with those of `newton`.
-COLUMNS = NOTED + 1
+COLUMNS = NOTED + 1  # of the table of contacts
 # Compliance of the proximal point method, relative to the Delassus operator: it changes no
 # solution. Smaller is closer to the laws in one iteration, and loses digits to rounding.
 PROXIMAL = 1e-5
@@ -324,7 +324,7 @@ def make_model(scene: Scene) -> Model:
         r_N=solver.r_normal,
         r_T=solver.r_sliding,
         r_V=solver.r_rolling,
-        pegs=make_peg_friction(scene, PROXIMAL * size),
+        other=make_other_friction(scene, PROXIMAL * size),
     )
     return Model(
         half_length=robot.per_link('link_length') / 2,
@@ -387,6 +387,7 @@ def make_workspace(scene: Scene, size: int) -> Workspace:
             correction=zeros((n, 6)),
             no_torque=zeros((n - 1, 2)),
             frame=None if is_flat(scene) else zeros((count, 3, 3)),
+            pairs=make_delassus(5 * len(pairs(scene))) if scene.self_contact else None,
         ),
         contact=np.zeros(count, np.int64),
         table=zeros((count, COLUMNS)),

@@ -94,9 +94,9 @@ def turned(q: Array, i: int) -> Array:
 
 def check_agreement(scene: Scene, state: State, rng: np.random.Generator, method: str) -> int:
     """Assert that a method takes the step of the dense one; return how many contacts close."""
-    # Sweeps to 1e-12 N s leave 1e-10 m/s over r_T = 0.01 kg; G of five links is below 10 1/kg
-    # against its smallest eigenvalues of 0.1 1/kg: 1e-8 m/s of velocity. The method `paper` does
-    # the same sweeps: its rounding is that of the agreement on a flat floor, 1e-10.
+    # Residuals of 1e-10 m/s, also of sweeps to 1e-12 N s over r_T = 0.01 kg; nearly dependent
+    # contacts, eigenvalues of G from below 0.1 to above 10 1/kg, make up to 1e-7 m/s of them. The
+    # method `paper` does the same sweeps: its rounding is that on a flat floor, 1e-10.
     solver = Solver(
         tolerance=1e-12, residual_tolerance=1e-10, iteration_limit=100000, normal_compliance=1e-2
     )
@@ -105,7 +105,7 @@ def check_agreement(scene: Scene, state: State, rng: np.random.Generator, method
     start = state, no_history(scene), angle, np.zeros(angle.shape)
     expected, impulses, dense = make_stepper(replace(scene, method='reference')).advance(*start)
     end, history, report = make_stepper(replace(scene, method=method)).advance(*start)
-    bound = 1e-10 if method == 'paper' else 1e-8
+    bound = 1e-10 if method == 'paper' else 1e-7
     assert dense.unconverged == report.unconverged == 0
     assert report.contacts == dense.contacts
     assert np.abs(end.u - expected.u).max() < bound

@@ -9,6 +9,7 @@ from obstacle_scenes import check_agreement
 from obstacle_scenes import robot_scene
 import pytest
 from random_states import EPS
+from random_states import rate_of
 from scenes import course
 from scenes import every_method
 from scenes import isotropic
@@ -17,15 +18,19 @@ from scenes import RADIUS
 
 from snake_sim_ros import scenery
 from snake_sim_ros.parameters import Friction
+from snake_sim_ros.parameters import Gait
 from snake_sim_ros.parameters import Pegs
 from snake_sim_ros.parameters import Robot
 from snake_sim_ros.parameters import Scene
+from snake_sim_ros.parameters import Wave
 from snake_sim_ros.posture import chain
 from snake_sim_ros.posture import initial_coordinates
 from snake_sim_ros.records import ParameterError
+from snake_sim_ros.reference import scene_contacts
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.stepping import IMPULSE
+from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import State
 
 SLACK = dict.fromkeys(('yaw_stiffness', 'yaw_damping', 'pitch_stiffness', 'pitch_damping'), 0.0)
@@ -53,7 +58,7 @@ def test_gaps_and_directions(seed):
     scene, state = robot_scene(rng, self_contact=True), anywhere(rng, 5)
     robot, R = scene.robot, rotation_matrices(state.q[:, 3:])
     gap, lever, _ = scenery.contact_geometry(scene, state.q)
-    apart = [(i, j, s, t) for i, j, s, t in scenery.pairs(scene)]
+    apart = scenery.pairs(scene)
     assert len(apart) == 4 * 6  # links 1-3, 1-4, 1-5, 2-4, 2-5, 3-5
     for a, (i, j, s, t) in enumerate(apart, scenery.first_pair(scene)):
         one = state.q[i, :3] + s * robot.contact_offset[i] * R[i, :, 2]
@@ -68,9 +73,8 @@ def test_gaps_and_directions(seed):
     # Of the rate of a gap: third derivatives of a distance d > 0.1 m at relative velocities below
     # 5 m/s, 1e-10/6 of 3 v^3/d^2 = 4e4. Velocities of body points: two links, as one in two.
     first = scenery.first_pair(scene)
-    _, *directions = scenery_contacts(scene, state)
-    gamma_N, gamma_T = (W.T @ state.u.ravel() for W in directions)
-    rate = gap_rate(scene, state)[first:]
+    gamma_N, gamma_T = (W.T @ state.u.ravel() for W in scene_contacts(scene, state.q)[1:3])
+    rate = rate_of(lambda q: scenery.contact_geometry(scene, q)[0][first:], state)
     assert np.abs(gamma_N[first:] - rate).max() < 2e-6
     _, lever, frame = scenery.contact_geometry(scene, state.q)
     v, omega = state.u[:, :3], np.einsum('ijk,ik->ij', R, state.u[:, 3:])
@@ -79,19 +83,6 @@ def test_gaps_and_directions(seed):
         ends = [v[k] + np.cross(omega[k], point - state.q[k, :3]) for k in (i, j)]
         slip = frame[a, 1:] @ (ends[0] - ends[1])
         assert np.abs(gamma_T[2 * a : 2 * a + 2] - slip).max() < 1e-13
-
-
-def scenery_contacts(scene, state):
-    from snake_sim_ros.reference import scene_contacts
-
-    gap, W_N, W_T, _ = scene_contacts(scene, state.q)
-    return gap, W_N, W_T
-
-
-def gap_rate(scene, state):
-    from random_states import rate_of
-
-    return rate_of(lambda q: scenery.contact_geometry(scene, q)[0], state)
 
 
 @pytest.mark.parametrize('method', ['paper', 'gauss_seidel', 'newton', 'newton_dense'])
@@ -137,7 +128,7 @@ def test_ends_of_a_robot_hit_each_other(method):
     states, impulses, report = course(scene, State(q, u), 40)
     first = scenery.first_pair(scene)
     assert impulses[:, first:, 0].max() > 1e-3
-    assert not impulses[:, :first].any()
+    assert impulses[:, :first].max() < 1e-9  # the floor is there, but nothing weighs on it
     mass = robot.per_link('link_mass')
     momentum = np.einsum('i,tij->tj', mass, states.u[:, :, :3])
     assert np.abs(momentum - momentum[0]).max() < 1e-8
@@ -175,11 +166,8 @@ def test_a_robot_that_curls_up_stops_at_itself(method, dt):
 
 def test_links_that_overlap_at_the_start_are_refused():
     def bent(angle):
-        robot = Robot(link_count=9)
-        from snake_sim_ros.parameters import Gait
-        from snake_sim_ros.parameters import Wave
-
-        return Scene(robot=robot, self_contact=True, gait=Gait(yaw=Wave(offset=angle)))
+        gait = Gait(yaw=Wave(offset=angle))
+        return Scene(robot=Robot(link_count=9), self_contact=True, gait=gait)
 
     with pytest.raises(ParameterError) as caught:
         initial_coordinates(bent(math.radians(44)))
@@ -189,11 +177,14 @@ def test_links_that_overlap_at_the_start_are_refused():
     initial_coordinates(replace(bent(math.radians(44)), self_contact=False))
 
 
-def test_without_self_contact_links_pass_through_each_other():
+def test_a_pair_does_nothing_until_it_closes():
+    # The same steps with and without self-contact while the links are apart: the same numbers up
+    # to rounding, though contacts with frames round differently; 1e-9 m/s of the residual.
     robot = Robot(link_count=7)
-    q, _ = curled(robot, gap=-0.02)
-    scene = Scene(robot=robot, friction=isotropic(0.2))
-    stepper = Simulation(scene).stepper
-    zero = np.zeros((1, 6, 2))
-    _, history, _ = stepper.advance(State(q, np.zeros((7, 6))), np.zeros((5, 14, 5)), zero, zero)
-    assert history[IMPULSE].shape == (14, 5)
+    q, angle = curled(robot, gap=0.01)
+    scene, ends = Scene(robot=robot, friction=isotropic(0.2)), []
+    references = np.tile(angle, (20, 1, 1)), np.zeros((20, 6, 2))
+    for case in (scene, replace(scene, self_contact=True)):
+        start = State(q, np.zeros((7, 6))), no_history(case)
+        ends.append(make_stepper(case).advance(*start, *references)[0])
+    assert np.abs(ends[0].u - ends[1].u).max() < 1e-8

@@ -42,16 +42,16 @@ from snake_sim_ros.kinematics import rates_in_inertial_frame
 from snake_sim_ros.kinematics import twists
 from snake_sim_ros.newton import solve_contacts
 from snake_sim_ros.obstacles import contacts_of
+from snake_sim_ros.report import CONTACTS
+from snake_sim_ros.report import FALLBACKS
+from snake_sim_ros.report import note_outcome
+from snake_sim_ros.report import UNCONVERGED
 from snake_sim_ros.spatial import applied_torque
 from snake_sim_ros.spatial import axis_loads
-from snake_sim_ros.spatial import CONTACTS
-from snake_sim_ros.spatial import FALLBACKS
 from snake_sim_ros.spatial import finish
 from snake_sim_ros.spatial import link_inertia
-from snake_sim_ros.spatial import note_outcome
 from snake_sim_ros.spatial import smooth_momentum
 from snake_sim_ros.spatial import turns_are_small
-from snake_sim_ros.spatial import UNCONVERGED
 
 SUB_STEPS = 4
 REACH = 0.3  # a gap takes part if this speed could close it in the step [m/s]
@@ -102,7 +102,7 @@ def begin(model, work, h, q, u, history, angle, rate, twice):
         for k in range(2):
             torque, damping = implicit_pd_law(
                 h, work.coordinate[1, j, k, 0], work.coordinate[1, j, k, 1],
-                (angle[j, k], rate[j, k]), model.stiffness[k], model.damping[k],
+                (angle[j, k], rate[j, k]), model.stiffness[j, k], model.damping[j, k],
             )  # fmt: skip
             work.torque[j, k], work.damping[j, k] = torque * h, damping * h
     axis_loads(work.chain.axis, work.torque, work.damping, work.chain.torque, work.chain.damping)
@@ -225,8 +225,7 @@ def step(model, work, q, u, history, angle, rate, report):
         work.applied[j, 1] *= scale
     report[UNCONVERGED] = min(report[UNCONVERGED], unconverged + 1)  # steps, not parts of them
     report[FALLBACKS] = min(report[FALLBACKS], fallbacks + 1)
-    finish(model, q, report)
-    return True
+    return finish(model, work.chain.twist, q, u, history, report)
 
 
 @compiled

@@ -20,29 +20,46 @@ import subprocess
 import sys
 import tempfile
 import time
+from typing import Any
 
 import numpy as np
 
 from snake_sim_ros import gait
 from snake_sim_ros.articulated_body import factor
 from snake_sim_ros.compilation import compiled
+from snake_sim_ros.compilation import cycle_counter
 from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import Robot
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import scene_to_text
+from snake_sim_ros.parameters import with_settings
+from snake_sim_ros.records import flat_fields
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.simulation import Simulation
 from snake_sim_ros.simulation import steps_in
-from snake_sim_ros.spatial import SpatialStepper
 from snake_sim_ros.stepping import Report
 
 SAMPLE = 0.1  # seconds between two samples of a path
 CONVERGED = (1 / 16000, 1 / 32000)  # time steps of the reference
-LINK_COUNTS = (10, 20, 40, 80, 160)
+LINK_COUNTS = (10, 20, 40, 80, 160, 200)
 RUNS = (  # method and steps a second
     ('newton', 4000), ('newton', 1000), ('newton', 200), ('newton', 100),
     ('bdf2', 400), ('bdf2', 100), ('bdf2', 50), ('bdf2', 20),
     ('paper', 4000), ('newton_dense', 4000),
 )  # fmt: skip
+LIFT = 10.0  # m, out of reach of the floor for more than a second
+CASE_A = 'lateral_undulation'
+SITUATIONS: dict[str, tuple[str, dict[str, Any], float]] = {  # scene, settings and lift [m]
+    'all contacts': (CASE_A, {}, 0.0),
+    'flight': (CASE_A, {}, LIFT),
+    'few contacts': ('sidewinding', {'gait.soft_start': 0.0}, 0.0),
+    'isotropic': ('lateral_undulation_isotropic', {}, 0.0),
+    'rolling friction': (CASE_A, {'friction.rolling': 0.01}, 0.0),
+    'isotropic, rolling': ('lateral_undulation_isotropic', {'friction.rolling': 0.01}, 0.0),
+    'slope of 3 deg': (CASE_A, {'gravity': (0.513, 0.0, -9.797)}, 0.0),
+}
+ROUNDS = 5
 
 
 @dataclass(frozen=True)
@@ -96,9 +113,15 @@ def calibration() -> float:
     return 1e6 * float(best) / count
 
 
-def time_steps(scene: Scene) -> Timing:
+def time_steps(scene: Scene, *, lift: float = 0.0) -> Timing:
     """
     Run a scene for its duration, and return the times of its steps and its path.
+
+    Parameters
+    ----------
+    scene : Scene
+    lift : float, optional
+        How high above the floor the robot starts [m].
 
     Raises
     ------
@@ -108,12 +131,15 @@ def time_steps(scene: Scene) -> Timing:
 
     """
     simulation = Simulation(scene)
+    simulation.state.q[:, 2] += lift
     stepper, link = simulation.stepper, scene.robot.middle_link
-    if not isinstance(stepper, SpatialStepper):
+    if scene.method == 'reference':
         raise ParameterError(f'method {scene.method!r} is not compiled, its steps are not timed')
     sample = min(SAMPLE, scene.duration)
-    steps, compile_seconds = steps_in(sample, scene.dt, 'sampling period'), simulation.compile()
+    steps = steps_in(sample, scene.dt, 'sampling period')
+    compile_seconds = simulation.compile(scene.gait)
     unit, seconds, cycles = calibration(), 0.0, []
+    start = time.perf_counter(), cycle_counter()
     path = [simulation.state.q[link, :3]]
     for _ in range(steps_in(scene.duration, sample, 'duration')):
         reference = gait.reference(
@@ -127,7 +153,8 @@ def time_steps(scene: Scene) -> Timing:
         if report.failure:
             break
     counts = np.concatenate(cycles)
-    microseconds = 1e6 * seconds / max(counts.sum(), 1) * counts
+    wall, ticks = time.perf_counter() - start[0], cycle_counter() - start[1]
+    microseconds = 1e6 * wall / max(ticks, 1) * counts
     median = float(np.median(microseconds)) if len(counts) else np.nan
     return Timing(
         median=median,
@@ -152,7 +179,8 @@ def converged_path(scene: Scene) -> tuple[Array, float]:
         Of the finer of two runs against it, see `path_error`.
 
     """
-    coarse, fine = (time_steps(replace(scene, method='newton', dt=dt)).path for dt in CONVERGED)
+    scene = replace(scene, level='spatial', method='newton')
+    coarse, fine = (time_steps(replace(scene, dt=dt)).path for dt in CONVERGED)
     path = 2.0 * fine - coarse
     return path, path_error(fine, path)
 
@@ -165,13 +193,64 @@ def path_error(path: Array, expected: Array) -> float:
     return float(np.linalg.norm(path - expected, axis=1).max() / distance)
 
 
+def situations(duration: float) -> dict[str, tuple[float, float, float, int]]:
+    """
+    Return what steps of the default method cost by what there is to pay for; absent is free.
+
+    The situations take turns, ROUNDS times: what disturbs the machine disturbs them all.
+
+    Parameters
+    ----------
+    duration : float
+        Of every run [s].
+
+    Returns
+    -------
+    dict
+        Name -> median step [us], its ratio to that of the first situation, iterations a step, and
+        the contacts that were closed at the end.
+
+    """
+    scenes = {
+        name: with_settings(
+            load_scene(source), {**settings, 'level': 'spatial', 'duration': duration}
+        )
+        for name, (source, settings, _) in SITUATIONS.items()
+    }
+    timings: dict[str, list[Timing]] = {name: [] for name in SITUATIONS}
+    for _ in range(ROUNDS):
+        for name, scene in scenes.items():
+            timings[name].append(time_steps(scene, lift=SITUATIONS[name][2]))
+    medians = {
+        name: float(np.median([timing.median for timing in runs]))
+        for name, runs in timings.items()
+    }
+    first = next(iter(medians.values()))
+    reports = {name: runs[-1].report for name, runs in timings.items()}
+    return {
+        name: (median, median / first, reports[name].iterations / reports[name].steps,
+               reports[name].contacts)
+        for name, median in medians.items()
+    }  # fmt: skip
+
+
 def cost_exponent(scene: Scene, link_counts: Iterable[int]) -> tuple[dict[int, float], float]:
     """Return the median step for numbers of links [us], and the exponent of a fitted power law."""
     medians = {}
     for n in link_counts:
-        medians[n] = time_steps(replace(scene, robot=replace(scene.robot, link_count=n))).median
+        medians[n] = time_steps(replace(scene, robot=with_links(scene.robot, n))).median
     exponent, _ = np.polyfit(np.log(list(medians)), np.log(list(medians.values())), 1)
     return medians, float(exponent)
+
+
+def with_links(robot: Robot, link_count: int) -> Robot:
+    """Return a robot with another number of links: lists of values begin again at their end."""
+    lists: dict[str, Any] = {
+        name: tuple(np.resize(value, link_count + len(value) - robot.link_count))
+        for name, (value, _) in flat_fields(robot).items()
+        if isinstance(value, tuple)
+    }
+    return replace(robot, link_count=link_count, **lists)
 
 
 def start_up_seconds(scene: Scene, *, cold: bool) -> float:

@@ -110,7 +110,7 @@ def _scene(options: argparse.Namespace, source: str) -> Scene:
 
 def _run(options: argparse.Namespace) -> int:
     scene = _scene(options, options.scene)
-    level = make_stepper(scene).level
+    make_stepper(scene)
     if options.out and not options.out.absolute().parent.is_dir():
         raise ParameterError(f'--out: no folder {options.out.absolute().parent}')
     print('compiling ...', end='\r', file=sys.stderr, flush=True)
@@ -126,17 +126,18 @@ def _run(options: argparse.Namespace) -> int:
         print(f'diverged: {report.failure}', file=sys.stderr)
     if options.out:
         print(f'{len(trajectory.time)} samples in {options.out}')
-    print(json.dumps(_summary(trajectory, level)))
+    print(json.dumps(_summary(trajectory)))
     if report.status is Status.DIVERGED:
         return 1
     return 130 if trajectory.interrupted else 0
 
 
-def _summary(trajectory: Trajectory, level: str) -> dict[str, Any]:
+def _summary(trajectory: Trajectory) -> dict[str, Any]:
     scene, report = trajectory.scene, trajectory.report
     return {
         'method': scene.method,
-        'level': level,
+        'level': report.level,
+        'planar_steps': report.planar_steps,
         'status': report.status.value,
         'steps': report.steps,
         'us_per_step': 1e6 * trajectory.seconds / max(report.steps, 1),
@@ -186,6 +187,11 @@ def _bench(options: argparse.Namespace) -> int:
     print('newton, median step over links: '
           + ', '.join(f'n = {n}: {median:.1f} us' for n, median in medians.items())
           + f'; exponent {exponent:.2f}')  # fmt: skip
+    print('newton, median step by what there is to pay for, and its ratio to all contacts:')
+    table = bench.situations(min(1.0, scene.duration))
+    for name, (median, ratio, iterations, contacts) in table.items():
+        print(f'{name:20} {median:6.2f} us {ratio:6.3f} {iterations:6.2f} iter, '
+              f'{contacts:2d} contacts at the end')  # fmt: skip
     listed = ', '.join(f'{name} {seconds:.2f} s' for name, seconds in compiling.items())
     print(f'compile time apart, in this process: {listed}')
     if not options.no_start_up:

@@ -30,8 +30,10 @@ class Delassus(NamedTuple):
     packed: Array  # (c,) velocities
 
 
-def make_delassus(size: int) -> Delassus:
-    """Return arrays for an operator with up to `size` rows."""
+def make_delassus(size: int) -> Delassus | None:
+    """Return the arrays for a number of rows, None for none."""
+    if size == 0:
+        return None
     return Delassus(
         operator=np.zeros((size, size)),
         system=np.zeros((size, size + 1)),

@@ -10,6 +10,7 @@ Delassus operator, 1/G_kk, and with the velocities that the impulses before have
 
 import math
 
+from snake_sim_ros import planar
 from snake_sim_ros.articulated_body import factor_chain
 from snake_sim_ros.articulated_body import unload_chain
 from snake_sim_ros.compilation import compiled
@@ -18,6 +19,7 @@ from snake_sim_ros.contact_laws import prox_disc
 from snake_sim_ros.contact_laws import prox_ellipse
 from snake_sim_ros.contact_laws import prox_half_line
 from snake_sim_ros.contacts import CENTER
+from snake_sim_ros.contacts import IMPULSE
 from snake_sim_ros.contacts import natural_map
 from snake_sim_ros.contacts import rolling_disc
 from snake_sim_ros.contacts import sliding_disc
@@ -40,12 +42,7 @@ def sweep(laws, contact, width, table, delassus, impulse):
         rule = laws.compliance * (P_N - table[a, CENTER])
         P_N = prox_half_line(P_N - r * (gamma[row] + rule))
         put(G, gamma, rows, row, impulse, a, 0, P_N)
-        r = 1.0 / largest_eigenvalue(G, row + 1)
-        x, y = impulse[a, 1] - r * gamma[row + 1], impulse[a, 2] - r * gamma[row + 2]
-        disc = sliding_disc(laws, laws.other, a)
-        x, y = prox_ellipse(x, y, disc.mu_x * P_N, disc.mu_y * P_N)
-        put(G, gamma, rows, row + 1, impulse, a, 1, x)
-        put(G, gamma, rows, row + 2, impulse, a, 2, y)
+        project_sliding(laws, G, gamma, rows, row, impulse, a, P_N)
         if width == 5:
             r = 1.0 / largest_eigenvalue(G, row + 3)
             x, y = impulse[a, 3] - r * gamma[row + 3], impulse[a, 4] - r * gamma[row + 4]
@@ -54,6 +51,17 @@ def sweep(laws, contact, width, table, delassus, impulse):
             put(G, gamma, rows, row + 4, impulse, a, 4, y)
         else:
             impulse[a, 3] = impulse[a, 4] = 0.0
+
+
+@compiled
+def project_sliding(laws, G, gamma, rows, row, impulse, a, P_N):
+    """Project the sliding impulse of contact a, whose rows begin at `row`."""
+    r = 1.0 / largest_eigenvalue(G, row + 1)
+    x, y = impulse[a, 1] - r * gamma[row + 1], impulse[a, 2] - r * gamma[row + 2]
+    disc = sliding_disc(laws, laws.other, a)
+    x, y = prox_ellipse(x, y, disc.mu_x * P_N, disc.mu_y * P_N)
+    put(G, gamma, rows, row + 1, impulse, a, 1, x)
+    put(G, gamma, rows, row + 2, impulse, a, 2, y)
 
 
 @compiled
@@ -104,5 +112,44 @@ def advance(model, work, q, u, history, angle, rate, report, cycles):
             work.contact[:count], work.table, work.chain, work.delassus, history[0],
         )  # fmt: skip
         if not end_step(model, work, q, u, history, count, outcome, report):
+            break
+    cycles[len(angle)] = cycle_counter()
+
+
+@compiled
+def iterate_in_plane(model, work, impulse):
+    """Sweep as `iterate` does, in the plane: the loads follow from the friction."""
+    contact, table, delassus = work.contact, work.table, work.delassus
+    tolerance, rows = model.residual_tolerance, 3 * len(contact)
+    planar.factor_bare(work)
+    planar.condense(model, work, delassus)
+    iterations = 0
+    while True:
+        load(contact, impulse, table)
+        condensed_velocities(contact, 3, table, delassus)
+        planar.find_loads(model, work)
+        residual, printed = natural_map(model.laws, contact, table, tolerance)
+        if residual <= tolerance or iterations >= model.iteration_limit:
+            break
+        for k, a in enumerate(contact):
+            impulse[a, 0] = table[a, IMPULSE]
+            radius = prox_half_line(impulse[a, 0])
+            G, gamma = delassus.operator, delassus.packed
+            project_sliding(model.laws, G, gamma, rows, 3 * k, impulse, a, radius)
+        iterations += 1
+    planar.end_twists(model, work)
+    for a in contact:
+        impulse[a, 0] = table[a, IMPULSE]
+    return iterations, residual <= tolerance, residual, printed, False
+
+
+@compiled
+def advance_in_plane(model, work, q, u, history, angle, rate, report, cycles):
+    """Advance q, u and history in place by one step a reference; see `planar_stepper`."""
+    for k in range(len(angle)):
+        cycles[k] = cycle_counter()
+        planar.begin_step(model, work, q, u, angle[k], rate[k])
+        outcome = iterate_in_plane(model, work, history[0])
+        if not planar.end_step(model, work, q, u, history, outcome, report):
             break
     cycles[len(angle)] = cycle_counter()

@@ -13,6 +13,10 @@ from snake_sim_ros.parameters import DRIFT_CORRECTIONS
 
 PAPER, CENTER_OF_MASS, NONE = range(len(DRIFT_CORRECTIONS))
 
+FLAT_GAP = 1e-4  # gap of a robot that lies flat, and depth [m]
+FLAT_TILT = 1e-3  # its roll [rad]
+STILL = 1e-3  # vertical speed of a robot that lies still, and of contacts that roll [m/s]
+
 
 @compiled
 def link_frames(p, R):
@@ -241,3 +245,18 @@ def penetration(offset, radius, q):
     for i in range(len(q)):
         lowest = min(lowest, q[i, 2] - offset[i] * abs(axis_z(q, i)[2]) - radius[i])
     return -lowest
+
+
+@inlined
+def lies_flat_and_still(offset, radius, q, u, omega):
+    """Return whether every link is on the floor, not rolled, and moves in the plane only."""
+    for i in range(len(q)):
+        e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
+        height, lift = q[i, 2] - radius[i], offset[i] * axis_z(q, i)[2]
+        gap = max(abs(height + lift), abs(height - lift))
+        speed = radius[i] * max(abs(omega[i, 0]), abs(omega[i, 1]))
+        if not (gap <= FLAT_GAP and max(speed, abs(u[i, 2])) <= STILL):
+            return False
+        if not abs(2.0 * (e1 * e3 - e0 * e2)) <= FLAT_TILT:
+            return False
+    return True

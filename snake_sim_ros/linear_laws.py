@@ -329,7 +329,7 @@ def linear_step(laws, contact, table, chain, delassus):
     single = contact[: single_count(contact, table, chain.pairs)]
     add_laws(single, table, chain.frame, rolling, chain.wrench, chain.inertia)
     factor_chain(chain)
-    for k in range(CORRECTIONS):
+    for k in range(CORRECTIONS if len(contact) > 0 else 1):  # a chain in the air is not stiff
         if k > 0:  # once more for what rounding left
             load_chain(contact, table, chain)
             left_over(chain)

@@ -259,11 +259,7 @@ def newton(laws, tolerance, limit, contact, table, chain, delassus):
             break
         anchor_at_iterate(laws, contact, table)
         along, size = follow(contact, table)
-        if rounds > 0 and along > 0.5 * before:
-            share = min(2.0 * share, MOST_SHARE)  # slow, all in one direction: further
-        elif along < 0.0:
-            share = max(0.5 * min(share, 1.0), 1.0 / MOST_SHARE)  # to and fro: less far
-        before = size
+        share, before = next_share(share, along, before, rounds), size
         for a in contact:
             table[a, HELD] = max(0.0, table[a, HELD] + share * table[a, STEP])
             for j in range(10):
@@ -289,6 +285,16 @@ def follow(contact, table):
         size += step * step
         table[a, STEP] = step
     return along, size
+
+
+@inlined
+def next_share(share, along, before, rounds):
+    """Return how much of the next step of the radii to take; see `follow`."""
+    if rounds > 0 and along > 0.5 * before:
+        return min(2.0 * share, MOST_SHARE)  # slow, all in one direction: further
+    if along < 0.0:
+        return max(0.5 * min(share, 1.0), 1.0 / MOST_SHARE)  # to and fro: less far
+    return share
 
 
 @inlined

@@ -31,8 +31,11 @@ from snake_sim_ros.records import replaced
 Array = NDArray[Any]
 Numbers = tuple[float, ...]
 PerLink = float | Numbers
+PerJoint = float | Numbers
 
 CONFIG = Path(__file__).parent / 'config'
+
+INERTIAS = ('as_printed', 'consistent')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,12 +43,20 @@ class Robot(Record):
     """
     Links and joints of the robot, section VIII-A.
 
-    A quantity of a link is one number for all links or one number for each.
+    A quantity of a link is one number for all links or one number for each, a gain of a joint one
+    number for all joints or one for each. With the inertia `as_printed` the moments of inertia are
+    those given; with `consistent` they follow from mass, length and contact radius of each link.
     """
 
     link_count: int = quantity(11, '1', 'number of links n', minimum=1, maximum=200)
     link_length: PerLink = quantity(0.122, 'm', 'distance between adjacent joints L', above=0)
     link_mass: PerLink = quantity(7.5 / 11, 'kg', 'link mass m', above=0)
+    inertia: str = quantity(
+        'as_printed',
+        '',
+        'moments of inertia: the values given, or those of a uniform cylinder',
+        choices=INERTIAS,
+    )
     inertia_transversal: PerLink = quantity(
         9.63e-4, 'kg m^2', 'moment of inertia Theta_1 across the link', above=0
     )
@@ -56,10 +67,10 @@ class Robot(Record):
         0.0393, 'm', 'distance L_GS from the center of a link to a contact sphere', minimum=0
     )
     contact_radius: PerLink = quantity(0.0525, 'm', 'contact sphere radius L_SC', minimum=0)
-    yaw_stiffness: float = quantity(40.0, 'N m/rad', 'horizontal gain K_hp', minimum=0)
-    yaw_damping: float = quantity(0.2, 'N m s/rad', 'horizontal gain K_hd', minimum=0)
-    pitch_stiffness: float = quantity(800.0, 'N m/rad', 'vertical gain K_vp', minimum=0)
-    pitch_damping: float = quantity(0.2, 'N m s/rad', 'vertical gain K_vd', minimum=0)
+    yaw_stiffness: PerJoint = quantity(40.0, 'N m/rad', 'horizontal gain K_hp', minimum=0)
+    yaw_damping: PerJoint = quantity(0.2, 'N m s/rad', 'horizontal gain K_hd', minimum=0)
+    pitch_stiffness: PerJoint = quantity(800.0, 'N m/rad', 'vertical gain K_vp', minimum=0)
+    pitch_damping: PerJoint = quantity(0.2, 'N m s/rad', 'vertical gain K_vd', minimum=0)
     joint_rate_limit: float = quantity(
         10.0, 'rad/s', 'largest joint reference rate accepted (assumption)', above=0
     )
@@ -68,20 +79,46 @@ class Robot(Record):
     )
 
     def __post_init__(self) -> None:
-        """Check every field, and that per-link values have one entry a link."""
+        """Check every field, the lengths of lists, and that a cylinder has a radius."""
         super().__post_init__()
         for item in fields(self):
             value = getattr(self, item.name)
-            if isinstance(value, tuple) and len(value) != self.link_count:
+            count, parts = self.link_count, 'links'
+            if item.name.endswith(('_stiffness', '_damping')):
+                count, parts = self.link_count - 1, 'joints'
+            if isinstance(value, tuple) and len(value) != count:
                 raise ParameterError(
-                    f'{item.name} must be one number or one for each of the {self.link_count} '
-                    f'links, got {len(value)} numbers'
+                    f'{item.name} must be one number or one for each of the {count} {parts}, '
+                    f'got {len(value)} numbers'
                 )
+        if self.inertia == 'consistent' and not self.per_link('contact_radius').all():
+            raise ParameterError(
+                'contact_radius must be above 0 m for the inertia of a cylinder (consistent), '
+                'got 0 m'
+            )
 
     def per_link(self, name: str) -> Array:
-        """Return the quantity `name` of every link, shape (n,)."""
+        """
+        Return the quantity `name` of every link, shape (n,).
+
+        Consistent moments of inertia are those of a uniform cylinder of the link's mass m, length
+        L and contact radius r: ``Theta_1 = m (3 r^2 + L^2)/12``, ``Theta_3 = m r^2/2``.
+        """
+        if self.inertia == 'consistent' and name in ('inertia_transversal', 'inertia_axial'):
+            m, L, r = map(self.per_link, ('link_mass', 'link_length', 'contact_radius'))
+            across, along = m * (3 * r**2 + L**2) / 12, m * r**2 / 2
+            return np.asarray(along if name == 'inertia_axial' else across)
+        return self._each(name, self.link_count)
+
+    def per_joint(self, name: str) -> Array:
+        """Return the gains (yaw, pitch) of every joint, shape (n-1, 2): stiffness or damping."""
+        axes = [self._each(f'{axis}_{name}', self.link_count - 1) for axis in ('yaw', 'pitch')]
+        return np.column_stack(axes)
+
+    def _each(self, name: str, count: int) -> Array:
+        """Return the quantity `name` of all of some links or joints, shape (count,)."""
         value = np.asarray(getattr(self, name), dtype=float)
-        return np.array(np.broadcast_to(value, (self.link_count,)))
+        return np.array(np.broadcast_to(value, (count,)))
 
     @property
     def middle_link(self) -> int:
@@ -201,6 +238,7 @@ class Solver(Record):
 
 
 PD_SCHEMES = ('start', 'midpoint', 'average', 'end')
+LEVELS = ('auto', 'planar', 'spatial')
 DRIFT_CORRECTIONS = ('paper', 'center_of_mass', 'none')
 
 
@@ -224,6 +262,12 @@ class Scene(Record):
     dt: float = quantity(1 / 4000, 's', 'time step', above=0, maximum=0.1)
     duration: float = quantity(15.0, 's', 'length of an offline run', above=0)
     method: str = quantity('newton', '', 'time stepper, a name of stepping.METHODS')
+    level: str = quantity(
+        'auto', '', 'model level; auto is planar while that is exact', choices=LEVELS
+    )
+    settling_time: float = quantity(
+        0.1, 's', 'how long a robot lies flat and still before auto is planar again', above=0
+    )
     pd_scheme: str = quantity(
         'average', '', 'where in the step the joint controller acts', choices=PD_SCHEMES
     )

@@ -206,14 +206,13 @@ def joint_torque_law(
 ) -> tuple[Array, Array]:
     """Return torque [N m] and damping [N m s] of `pd_law` for all axes, shapes (2(n-1),)."""
     robot = scene.robot
-    kp = (robot.yaw_stiffness, robot.pitch_stiffness)
-    kd = (robot.yaw_damping, robot.pitch_damping)
+    kp, kd = robot.per_joint('stiffness'), robot.per_joint('damping')
     starts = np.stack([posture.joint_angles(state.q), posture.joint_rates(state.q, state.u)], -1)
     mids = np.stack([posture.joint_angles(q_M), posture.joint_rates(q_M, state.u)], -1)
     scheme = PD_SCHEMES.index(scene.pd_scheme)
     terms = [
         pd_law(scheme, scene.dt, tuple(starts[j, k]), tuple(mids[j, k]),
-               (angle[j, k], rate[j, k]), kp[k], kd[k])
+               (angle[j, k], rate[j, k]), kp[j, k], kd[j, k])
         for j in range(robot.link_count - 1)
         for k in range(2)
     ]  # fmt: skip
@@ -315,6 +314,7 @@ class ReferenceStepper:
     """The time step (72)-(93) of the paper for a scene; see `stepping.Stepper`."""
 
     level = 'spatial'
+    cycles = np.zeros(0, np.int64)
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene

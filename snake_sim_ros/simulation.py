@@ -1,6 +1,7 @@
 """A scene run in time: sub-steps, references, recording, and what happens when a step diverges."""
 
 from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 
 from snake_sim_ros import gait
 from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import Gait
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import scene_to_text
 from snake_sim_ros.posture import joint_angles
@@ -19,6 +21,7 @@ from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import make_stepper
 from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import Report
+from snake_sim_ros.stepping import State
 
 
 @dataclass(frozen=True)
@@ -113,12 +116,70 @@ class Simulation:
         axes = (self.scene.robot.link_count - 1, 2)
         self.report = self.last = Report(joint_torque=np.zeros(axes))
 
-    def compile(self) -> float:
-        """Take one step and forget it: nothing is compiled later. Return the time it took [s]."""
+    def compile(self, wave: Gait | None = None) -> float:
+        """
+        Take one step and forget it: nothing is compiled later. Return the time it took [s].
+
+        Parameters
+        ----------
+        wave : Gait, optional
+            If given, only the level that its first step needs is compiled; else all levels are.
+
+        """
         begin = time.perf_counter()
-        zero = np.zeros((1, self.scene.robot.link_count - 1, 2))
-        self.stepper.advance(self.state, self.history, zero, zero)
+        axes = self.scene.robot.link_count - 1
+        angles = [np.zeros((1, axes, 2)), np.full((1, axes, 2), 1e-3)]
+        steps = [(angle, np.zeros_like(angle)) for angle in angles]
+        if wave:
+            steps = [gait.reference(wave, self.midpoints(1), axes)]
+        for angle, rate in steps:
+            self.stepper.advance(self.state, self.history, angle, rate)
         return time.perf_counter() - begin
+
+    def change(self, scene: Scene) -> None:
+        """
+        Go on with other numbers, such as another gravity: pose, velocities and impulses stay.
+
+        Raises
+        ------
+        ParameterError
+            If the scene has another number of links or another time step, or its method or level
+            is not usable; nothing has changed then.
+
+        """
+        for name, old, new in (
+            ('robot.link_count', self.scene.robot.link_count, scene.robot.link_count),
+            ('dt', self.scene.dt, scene.dt),
+        ):
+            if old != new:
+                raise ParameterError(f'{name} cannot change while a scene runs: {old} to {new}')
+        self.stepper, self.scene = make_stepper(scene), scene
+
+    def push(self, link: int, impulse: Sequence[float]) -> None:
+        """
+        Push a link at its center; the joints and contacts of the next step share the momentum.
+
+        Parameters
+        ----------
+        link : int
+            Index of the link, from 0.
+        impulse : sequence of float, shape (3,)
+            [N s, frame I]
+
+        Raises
+        ------
+        ParameterError
+            If there is no such link, or the impulse is not three finite numbers.
+
+        """
+        n, P = self.scene.robot.link_count, np.asarray(impulse, dtype=float)
+        if not 0 <= link < n:
+            raise ParameterError(f'link must be 0 to {n - 1}, got {link}')
+        if P.shape != (3,) or not np.isfinite(P).all():
+            raise ParameterError(f'impulse must be 3 finite numbers in N s, got {impulse}')
+        u = self.state.u.copy()
+        u[link, :3] += P / self.scene.robot.per_link('link_mass')[link]
+        self.state = State(self.state.q, u)
 
     @property
     def time(self) -> float:
@@ -167,6 +228,8 @@ class Trajectory:
         Euler parameters of the link frames B, scalar first.
     joint_angle, joint_velocity, joint_torque : ndarray, shape (m, n-1, 2)
         (yaw, pitch) [rad], [rad/s], [N m]; the torque is that of the step before, 0 at the start.
+    level : ndarray of str, shape (m,)
+        Model level of the step before, that of the first one at the start.
     report : Report
     seconds : float
         Wall time of all steps, without compiling.
@@ -182,6 +245,7 @@ class Trajectory:
     joint_angle: Array
     joint_velocity: Array
     joint_torque: Array
+    level: Array
     report: Report
     seconds: float
     interrupted: bool
@@ -197,6 +261,7 @@ class Trajectory:
             joint_angle=self.joint_angle,
             joint_velocity=self.joint_velocity,
             joint_torque=self.joint_torque,
+            level=self.level,
             scene=scene_to_text(self.scene),
         )
         path.write_bytes(buffer.getvalue())
@@ -233,8 +298,9 @@ def run(
             f'got {scene.duration:g} s'
         )
     simulation = Simulation(scene)
-    simulation.compile()
+    simulation.compile(scene.gait)
     states, torques, seconds = [simulation.state], [simulation.report.joint_torque], 0.0
+    levels = []
     interrupted = False
     try:
         for _ in range(samples):
@@ -248,6 +314,7 @@ def run(
                 break
             states.append(simulation.state)
             torques.append(report.joint_torque)
+            levels.append(report.level)
             if progress:
                 progress(steps * scene.dt)
     except KeyboardInterrupt:
@@ -261,6 +328,7 @@ def run(
         joint_angle=joint_angles(q),
         joint_velocity=joint_rates(q, u),
         joint_torque=np.array(torques[: len(states)]),
+        level=np.array(levels[:1] + levels) if levels else np.array([simulation.report.level]),
         report=simulation.report,
         seconds=seconds,
         interrupted=interrupted,

@@ -40,6 +40,7 @@ from snake_sim_ros.kinematics import end_coordinates
 from snake_sim_ros.kinematics import end_velocities
 from snake_sim_ros.kinematics import joint_coordinates
 from snake_sim_ros.kinematics import joint_violation
+from snake_sim_ros.kinematics import lies_flat_and_still
 from snake_sim_ros.kinematics import link_frames
 from snake_sim_ros.kinematics import middle_coordinates
 from snake_sim_ros.kinematics import rates_in_inertial_frame
@@ -55,11 +56,21 @@ from snake_sim_ros.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.parameters import PD_SCHEMES
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.reference import mean_delassus
+from snake_sim_ros.report import CONTACTS
+from snake_sim_ros.report import FAILED_LINK
+from snake_sim_ros.report import FAILED_VALUE
+from snake_sim_ros.report import GAP_MAX
+from snake_sim_ros.report import note_outcome
+from snake_sim_ros.report import PENETRATION
+from snake_sim_ros.report import report_from
+from snake_sim_ros.report import REPORT_SIZE
+from snake_sim_ros.report import STEPS
+from snake_sim_ros.report import TWIST_MAX
 from snake_sim_ros.scenery import contact_count
 from snake_sim_ros.scenery import is_flat
 from snake_sim_ros.scenery import pairs
-from snake_sim_ros.stepping import divergence
 from snake_sim_ros.stepping import Report
+from snake_sim_ros.stepping import SETTLING
 from snake_sim_ros.stepping import State
 
 COLUMNS = NOTED + 1  # of the table of contacts
@@ -88,6 +99,7 @@ class Model(NamedTuple):
     iteration_limit: int
     pd_scheme: int
     drift_correction: int
+    settle_steps: int  # steps to lie flat and still before the loop ends; 0 does not watch for it
     obstacles: Obstacles | None  # None: a flat floor
 
 
@@ -116,11 +128,6 @@ class Workspace(NamedTuple):
     delassus: Delassus | None  # where a solver forms it
 
 
-# Columns of the report array.
-STEPS, ITERATIONS, ITERATIONS_MAX, UNCONVERGED, FALLBACKS, RESIDUAL, PRINTED_RESIDUAL = range(7)
-PENETRATION, GAP_MAX, TWIST_MAX, CONTACTS, FAILED_LINK, FAILED_VALUE, REPORT_SIZE = range(7, 14)
-
-
 @inlined
 def joint_control(model, coordinate, angle, rate, torques, dampings):
     """Fill the impulses and the implicit damping of the controller on every joint axis."""
@@ -133,8 +140,8 @@ def joint_control(model, coordinate, angle, rate, torques, dampings):
                 (start[j, k, 0], start[j, k, 1]),
                 (mid[j, k, 0], mid[j, k, 1]),
                 (angle[j, k], rate[j, k]),
-                model.stiffness[k],
-                model.damping[k],
+                model.stiffness[j, k],
+                model.damping[j, k],
             )
             torques[j, k] = torque * model.dt
             dampings[j, k] = damping * model.dt
@@ -271,9 +278,8 @@ def end_step(model, work, q, u, history, count, outcome, report):
     end_velocities(work.chain.twist, work.R, work.center, u)
     end_coordinates(model.dt, work.q_mid, u, q)
     note_outcome(outcome, report)
-    finish(model, q, report)
     report[CONTACTS] = count
-    return True
+    return finish(model, work.chain.twist, q, u, history, report)
 
 
 @inlined
@@ -288,20 +294,16 @@ def turns_are_small(dt, twist, report):
 
 
 @inlined
-def note_outcome(outcome, report):
-    """Add to the report what a contact solver returned."""
-    iterations, converged, residual, printed_residual, fell_back = outcome
-    report[ITERATIONS] += iterations
-    report[ITERATIONS_MAX] = max(report[ITERATIONS_MAX], iterations)
-    report[UNCONVERGED] += not converged
-    report[FALLBACKS] += fell_back
-    report[RESIDUAL] = max(report[RESIDUAL], residual)
-    report[PRINTED_RESIDUAL] = max(report[PRINTED_RESIDUAL], printed_residual)
+def finish(model, twist, q, u, history, report):
+    """
+    Close the joints at the end of a step, and report how it was.
 
+    Returns
+    -------
+    bool
+        Whether to go on: not if the robot is watched, and has lain flat and still for long enough.
 
-@inlined
-def finish(model, q, report):
-    """Close the joints at the end of a step, and report how it was."""
+    """
     gap, violation = joint_violation(model.half_length, q)
     close_joints(model.drift_correction, model.half_length, model.mass, q)
     report[STEPS] += 1
@@ -309,6 +311,12 @@ def finish(model, q, report):
     report[PENETRATION] = max(report[PENETRATION], depth)
     report[GAP_MAX] = max(report[GAP_MAX], gap)
     report[TWIST_MAX] = max(report[TWIST_MAX], violation)
+    if model.settle_steps == 0:
+        return True
+    lies = lies_flat_and_still(model.contact_offset, model.contact_radius, q, u, twist)
+    left = history[SETTLING] - 1.0 if lies else model.settle_steps
+    history[SETTLING] = left
+    return left > 0.0
 
 
 def make_model(scene: Scene) -> Model:
@@ -333,8 +341,8 @@ def make_model(scene: Scene) -> Model:
         inertia_axial=robot.per_link('inertia_axial'),
         contact_offset=robot.per_link('contact_offset'),
         contact_radius=robot.per_link('contact_radius'),
-        stiffness=np.array([robot.yaw_stiffness, robot.pitch_stiffness]),
-        damping=np.array([robot.yaw_damping, robot.pitch_damping]),
+        stiffness=robot.per_joint('stiffness'),
+        damping=robot.per_joint('damping'),
         gravity=np.array(scene.gravity),
         laws=laws,
         activation_tolerance=solver.activation_tolerance,
@@ -344,6 +352,7 @@ def make_model(scene: Scene) -> Model:
         iteration_limit=solver.iteration_limit,
         pd_scheme=PD_SCHEMES.index(scene.pd_scheme),
         drift_correction=DRIFT_CORRECTIONS.index(scene.drift_correction),
+        settle_steps=0,
         obstacles=make_obstacles(scene),
     )
 
@@ -391,7 +400,7 @@ def make_workspace(scene: Scene, size: int) -> Workspace:
         ),
         contact=np.zeros(count, np.int64),
         table=zeros((count, COLUMNS)),
-        delassus=make_delassus(size) if size > 0 else None,
+        delassus=make_delassus(size),
     )
 
 
@@ -419,6 +428,10 @@ class SpatialStepper:
         self.loop = loop
         self.cycles = np.zeros(1, np.int64)
 
+    def watch(self, settle_steps: int) -> None:
+        """Let `advance` end early when the robot has lain flat and still for that many steps."""
+        self.model = self.model._replace(settle_steps=settle_steps)
+
     def advance(
         self, state: State, history: Array, angle: Array, rate: Array
     ) -> tuple[State, Array, Report]:
@@ -427,24 +440,4 @@ class SpatialStepper:
         numbers, self.cycles = np.zeros(REPORT_SIZE), np.zeros(len(angle) + 1, np.int64)
         angle, rate = np.ascontiguousarray(angle), np.ascontiguousarray(rate)
         self.loop(self.model, self.work, q, u, history, angle, rate, numbers, self.cycles)
-        return State(q, u), history, self.report(numbers)
-
-    def report(self, numbers: Array) -> Report:
-        """Return what the compiled step gathered."""
-        report = Report(
-            steps=int(numbers[STEPS]),
-            iterations=int(numbers[ITERATIONS]),
-            iterations_max=int(numbers[ITERATIONS_MAX]),
-            unconverged=int(numbers[UNCONVERGED]),
-            fallbacks=int(numbers[FALLBACKS]),
-            residual_max=float(numbers[RESIDUAL]),
-            printed_residual_max=float(numbers[PRINTED_RESIDUAL]),
-            penetration_max=float(numbers[PENETRATION]),
-            joint_gap_max=float(numbers[GAP_MAX]),
-            joint_twist_max=float(numbers[TWIST_MAX]),
-            contacts=int(numbers[CONTACTS]),
-            joint_torque=self.work.applied / self.model.dt,
-        )
-        if link := int(numbers[FAILED_LINK]):
-            report.failure = divergence(link, numbers[FAILED_VALUE], self.model.dt, report.steps)
-        return report
+        return State(q, u), history, report_from(numbers, self.work.applied, self.model.dt)

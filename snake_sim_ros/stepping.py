@@ -72,6 +72,12 @@ class Report:
         Contacts closed in the last step.
     joint_torque : ndarray, shape (n-1, 2)
         Torque (yaw, pitch) of the last step [N m].
+    level : str
+        Model level of the last step, `spatial` or `planar`.
+    planar_steps : int
+        How many of the steps were planar.
+    left : str
+        Empty, or why the step after the last one cannot be planar.
     failure : str
         Empty, or the sentence that says what diverged, when and where.
 
@@ -89,6 +95,9 @@ class Report:
     joint_twist_max: float = 0.0
     contacts: int = 0
     joint_torque: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    level: str = 'spatial'
+    planar_steps: int = 0
+    left: str = ''
     failure: str = ''
 
     @property
@@ -102,7 +111,7 @@ class Report:
         """Return the report of these steps and of `later` ones."""
         added = {
             name: getattr(self, name) + getattr(later, name)
-            for name in ('steps', 'iterations', 'unconverged', 'fallbacks')
+            for name in ('steps', 'iterations', 'unconverged', 'fallbacks', 'planar_steps')
         }
         largest = {
             item.name: max(getattr(self, item.name), getattr(later, item.name))
@@ -114,6 +123,8 @@ class Report:
             **largest,
             contacts=later.contacts,
             joint_torque=later.joint_torque,
+            level=later.level,
+            left=later.left,
             failure=self.failure or later.failure,
         )
 
@@ -127,9 +138,20 @@ def divergence(link: int, turn: float, dt: float, steps: int) -> str:
 
 
 class Stepper(Protocol):
-    """A method that advances a scene in time."""
+    """
+    A method that advances a scene in time.
+
+    Attributes
+    ----------
+    level : str
+        Model level of the last step.
+    cycles : ndarray, shape (steps+1,)
+        Time stamps between the steps of the last call; empty if they are not compiled.
+
+    """
 
     level: str
+    cycles: Array
 
     def advance(
         self, state: State, history: Array, angle: Array, rate: Array
@@ -161,51 +183,69 @@ class Stepper(Protocol):
 
 
 IMPULSE, VELOCITY, CHANGE, PREVIOUS = range(4)
+SETTLING = (-1, -1, -1)  # in history: steps that a robot still has to lie flat and still
 
 
-def _newton(scene: Scene) -> Stepper:
-    from snake_sim_ros.newton import advance
+def _planar(scene: Scene, loop: Callable[..., None], size: int) -> Stepper:
+    from snake_sim_ros.planar_stepper import PlanarStepper
+
+    return PlanarStepper(scene, loop, size)
+
+
+def _spatial(scene: Scene, loop: Callable[..., None], size: int) -> Stepper:
     from snake_sim_ros.spatial import SpatialStepper
 
-    return SpatialStepper(scene, advance, 0)
+    return SpatialStepper(scene, loop, size)
 
 
-def _bdf2(scene: Scene) -> Stepper:
-    from snake_sim_ros.bdf2 import advance
-    from snake_sim_ros.spatial import SpatialStepper
+def _newton(scene: Scene, level: str = 'spatial', size: int = 0) -> Stepper:
+    if level == 'planar':
+        from snake_sim_ros import planar_newton
 
-    return SpatialStepper(scene, advance, 0)
+        return _planar(scene, planar_newton.advance, size)
+    from snake_sim_ros import newton
 
-
-def _newton_dense(scene: Scene) -> Stepper:
-    from snake_sim_ros.newton import advance
-    from snake_sim_ros.spatial import SpatialStepper
-
-    return SpatialStepper(scene, advance, 5 * contact_count(scene))
+    return _spatial(scene, newton.advance, size)
 
 
-def _gauss_seidel(scene: Scene) -> Stepper:
-    from snake_sim_ros.gauss_seidel import advance
-    from snake_sim_ros.spatial import SpatialStepper
-
-    return SpatialStepper(scene, advance, 5 * contact_count(scene))
+def _newton_dense(scene: Scene, level: str = 'spatial') -> Stepper:
+    return _newton(scene, level, 5 * contact_count(scene))
 
 
-def _paper(scene: Scene) -> Stepper:
-    from snake_sim_ros.prox_iteration import advance
-    from snake_sim_ros.prox_iteration import CONDENSED
-    from snake_sim_ros.spatial import SpatialStepper
+def _bdf2(scene: Scene, level: str = 'spatial') -> Stepper:
+    from snake_sim_ros import bdf2
 
-    return SpatialStepper(scene, advance, CONDENSED)
+    return _spatial(scene, bdf2.advance, 0)
 
 
-def _reference(scene: Scene) -> Stepper:
+def _gauss_seidel(scene: Scene, level: str = 'spatial') -> Stepper:
+    from snake_sim_ros import gauss_seidel
+
+    size = 5 * contact_count(scene)
+    if level == 'planar':
+        return _planar(scene, gauss_seidel.advance_in_plane, size)
+    return _spatial(scene, gauss_seidel.advance, size)
+
+
+def _paper(scene: Scene, level: str = 'spatial') -> Stepper:
+    from snake_sim_ros import prox_iteration
+
+    if level == 'planar':
+        return _planar(scene, prox_iteration.advance_in_plane, 0)
+    return _spatial(scene, prox_iteration.advance, prox_iteration.CONDENSED)
+
+
+def _reference(scene: Scene, level: str = 'spatial') -> Stepper:
+    if level == 'planar':
+        from snake_sim_ros.planar_reference import make_loop
+
+        return _planar(scene, make_loop(scene), 0)
     from snake_sim_ros.reference import ReferenceStepper
 
     return ReferenceStepper(scene)
 
 
-METHODS: dict[str, Callable[[Scene], Stepper]] = {
+METHODS: dict[str, Callable[..., Stepper]] = {
     'newton': _newton,  # semismooth Newton through the chain of links
     'bdf2': _bdf2,  # the same solver in a step of second order, for large steps
     'newton_dense': _newton_dense,  # the same on the Delassus operator
@@ -229,7 +269,9 @@ def make_stepper(scene: Scene) -> Stepper:
         raise ParameterError(
             f'unknown method {scene.method!r}; choose from: {", ".join(sorted(METHODS))}'
         )
-    return METHODS[scene.method](scene)
+    from snake_sim_ros.levels import stepper_of_level
+
+    return stepper_of_level(scene, METHODS[scene.method])
 
 
 def initial_state(scene: Scene) -> State:

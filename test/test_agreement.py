@@ -59,13 +59,14 @@ FRICTIONS = {
 
 
 def random_scene(rng, link_count, friction, pd_scheme, drift_correction, laws):
+    joints = np.linspace(1.2, 0.8, link_count - 1)  # gains fall from head to tail
     return Scene(
         robot=replace(
             random_robot(rng, link_count),
-            yaw_stiffness=rng.uniform(10, 100),
-            pitch_stiffness=rng.uniform(100, 800),
-            yaw_damping=rng.uniform(0.1, 0.3),
-            pitch_damping=rng.uniform(0.1, 0.3),
+            yaw_stiffness=rng.uniform(10, 100) * joints,
+            pitch_stiffness=rng.uniform(100, 800) * joints,
+            yaw_damping=rng.uniform(0.1, 0.3) * joints,
+            pitch_damping=rng.uniform(0.1, 0.3) * joints,
         ),
         friction=friction,
         solver=Solver(

@@ -161,7 +161,9 @@ def test_ctrl_c_saves_what_was_recorded(tmp_path):
 def test_bench_prints_times(capsys):
     methods = ['--methods', 'newton', 'paper', '--dt', '0.00025', '0.001']
     assert main(['bench', 'sidewinding', '--duration', '0.05', '--no-start-up', *methods]) == 0
-    title, head, *rows, units, links, compiling = capsys.readouterr().out.splitlines()
+    lines = capsys.readouterr().out.splitlines()
+    title, head, *rows = lines[:6]
+    units, links, situations, *parts, compiling = lines[6:]
     assert title.startswith('sidewinding: 0.05 s, converged to ')
     assert head.split()[:4] == ['method', 'dt', 'median', 'p99']
     assert [row.split()[:2] for row in rows] == [
@@ -173,7 +175,11 @@ def test_bench_prints_times(capsys):
         assert words[-1] == '%'
         assert words[-3] == '0'  # unconverged
     assert units.startswith('units: ')
-    assert 'n = 160: ' in links
+    assert 'n = 160: ' in links and 'n = 200: ' in links
+    assert situations.startswith('newton, median step by what there is to pay for')
+    assert parts[0].startswith('all contacts ') and parts[0].split()[4] == '1.000'
+    assert parts[0].endswith(' 22 contacts at the end')
+    assert parts[1].startswith('flight ') and parts[1].endswith(' 0 contacts at the end')
     assert compiling.startswith('compile time apart, in this process: newton ')
 
 

@@ -7,6 +7,7 @@ from builtin_interfaces.msg import Time
 import numpy as np
 import pytest
 from random_states import random_parameters
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
 from snake_sim_ros.nodes.messages import command_message
@@ -16,7 +17,9 @@ from snake_sim_ros.nodes.messages import RejectedCommand
 from snake_sim_ros.nodes.messages import seconds_from
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.messages import StateMessages
+from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import Robot
+from snake_sim_ros.records import flat_fields
 from snake_sim_ros.rotations import FLAT
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.simulation import JointReference
@@ -110,6 +113,26 @@ def test_messages_hold_floats_and_one_stamp(state):
     assert messages.link_poses.header.frame_id == 'world'
     positions = [[p.position.x, p.position.y, p.position.z] for p in messages.link_poses.poses]
     assert (np.array(positions) == state.q[:, :3]).all()
+
+
+def test_messages_of_a_robot_with_other_links():
+    robot = load_scene('slender_undulation').robot
+    state = State(np.tile([0.0, 0.0, 0.03, *FLAT], (20, 1)), np.zeros((20, 6)))
+    messages = filled(state, robot)
+    assert list(messages.joint_states.name) == joint_names(20)
+    assert len(messages.link_poses.poses) == 20
+    assert messages.odom.child_frame_id == 'link_11'
+
+
+def test_values_of_links_and_joints_are_lists_to_ros():
+    robot = Robot(link_count=3, link_mass=(1, 2, 3), yaw_stiffness=(10, 20))
+    kinds = {
+        name: Parameter(name, value=list(value) if isinstance(value, tuple) else value).type_
+        for name, (value, _) in flat_fields(robot).items()
+    }
+    assert kinds['link_mass'] == kinds['yaw_stiffness'] == Parameter.Type.DOUBLE_ARRAY
+    assert kinds['yaw_damping'] == Parameter.Type.DOUBLE
+    assert kinds['inertia'] == Parameter.Type.STRING
 
 
 def test_messages_are_filled_anew(state):

@@ -174,6 +174,66 @@ def test_per_link_lists(name):
     )
 
 
+GAINS = ['yaw_stiffness', 'yaw_damping', 'pitch_stiffness', 'pitch_damping']
+
+
+@pytest.mark.parametrize('name', GAINS)
+def test_per_joint_lists(name):
+    values, (axis, kind) = [10.0, 20.0], name.split('_')
+    for sequence in (values, tuple(values), np.array(values)):
+        robot = Robot(link_count=3, **{name: sequence})
+        assert getattr(robot, name) == (10.0, 20.0)
+        gains, column = robot.per_joint(kind), ('yaw', 'pitch').index(axis)
+        assert gains[:, column].tolist() == values
+        assert (
+            gains[:, 1 - column].tolist()
+            == Robot(link_count=3).per_joint(kind)[:, 1 - column].tolist()
+        )
+    for length in (0, 1, 3):
+        message = refusal(Robot, link_count=3, **{name: [1.0] * length})
+        expected = f'one number or one for each of the 2 joints, got {length} numbers'
+        assert message == f'{name} must be {expected}'
+    assert refusal(Robot, link_count=3, **{name: [1.0, -1.0]}).startswith(
+        f'{name} must be at least 0 N m'
+    )
+
+
+def test_one_gain_is_for_all_joints():
+    assert Robot(link_count=3).per_joint('stiffness').tolist() == [[40.0, 800.0]] * 2
+    assert Robot(link_count=3).per_joint('damping').tolist() == [[0.2, 0.2]] * 2
+    assert Robot(link_count=1).per_joint('stiffness').shape == (0, 2)
+
+
+def test_consistent_inertia_is_that_of_a_uniform_cylinder():
+    # Integrals of the density m/(pi r^2 L) in cylinder coordinates: r^2/2 along the axis, and
+    # across it r^2/4 of the disc and L^2/12 of the rod, times m.
+    lengths, masses, radii = (0.1, 0.122, 0.3), (1.0, 7.5 / 11, 2.0), (0.05, 0.0525, 0.1)
+    robot = Robot(
+        link_count=3, inertia='consistent',
+        link_length=lengths, link_mass=masses, contact_radius=radii,
+    )  # fmt: skip
+    for i, (L, m, r) in enumerate(zip(lengths, masses, radii, strict=True)):
+        across, along = m * (r**2 / 4 + L**2 / 12), m * r**2 / 2
+        assert robot.per_link('inertia_transversal')[i] == pytest.approx(across, rel=1e-15)
+        assert robot.per_link('inertia_axial')[i] == pytest.approx(along, rel=1e-15)
+    aiko = Robot(inertia='consistent')
+    assert aiko.per_link('inertia_transversal') == pytest.approx([1.3155e-3] * 11, rel=5e-5)
+    assert aiko.per_link('inertia_axial') == pytest.approx([9.3963e-4] * 11, rel=5e-5)
+
+
+def test_printed_inertia_is_taken_as_given():
+    robot = Robot(link_count=2, inertia_transversal=(1e-3, 2e-3), inertia_axial=3e-4)
+    assert robot.per_link('inertia_transversal').tolist() == [1e-3, 2e-3]
+    assert robot.per_link('inertia_axial').tolist() == [3e-4, 3e-4]
+
+
+def test_a_cylinder_has_a_radius():
+    assert refusal(Robot, link_count=2, inertia='consistent', contact_radius=(0.05, 0.0)) == (
+        'contact_radius must be above 0 m for the inertia of a cylinder (consistent), got 0 m'
+    )
+    assert Robot(link_count=1, contact_radius=0.0).per_link('inertia_axial') == [2.35e-4]
+
+
 def test_one_number_is_for_all_links():
     assert Robot(link_count=4).per_link('link_mass').tolist() == [7.5 / 11] * 4
     assert Robot().middle_link == 5

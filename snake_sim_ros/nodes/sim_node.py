@@ -149,7 +149,8 @@ class SimNode(Node):
             status.message = 'paused' if self.paused else 'running'
         values = {
             'real_time_factor': f'{self.reached_factor:.4g}',
-            'level': self.simulation.stepper.level,
+            'level': self.simulation.last.level,
+            'planar_steps': report.planar_steps,
             'method': scene.method,
             'steps': report.steps,
             'residual': f'{self.simulation.last.residual_max:.3g}',

@@ -262,7 +262,7 @@ BAD_STARTS = {
     'missing file': (
         'sim',
         ['scene:=nowhere.yaml'],
-        'no file nowhere.yaml; the scenes that come with the package: aiko, lateral_undulation',
+        'no file nowhere.yaml; the scenes that come with the package: aiko, hyper_redundant',
     ),
     'negative': (
         'sim',

@@ -1,0 +1,189 @@
+"""
+Model levels: the smallest model that a scene needs, chosen while it runs.
+
+The planar level is exact for a robot that lies flat and is told nothing vertical. `LevelStepper`
+takes it as long as that holds, goes over to the spatial level at the first step in which it does
+not, and comes back when the robot has been lying flat and still for a while. Both levels have the
+same state and the same history: pose, velocities and impulses are carried over as they are.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from snake_sim_ros.kinematics import FLAT_GAP
+from snake_sim_ros.kinematics import FLAT_TILT
+from snake_sim_ros.kinematics import STILL
+from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.planar_stepper import PlanarStepper
+from snake_sim_ros.posture import gaps
+from snake_sim_ros.records import ParameterError
+from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.scenery import is_flat
+from snake_sim_ros.spatial import SpatialStepper
+from snake_sim_ros.stepping import Report
+from snake_sim_ros.stepping import SETTLING
+from snake_sim_ros.stepping import State
+from snake_sim_ros.stepping import Stepper
+
+STRAIGHT = 1e-9  # pitch references up to this are none [rad], [rad/s]
+
+
+def what_is_not_planar(scene: Scene) -> str:
+    """Return what of a scene has no place in the plane, as a clause; empty if nothing."""
+    gx, gy, gz = scene.gravity
+    radius = scene.robot.per_link('contact_radius')
+    if gx != 0.0 or gy != 0.0 or gz >= 0.0:
+        return f'gravity ({gx:g}, {gy:g}, {gz:g}) m/s^2 is not straight down'
+    if scene.friction.rolling > 0.0:
+        return f'friction.rolling is {scene.friction.rolling:g}, and in the plane nothing rolls'
+    if not is_flat(scene):
+        return 'ground, pegs or self_contact are more than the floor of the plane'
+    if np.ptp(radius) > 0.0:
+        return (
+            f'robot.contact_radius differs from link to link, {radius.min():g} to '
+            f'{radius.max():g} m, so that the robot does not lie flat'
+        )
+    if scene.solver.normal_compliance == 0.0:
+        return 'solver.normal_compliance is 0, and loads in the plane follow the selection rule'
+    if scene.drift_correction == 'none':
+        return 'drift_correction is none, and in the plane joints do not drift'
+    return ''
+
+
+def is_vertical(angle: Array, rate: Array) -> Array:
+    """Return whether any pitch joint is told to move, for every step, shape (steps,)."""
+    pitch = angle[..., 1], rate[..., 1]
+    if not (pitch[0].any() or pitch[1].any()):
+        return np.zeros(len(angle), dtype=bool)
+    return np.asarray(np.abs(pitch).max(axis=(0, 2), initial=0.0) > STRAIGHT)
+
+
+def what_does_not_lie(planar: PlanarStepper, scene: Scene, state: State, history: Array) -> str:
+    """Return what of a state keeps a robot from lying flat and still, as a clause, or nothing."""
+    if planar.goes_on(state, history):
+        return ''
+    n = scene.robot.link_count
+    gap = gaps(scene.robot, state.q)
+    R = rotation_matrices(state.q[:, 3:])
+    omega = np.einsum('ijk,ik->ij', R, state.u[:, 3:])
+    radius = scene.robot.per_link('contact_radius')[:, None]
+    speed = np.abs(np.column_stack([state.u[:, 2], (radius * omega)[:, :2]])).max(axis=1)
+    if not (np.abs(gap) <= FLAT_GAP).all():
+        a = int(np.abs(gap).argmax())
+        return f'link {a % n + 1} has a gap of {gap[a]:.3g} m to the floor'
+    if not (np.abs(R[:, 2, 0]) <= FLAT_TILT).all():
+        i = int(np.abs(R[:, 2, 0]).argmax())
+        return f'link {i + 1} is rolled by {np.arcsin(R[i, 2, 0]):.3g} rad'
+    if not (speed <= STILL).all():
+        return f'link {int(speed.argmax()) + 1} moves vertically at {speed.max():.3g} m/s'
+    return ''
+
+
+class LevelStepper:
+    """
+    The planar level while it is exact, else the spatial one; see `stepping.Stepper`.
+
+    Parameters
+    ----------
+    scene : Scene
+    planar : PlanarStepper
+    spatial : SpatialStepper
+
+    """
+
+    def __init__(self, scene: Scene, planar: PlanarStepper, spatial: SpatialStepper) -> None:
+        self.scene, self.planar, self.spatial = scene, planar, spatial
+        self.level = planar.level
+        self.settle_steps = max(1, round(scene.settling_time / scene.dt))
+        self.cycles = np.zeros(1, np.int64)
+
+    def advance(
+        self, state: State, history: Array, angle: Array, rate: Array
+    ) -> tuple[State, Array, Report]:
+        """Return state, history and report after as many steps as there are references."""
+        history, report = history.copy(), Report(level=self.level)
+        vertical = is_vertical(angle, rate)
+        start, ticks = 0, [np.zeros(1, np.int64)]
+        while start < len(vertical) and not report.failure:
+            changes = vertical[start:] != vertical[start]
+            part = slice(start, start + int(changes.argmax()) if changes.any() else None)
+            reason = ''
+            if vertical[start]:
+                reason = what_is_told(angle[start], rate[start])
+            elif history[SETTLING] <= 0:
+                reason = what_does_not_lie(self.planar, self.scene, state, history)
+            if reason:
+                history[SETTLING] = self.settle_steps
+            stepper = self.planar if history[SETTLING] <= 0 else self.spatial
+            if stepper is self.spatial:
+                stepper.watch(0 if vertical[start] else self.settle_steps)
+            state, history, news = stepper.advance(state, history, angle[part], rate[part])
+            if news.left:
+                history[SETTLING], news.left = self.settle_steps, ''
+            ticks.append(np.diff(stepper.cycles[: news.steps + 1]))
+            report += news
+            start += news.steps
+        self.level, self.cycles = report.level, np.cumsum(np.concatenate(ticks))
+        return state, history, report
+
+
+def what_is_told(angle: Array, rate: Array) -> str:
+    """Return the largest pitch reference of a step, as a clause."""
+    told = np.abs([angle[:, 1], rate[:, 1]])
+    kind, j = np.unravel_index(int(told.argmax()), told.shape)
+    value, unit = ((angle, 'rad'), (rate, 'rad/s'))[kind]
+    return f'joint_{j + 1}_pitch is told {value[j, 1]:.3g} {unit}'
+
+
+class FlatStepper:
+    """
+    The planar level alone; see `stepping.Stepper`.
+
+    What is not planar ends the call with a failure that names it: the state is the last good one.
+    """
+
+    level = 'planar'
+
+    def __init__(self, scene: Scene, planar: PlanarStepper) -> None:
+        if reason := what_is_not_planar(scene):
+            raise ParameterError(f'level planar: {reason}; choose level spatial or auto')
+        self.scene, self.planar, self.cycles = scene, planar, planar.cycles
+
+    def advance(
+        self, state: State, history: Array, angle: Array, rate: Array
+    ) -> tuple[State, Array, Report]:
+        """Return state, history and report after as many steps as there are references."""
+        vertical = is_vertical(angle, rate)
+        stop = int(vertical.argmax()) if vertical.any() else len(vertical)
+        report = Report(level=self.level)
+        reason = what_does_not_lie(self.planar, self.scene, state, history)
+        if not reason:
+            state, history, report = self.planar.advance(state, history, angle[:stop], rate[:stop])
+            self.cycles, reason, report.left = self.planar.cycles, report.left, ''
+            if not reason and not report.failure and stop < len(vertical):
+                reason = what_is_told(angle[stop], rate[stop])
+        if reason:
+            report.failure = f'level planar: {reason}; choose level spatial or auto'
+        return state, history, report
+
+
+def stepper_of_level(scene: Scene, make: Callable[..., Any]) -> Stepper:
+    """
+    Return the stepper of a scene at the level it asks for.
+
+    Raises
+    ------
+    ParameterError
+        If the scene asks for the planar level and is not planar.
+
+    """
+    if scene.level == 'planar':
+        return FlatStepper(scene, make(scene, 'planar'))
+    # The reference is the paper's step unless it is told otherwise.
+    if scene.level == 'spatial' or scene.method == 'reference' or what_is_not_planar(scene):
+        stepper: Stepper = make(scene, 'spatial')
+        return stepper
+    return LevelStepper(scene, make(scene, 'planar'), make(scene, 'spatial'))

@@ -1,0 +1,396 @@
+"""
+The time step of a robot that lies flat, in the plane: n+2 coordinates, joints eliminated exactly.
+
+The robot of `spatial` moves like this one as long as its pitch joints are told to be straight and
+no contact lifts off. What is left of eqs. (72)-(93) are the balance in the plane, a chain of links
+with one hinge a joint (`hinge_chain`), and friction at both spheres of every link. Two things of
+space remain, because friction acts at the floor, below the centers of gravity:
+
+- The normal loads follow from the equilibrium out of the plane, heave, roll and pitch of every
+  link, given the friction. They are not unique; the selection rule of `spatial` takes those of
+  least norm. A least-norm load is ``P_N = -W_N^T v`` for some v out of the plane, so that the same
+  sweeps that solve the dynamics find it: a chain with springs of unit stiffness at its contacts.
+- A flat robot can still roll, all links at once, and only its pitch joints hold it (the rank of
+  the 2n normal directions is one short). They do so at angles of some 1e-5 rad; the load of the
+  joints is part of the equilibrium, the angles are left out.
+
+Deviation: inertia out of the plane is left out. The robot of `spatial` sinks, rolls and pitches by
+what the selection rule and the stiff joints let it; friction there differs by some 1e-4 of itself.
+"""
+
+import math
+from typing import NamedTuple
+
+from snake_sim_ros.compilation import compiled
+from snake_sim_ros.compilation import inlined
+from snake_sim_ros.contacts import GAMMA
+from snake_sim_ros.contacts import IMPULSE
+from snake_sim_ros.contacts import Laws
+from snake_sim_ros.delassus import Delassus
+from snake_sim_ros.hinge_chain import factor_hinges
+from snake_sim_ros.hinge_chain import HingeChain
+from snake_sim_ros.hinge_chain import solve_hinges
+from snake_sim_ros.joint_control import pd_law
+from snake_sim_ros.parameters import Array
+from snake_sim_ros.report import CONTACTS
+from snake_sim_ros.report import FAILED_LINK
+from snake_sim_ros.report import FAILED_VALUE
+from snake_sim_ros.report import LEFT
+from snake_sim_ros.report import note_outcome
+from snake_sim_ros.report import STEPS
+
+# Share of a contact's stiffness with which the floor holds the robot against rolling: none, but
+# so a straight robot is noticed, that nothing else holds.
+UNHELD = 1e-10
+LEAN = 1e-3  # roll of the robot that is too much to be left out [rad]
+
+
+class PlanarModel(NamedTuple):
+    """The numbers of a scene as the compiled step takes them; names as in `parameters`."""
+
+    half_length: Array
+    mass: Array
+    inertia: Array  # (n,) about the vertical
+    inertia_axial: Array
+    offset: Array
+    radius: float  # of all contact spheres
+    stiffness: Array  # (n-1,) of the yaw joints
+    damping: Array
+    hold: Array  # (n-1,) share of a pitch joint in holding the robot
+    lean: float  # roll [rad] for a unit of turning about a horizontal axis
+    fall: float  # vertical velocity that the weight adds in a step [m/s]
+    share: Array  # (n,) of every link in the point that section VII-C holds
+    laws: Laws
+    dt: float
+    tolerance: float
+    residual_tolerance: float
+    iteration_limit: int
+    pd_scheme: int
+    keeps_center: bool  # whether that is the center of mass, and not link 1
+
+
+class PlanarWorkspace(NamedTuple):
+    """Arrays that the step fills, made once; the plane is that of the link centers."""
+
+    heading: Array  # (n, 2) direction of every link
+    center: Array  # (n, 2) of every link, from O, the center of the middle link
+    torque: Array  # (n-1,) impulse of the controller, without its implicit part [N m s]
+    momentum: Array  # (n, 3) impulse wrench of everything but contacts and torques
+    bare: Array  # (n, 6) inertia of the links about O
+    applied: Array  # (n-1, 2) impulse of the joints with the implicit part [N m s]
+    impact: Array  # (n, 3) momentum out of the plane that the first step takes up
+    weight: Array  # (n, 3) load out of the plane of everything but the contacts
+    no_torque: Array  # (n-1,) zero
+    chain: HingeChain  # in the plane
+    upright: HingeChain  # out of it, with a spring at each contact
+    contact: Array  # (2n,) indices of all contacts
+    table: Array  # (2n, COLUMNS) see contacts and newton
+    twist: Array  # (n, 3) the last twists in the plane
+    standing: Array  # (2,) see find_loads
+    delassus: Delassus | None  # where a solver forms it
+
+
+@inlined
+def begin_step(model, work, q, u, angle, rate):
+    """Fill all that a contact solver needs; velocities (n, 3) are those of the start."""
+    n, dt, chain = len(u), model.dt, work.chain
+    for i in range(n):
+        theta = q[2 + i] + dt / 2 * u[i, 2]
+        work.heading[i, 0], work.heading[i, 1] = math.cos(theta), math.sin(theta)
+    place_links(model, work)
+    for j in range(n - 1):
+        difference, turn = q[3 + j] - q[2 + j], u[j + 1, 2] - u[j, 2]
+        torque, damping = pd_law(
+            model.pd_scheme, dt, (difference, turn), (difference + dt / 2 * turn, turn),
+            (angle[j, 0], rate[j, 0]), model.stiffness[j], model.damping[j],
+        )  # fmt: skip
+        work.torque[j], chain.damping[j] = torque * dt, damping * dt
+    for i in range(n):
+        m, x, y = model.mass[i], work.center[i, 0], work.center[i, 1]
+        px, py = m * u[i, 0], m * u[i, 1]
+        work.momentum[i, 0] = model.inertia[i] * u[i, 2] + x * py - y * px
+        work.momentum[i, 1], work.momentum[i, 2] = px, py
+        A = work.bare[i]
+        A[0], A[1], A[2] = model.inertia[i] + m * (x * x + y * y), -m * y, m * x
+        A[3], A[4], A[5] = m, 0.0, m
+        c, s = work.heading[i, 0], work.heading[i, 1]
+        table_velocities(work.table, i, n, model.offset[i], c, s, u[i, 0], u[i, 1], u[i, 2])
+
+
+@inlined
+def place_links(model, work):
+    """Fill centers from O, the axes of both chains, and prepare the equilibrium for loads."""
+    heading, center, half = work.heading, work.center, model.half_length
+    n = len(heading)
+    root = n // 2
+    center[root, 0] = center[root, 1] = 0.0
+    for k in range(root):
+        i = root - 1 - k
+        for axis in range(2):
+            step = half[i] * heading[i, axis] + half[i + 1] * heading[i + 1, axis]
+            center[i, axis] = center[i + 1, axis] - step
+        i = root + 1 + k
+        if i < n:
+            for axis in range(2):
+                step = half[i - 1] * heading[i - 1, axis] + half[i] * heading[i, axis]
+                center[i, axis] = center[i - 1, axis] + step
+    flat, upright = work.chain.axis, work.upright.axis
+    for j in range(n - 1):
+        x = center[j, 0] + half[j] * heading[j, 0]
+        y = center[j, 1] + half[j] * heading[j, 1]
+        sign = 1.0 if j >= root else -1.0
+        flat[j, 0], flat[j, 1], flat[j, 2] = sign, sign * y, -sign * x
+        a, b = -sign * heading[j + 1, 1], sign * heading[j + 1, 0]  # e_x of link j+1
+        upright[j, 0], upright[j, 1], upright[j, 2] = a, b, b * x - a * y
+        work.upright.damping[j] = model.hold[j]
+    for i in range(n):
+        x, y, fall = center[i, 0], center[i, 1], model.mass[i] * model.fall
+        reach_x, reach_y = model.offset[i] * heading[i, 0], model.offset[i] * heading[i, 1]
+        A = work.upright.inertia[i]  # of contacts at +- reach: (y, -x, 1) times itself
+        A[0], A[1], A[2] = (
+            2.0 * (y * y + reach_y * reach_y),
+            -2.0 * (x * y + reach_x * reach_y),
+            2.0 * y,
+        )
+        A[3], A[4], A[5] = 2.0 * (x * x + reach_x * reach_x), -2.0 * x, 2.0
+        work.weight[i, 0] = work.impact[i, 0] + y * fall
+        work.weight[i, 1] = work.impact[i, 1] - x * fall
+        work.weight[i, 2] = work.impact[i, 2] + fall
+    A = work.upright.inertia[root]
+    unheld = UNHELD * half[root] * half[root]
+    A[0] += unheld
+    A[3] += unheld
+    factor_hinges(work.upright)
+
+
+@inlined
+def table_velocities(table, i, n, offset, c, s, vx, vy, omega):
+    """Fill the sliding velocities of both contacts of a link that moves with given velocities."""
+    along, across, turning = c * vx + s * vy, c * vy - s * vx, offset * omega
+    table[i, GAMMA + 1] = table[n + i, GAMMA + 1] = along
+    table[i, GAMMA + 2], table[n + i, GAMMA + 2] = across + turning, across - turning
+
+
+@inlined
+def contact_velocities(model, work):
+    """Fill the sliding velocities of all contacts that work.twist makes."""
+    n = len(work.heading)
+    for i in range(n):
+        x, y = work.center[i, 0], work.center[i, 1]
+        c, s = work.heading[i, 0], work.heading[i, 1]
+        w = work.twist[i, 0]
+        vx, vy = work.twist[i, 1] - w * y, work.twist[i, 2] + w * x
+        table_velocities(work.table, i, n, model.offset[i], c, s, vx, vy, w)
+
+
+@compiled
+def factor_bare(work):
+    """Prepare the chain of the links alone."""
+    for i in range(len(work.bare)):
+        for k in range(6):
+            work.chain.inertia[i, k] = work.bare[i, k]
+    factor_hinges(work.chain)
+
+
+@compiled
+def end_twists(model, work):
+    """Fill twists and sliding velocities that the friction impulses in the table lead to."""
+    chain, table, n = work.chain, work.table, len(work.heading)
+    for i in range(n):
+        c, s = work.heading[i, 0], work.heading[i, 1]
+        along = table[i, IMPULSE + 1] + table[n + i, IMPULSE + 1]
+        across = table[i, IMPULSE + 2] + table[n + i, IMPULSE + 2]
+        moment = model.offset[i] * (table[i, IMPULSE + 2] - table[n + i, IMPULSE + 2])
+        px, py = c * along - s * across, s * along + c * across
+        moment += work.center[i, 0] * py - work.center[i, 1] * px
+        chain.wrench[i, 0] = work.momentum[i, 0] + moment
+        chain.wrench[i, 1] = work.momentum[i, 1] + px
+        chain.wrench[i, 2] = work.momentum[i, 2] + py
+    solve_hinges(chain, work.torque)
+    for i in range(n):
+        for k in range(3):
+            work.twist[i, k] = chain.twist[i, k]
+    contact_velocities(model, work)
+
+
+@compiled
+def condense(model, work, delassus):
+    """Fill the Delassus operator and the free velocities of sliding; normal rows are zero."""
+    table, contact, free = work.table, work.contact, delassus.free
+    for a in contact:
+        table[a, IMPULSE + 1] = table[a, IMPULSE + 2] = 0.0
+    end_twists(model, work)
+    for k, a in enumerate(contact):
+        for j in range(3):
+            free[3 * k + j] = table[a, GAMMA + j]
+    for k, a in enumerate(contact):
+        for j in range(3):
+            if j > 0:
+                table[a, IMPULSE + j] = 1.0
+                end_twists(model, work)
+                table[a, IMPULSE + j] = 0.0
+            for other, b in enumerate(contact):
+                for i in range(3):
+                    row = 3 * other + i
+                    velocity = table[b, GAMMA + i] - free[row] if j > 0 else 0.0
+                    delassus.operator[3 * k + j, row] = velocity
+
+
+@inlined
+def find_loads(model, work):
+    """
+    Fill the normal impulses that go with the friction impulses in the table.
+
+    In work.standing are then the smallest of them [N s], and the roll or pitch of a link at which
+    the joints hold the robot [rad].
+    """
+    table, upright, n = work.table, work.upright, len(work.heading)
+    for i in range(n):
+        c, s = work.heading[i, 0], work.heading[i, 1]
+        along = table[i, IMPULSE + 1] + table[n + i, IMPULSE + 1]
+        across = table[i, IMPULSE + 2] + table[n + i, IMPULSE + 2]
+        upright.wrench[i, 0] = work.weight[i, 0] + model.radius * (s * along + c * across)
+        upright.wrench[i, 1] = work.weight[i, 1] - model.radius * (c * along - s * across)
+        upright.wrench[i, 2] = work.weight[i, 2]
+    solve_hinges(upright, work.no_torque)
+    least, turn = math.inf, 0.0
+    for i in range(n):
+        wx, wy = upright.twist[i, 0], upright.twist[i, 1]
+        load = wy * work.center[i, 0] - wx * work.center[i, 1] - upright.twist[i, 2]
+        lever = model.offset[i] * (wy * work.heading[i, 0] - wx * work.heading[i, 1])
+        table[i, IMPULSE], table[n + i, IMPULSE] = load + lever, load - lever
+        least = min(least, load - abs(lever))
+        turn = max(turn, abs(wx) + abs(wy))
+    work.standing[0], work.standing[1] = least, turn * model.lean
+
+
+@inlined
+def end_step(model, work, q, u, history, outcome, report):
+    """
+    Move q (n+2,) and u (n, 3) to the end of the step, unless it is not planar or diverged.
+
+    Parameters
+    ----------
+    outcome : tuple
+        What a contact solver returns, see `spatial.end_step`.
+
+    Returns
+    -------
+    bool
+        Whether it was done.
+
+    """
+    n, dt, twist = len(u), model.dt, work.twist
+    if not (work.standing[0] > 0.0 and work.standing[1] <= LEAN):
+        report[LEFT] = 1.0
+        return False
+    for i in range(n):
+        turn = dt * abs(twist[i, 0])
+        if not (turn < math.pi / 2 and math.isfinite(twist[i, 1] + twist[i, 2])):
+            report[FAILED_LINK], report[FAILED_VALUE] = i + 1, turn
+            history[:] = 0.0
+            return False
+    for j in range(n - 1):
+        yaw_rate = twist[j + 1, 0] - twist[j, 0]
+        work.applied[j, 0] = work.torque[j] - work.chain.damping[j] * yaw_rate
+        work.applied[j, 1] = -model.hold[j] * work.upright.rate[j]
+    before_x, before_y = held_point(model, q)
+    move(model, q, u)
+    for i in range(n):
+        q[2 + i] += dt / 2 * (u[i, 2] + twist[i, 0])
+        u[i, 0] = twist[i, 1] - twist[i, 0] * work.center[i, 1]
+        u[i, 1] = twist[i, 2] + twist[i, 0] * work.center[i, 0]
+        u[i, 2] = twist[i, 0]
+        for k in range(3):
+            work.impact[i, k] = 0.0
+    move(model, q, u)
+    after_x, after_y = held_point(model, q)
+    q[0] += before_x - after_x
+    q[1] += before_y - after_y
+    note_outcome(outcome, report)
+    report[STEPS] += 1
+    report[CONTACTS] = 2 * n
+    return True
+
+
+@inlined
+def move(model, q, u):
+    """Move the robot for half a step with the velocity of the point that section VII-C holds."""
+    for i in range(len(u) if model.keeps_center else 1):
+        share = 0.5 * model.dt * model.share[i]
+        q[0] += share * u[i, 0]
+        q[1] += share * u[i, 1]
+
+
+@inlined
+def held_point(model, q):
+    """Return the point of the robot that section VII-C holds, from the center of link 1 [m]."""
+    x = y = held_x = held_y = reach_x = reach_y = 0.0
+    for i in range(len(model.mass) if model.keeps_center else 0):
+        step_x = model.half_length[i] * math.cos(q[2 + i])
+        step_y = model.half_length[i] * math.sin(q[2 + i])
+        if i > 0:
+            x, y = x + reach_x + step_x, y + reach_y + step_y
+        reach_x, reach_y = step_x, step_y
+        held_x += model.share[i] * x
+        held_y += model.share[i] * y
+    return held_x, held_y
+
+
+@compiled
+def to_space(half_length, q, u, tilt, height, links, velocities):
+    """
+    Fill the coordinates (n, 7) and velocities (n, 6) of all links for planar ones.
+
+    Parameters
+    ----------
+    half_length : ndarray, shape (n,)
+    q : ndarray, shape (n+2,)
+        Center of link 1 [m] and headings of all links [rad].
+    u : ndarray, shape (n, 3)
+        Velocities [m/s] and turning rates [rad/s] in the plane.
+    tilt : ndarray, shape (n, 4)
+        Euler parameters of links without their heading.
+    height : ndarray, shape (n,)
+        Of the link centers [m].
+    links, velocities : ndarray
+        As in `stepping.State`.
+
+    """
+    x, y, reach_x, reach_y = q[0], q[1], 0.0, 0.0
+    for i in range(len(u)):
+        e0, e1, e2, e3 = tilt[i, 0], tilt[i, 1], tilt[i, 2], tilt[i, 3]
+        reach = 2.0 * half_length[i] * (e1 * e3 + e0 * e2)
+        step_x, step_y = reach * math.cos(q[2 + i]), reach * math.sin(q[2 + i])
+        if i > 0:
+            x, y = x + (reach_x + step_x), y + (reach_y + step_y)
+        reach_x, reach_y = step_x, step_y
+        links[i, 0], links[i, 1], links[i, 2] = x, y, height[i]
+        c, s = math.cos(q[2 + i] / 2), math.sin(q[2 + i] / 2)
+        links[i, 3], links[i, 4] = c * e0 - s * e3, c * e1 - s * e2
+        links[i, 5], links[i, 6] = c * e2 + s * e1, c * e3 + s * e0
+        velocities[i, 0], velocities[i, 1], velocities[i, 2] = u[i, 0], u[i, 1], 0.0
+        velocities[i, 3] = u[i, 2] * (2.0 * (e1 * e3 - e0 * e2))
+        velocities[i, 4] = u[i, 2] * (2.0 * (e2 * e3 + e0 * e1))
+        velocities[i, 5] = u[i, 2] * (e0 * e0 - e1 * e1 - e2 * e2 + e3 * e3)
+
+
+@compiled
+def recall(half_length, memory, links, velocities, q, u, tilt, made_links, made_velocities):
+    """Fill q, u and tilt from memory; return whether they make these links, to the bit."""
+    n = len(u)
+    for i in range(n + 2):
+        q[i] = memory[i]
+    for i in range(n):
+        u[i, 0], u[i, 1], u[i, 2] = velocities[i, 0], velocities[i, 1], memory[n + 2 + i]
+        for k in range(4):
+            tilt[i, k] = memory[2 * n + 2 + 4 * i + k]
+    to_space(half_length, q, u, tilt, links[:, 2], made_links, made_velocities)
+    for i in range(n):
+        for k in range(7):
+            if made_links[i, k] != links[i, k]:
+                return False
+        for k in range(6):
+            if made_velocities[i, k] != velocities[i, k]:
+                return False
+    return True

@@ -1,0 +1,219 @@
+"""The planar level as a stepper: states of links in space from planar coordinates, and back."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from snake_sim_ros.contacts import IMPULSE
+from snake_sim_ros.delassus import make_delassus
+from snake_sim_ros.hinge_chain import HingeChain
+from snake_sim_ros.kinematics import CENTER_OF_MASS
+from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import DRIFT_CORRECTIONS
+from snake_sim_ros.parameters import PD_SCHEMES
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.planar import PlanarModel
+from snake_sim_ros.planar import PlanarWorkspace
+from snake_sim_ros.planar import recall
+from snake_sim_ros.planar import to_space
+from snake_sim_ros.report import LEFT
+from snake_sim_ros.report import report_from
+from snake_sim_ros.report import REPORT_SIZE
+from snake_sim_ros.rotations import FLAT
+from snake_sim_ros.rotations import product
+from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.spatial import COLUMNS
+from snake_sim_ros.spatial import make_model
+from snake_sim_ros.stepping import PREVIOUS
+from snake_sim_ros.stepping import Report
+from snake_sim_ros.stepping import State
+
+# Share of a contact's stiffness with which the pitch joints hold the robot while loads are found:
+# so small that they carry nothing else, so large that rounding does not matter.
+HOLD = 1e-5
+ROUNDING = 1e-13  # Euler parameters nearer to FLAT than this are FLAT
+
+KNOWN = -2  # in history: whether it holds planar coordinates
+
+
+def make_planar_model(scene: Scene) -> PlanarModel:
+    """Return the numbers of a scene as the compiled step takes them."""
+    spatial, n = make_model(scene), scene.robot.link_count
+    half, mass, dt = spatial.half_length, spatial.mass, scene.dt
+    stiffness, damping = spatial.stiffness, spatial.damping
+    pitch = stiffness[:, 1]
+    stiffest = max(pitch.max(initial=0.0), np.finfo(float).tiny)
+    hold = HOLD * float(half.min()) ** 2
+    keeps_center = scene.drift_correction == DRIFT_CORRECTIONS[CENTER_OF_MASS]
+    share = mass / mass.sum() if keeps_center else np.eye(n)[0]
+    return PlanarModel(
+        half_length=half,
+        mass=mass,
+        inertia=spatial.inertia_transversal,
+        inertia_axial=spatial.inertia_axial,
+        offset=spatial.contact_offset,
+        radius=float(spatial.contact_radius[0]),
+        stiffness=np.ascontiguousarray(stiffness[:, 0]),
+        damping=np.ascontiguousarray(damping[:, 0]),
+        hold=hold * pitch / stiffest,
+        lean=hold / (stiffest * dt),
+        fall=dt * scene.gravity[2],
+        share=share,
+        laws=spatial.laws._replace(compliance=0.0),
+        dt=dt,
+        tolerance=scene.solver.tolerance,
+        residual_tolerance=scene.solver.residual_tolerance,
+        iteration_limit=scene.solver.iteration_limit,
+        pd_scheme=PD_SCHEMES.index(scene.pd_scheme),
+        keeps_center=keeps_center,
+    )
+
+
+def make_planar_workspace(n: int, size: int) -> PlanarWorkspace:
+    """Return the arrays of the compiled step for n links and a Delassus operator of a size."""
+    contact = np.array([[i, n + i] for i in range(n)]).ravel()
+    return PlanarWorkspace(
+        heading=np.zeros((n, 2)),
+        center=np.zeros((n, 2)),
+        torque=np.zeros(n - 1),
+        momentum=np.zeros((n, 3)),
+        bare=np.zeros((n, 6)),
+        applied=np.zeros((n - 1, 2)),
+        impact=np.zeros((n, 3)),
+        weight=np.zeros((n, 3)),
+        no_torque=np.zeros(n - 1),
+        chain=make_chain(n),
+        upright=make_chain(n),
+        contact=contact,
+        table=np.zeros((2 * n, COLUMNS)),
+        twist=np.zeros((n, 3)),
+        standing=np.zeros(2),
+        delassus=make_delassus(size),
+    )
+
+
+def make_chain(n: int) -> HingeChain:
+    """Return the arrays of a chain of n links."""
+    return HingeChain(
+        axis=np.zeros((n - 1, 3)),
+        damping=np.zeros(n - 1),
+        inertia=np.zeros((n, 6)),
+        left=np.zeros((n - 1, 3)),
+        compliance=np.zeros(n - 1),
+        load=np.zeros(n - 1),
+        wrench=np.zeros((n, 3)),
+        rate=np.zeros(n - 1),
+        twist=np.zeros((n, 3)),
+    )
+
+
+class PlanarStepper:
+    """
+    A compiled contact solver in the plane; see `stepping.Stepper`.
+
+    Links keep the height and the tilt that they come with, which are those of a robot that lies
+    flat up to the tolerances of `levels`. Their velocity out of the plane goes into the contact
+    impulses of the first step, as in any inelastic impact.
+
+    In history, from PREVIOUS on, are the coordinates of the last step, so that the Euler
+    parameters that are made of them need not be read back: steps in parts are the same to the bit.
+
+    Parameters
+    ----------
+    scene : Scene
+    loop : callable
+        Compiled ``advance(model, work, q, u, history, angle, rate, report, cycles)``: as in
+        `spatial.SpatialStepper`, for planar coordinates q (n+2,) and velocities u (n, 3). It ends
+        before the first step that is not planar, and says so in the report.
+    size : int
+        Rows of the largest Delassus operator that the solver forms.
+
+    """
+
+    level = 'planar'
+
+    def __init__(self, scene: Scene, loop: Callable[..., None], size: int) -> None:
+        self.model = make_planar_model(scene)
+        self.work = make_planar_workspace(scene.robot.link_count, size)
+        self.loop = loop
+        n = scene.robot.link_count
+        shapes = (n + 2, (n, 3), (n, 4), (n, 7), (n, 6))
+        self.recalled = tuple(np.empty(shape) for shape in shapes)  # see planar.recall
+        self.cycles = np.zeros(1, np.int64)
+
+    def advance(
+        self, state: State, history: Array, angle: Array, rate: Array
+    ) -> tuple[State, Array, Report]:
+        """Return state, history and report after as many steps as there are references."""
+        history = history.copy()
+        q, u, tilt = self.coordinates(state, history)
+        numbers, self.cycles = np.zeros(REPORT_SIZE), np.zeros(len(angle) + 1, np.int64)
+        angle, rate = np.ascontiguousarray(angle), np.ascontiguousarray(rate)
+        self.loop(self.model, self.work, q, u, history, angle, rate, numbers, self.cycles)
+        report = report_from(numbers, self.work.applied, self.model.dt)
+        report.level, report.planar_steps = self.level, report.steps
+        if numbers[LEFT]:
+            report.left = self.reason()
+        if report.steps == 0:
+            return state, history, report
+        end = State(np.empty_like(state.q), np.empty_like(state.u))
+        to_space(self.model.half_length, q, u, tilt, state.q[:, 2], end.q, end.u)
+        self.remember(history, q, u, tilt)
+        return end, history, report
+
+    def reason(self) -> str:
+        """Return the sentence that says why the next step is not planar."""
+        n = len(self.model.mass)
+        loads = self.work.table[:, IMPULSE]
+        if (a := int(loads.argmin())) >= 0 and not loads[a] > 0.0:
+            end = 'front' if a < n else 'rear'
+            return f'the {end} sphere of link {a % n + 1} would lift off'
+        return 'the robot would roll: its pitch joints do not hold it flat'
+
+    def coordinates(self, state: State, history: Array) -> tuple[Array, Array, Array]:
+        """
+        Return planar coordinates (n+2,), velocities (n, 3) and tilts (n, 4) of a state.
+
+        The momentum that the state has out of the plane is kept for the first step.
+        """
+        n = len(self.model.mass)
+        q, u, tilt = np.empty(n + 2), np.empty((n, 3)), np.empty((n, 4))
+        if self.goes_on(state, history):
+            q, u, tilt, *_ = (part.copy() for part in self.recalled)
+            return q, u, tilt
+        R = rotation_matrices(state.q[:, 3:])
+        theta = np.arctan2(R[:, 1, 2], R[:, 0, 2])
+        zero = np.zeros(n)
+        back = np.stack([np.cos(theta / 2), zero, zero, -np.sin(theta / 2)], axis=-1)
+        tilt = product(back, state.q[:, 3:])
+        tilt[np.abs(tilt - FLAT).max(axis=1) < ROUNDING] = FLAT
+        spin = np.einsum('ijk,ik->ij', R, state.u[:, 3:])
+        u[:, :2], u[:, 2] = state.u[:, :2], spin[:, 2]
+        q[:2], q[2:] = state.q[0, :2], theta
+        self.take_up(state, R, spin)
+        return q, u, tilt
+
+    def goes_on(self, state: State, history: Array) -> bool:
+        """Return whether the last step was planar and led to this state."""
+        memory, made = history[PREVIOUS:].reshape(-1), self.recalled
+        return bool(memory[KNOWN]) and bool(
+            recall(self.model.half_length, memory, state.q, state.u, *made)
+        )
+
+    def take_up(self, state: State, R: Array, spin: Array) -> None:
+        """Fill work.impact with the momentum of a state out of the plane."""
+        center = state.q[:, :2] - state.q[len(R) // 2, :2]
+        lift = self.model.mass * state.u[:, 2]
+        axial = np.einsum('ij,ij->i', R[:, :, 2], spin)[:, None] * R[:, :, 2]
+        across, along = self.model.inertia, self.model.inertia_axial
+        turning = across[:, None] * spin + (along - across)[:, None] * axial
+        self.work.impact[:, 0] = center[:, 1] * lift + turning[:, 0]
+        self.work.impact[:, 1] = -center[:, 0] * lift + turning[:, 1]
+        self.work.impact[:, 2] = lift
+
+    def remember(self, history: Array, q: Array, u: Array, tilt: Array) -> None:
+        """Fill history with the coordinates."""
+        memory = history[PREVIOUS:].reshape(-1)
+        kept = np.concatenate([q, u[:, 2], tilt.ravel()])
+        memory[: len(kept)] = kept
+        memory[KNOWN] = 1.0

@@ -276,7 +276,7 @@ def natural_map(laws, contact, table, enough):
 
     """
     if enough > 0.0 and laws.rolling.mu_x <= 0.0:
-        residual, printed = sliding_bound(laws, contact, table)
+        residual, printed = sliding_bound(laws, laws.other, contact, table)
         if residual <= enough:
             return residual, printed
     selected = printed = tangential = 0.0
@@ -301,8 +301,14 @@ def natural_map(laws, contact, table, enough):
 
 
 @inlined
-def sliding_bound(laws, contact, table):
-    """Return upper bounds of what `natural_map` does without rolling, at one root a contact."""
+def sliding_bound(laws, other, contact, table):
+    """
+    Return upper bounds of what `natural_map` does, at one root a contact, or infinity.
+
+    They are for one kind of friction; `other` is that of the laws.
+    """
+    if other is not None:
+        return math.inf, math.inf
     mu_x, mu_y = laws.sliding.mu_x, laws.sliding.mu_y
     over_x, over_y, r = laws.sliding.over_x, laws.sliding.over_y, laws.r_T
     lowest, highest = min(mu_x, mu_y), max(over_x, over_y)

@@ -23,7 +23,6 @@ from snake_sim_ros.planar_stepper import PlanarStepper
 from snake_sim_ros.posture import gaps
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.scenery import is_flat
 from snake_sim_ros.spatial import SpatialStepper
 from snake_sim_ros.stepping import PREVIOUS
 from snake_sim_ros.stepping import Report
@@ -42,8 +41,12 @@ def what_is_not_planar(scene: Scene) -> str:
         return f'gravity ({gx:g}, {gy:g}, {gz:g}) m/s^2 is not straight down'
     if scene.friction.rolling > 0.0:
         return f'friction.rolling is {scene.friction.rolling:g}, and in the plane nothing rolls'
-    if not is_flat(scene):
-        return 'ground, pegs or self_contact are more than the floor of the plane'
+    if scene.ground.heights:
+        return 'ground.heights is given, and the plane is flat'
+    if scene.self_contact:
+        return 'self_contact is true, and in the plane links do not touch'
+    if scene.pegs.x and scene.method != 'newton':
+        return f'method {scene.method} meets pegs at the spatial level only'
     if np.ptp(radius) > 0.0:
         return (
             f'robot.contact_radius differs from link to link, {radius.min():g} to '

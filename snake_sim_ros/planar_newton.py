@@ -26,6 +26,7 @@ from snake_sim_ros.hinge_chain import factor_hinges
 from snake_sim_ros.hinge_chain import solve_hinges
 from snake_sim_ros.linear_laws import ANCHOR
 from snake_sim_ros.linear_laws import DISC
+from snake_sim_ros.linear_laws import disc_law
 from snake_sim_ros.linear_laws import FORCE
 from snake_sim_ros.linear_laws import HELD
 from snake_sim_ros.linear_laws import ITERATE
@@ -99,6 +100,30 @@ def remember(contact, table, history):
 
 
 @inlined
+def sliding_law(disc, table, a, again):
+    """
+    Fill the law of sliding at contact a, linear about TRIAL, with the radius held.
+
+    Returns
+    -------
+    P_x, P_y : float
+        At no velocity or, `again`, at TRIAL [N s].
+    S_xx, S_xy, S_yy : float
+        What a velocity takes off it [kg].
+
+    """
+    x, y = table[a, TRIAL + 1], table[a, TRIAL + 2]
+    P_x, P_y, S_xx, S_xy, S_yy, _, _ = disc_law(
+        disc, table[a, ANCHOR + 1], table[a, ANCHOR + 2], x, y, table[a, DISC]
+    )
+    table[a, FORCE + 1], table[a, FORCE + 2] = P_x, P_y
+    table[a, SLIDING + 2], table[a, SLIDING + 3], table[a, SLIDING + 4] = S_xx, S_xy, S_yy
+    if not again:
+        P_x, P_y = P_x + S_xx * x + S_xy * y, P_y + S_xy * x + S_yy * y
+    return P_x, P_y, S_xx, S_xy, S_yy
+
+
+@inlined
 def add_laws(model, work, again):
     """
     Fill wrenches and inertias of the links with their loads and the laws linear about TRIAL.
@@ -106,21 +131,15 @@ def add_laws(model, work, again):
     `again` means for the change from the last twists, not for the twists themselves: what rounding
     left of the balance is then part of the load.
     """
-    laws, table, chain, n = model.laws, work.table, work.chain, len(work.heading)
+    disc, table, chain, n = model.laws.sliding, work.table, work.chain, len(work.heading)
     for i in range(n):
-        f, b, offset = i, n + i, model.offset[i]
-        linearize_disc(laws.sliding, table, f, table[f, DISC], 0.0)
-        linearize_disc(laws.sliding, table, b, table[b, DISC], 0.0)
-        # Along and across the link, at its center, and turning: P_0 - S gamma or, again, P.
-        k = FORCE + 1 if again else SLIDING
-        along = table[f, k] + table[b, k]
-        across = table[f, k + 1] + table[b, k + 1]
-        moment = offset * (table[f, k + 1] - table[b, k + 1])
-        S_aa = table[f, SLIDING + 2] + table[b, SLIDING + 2]
-        S_ac = table[f, SLIDING + 3] + table[b, SLIDING + 3]
-        S_cc = table[f, SLIDING + 4] + table[b, SLIDING + 4]
-        S_aw = offset * (table[f, SLIDING + 3] - table[b, SLIDING + 3])
-        S_cw = offset * (table[f, SLIDING + 4] - table[b, SLIDING + 4])
+        offset = model.offset[i]
+        P_x, P_y, S_xx, S_xy, S_yy = sliding_law(disc, table, i, again)
+        Q_x, Q_y, T_xx, T_xy, T_yy = sliding_law(disc, table, n + i, again)
+        # Along and across the link, at its center, and turning.
+        along, across, moment = P_x + Q_x, P_y + Q_y, offset * (P_y - Q_y)
+        S_aa, S_ac, S_cc = S_xx + T_xx, S_xy + T_xy, S_yy + T_yy
+        S_aw, S_cw = offset * (S_xy - T_xy), offset * (S_yy - T_yy)
         S_ww = offset * offset * S_cc
         # In axes of I, and about O.
         c, s = work.heading[i, 0], work.heading[i, 1]

@@ -20,6 +20,7 @@ is the next one toward the root, and A the articulated inertia of everything fro
 .. [1] R. Featherstone, "Rigid Body Dynamics Algorithms", Springer 2008, ch. 7.
 """
 
+from typing import Any
 from typing import NamedTuple
 
 from snake_sim_ros.compilation import compiled
@@ -49,6 +50,8 @@ class Chain(NamedTuple):
     twist: Array  # (n, 6) the solution
     correction: Array  # (n, 6) what is added to it
     no_torque: Array  # (n-1, 2) zero
+    frame: Array | None = None  # (contacts, 3, 3) contact frames; None on a flat floor
+    pairs: Any = None  # Delassus operator of contacts of two links, where there can be any
 
 
 @inlined
@@ -84,6 +87,16 @@ def solve_chain(chain, torque):
 
 
 @inlined
+def respond(chain):
+    """Fill chain.correction with what chain.left_over and chain.wrench make of the chain."""
+    articulated_velocity(
+        chain.axis, chain.left, chain.right, chain.compliance,
+        chain.inertia[len(chain.inertia) // 2], chain.left_over, chain.wrench,
+        chain.load, chain.rate_correction, chain.correction,
+    )  # fmt: skip
+
+
+@inlined
 def correct_chain(chain):
     """
     Solve the prepared chain for what is left over, and add the solution to twists and rates.
@@ -94,11 +107,7 @@ def correct_chain(chain):
         Largest component of a twist that was added.
 
     """
-    articulated_velocity(
-        chain.axis, chain.left, chain.right, chain.compliance,
-        chain.inertia[len(chain.inertia) // 2], chain.left_over, chain.wrench,
-        chain.load, chain.rate_correction, chain.correction,
-    )  # fmt: skip
+    respond(chain)
     largest = 0.0
     for i in range(len(chain.twist)):
         for k in range(6):

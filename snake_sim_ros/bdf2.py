@@ -25,7 +25,6 @@ import math
 
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import cycle_counter
-from snake_sim_ros.contacts import closed_contacts
 from snake_sim_ros.contacts import contact_velocities
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import GAP
@@ -42,6 +41,7 @@ from snake_sim_ros.kinematics import link_frames
 from snake_sim_ros.kinematics import rates_in_inertial_frame
 from snake_sim_ros.kinematics import twists
 from snake_sim_ros.newton import solve_contacts
+from snake_sim_ros.obstacles import contacts_of
 from snake_sim_ros.report import CONTACTS
 from snake_sim_ros.report import FALLBACKS
 from snake_sim_ros.report import note_outcome
@@ -111,12 +111,9 @@ def begin(model, work, h, q, u, history, angle, rate, twice):
 
     twists(u_star, work.omega, work.center, work.chain.twist)
     reach = max(model.activation_tolerance, REACH * h)
-    count = closed_contacts(
-        reach, model.contact_offset, model.contact_radius,
-        star[:, 2], work.R, work.center, work.contact, work.table,
-    )  # fmt: skip
+    count = contacts_of(model.obstacles, reach, model, work, star)
     contact, table = work.contact[:count], work.table
-    contact_velocities(contact, table, work.chain.twist)
+    contact_velocities(contact, table, work.chain.frame, work.chain.twist)
     for a in contact:
         table[a, START] = table[a, GAMMA]
         gap = table[a, GAP] - h * table[a, START]
@@ -155,7 +152,7 @@ def one_step(model, work, h, q, u, history, angle, rate, twice, report):
     """
     previous = history[3:].reshape(history[3:].size)
     scale = h / previous[13 * len(q) + SPAN]
-    for a in range(2 * len(q)):
+    for a in range(history.shape[1]):
         for j in range(5):
             history[0, a, j] *= scale
         history[2, a, 0] *= scale

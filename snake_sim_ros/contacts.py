@@ -5,6 +5,9 @@ Contacts a are numbered as in eq. (10), fronts first; `contact` lists the closed
 belongs to a contact is in its row of the table, under the columns named below. An impulse, and the
 relative velocity that goes with it, is (normal, sliding along and across the link, rolling along x
 and y of I).
+
+Where there is more than a flat floor, contacts have frames in an array of their own, and rolling
+is along the axes of the frame; see `scenery`. Without it the array is None.
 """
 
 import math
@@ -25,7 +28,9 @@ GAP = 16  # gap [m]
 SHIFT = 17  # velocity that a gap still leaves open: a part of the normal GAMMA [m/s]
 START = 18  # normal velocity before the contacts act [m/s]
 CENTER = 19  # normal impulse about which the selection rule is compliant [N s]
-LAW = 20  # first column of `linear_laws`
+LINK = 20  # number of the link, and of the other one it touches or -1; in contacts with frames
+OTHER = 21
+LAW = 22  # first column of `linear_laws`
 
 
 class Disc(NamedTuple):
@@ -51,6 +56,16 @@ def make_disc(column: int, mu_x: float, mu_y: float, proximal: float) -> Disc:
     )
 
 
+class OtherFriction(NamedTuple):
+    """Friction of contacts that are not with the ground: with pegs, then of two links."""
+
+    first_peg: int
+    first_pair: int
+    peg: Disc
+    pair: Disc
+    rolling: Disc  # none
+
+
 class Laws(NamedTuple):
     """The numbers of the contact laws and of their judge."""
 
@@ -62,6 +77,33 @@ class Laws(NamedTuple):
     r_N: float
     r_T: float
     r_V: float
+    other: OtherFriction | None = None  # where there is more than a flat floor
+
+
+@inlined
+def sliding_disc(laws, other, a):
+    """Return the sliding friction of contact a; `other` is that of the laws."""
+    if other is None:
+        return laws.sliding
+    if a >= other.first_pair:
+        return other.pair
+    return other.peg if a >= other.first_peg else laws.sliding
+
+
+@inlined
+def rolling_disc(laws, other, a):
+    """Return the rolling friction of contact a; `other` is that of the laws."""
+    if other is None:
+        return laws.rolling
+    return other.rolling if a >= other.first_peg else laws.rolling
+
+
+@inlined
+def link_of(other, table, n, a):
+    """Return the link of contact a; `other` is the friction of the laws."""
+    if other is None:
+        return a if a < n else a - n
+    return int(table[a, LINK])
 
 
 @inlined
@@ -97,8 +139,11 @@ def closed_contacts(tolerance, offset, radius, height, R, center, contact, table
 
 
 @compiled
-def add_contact_wrench(contact, table, wrench):
+def add_contact_wrench(contact, table, frame, wrench):
     """Add the impulse wrench S of the contacts to that of every link, eq. (76)."""
+    if frame is not None:
+        add_wrench_in_frames(contact, table, frame, wrench)
+        return
     n = len(wrench)
     for a in contact:
         i = a if a < n else a - n
@@ -116,8 +161,11 @@ def add_contact_wrench(contact, table, wrench):
 
 
 @compiled
-def contact_velocities(contact, table, twist):
+def contact_velocities(contact, table, frame, twist):
     """Fill the relative velocities of the closed contacts, eqs. (90)-(92)."""
+    if frame is not None:
+        velocities_in_frames(contact, table, frame, twist)
+        return
     n = len(twist)
     for a in contact:
         i = a if a < n else a - n
@@ -131,6 +179,49 @@ def contact_velocities(contact, table, twist):
         table[a, GAMMA + 2] = cx * vy - cy * vx
         table[a, GAMMA + 3] = -table[a, RADIUS] * wy
         table[a, GAMMA + 4] = table[a, RADIUS] * wx
+
+
+@inlined
+def direction(table, frame, a, k):
+    """Return the wrench of a unit impulse along axis k of the frame of contact a."""
+    x, y, z = table[a, POINT], table[a, POINT + 1], table[a, POINT + 2]
+    ex, ey, ez = frame[a, k, 0], frame[a, k, 1], frame[a, k, 2]
+    return y * ez - z * ey, z * ex - x * ez, x * ey - y * ex, ex, ey, ez
+
+
+@compiled
+def add_wrench_in_frames(contact, table, frame, wrench):
+    """Do what `add_contact_wrench` does, for contacts with frames."""
+    for a in contact:
+        i, other = int(table[a, LINK]), int(table[a, OTHER])
+        for k in range(3):
+            w = direction(table, frame, a, k)
+            for j in range(6):
+                wrench[i, j] += table[a, IMPULSE + k] * w[j]
+                if other >= 0:
+                    wrench[other, j] -= table[a, IMPULSE + k] * w[j]
+        for k in range(3):
+            roll = table[a, IMPULSE + 4] * frame[a, 1, k] - table[a, IMPULSE + 3] * frame[a, 2, k]
+            wrench[i, k] += table[a, RADIUS] * roll
+
+
+@compiled
+def velocities_in_frames(contact, table, frame, twist):
+    """Do what `contact_velocities` does, for contacts with frames."""
+    for a in contact:
+        i, other = int(table[a, LINK]), int(table[a, OTHER])
+        for k in range(3):
+            w = direction(table, frame, a, k)
+            gamma = table[a, SHIFT] if k == 0 else 0.0
+            for j in range(6):
+                gamma += w[j] * (twist[i, j] - (twist[other, j] if other >= 0 else 0.0))
+            table[a, GAMMA + k] = gamma
+        along = across = 0.0
+        for k in range(3):
+            along += frame[a, 1, k] * twist[i, k]
+            across += frame[a, 2, k] * twist[i, k]
+        table[a, GAMMA + 3] = -table[a, RADIUS] * across
+        table[a, GAMMA + 4] = table[a, RADIUS] * along
 
 
 @inlined
@@ -152,7 +243,7 @@ def selected(laws, contact, table, mass, impulse, press, fall):
     most = fastest = 0.0
     for a in contact:
         stop = 0.5 * fall - 2.0 * table[a, GAMMA]
-        most = max(most, impulse[a, 0], mass[a if a < n else a - n] * stop)
+        most = max(most, impulse[a, 0], mass[link_of(laws.other, table, n, a)] * stop)
         if impulse[a, 0] > 0.0:
             slip = max(abs(table[a, GAMMA + 1]), abs(table[a, GAMMA + 2]))
             fastest = max(fastest, abs(table[a, GAMMA]), slip)
@@ -163,7 +254,7 @@ def selected(laws, contact, table, mass, impulse, press, fall):
         compliance = min(compliance, max(laws.least, press / most))
     return Laws(
         laws.sliding, laws.rolling, compliance, laws.least, laws.proximal,
-        laws.r_N, laws.r_T, laws.r_V,
+        laws.r_N, laws.r_T, laws.r_V, laws.other,
     )  # fmt: skip
 
 
@@ -185,7 +276,7 @@ def natural_map(laws, contact, table, enough):
 
     """
     if enough > 0.0 and laws.rolling.mu_x <= 0.0:
-        residual, printed = sliding_bound(laws, contact, table)
+        residual, printed = sliding_bound(laws, laws.other, contact, table)
         if residual <= enough:
             return residual, printed
     selected = printed = tangential = 0.0
@@ -197,21 +288,27 @@ def natural_map(laws, contact, table, enough):
         printed = max(printed, abs(P_N - max(0.0, x)))
         slide = disc_misfit(
             table[a, IMPULSE + 1], table[a, IMPULSE + 2], table[a, GAMMA + 1],
-            table[a, GAMMA + 2], laws.sliding, P_N, laws.r_T, enough,
+            table[a, GAMMA + 2], sliding_disc(laws, laws.other, a), P_N, laws.r_T, enough,
         )  # fmt: skip
         tangential = max(tangential, slide)
         if laws.rolling.mu_x > 0.0:
             roll = disc_misfit(
                 table[a, IMPULSE + 3], table[a, IMPULSE + 4], table[a, GAMMA + 3],
-                table[a, GAMMA + 4], laws.rolling, P_N, laws.r_V, enough,
+                table[a, GAMMA + 4], rolling_disc(laws, laws.other, a), P_N, laws.r_V, enough,
             )  # fmt: skip
             tangential = max(tangential, roll)
     return max(selected / laws.r_N, tangential), max(printed / laws.r_N, tangential)
 
 
 @inlined
-def sliding_bound(laws, contact, table):
-    """Return upper bounds of what `natural_map` does without rolling, at one root a contact."""
+def sliding_bound(laws, other, contact, table):
+    """
+    Return upper bounds of what `natural_map` does, at one root a contact, or infinity.
+
+    They are for one kind of friction; `other` is that of the laws.
+    """
+    if other is not None:
+        return math.inf, math.inf
     mu_x, mu_y = laws.sliding.mu_x, laws.sliding.mu_y
     over_x, over_y, r = laws.sliding.over_x, laws.sliding.over_y, laws.r_T
     lowest, highest = min(mu_x, mu_y), max(over_x, over_y)

@@ -48,7 +48,7 @@ def load_chain(contact, table, chain):
     for i in range(len(chain.wrench)):
         for k in range(6):
             chain.wrench[i, k] = chain.momentum[i, k]
-    add_contact_wrench(contact, table, chain.wrench)
+    add_contact_wrench(contact, table, chain.frame, chain.wrench)
 
 
 @compiled
@@ -56,7 +56,7 @@ def end_twists(contact, table, chain):
     """Fill twists and relative velocities that the impulses lead to, (84), (86), (90)-(92)."""
     load_chain(contact, table, chain)
     solve_chain(chain, chain.torque)
-    contact_velocities(contact, table, chain.twist)
+    contact_velocities(contact, table, chain.frame, chain.twist)
 
 
 @compiled
@@ -72,10 +72,10 @@ def condense(contact, width, table, chain, delassus):
         for j in range(width):
             table[a, IMPULSE + j] = 1.0
             chain.wrench[:] = 0.0
-            add_contact_wrench(contact[k : k + 1], table, chain.wrench)
+            add_contact_wrench(contact[k : k + 1], table, chain.frame, chain.wrench)
             table[a, IMPULSE + j] = 0.0
             solve_chain(chain, chain.no_torque)
-            contact_velocities(contact, table, chain.twist)
+            contact_velocities(contact, table, chain.frame, chain.twist)
             for other, b in enumerate(contact):
                 for i in range(width):
                     delassus.operator[width * k + j, width * other + i] = table[b, GAMMA + i]

@@ -21,6 +21,8 @@ from snake_sim_ros.contact_laws import prox_half_line
 from snake_sim_ros.contacts import CENTER
 from snake_sim_ros.contacts import IMPULSE
 from snake_sim_ros.contacts import natural_map
+from snake_sim_ros.contacts import rolling_disc
+from snake_sim_ros.contacts import sliding_disc
 from snake_sim_ros.delassus import condense
 from snake_sim_ros.delassus import condensed_velocities
 from snake_sim_ros.delassus import end_twists
@@ -44,7 +46,7 @@ def sweep(laws, contact, width, table, delassus, impulse):
         if width == 5:
             r = 1.0 / largest_eigenvalue(G, row + 3)
             x, y = impulse[a, 3] - r * gamma[row + 3], impulse[a, 4] - r * gamma[row + 4]
-            x, y = prox_disc(x, y, laws.rolling.mu_x * P_N)
+            x, y = prox_disc(x, y, rolling_disc(laws, laws.other, a).mu_x * P_N)
             put(G, gamma, rows, row + 3, impulse, a, 3, x)
             put(G, gamma, rows, row + 4, impulse, a, 4, y)
         else:
@@ -56,7 +58,8 @@ def project_sliding(laws, G, gamma, rows, row, impulse, a, P_N):
     """Project the sliding impulse of contact a, whose rows begin at `row`."""
     r = 1.0 / largest_eigenvalue(G, row + 1)
     x, y = impulse[a, 1] - r * gamma[row + 1], impulse[a, 2] - r * gamma[row + 2]
-    x, y = prox_ellipse(x, y, laws.sliding.mu_x * P_N, laws.sliding.mu_y * P_N)
+    disc = sliding_disc(laws, laws.other, a)
+    x, y = prox_ellipse(x, y, disc.mu_x * P_N, disc.mu_y * P_N)
     put(G, gamma, rows, row + 1, impulse, a, 1, x)
     put(G, gamma, rows, row + 2, impulse, a, 2, y)
 
@@ -145,8 +148,8 @@ def advance_in_plane(model, work, q, u, history, angle, rate, report, cycles):
     """Advance q, u and history in place by one step a reference; see `planar_stepper`."""
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
-        planar.begin_step(model, work, q, u, angle[k], rate[k])
+        count = planar.begin_step(model, work, q, u, angle[k], rate[k])
         outcome = iterate_in_plane(model, work, history[0])
-        if not planar.end_step(model, work, q, u, history, outcome, report):
+        if not planar.end_step(model, work, q, u, history, count, outcome, report):
             break
     cycles[len(angle)] = cycle_counter()

@@ -41,6 +41,12 @@ def what_is_not_planar(scene: Scene) -> str:
         return f'gravity ({gx:g}, {gy:g}, {gz:g}) m/s^2 is not straight down'
     if scene.friction.rolling > 0.0:
         return f'friction.rolling is {scene.friction.rolling:g}, and in the plane nothing rolls'
+    if scene.ground.heights:
+        return 'ground.heights is given, and the plane is flat'
+    if scene.self_contact:
+        return 'self_contact is true, and in the plane links do not touch'
+    if scene.pegs.x and scene.method != 'newton':
+        return f'method {scene.method} meets pegs at the spatial level only'
     if np.ptp(radius) > 0.0:
         return (
             f'robot.contact_radius differs from link to link, {radius.min():g} to '
@@ -126,7 +132,7 @@ class LevelStepper:
             if news.left:
                 history[SETTLING], news.left = self.settle_steps, ''
             ticks.append(np.diff(stepper.cycles[: news.steps + 1]))
-            report += news
+            report = report + news if report.steps else news
             start += news.steps
         self.level, self.cycles = report.level, np.cumsum(np.concatenate(ticks))
         return state, history, report

@@ -19,18 +19,25 @@ import math
 from snake_sim_ros.articulated_body import correct_chain
 from snake_sim_ros.articulated_body import factor_chain
 from snake_sim_ros.articulated_body import left_over
+from snake_sim_ros.articulated_body import respond
 from snake_sim_ros.articulated_body import unload_chain
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
+from snake_sim_ros.contacts import add_contact_wrench
 from snake_sim_ros.contacts import CENTER
 from snake_sim_ros.contacts import contact_velocities
+from snake_sim_ros.contacts import direction
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import HEADING
 from snake_sim_ros.contacts import IMPULSE
 from snake_sim_ros.contacts import LAW
+from snake_sim_ros.contacts import LINK
+from snake_sim_ros.contacts import OTHER
 from snake_sim_ros.contacts import POINT
 from snake_sim_ros.contacts import RADIUS
+from snake_sim_ros.contacts import rolling_disc
 from snake_sim_ros.contacts import SHIFT
+from snake_sim_ros.contacts import sliding_disc
 from snake_sim_ros.delassus import load_chain
 from snake_sim_ros.delassus import solve_condensed
 
@@ -46,7 +53,8 @@ DISC = ANCHOR + 5  # radius of the disc if it is held, FREE if it is the normal 
 HELD = DISC + 1  # radius to hold next
 STEP = HELD + 1  # how far the one held before was from what it led to
 FORCE = STEP + 1  # impulses of the laws at TRIAL
-SAVED = FORCE + 5  # trial and iterate, to come back to; up to spatial.COLUMNS
+SAVED = FORCE + 5  # trial and iterate, to come back to
+NOTED = SAVED + 10  # whether the contact is in the list of the closed ones; see newton.remember
 FREE = -1.0
 
 CORRECTIONS = 4  # of the twists, at most
@@ -118,14 +126,17 @@ def linearize(laws, contact, table):
         table[a, FORCE] = P_N
         table[a, LAW], table[a, LAW + 1] = P_N + S_N * table[a, TRIAL], S_N
         radius, follow = (P_N, S_N) if table[a, DISC] == FREE else (table[a, DISC], 0.0)
-        linearize_disc(laws.sliding, table, a, radius, follow)
+        linearize_disc(sliding_disc(laws, laws.other, a), table, a, radius, follow)
         if laws.rolling.mu_x > 0.0:
-            linearize_disc(laws.rolling, table, a, radius, follow)
+            linearize_disc(rolling_disc(laws, laws.other, a), table, a, radius, follow)
 
 
 @inlined
-def add_laws(contact, table, rolling, wrench, inertia):
+def add_laws(contact, table, frame, rolling, wrench, inertia):
     """Add the linear laws to the wrenches and to the inertias of the links."""
+    if frame is not None:
+        add_laws_in_frames(contact, table, frame, rolling, wrench, inertia)
+        return
     n = len(wrench)
     for a in contact:
         i = a if a < n else a - n
@@ -193,6 +204,45 @@ def add_rolling_law(table, a, wrench, inertia, i):
     inertia[i, 1, 5] -= r * S_xN
 
 
+@compiled
+def add_laws_in_frames(contact, table, frame, rolling, wrench, inertia):
+    """
+    Do what `add_laws` does, for contacts with frames: wrench += W P_0, A += W S W^T.
+
+    W are the directions (normal, sliding; rolling). Friction follows the normal velocity, which
+    follows from the first of them.
+    """
+    for a in contact:
+        A, w = inertia[int(table[a, LINK])], wrench[int(table[a, LINK])]
+        normal = direction(table, frame, a, 0)
+        along, across = direction(table, frame, a, 1), direction(table, frame, a, 2)
+        S_N, shift = table[a, LAW + 1], table[a, SHIFT]
+        for k in range(6):
+            w[k] += (table[a, LAW] - S_N * shift) * normal[k]
+            for j in range(6):
+                A[k, j] += S_N * normal[k] * normal[j]
+        add_friction_law(table, a, SLIDING, normal, along, across, w, A)
+        if rolling:
+            r = table[a, RADIUS]
+            turn = -r * frame[a, 2, 0], -r * frame[a, 2, 1], -r * frame[a, 2, 2], 0.0, 0.0, 0.0
+            roll = r * frame[a, 1, 0], r * frame[a, 1, 1], r * frame[a, 1, 2], 0.0, 0.0, 0.0
+            add_friction_law(table, a, ROLLING, normal, turn, roll, w, A)
+
+
+@inlined
+def add_friction_law(table, a, law, normal, along, across, wrench, inertia):
+    """Add the law of one kind of friction at contact a to its link, along two directions."""
+    S_xx, S_xy, S_yy = table[a, law + 2], table[a, law + 3], table[a, law + 4]
+    S_xN, S_yN, shift = table[a, law + 5], table[a, law + 6], table[a, SHIFT]
+    P_x, P_y = table[a, law] - S_xN * shift, table[a, law + 1] - S_yN * shift
+    for k in range(6):
+        wrench[k] += P_x * along[k] + P_y * across[k]
+        for j in range(6):
+            x = S_xN * normal[j] + S_xx * along[j] + S_xy * across[j]
+            y = S_yN * normal[j] + S_xy * along[j] + S_yy * across[j]
+            inertia[k, j] += along[k] * x + across[k] * y
+
+
 @inlined
 def linear_impulses(contact, table, rolling):
     """Fill the impulses of the linear laws at GAMMA, from those at TRIAL: few digits cancel."""
@@ -208,6 +258,54 @@ def linear_impulses(contact, table, rolling):
             P_x, P_y = table[a, FORCE + k], table[a, FORCE + k + 1]
             table[a, IMPULSE + k] = P_x - S_xx * x - S_xy * y - S_xN * normal
             table[a, IMPULSE + k + 1] = P_y - S_xy * x - S_yy * y - S_yN * normal
+
+
+@inlined
+def single_count(contact, table, pairs):
+    """Return the number of contacts without those of two links, which are listed last."""
+    if pairs is None:
+        return len(contact)
+    count = len(contact)
+    while count > 0 and table[contact[count - 1], OTHER] >= 0.0:
+        count -= 1
+    return count
+
+
+@inlined
+def couple_pairs(contact, width, table, chain, pairs):
+    """
+    Add to the twists what the contacts of two links do to them; fill the impulses of these.
+
+    They couple two links, which a sweep over the chain cannot fold into the inertia of one. The
+    chain is solved for a unit of every component of their impulses instead; what is left is a
+    small dense problem. `pairs` is the Delassus operator of the chain, None without such contacts.
+    """
+    if pairs is None:
+        return
+    contact_velocities(contact, table, chain.frame, chain.twist)
+    for k, a in enumerate(contact):
+        for j in range(width):
+            pairs.free[width * k + j] = table[a, GAMMA + j]
+            table[a, IMPULSE + j] = 0.0
+    for j in range(len(chain.left_over)):
+        chain.left_over[j, 0] = chain.left_over[j, 1] = 0.0
+    for k, a in enumerate(contact):
+        for j in range(width):
+            table[a, IMPULSE + j] = 1.0
+            chain.wrench[:] = 0.0
+            add_contact_wrench(contact[k : k + 1], table, chain.frame, chain.wrench)
+            table[a, IMPULSE + j] = 0.0
+            respond(chain)
+            contact_velocities(contact, table, chain.frame, chain.correction)
+            for other, b in enumerate(contact):
+                for i in range(width):
+                    shift = table[b, SHIFT] if i == 0 else 0.0
+                    pairs.operator[width * k + j, width * other + i] = table[b, GAMMA + i] - shift
+    if len(contact) > 0:
+        solve_condensed(contact, width, table, LAW, pairs)
+        chain.wrench[:] = 0.0
+        add_contact_wrench(contact, table, chain.frame, chain.wrench)
+        correct_chain(chain)
 
 
 @inlined
@@ -228,15 +326,18 @@ def linear_step(laws, contact, table, chain, delassus):
     if delassus is not None:
         return solve_condensed(contact, 5 if rolling else 3, table, LAW, delassus)
     unload_chain(chain)
-    add_laws(contact, table, rolling, chain.wrench, chain.inertia)
+    single = contact[: single_count(contact, table, chain.pairs)]
+    add_laws(single, table, chain.frame, rolling, chain.wrench, chain.inertia)
     factor_chain(chain)
     for k in range(CORRECTIONS if len(contact) > 0 else 1):  # a chain in the air is not stiff
         if k > 0:  # once more for what rounding left
             load_chain(contact, table, chain)
             left_over(chain)
         largest = correct_chain(chain)
-        contact_velocities(contact, table, chain.twist)
-        linear_impulses(contact, table, rolling)
+        if k == 0:
+            couple_pairs(contact[len(single) :], 5 if rolling else 3, table, chain, chain.pairs)
+        contact_velocities(contact, table, chain.frame, chain.twist)
+        linear_impulses(single, table, rolling)
         if k > 0 and not largest > SMALL:
             break
     return math.isfinite(chain.twist[0, 3] + chain.twist[len(chain.twist) - 1, 3])

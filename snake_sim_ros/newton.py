@@ -24,6 +24,8 @@ from snake_sim_ros.contacts import CENTER
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import IMPULSE
 from snake_sim_ros.contacts import natural_map
+from snake_sim_ros.contacts import rolling_disc
+from snake_sim_ros.contacts import sliding_disc
 from snake_sim_ros.delassus import condense
 from snake_sim_ros.delassus import end_twists
 from snake_sim_ros.linear_laws import ANCHOR
@@ -34,6 +36,7 @@ from snake_sim_ros.linear_laws import HELD
 from snake_sim_ros.linear_laws import ITERATE
 from snake_sim_ros.linear_laws import linear_step
 from snake_sim_ros.linear_laws import normal_law
+from snake_sim_ros.linear_laws import NOTED
 from snake_sim_ros.linear_laws import SAVED
 from snake_sim_ros.linear_laws import STEP
 from snake_sim_ros.linear_laws import TRIAL
@@ -73,11 +76,11 @@ def misfit(laws, contact, table, fraction):
         d = P + fraction * (table[a, IMPULSE] - P) - P_N
         normal = max(normal, abs(d))
         slope += d * step
-        d, along = disc_gap(laws.sliding, table, a, radius, fraction)
+        d, along = disc_gap(sliding_disc(laws, laws.other, a), table, a, radius, fraction)
         sliding = max(sliding, d)
         slope += along
         if laws.rolling.mu_x > 0.0:
-            d, along = disc_gap(laws.rolling, table, a, radius, fraction)
+            d, along = disc_gap(rolling_disc(laws, laws.other, a), table, a, radius, fraction)
             rolling = max(rolling, d)
             slope += along
     return slope, max(normal / laws.r_N, sliding / laws.r_T, rolling / laws.r_V)
@@ -152,8 +155,8 @@ def anchor_at_iterate(laws, contact, table):
     for a in contact:
         P_N = max(0.0, table[a, ITERATE])
         table[a, ANCHOR] = P_N
-        anchor_disc(laws.sliding, table, a, P_N)
-        anchor_disc(laws.rolling, table, a, P_N)
+        anchor_disc(sliding_disc(laws, laws.other, a), table, a, P_N)
+        anchor_disc(rolling_disc(laws, laws.other, a), table, a, P_N)
 
 
 @inlined
@@ -320,22 +323,21 @@ def predict(laws, contact, table, history):
 @inlined
 def remember(contact, table, history):
     """Fill history with the impulses, velocities and changes of the closed contacts, 0 if open."""
-    n, k = len(table) // 2, 0
-    for i in range(n):
-        for a in (i, n + i):
-            if k < len(contact) and contact[k] == a:
-                k += 1
-                now = table[a, IMPULSE] > 0.0
-                before = now and history[0, a, 0] > 0.0
-                history[2, a, 0] = table[a, IMPULSE] - history[0, a, 0] if before else 0.0
-                for j in range(1, 5):
-                    change = table[a, GAMMA + j] - history[1, a, j]
-                    history[2, a, j] = change if before else 0.0
-                for j in range(5):
-                    history[0, a, j] = table[a, IMPULSE + j] if now else 0.0
-                    history[1, a, j] = table[a, GAMMA + j] if now else 0.0
-            elif history[0, a, 0] > 0.0:
-                history[:3, a] = 0.0
+    for a in contact:
+        table[a, NOTED] = 1.0
+        now = table[a, IMPULSE] > 0.0
+        before = now and history[0, a, 0] > 0.0
+        history[2, a, 0] = table[a, IMPULSE] - history[0, a, 0] if before else 0.0
+        for j in range(1, 5):
+            change = table[a, GAMMA + j] - history[1, a, j]
+            history[2, a, j] = change if before else 0.0
+        for j in range(5):
+            history[0, a, j] = table[a, IMPULSE + j] if now else 0.0
+            history[1, a, j] = table[a, GAMMA + j] if now else 0.0
+    for a in range(len(table)):
+        if table[a, NOTED] == 0.0 and history[0, a, 0] > 0.0:
+            history[:3, a] = 0.0
+        table[a, NOTED] = 0.0
 
 
 @inlined

@@ -29,8 +29,9 @@ from snake_sim_ros.records import record_from
 from snake_sim_ros.records import replaced
 
 Array = NDArray[Any]
-PerLink = float | tuple[float, ...]
-PerJoint = float | tuple[float, ...]
+Numbers = tuple[float, ...]
+PerLink = float | Numbers
+PerJoint = float | Numbers
 
 CONFIG = Path(__file__).parent / 'config'
 
@@ -135,6 +136,58 @@ class Friction(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Pegs(Record):
+    """Round vertical posts of any height, fixed to the ground: one entry for each."""
+
+    x: Numbers = quantity((), 'm', 'x of the peg axes')
+    y: Numbers = quantity((), 'm', 'y of the peg axes')
+    radius: PerLink = quantity(0.05, 'm', 'radius of all pegs or of each', above=0)
+    friction: float = quantity(0.2, '1', 'Coulomb friction in all directions', minimum=0)
+
+    def __post_init__(self) -> None:
+        """Check every field, and that there are as many x as y and radii."""
+        super().__post_init__()
+        if len(self.x) != len(self.y):
+            raise ParameterError(
+                f'x and y must be of one length, got {len(self.x)} and {len(self.y)} numbers'
+            )
+        if isinstance(self.radius, tuple) and len(self.radius) != len(self.x):
+            raise ParameterError(
+                f'radius must be one number or one for each of the {len(self.x)} pegs, '
+                f'got {len(self.radius)} numbers'
+            )
+
+    @property
+    def axes(self) -> Array:
+        """x, y and radius of every peg, shape (pegs, 3) [m]."""
+        radius = np.broadcast_to(np.asarray(self.radius, dtype=float), (len(self.x),))
+        return np.column_stack([self.x, self.y, radius]).reshape(-1, 3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ground(Record):
+    """The ground as square cells of constant height; around them, and without any, it is z = 0."""
+
+    heights: tuple[Numbers, ...] = quantity(
+        (), 'm', 'heights of the cells: along x in a row, the rows along y'
+    )
+    cell: float = quantity(0.2, 'm', 'side of a cell', above=0)
+    origin: Numbers = quantity((0.0, 0.0), 'm', 'corner of the cells with the least x and y')
+
+    def __post_init__(self) -> None:
+        """Check every field, that rows have one length, and that the origin is a point."""
+        super().__post_init__()
+        lengths = sorted({len(row) for row in self.heights})
+        if len(lengths) > 1:
+            raise ParameterError(
+                f'heights must be rows of one length, got rows of {lengths[0]} and of '
+                f'{lengths[-1]} numbers'
+            )
+        if len(self.origin) != 2:
+            raise ParameterError(f'origin must have 2 components, got {len(self.origin)}')
+
+
+@dataclass(frozen=True, kw_only=True)
 class Wave(Record):
     """A wave of joint references, eqs. (70), (71)."""
 
@@ -195,6 +248,12 @@ class Scene(Record):
 
     robot: Robot = Robot()
     friction: Friction = Friction()
+    ground: Ground = Ground()
+    pegs: Pegs = Pegs()
+    self_contact: bool = quantity(False, '', 'whether links that are not neighbors touch')
+    self_contact_friction: float = quantity(
+        0.2, '1', 'Coulomb friction of links on each other', minimum=0
+    )
     gait: Gait = Gait()
     solver: Solver = Solver()
     gravity: tuple[float, ...] = quantity(
@@ -217,10 +276,16 @@ class Scene(Record):
     )
 
     def __post_init__(self) -> None:
-        """Check every field, and that gravity has three components."""
+        """Check every field, that gravity is a vector, and that a sphere fits on a cell."""
         super().__post_init__()
         if len(self.gravity) != 3:
             raise ParameterError(f'gravity must have 3 components, got {len(self.gravity)}')
+        widest = 2 * float(self.robot.per_link('contact_radius').max())
+        if self.ground.heights and self.ground.cell < widest:
+            raise ParameterError(
+                f'ground.cell must be at least twice the largest contact radius, {widest:g} m, '
+                f'got {self.ground.cell:g} m'
+            )
 
 
 def load_scene(source: str | Path) -> Scene:

@@ -24,19 +24,24 @@ from typing import NamedTuple
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
 from snake_sim_ros.contacts import GAMMA
+from snake_sim_ros.contacts import HEADING
 from snake_sim_ros.contacts import IMPULSE
 from snake_sim_ros.contacts import Laws
+from snake_sim_ros.contacts import LINK
+from snake_sim_ros.contacts import POINT
 from snake_sim_ros.delassus import Delassus
 from snake_sim_ros.hinge_chain import factor_hinges
 from snake_sim_ros.hinge_chain import HingeChain
 from snake_sim_ros.hinge_chain import solve_hinges
 from snake_sim_ros.joint_control import pd_law
+from snake_sim_ros.obstacles import peg_contact
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.report import CONTACTS
 from snake_sim_ros.report import FAILED_LINK
 from snake_sim_ros.report import FAILED_VALUE
 from snake_sim_ros.report import LEFT
 from snake_sim_ros.report import note_outcome
+from snake_sim_ros.report import PENETRATION
 from snake_sim_ros.report import STEPS
 
 # Share of a contact's stiffness with which the floor holds the robot against rolling: none, but
@@ -67,6 +72,9 @@ class PlanarModel(NamedTuple):
     iteration_limit: int
     pd_scheme: int
     keeps_center: bool  # whether that is the center of mass, and not link 1
+    pegs: Array  # (pegs, 3) x, y, radius [m]
+    first_peg: int  # number of the first contact with a peg
+    activation_tolerance: float
 
 
 class PlanarWorkspace(NamedTuple):
@@ -83,8 +91,8 @@ class PlanarWorkspace(NamedTuple):
     no_torque: Array  # (n-1,) zero
     chain: HingeChain  # in the plane
     upright: HingeChain  # out of it, with a spring at each contact
-    contact: Array  # (2n,) indices of all contacts
-    table: Array  # (2n, COLUMNS) see contacts and newton
+    contact: Array  # (c,) indices of the closed contacts of c, first the 2n with the floor
+    table: Array  # (c, COLUMNS) see contacts and newton
     twist: Array  # (n, 3) the last twists in the plane
     standing: Array  # (2,) see find_loads
     q_hat: Array  # (n+2,), u_hat, u_star, u_start (n, 3), q_start (n+2,): see planar_bdf2
@@ -97,7 +105,15 @@ class PlanarWorkspace(NamedTuple):
 
 @inlined
 def begin_step(model, work, q, u, angle, rate):
-    """Fill all that a contact solver needs; velocities (n, 3) are those of the start."""
+    """
+    Fill all that a contact solver needs; velocities (n, 3) are those of the start.
+
+    Returns
+    -------
+    int
+        Closed contacts: all 2n with the floor, and those with pegs.
+
+    """
     n, dt, chain = len(u), model.dt, work.chain
     for i in range(n):
         theta = q[2 + i] + dt / 2 * u[i, 2]
@@ -111,6 +127,71 @@ def begin_step(model, work, q, u, angle, rate):
         )  # fmt: skip
         work.torque[j], chain.damping[j] = torque * dt, damping * dt
     fill_momentum(model, work, u, u)
+    return 2 * n + touch_pegs(model, work, q, u)
+
+
+@inlined
+def touch_pegs(model, work, q, u):
+    """Fill the closed contacts with pegs at the middle of the step; return how many they are."""
+    n, count, table = len(u), 0, work.table
+    for k in range(len(model.pegs)):
+        peg_x, peg_y, peg_radius = model.pegs[k, 0], model.pegs[k, 1], model.pegs[k, 2]
+        x, y = q[0] + 0.5 * model.dt * u[0, 0], q[1] + 0.5 * model.dt * u[0, 1]
+        for i in range(n):
+            link_x = x + work.center[i, 0] - work.center[0, 0]
+            link_y = y + work.center[i, 1] - work.center[0, 1]
+            reach = model.offset[i] + model.radius + peg_radius + model.activation_tolerance
+            if (peg_x - link_x) ** 2 + (peg_y - link_y) ** 2 > reach * reach:
+                continue
+            c, s = work.heading[i, 0], work.heading[i, 1]
+            arm, distance, normal_x, normal_y = peg_contact(
+                link_x, link_y, c, s, model.offset[i], peg_x, peg_y
+            )
+            if distance - peg_radius - model.radius <= model.activation_tolerance:
+                a = model.first_peg + k * n + i
+                work.contact[2 * n + count] = a
+                count += 1
+                table[a, LINK] = i
+                table[a, HEADING], table[a, HEADING + 1] = -normal_y, normal_x
+                point_x = arm * c - model.radius * normal_x
+                point_y = arm * s - model.radius * normal_y
+                table[a, POINT] = work.center[i, 0] + point_x
+                table[a, POINT + 1] = work.center[i, 1] + point_y
+                vx, vy = u[i, 0] - u[i, 2] * point_y, u[i, 1] + u[i, 2] * point_x
+                table[a, GAMMA] = normal_x * vx + normal_y * vy
+                table[a, GAMMA + 1] = normal_x * vy - normal_y * vx
+    return count
+
+
+@inlined
+def peg_velocities(contact, work):
+    """Fill the velocities of contacts with pegs that work.twist makes."""
+    for a in contact:
+        i = int(work.table[a, LINK])
+        t_x, t_y = work.table[a, HEADING], work.table[a, HEADING + 1]
+        w = work.twist[i, 0]
+        vx = work.twist[i, 1] - w * work.table[a, POINT + 1]
+        vy = work.twist[i, 2] + w * work.table[a, POINT]
+        work.table[a, GAMMA] = t_y * vx - t_x * vy
+        work.table[a, GAMMA + 1] = t_x * vx + t_y * vy
+
+
+@inlined
+def peg_depth(model, q):
+    """Return how deep the robot is in a peg [m], 0 if it is not."""
+    deepest = x = y = reach_x = reach_y = 0.0
+    for i in range(len(model.mass) if len(model.pegs) > 0 else 0):
+        c, s = math.cos(q[2 + i]), math.sin(q[2 + i])
+        half = model.half_length[i]
+        if i > 0:
+            x, y = x + reach_x + half * c, y + reach_y + half * s
+        reach_x, reach_y = half * c, half * s
+        for k in range(len(model.pegs)):
+            _, distance, _, _ = peg_contact(
+                q[0] + x, q[1] + y, c, s, model.offset[i], model.pegs[k, 0], model.pegs[k, 1]
+            )
+            deepest = max(deepest, model.pegs[k, 2] + model.radius - distance)
+    return deepest
 
 
 @inlined
@@ -313,12 +394,14 @@ def end_velocities(model, work, u):
 
 
 @inlined
-def end_step(model, work, q, u, history, outcome, report):
+def end_step(model, work, q, u, history, count, outcome, report):
     """
     Move q (n+2,) and u (n, 3) to the end of the step, unless it is not planar or diverged.
 
     Parameters
     ----------
+    count : int
+        Closed contacts.
     outcome : tuple
         What a contact solver returns, see `spatial.end_step`.
 
@@ -339,7 +422,8 @@ def end_step(model, work, q, u, history, outcome, report):
     q[1] += before_y - after_y
     note_outcome(outcome, report)
     report[STEPS] += 1
-    report[CONTACTS] = 2 * len(u)
+    report[CONTACTS] = count
+    report[PENETRATION] = max(report[PENETRATION], peg_depth(model, q))
     return True
 
 

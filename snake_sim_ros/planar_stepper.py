@@ -22,6 +22,8 @@ from snake_sim_ros.report import REPORT_SIZE
 from snake_sim_ros.rotations import FLAT
 from snake_sim_ros.rotations import product
 from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.scenery import contact_count
+from snake_sim_ros.scenery import first_peg
 from snake_sim_ros.spatial import COLUMNS
 from snake_sim_ros.spatial import make_model
 from snake_sim_ros.stepping import PREVIOUS
@@ -75,12 +77,17 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         iteration_limit=scene.solver.iteration_limit,
         pd_scheme=PD_SCHEMES.index(scene.pd_scheme),
         keeps_center=keeps_center,
+        pegs=scene.pegs.axes,
+        first_peg=first_peg(scene),
+        activation_tolerance=scene.solver.activation_tolerance,
     )
 
 
-def make_planar_workspace(n: int, size: int) -> PlanarWorkspace:
-    """Return the arrays of the compiled step for n links and a Delassus operator of a size."""
-    contact = np.array([[i, n + i] for i in range(n)]).ravel()
+def make_planar_workspace(scene: Scene, size: int) -> PlanarWorkspace:
+    """Return the arrays of the compiled step for a scene and a Delassus operator of a size."""
+    n, count = scene.robot.link_count, contact_count(scene)
+    contact = np.zeros(count, np.int64)
+    contact[: 2 * n] = np.array([[i, n + i] for i in range(n)]).ravel()
     return PlanarWorkspace(
         heading=np.zeros((n, 2)),
         center=np.zeros((n, 2)),
@@ -94,7 +101,7 @@ def make_planar_workspace(n: int, size: int) -> PlanarWorkspace:
         chain=make_chain(n),
         upright=make_chain(n),
         contact=contact,
-        table=np.zeros((2 * n, COLUMNS)),
+        table=np.zeros((count, COLUMNS)),
         twist=np.zeros((n, 3)),
         standing=np.zeros(2),
         q_hat=np.zeros(n + 2),
@@ -148,7 +155,7 @@ class PlanarStepper:
 
     def __init__(self, scene: Scene, loop: Callable[..., None], size: int) -> None:
         self.model = make_planar_model(scene)
-        self.work = make_planar_workspace(scene.robot.link_count, size)
+        self.work = make_planar_workspace(scene, size)
         self.loop = loop
         n = scene.robot.link_count
         shapes = (n + 2, (n, 3), (n, 4), (n, 7), (n, 6))
@@ -178,7 +185,7 @@ class PlanarStepper:
     def reason(self) -> str:
         """Return the sentence that says why the next step is not planar."""
         n = len(self.model.mass)
-        loads = self.work.table[:, IMPULSE]
+        loads = self.work.table[: 2 * n, IMPULSE]
         if (a := int(loads.argmin())) >= 0 and not loads[a] > 0.0:
             end = 'front' if a < n else 'rear'
             return f'the {end} sphere of link {a % n + 1} would lift off'

@@ -5,9 +5,11 @@ import math
 import numpy as np
 
 from snake_sim_ros import gait
+from snake_sim_ros import scenery
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Robot
 from snake_sim_ros.parameters import Scene
+from snake_sim_ros.records import ParameterError
 from snake_sim_ros.rotations import about
 from snake_sim_ros.rotations import FLAT
 from snake_sim_ros.rotations import product
@@ -116,7 +118,13 @@ def initial_coordinates(scene: Scene) -> Array:
     Return the coordinates at the start of a scene, shape (n, 7).
 
     The joints have the angles of the gait at t = 0, the centroid of the links is above the origin,
-    their principal axis is along e_x of I, and the lowest sphere touches the floor.
+    their principal axis is along e_x of I, and the lowest sphere touches the ground.
+
+    Raises
+    ------
+    ParameterError
+        If a link is inside a peg or inside another link.
+
     """
     robot = scene.robot
     q = chain(robot, gait.reference(scene.gait, 0.0, robot.link_count - 1)[0])
@@ -125,5 +133,27 @@ def initial_coordinates(scene: Scene) -> Array:
     turn = about(2, -math.atan2(2 * xy, xx - yy) / 2)
     q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
     q[:, 3:] = product(turn, q[:, 3:])
-    q[:, 2] -= gaps(robot, q).min()
+    q[:, 2] += scenery.lift(scene, q) if scene.ground.heights else -gaps(robot, q).min()
+    if scene.pegs.x or scene.self_contact:
+        refuse_overlap(scene, q)
     return q
+
+
+def refuse_overlap(scene: Scene, q: Array) -> None:
+    """Raise if a link is inside a peg or another link."""
+    first = scenery.first_peg(scene)
+    gap = scenery.contact_geometry(scene, q)[0][first:]
+    a = first + int(gap.argmin())
+    if gap.min() >= 0.0:
+        return
+    depth, (link, other) = -gap.min(), scenery.links(scene)[a] + 1
+    if other > 0:
+        raise ParameterError(
+            f'links must be apart at the start: link {link} is {depth:.3g} m inside link {other}'
+        )
+    peg = (a - first) // scene.robot.link_count
+    x, y, radius = scene.pegs.axes[peg]
+    raise ParameterError(
+        f'pegs must be beside the robot at its start: peg {peg + 1} at ({x:g}, {y:g}) m with '
+        f'radius {radius:g} m is {depth:.3g} m inside link {link}'
+    )

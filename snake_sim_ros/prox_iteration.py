@@ -14,6 +14,8 @@ from snake_sim_ros.contacts import CENTER
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import IMPULSE
 from snake_sim_ros.contacts import natural_map
+from snake_sim_ros.contacts import rolling_disc
+from snake_sim_ros.contacts import sliding_disc
 from snake_sim_ros.delassus import condense
 from snake_sim_ros.delassus import condensed_velocities
 from snake_sim_ros.delassus import end_twists
@@ -45,11 +47,12 @@ def prox_sweep(laws, contact, table, impulse):
         P_N, P_x, P_y = table[a, IMPULSE], table[a, IMPULSE + 1], table[a, IMPULSE + 2]
         rule = laws.compliance * (P_N - table[a, CENTER])
         new = prox_half_line(P_N - laws.r_N * (table[a, GAMMA] + rule))
+        disc = sliding_disc(laws, laws.other, a)
         new_x, new_y = prox_ellipse(
             P_x - laws.r_T * table[a, GAMMA + 1],
             P_y - laws.r_T * table[a, GAMMA + 2],
-            laws.sliding.mu_x * new,
-            laws.sliding.mu_y * new,
+            disc.mu_x * new,
+            disc.mu_y * new,
         )
         normal += (new - P_N) ** 2
         sliding += (new_x - P_x) ** 2 + (new_y - P_y) ** 2
@@ -60,7 +63,7 @@ def prox_sweep(laws, contact, table, impulse):
             new_x, new_y = prox_disc(
                 P_x - laws.r_V * table[a, GAMMA + 3],
                 P_y - laws.r_V * table[a, GAMMA + 4],
-                laws.rolling.mu_x * new,
+                rolling_disc(laws, laws.other, a).mu_x * new,
             )
         rolling += (new_x - P_x) ** 2 + (new_y - P_y) ** 2
         impulse[a, 3], impulse[a, 4] = new_x, new_y
@@ -154,8 +157,8 @@ def advance_in_plane(model, work, q, u, history, angle, rate, report, cycles):
     """Advance q, u and history in place by one step a reference; see `planar_stepper`."""
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
-        planar.begin_step(model, work, q, u, angle[k], rate[k])
+        count = planar.begin_step(model, work, q, u, angle[k], rate[k])
         outcome = iterate_in_plane(model, work, history[0])
-        if not planar.end_step(model, work, q, u, history, outcome, report):
+        if not planar.end_step(model, work, q, u, history, count, outcome, report):
             break
     cycles[len(angle)] = cycle_counter()

@@ -5,6 +5,7 @@ A record is a frozen dataclass. It comes from nested mappings, as YAML gives the
 them; whatever is not usable is refused with one sentence that names it.
 """
 
+from collections.abc import Iterator
 from collections.abc import Mapping
 from dataclasses import field
 from dataclasses import fields
@@ -67,7 +68,7 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
         if float in kinds:
             return number
     if isinstance(value, (list, tuple, np.ndarray)) and kinds[-1] not in WANTED:
-        return tuple(_converted(name, entry, float) for entry in value)
+        return tuple(_converted(name, entry, get_args(kinds[-1])[0]) for entry in value)
     wanted = WANTED.get(kinds[0], 'numbers')
     raise ParameterError(f'{name} must be {wanted}, got {value!r}')
 
@@ -110,9 +111,18 @@ class Record:
         hints = _type_hints(type(self))  # type: ignore[arg-type]
         for item in fields(self):  # type: ignore[arg-type]
             value = _converted(item.name, getattr(self, item.name), hints[item.name])
-            for number in value if isinstance(value, tuple) else (value,):
+            for number in _leaves(value):
                 _check(item.name, number, item.metadata)
             object.__setattr__(self, item.name, value)
+
+
+def _leaves(value: Any) -> Iterator[Any]:
+    """Yield the values in nested tuples."""
+    if isinstance(value, tuple):
+        for entry in value:
+            yield from _leaves(entry)
+    else:
+        yield value
 
 
 def flat_fields(record: Any, prefix: str = '') -> dict[str, tuple[Any, Mapping[str, Any]]]:

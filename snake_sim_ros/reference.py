@@ -17,6 +17,7 @@ from scipy.linalg import cho_factor
 from scipy.linalg import cho_solve
 
 from snake_sim_ros import posture
+from snake_sim_ros import scenery
 from snake_sim_ros.contact_laws import LEAST
 from snake_sim_ros.contact_laws import PRESS
 from snake_sim_ros.contact_laws import prox_disc
@@ -92,6 +93,31 @@ def contact_directions(robot: Robot, R: Array) -> tuple[Array, Array, Array]:
         r_CS = robot.per_link('contact_radius')[i] * E_Z
         W_V[6 * i + 3 : 6 * i + 6, 2 * a : 2 * a + 2] = (D.T @ tilde(r_CS) @ R[i]).T
     return W_N, W_T, W_V
+
+
+def scene_contacts(scene: Scene, q: Array) -> tuple[Array, Array, Array, Array]:
+    """
+    Return gaps and W_N, W_T, W_V of all contacts of a scene: with the floor, or all in `scenery`.
+
+    Where there is more than a flat floor, rolling velocities are along the axes of the contact
+    frames.
+    """
+    robot, R = scene.robot, rotation_matrices(q[:, 3:])
+    if scenery.is_flat(scene):
+        return posture.gaps(robot, q), *contact_directions(robot, R)
+    gap, lever, frame = scenery.contact_geometry(scene, q)
+    n, count = robot.link_count, len(gap)
+    W_N, W_T, W_V = (np.zeros((6 * n, width * count)) for width in (1, 2, 2))
+    for a, (i, j) in enumerate(scenery.links(scene)):
+        normal, *tangents = frame[a]
+        for link, sign in ((i, 1), (j, -1)) if j >= 0 else ((i, 1),):
+            arm = q[i, :3] + lever[a] - q[link, :3]
+            W_N[link_rows(link), a] = sign * _point_direction(R[link], arm, normal)
+            for k, e in enumerate(tangents):
+                W_T[link_rows(link), 2 * a + k] = sign * _point_direction(R[link], arm, e)
+        r_CS, D = robot.per_link('contact_radius')[i] * normal, np.column_stack(tangents)
+        W_V[6 * i + 3 : 6 * i + 6, 2 * a : 2 * a + 2] = (D.T @ tilde(r_CS) @ R[i]).T
+    return gap, W_N, W_T, W_V
 
 
 def joint_gaps(robot: Robot, q: Array) -> Array:
@@ -265,9 +291,11 @@ def selection_center(P_N: Array, gamma: Array) -> Array:
     return P_N if np.abs(gamma[P_N > 0.0]).max(initial=0.0) <= REST else np.zeros_like(P_N)
 
 
-def contact_prox(scene: Scene, compliance: float, center: float, P: Array, gamma: Array) -> Array:
+def contact_prox(
+    scene: Scene, compliance: float, a: int, center: float, P: Array, gamma: Array
+) -> Array:
     """
-    Return the impulses of one contact after one projection, eqs. (87)-(89), shape (5,).
+    Return the impulses of contact a after one projection, eqs. (87)-(89), shape (5,).
 
     The sliding and rolling sets take the new normal impulse.
 
@@ -275,14 +303,10 @@ def contact_prox(scene: Scene, compliance: float, center: float, P: Array, gamma
     The normal forces of a robot that lies flat are not unique, and friction depends on them; this
     tiny compliance makes them the ones of least norm. The scene can switch it off.
     """
-    friction, r = scene.friction, scene.solver
+    (mu_x, mu_y, mu_V), r = scenery.friction(scene, a), scene.solver
     P_N = prox_half_line(P[0] - r.r_normal * (gamma[0] + compliance * (P[0] - center)))
-    P_T = prox_ellipse(
-        *(P[1:3] - r.r_sliding * gamma[1:3]),
-        friction.longitudinal * P_N,
-        friction.transversal * P_N,
-    )
-    P_V = prox_disc(*(P[3:] - r.r_rolling * gamma[3:]), friction.rolling * P_N)
+    P_T = prox_ellipse(*(P[1:3] - r.r_sliding * gamma[1:3]), mu_x * P_N, mu_y * P_N)
+    P_V = prox_disc(*(P[3:] - r.r_rolling * gamma[3:]), mu_V * P_N)
     return np.array([P_N, *P_T, *P_V])
 
 
@@ -318,14 +342,15 @@ class ReferenceStepper:
     ) -> tuple[State, Array, Report]:
         """Return state, history and report after one step, section VII."""
         scene, robot, dt = self.scene, self.scene.robot, self.scene.dt
-        n, history = robot.link_count, history.copy()
+        n, history, links = robot.link_count, history.copy(), scenery.links(scene)
         impulse = history[IMPULSE]
         u_A = state.u.ravel()
 
         q_M = middle_coordinates(state, dt)  # (72)
         R = rotation_matrices(q_M[:, 3:])
-        active = np.flatnonzero(posture.gaps(robot, q_M) <= scene.solver.activation_tolerance)
-        W_N, W_T, W_V = (_columns(W, active) for W in contact_directions(robot, R))
+        gap, *directions = scene_contacts(scene, q_M)
+        active = np.flatnonzero(gap <= scene.solver.activation_tolerance)
+        W_N, W_T, W_V = (_columns(W, active, len(gap)) for W in directions)
         W_J = joint_directions(robot, R)
         h = smooth_forces(robot, np.array(scene.gravity), state.u)
         W_tau = torque_directions(R)
@@ -340,7 +365,7 @@ class ReferenceStepper:
         P, iterations, change = impulse[active], 0, math.inf
         fall = -dt * scene.gravity[2]
         gamma_A = np.column_stack([W_N.T @ u_A, (W_T.T @ u_A).reshape(-1, 2)])
-        stops = robot.per_link('link_mass')[active % n] * (0.5 * fall - 2.0 * gamma_A[:, 0])
+        stops = robot.per_link('link_mass')[links[active, 0]] * (0.5 * fall - 2.0 * gamma_A[:, 0])
         compliance = selection_compliance(
             scene.solver.normal_compliance * self.size,
             LEAST * self.size,
@@ -359,7 +384,7 @@ class ReferenceStepper:
             P_new = np.array(
                 [
                     contact_prox(scene, compliance, *args)
-                    for args in zip(center, P, gamma, strict=True)
+                    for args in zip(active.tolist(), center, P, gamma, strict=True)
                 ]
             )
             step = P_new.reshape(P.shape) - P
@@ -374,8 +399,8 @@ class ReferenceStepper:
         g_J = joint_gaps(robot, without_drift(robot, q_free, 'none'))
 
         def residual(delta: float) -> float:
-            pairs = zip(center, P - step, gamma, strict=True)  # the impulses that gave u_E
-            return max((natural_map(scene, delta, *pair) for pair in pairs), default=0.0)
+            each = zip(active.tolist(), center, P - step, gamma, strict=True)  # P that gave u_E
+            return max((natural_map(scene, delta, *contact) for contact in each), default=0.0)
 
         report = Report(
             steps=1,
@@ -384,7 +409,7 @@ class ReferenceStepper:
             unconverged=int(not change < scene.solver.tolerance),
             residual_max=residual(compliance),
             printed_residual_max=residual(0.0),
-            penetration_max=max(0.0, -float(posture.gaps(robot, q_E).min())),
+            penetration_max=max(0.0, -float(scene_contacts(scene, q_E)[0].min())),
             joint_gap_max=_largest(g_J[:, :3]),
             joint_twist_max=_largest(g_J[:, 3]),
             contacts=len(active),
@@ -393,12 +418,13 @@ class ReferenceStepper:
         return State(q_E, u_E), history, report
 
 
-def natural_map(scene: Scene, compliance: float, center: float, P: Array, gamma: Array) -> float:
-    """Return ``max |P - prox_C(P - r gamma)|/r`` of one contact, sets of the given P_N [m/s]."""
-    friction, r = scene.friction, scene.solver
-    x, y = P[1:3] - r.r_sliding * gamma[1:3]
-    P_T = prox_ellipse(x, y, friction.longitudinal * P[0], friction.transversal * P[0])
-    P_V = prox_disc(*(P[3:] - r.r_rolling * gamma[3:]), friction.rolling * P[0])
+def natural_map(
+    scene: Scene, compliance: float, a: int, center: float, P: Array, gamma: Array
+) -> float:
+    """Return ``max |P - prox_C(P - r gamma)|/r`` of contact a, sets of the given P_N [m/s]."""
+    (mu_x, mu_y, mu_V), r = scenery.friction(scene, a), scene.solver
+    P_T = prox_ellipse(*(P[1:3] - r.r_sliding * gamma[1:3]), mu_x * P[0], mu_y * P[0])
+    P_V = prox_disc(*(P[3:] - r.r_rolling * gamma[3:]), mu_V * P[0])
     P_N = prox_half_line(P[0] - r.r_normal * (gamma[0] + compliance * (P[0] - center)))
     sliding = float(np.linalg.norm(P[1:3] - P_T)) / r.r_sliding
     rolling = float(np.linalg.norm(P[3:] - P_V)) / r.r_rolling
@@ -410,9 +436,9 @@ def _point_direction(R: Array, lever: Array, e: Array) -> Array:
     return np.concatenate([e, -(e @ tilde(lever) @ R)])
 
 
-def _columns(W: Array, contacts: Array) -> Array:
-    """Return the columns of W that belong to the given contacts."""
-    width = 3 * W.shape[1] // len(W)
+def _columns(W: Array, contacts: Array, count: int) -> Array:
+    """Return the columns of W that belong to the given contacts of `count`."""
+    width = W.shape[1] // count
     return W[:, (contacts[:, None] * width + np.arange(width)).ravel()]
 
 

@@ -26,7 +26,6 @@ from snake_sim_ros.articulated_body import Chain
 from snake_sim_ros.compilation import inlined
 from snake_sim_ros.contact_laws import LEAST
 from snake_sim_ros.contact_laws import PRESS
-from snake_sim_ros.contacts import closed_contacts
 from snake_sim_ros.contacts import contact_velocities
 from snake_sim_ros.contacts import Laws
 from snake_sim_ros.contacts import make_disc
@@ -44,9 +43,14 @@ from snake_sim_ros.kinematics import joint_violation
 from snake_sim_ros.kinematics import lies_flat_and_still
 from snake_sim_ros.kinematics import link_frames
 from snake_sim_ros.kinematics import middle_coordinates
-from snake_sim_ros.kinematics import penetration
 from snake_sim_ros.kinematics import rates_in_inertial_frame
 from snake_sim_ros.kinematics import twists
+from snake_sim_ros.linear_laws import NOTED
+from snake_sim_ros.obstacles import contacts_of
+from snake_sim_ros.obstacles import deepest
+from snake_sim_ros.obstacles import make_obstacles
+from snake_sim_ros.obstacles import make_other_friction
+from snake_sim_ros.obstacles import Obstacles
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.parameters import PD_SCHEMES
@@ -62,12 +66,14 @@ from snake_sim_ros.report import report_from
 from snake_sim_ros.report import REPORT_SIZE
 from snake_sim_ros.report import STEPS
 from snake_sim_ros.report import TWIST_MAX
+from snake_sim_ros.scenery import contact_count
+from snake_sim_ros.scenery import is_flat
+from snake_sim_ros.scenery import pairs
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import SETTLING
 from snake_sim_ros.stepping import State
 
-# Columns of the table of contacts, with those of `newton`.
-COLUMNS = 72
+COLUMNS = NOTED + 1  # of the table of contacts
 # Compliance of the proximal point method, relative to the Delassus operator: it changes no
 # solution. Smaller is closer to the laws in one iteration, and loses digits to rounding.
 PROXIMAL = 1e-5
@@ -94,6 +100,7 @@ class Model(NamedTuple):
     pd_scheme: int
     drift_correction: int
     settle_steps: int  # steps to lie flat and still before the loop ends; 0 does not watch for it
+    obstacles: Obstacles | None  # None: a flat floor
 
 
 class Workspace(NamedTuple):
@@ -108,7 +115,7 @@ class Workspace(NamedTuple):
     damping: Array  # (n-1, 2) implicit part of the controller, times dt [N m s^2]
     applied: Array  # (n-1, 2) impulse of the controller with its implicit part [N m s]
     q_hat: Array  # (n, 7), u_hat, u_star (n, 6), q_start (n, 7), u_start (n, 6),
-    u_hat: Array  # history (5, 2n, 5), end_angle, end_rate (n-1, 2): see bdf2
+    u_hat: Array  # history (5, c, 5), end_angle, end_rate (n-1, 2): see bdf2
     u_star: Array
     q_start: Array
     u_start: Array
@@ -116,8 +123,8 @@ class Workspace(NamedTuple):
     end_angle: Array
     end_rate: Array
     chain: Chain
-    contact: Array  # (2n,) indices of the closed contacts
-    table: Array  # (2n, COLUMNS) see contacts and newton
+    contact: Array  # (c,) indices of the closed contacts of c
+    table: Array  # (c, COLUMNS) see contacts and newton
     delassus: Delassus | None  # where a solver forms it
 
 
@@ -244,12 +251,9 @@ def begin_step(model, work, q, u, impulse, angle, rate):
     link_inertia(model, R, work.center, chain.bare)
     smooth_momentum(model, model.dt, u, u, R, work.center, chain.momentum)
     twists(u, work.omega, work.center, chain.twist)
-    count = closed_contacts(
-        model.activation_tolerance, model.contact_offset, model.contact_radius,
-        work.q_mid[:, 2], R, work.center, work.contact, work.table,
-    )  # fmt: skip
+    count = contacts_of(model.obstacles, model.activation_tolerance, model, work, work.q_mid)
     contact = work.contact[:count]
-    contact_velocities(contact, work.table, chain.twist)
+    contact_velocities(contact, work.table, chain.frame, chain.twist)
     return count, selected(
         model.laws, contact, work.table, model.mass, impulse, PRESS, -model.dt * model.gravity[2]
     )
@@ -303,7 +307,7 @@ def finish(model, twist, q, u, history, report):
     gap, violation = joint_violation(model.half_length, q)
     close_joints(model.drift_correction, model.half_length, model.mass, q)
     report[STEPS] += 1
-    depth = penetration(model.contact_offset, model.contact_radius, q)
+    depth = deepest(model.obstacles, model.contact_offset, model.contact_radius, q)
     report[PENETRATION] = max(report[PENETRATION], depth)
     report[GAP_MAX] = max(report[GAP_MAX], gap)
     report[TWIST_MAX] = max(report[TWIST_MAX], violation)
@@ -328,6 +332,7 @@ def make_model(scene: Scene) -> Model:
         r_N=solver.r_normal,
         r_T=solver.r_sliding,
         r_V=solver.r_rolling,
+        other=make_other_friction(scene, PROXIMAL * size),
     )
     return Model(
         half_length=robot.per_link('link_length') / 2,
@@ -348,12 +353,13 @@ def make_model(scene: Scene) -> Model:
         pd_scheme=PD_SCHEMES.index(scene.pd_scheme),
         drift_correction=DRIFT_CORRECTIONS.index(scene.drift_correction),
         settle_steps=0,
+        obstacles=make_obstacles(scene),
     )
 
 
-def make_workspace(n: int, size: int) -> Workspace:
-    """Return the arrays of the compiled step for n links and a Delassus operator of a size."""
-    zeros = np.zeros
+def make_workspace(scene: Scene, size: int) -> Workspace:
+    """Return the arrays of the compiled step for a scene and a Delassus operator of a size."""
+    n, count, zeros = scene.robot.link_count, contact_count(scene), np.zeros
     return Workspace(
         q_mid=zeros((n, 7)),
         R=zeros((n, 3, 3)),
@@ -368,7 +374,7 @@ def make_workspace(n: int, size: int) -> Workspace:
         u_star=zeros((n, 6)),
         q_start=zeros((n, 7)),
         u_start=zeros((n, 6)),
-        history=zeros((5, 2 * n, 5)),
+        history=zeros((5, count, 5)),
         end_angle=zeros((n - 1, 2)),
         end_rate=zeros((n - 1, 2)),
         chain=Chain(
@@ -389,9 +395,11 @@ def make_workspace(n: int, size: int) -> Workspace:
             twist=zeros((n, 6)),
             correction=zeros((n, 6)),
             no_torque=zeros((n - 1, 2)),
+            frame=None if is_flat(scene) else zeros((count, 3, 3)),
+            pairs=make_delassus(5 * len(pairs(scene))) if scene.self_contact else None,
         ),
-        contact=np.zeros(2 * n, np.int64),
-        table=zeros((2 * n, COLUMNS)),
+        contact=np.zeros(count, np.int64),
+        table=zeros((count, COLUMNS)),
         delassus=make_delassus(size),
     )
 
@@ -416,7 +424,7 @@ class SpatialStepper:
 
     def __init__(self, scene: Scene, loop: Callable[..., None], size: int) -> None:
         self.model = make_model(scene)
-        self.work = make_workspace(scene.robot.link_count, size)
+        self.work = make_workspace(scene, size)
         self.loop = loop
         self.cycles = np.zeros(1, np.int64)
 

@@ -18,6 +18,7 @@ from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.posture import initial_coordinates
 from snake_sim_ros.records import ParameterError
+from snake_sim_ros.scenery import contact_count
 
 
 @dataclass(frozen=True)
@@ -108,15 +109,8 @@ class Report:
 
     def __add__(self, later: 'Report') -> 'Report':
         """Return the report of these steps and of `later` ones."""
-        added = {
-            name: getattr(self, name) + getattr(later, name)
-            for name in ('steps', 'iterations', 'unconverged', 'fallbacks', 'planar_steps')
-        }
-        largest = {
-            item.name: max(getattr(self, item.name), getattr(later, item.name))
-            for item in fields(self)
-            if item.name.endswith('_max')
-        }
+        added = {name: getattr(self, name) + getattr(later, name) for name in ADDED}
+        largest = {name: max(getattr(self, name), getattr(later, name)) for name in LARGEST}
         return Report(
             **added,
             **largest,
@@ -126,6 +120,10 @@ class Report:
             left=later.left,
             failure=self.failure or later.failure,
         )
+
+
+ADDED = ('steps', 'iterations', 'unconverged', 'fallbacks', 'planar_steps')
+LARGEST = tuple(item.name for item in fields(Report) if item.name.endswith('_max'))
 
 
 def divergence(link: int, turn: float, dt: float, steps: int) -> str:
@@ -161,7 +159,7 @@ class Stepper(Protocol):
         Parameters
         ----------
         state : State
-        history : ndarray, shape (5, 2n, 5)
+        history : ndarray, shape (5, contacts, 5)
             What a step takes over from the one before. Of every contact: IMPULSE, the last one
             (normal, sliding x y, rolling x y) [N s], eq. (93); VELOCITY, relative velocities after
             it [m/s]; CHANGE, by how much the last step changed the normal impulse and the other
@@ -174,7 +172,7 @@ class Stepper(Protocol):
         -------
         state : State
             The last good state if a step diverged.
-        history : ndarray, shape (5, 2n, 5)
+        history : ndarray, shape (5, contacts, 5)
         report : Report
 
         """
@@ -208,7 +206,7 @@ def _newton(scene: Scene, level: str = 'spatial', size: int = 0) -> Stepper:
 
 
 def _newton_dense(scene: Scene, level: str = 'spatial') -> Stepper:
-    return _newton(scene, level, 10 * scene.robot.link_count)
+    return _newton(scene, level, 5 * contact_count(scene))
 
 
 def _bdf2(scene: Scene, level: str = 'spatial') -> Stepper:
@@ -224,7 +222,7 @@ def _bdf2(scene: Scene, level: str = 'spatial') -> Stepper:
 def _gauss_seidel(scene: Scene, level: str = 'spatial') -> Stepper:
     from snake_sim_ros import gauss_seidel
 
-    size = 10 * scene.robot.link_count
+    size = 5 * contact_count(scene)
     if level == 'planar':
         return _planar(scene, gauss_seidel.advance_in_plane, size)
     return _spatial(scene, gauss_seidel.advance, size)
@@ -283,5 +281,5 @@ def initial_state(scene: Scene) -> State:
 
 
 def no_history(scene: Scene) -> Array:
-    """Return the history before the first contact: zero, shape (5, 2n, 5)."""
-    return np.zeros((5, 2 * scene.robot.link_count, 5))
+    """Return the history before the first contact: zero, shape (5, contacts, 5)."""
+    return np.zeros((5, contact_count(scene), 5))

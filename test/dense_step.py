@@ -108,7 +108,7 @@ class DenseStep:
 
     def residual(self, P: Array, gamma: Array, compliance: float) -> float:
         """Return the exact natural-map residual of all closed contacts [m/s]."""
-        triples = zip(self.center, P, gamma, strict=True)
+        triples = zip(self.active, self.center, P, gamma, strict=True)
         return max(
             (reference.natural_map(self.scene, compliance, *triple) for triple in triples),
             default=0.0,

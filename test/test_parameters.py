@@ -2,6 +2,7 @@
 
 from dataclasses import fields
 from dataclasses import FrozenInstanceError
+from dataclasses import is_dataclass
 import math
 
 import numpy as np
@@ -9,6 +10,8 @@ import pytest
 
 from snake_sim_ros.parameters import Friction
 from snake_sim_ros.parameters import Gait
+from snake_sim_ros.parameters import Ground
+from snake_sim_ros.parameters import Pegs
 from snake_sim_ros.parameters import Robot
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import Solver
@@ -19,7 +22,7 @@ from snake_sim_ros.records import record_from
 
 FIELDS = [
     (record, item)
-    for record in (Robot, Friction, Wave, Gait, Solver, Scene)
+    for record in (Robot, Friction, Ground, Pegs, Wave, Gait, Solver, Scene)
     for item in fields(record)
 ]
 
@@ -52,7 +55,7 @@ def with_unit(item, number):
 
 def test_every_field_has_unit_and_meaning():
     for _, item in FIELDS:
-        if not isinstance(item.default, (Wave, Gait, Robot, Friction, Solver)):
+        if not is_dataclass(item.default):
             assert {'unit', 'meaning'} <= item.metadata.keys()
 
 
@@ -114,7 +117,9 @@ def test_texts_must_be_texts(record, item):
         assert refusal(record, **{item.name: 'midpont'}) == expected
 
 
-@pytest.mark.parametrize(('record', 'item'), fields_of(Robot, Friction, Wave, Gait, Solver))
+@pytest.mark.parametrize(
+    ('record', 'item'), fields_of(Robot, Friction, Ground, Pegs, Wave, Gait, Solver)
+)
 def test_records_are_made_of_records(record, item):
     expected = f'{item.name} must be a mapping of names to values, got 0.2'
     assert refusal(record, **{item.name: 0.2}) == expected

@@ -1,0 +1,139 @@
+"""Random scenes with pegs and steps, and what their contacts are held to, for several tests."""
+
+from dataclasses import replace
+
+import numpy as np
+from random_states import free_links
+from random_states import random_robot
+from random_states import rate_of
+
+from snake_sim_ros import gait
+from snake_sim_ros import scenery
+from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import Friction
+from snake_sim_ros.parameters import Ground
+from snake_sim_ros.parameters import Pegs
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.parameters import Solver
+from snake_sim_ros.posture import chain
+from snake_sim_ros.reference import scene_contacts
+from snake_sim_ros.rotations import about
+from snake_sim_ros.rotations import product
+from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.simulation import Simulation
+from snake_sim_ros.simulation import steps_in
+from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.stepping import no_history
+from snake_sim_ros.stepping import State
+
+CELL = 0.15  # m
+
+
+def random_ground(rng: np.random.Generator, spread: float = 0.1) -> Ground:
+    """Return 12 x 10 cells around the origin with heights between -spread/2 and spread."""
+    heights = rng.uniform(-spread / 2, spread, (10, 12))
+    return Ground(heights=tuple(map(tuple, heights)), cell=CELL, origin=(-0.9, -0.75))
+
+
+def random_pegs(rng: np.random.Generator) -> Pegs:
+    """Return three pegs around the origin."""
+    x, y = rng.uniform(-0.3, 0.3, (2, 3))
+    return Pegs(x=tuple(x), y=tuple(y), radius=tuple(rng.uniform(0.01, 0.08, 3)), friction=0.3)
+
+
+def anywhere(rng: np.random.Generator, link_count: int) -> State:
+    """Return free links in a cube of 1 m around the origin with any orientation."""
+    state = free_links(rng, link_count)
+    state.q[:, :3] *= 0.5
+    return state
+
+
+def lying_on(rng: np.random.Generator, scene: Scene) -> State:
+    """Return a robot on its ground, up to 1 cm in it, bent by up to 0.5 rad and slowly moving."""
+    robot = scene.robot
+    q = chain(robot, rng.uniform(-0.5, 0.5, (robot.link_count - 1, 2)))
+    turn = product(about(2, rng.uniform(-3.0, 3.0)), about(0, rng.uniform(-0.2, 0.2)))
+    q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
+    q[:, 3:] = product(turn, q[:, 3:])
+    q[:, :2] -= q[:, :2].mean(axis=0)
+    q[:, 2] += scenery.lift(scene, q) - rng.uniform(0.0, 1e-2)
+    return State(q, rng.uniform(-0.1, 0.1, (robot.link_count, 6)))
+
+
+def check_directions(scene: Scene, state: State, contacts: Array, tolerance: float) -> None:
+    """
+    Assert that the directions of contacts are right, by differences along the exact motion.
+
+    ``W_N^T u`` is the rate of the gap; ``W_T^T u`` is the velocity of the body-fixed point at the
+    contact along e_x, e_y; ``W_V^T u`` is minus the velocity of the contact over the sphere as the
+    link turns, along e_x, e_y.
+    """
+    n, radius = scene.robot.link_count, scene.robot.per_link('contact_radius')
+    R = rotation_matrices(state.q[:, 3:])
+    _, lever, frame = scenery.contact_geometry(scene, state.q)
+    _, *directions = scene_contacts(scene, state.q)
+    gamma_N, gamma_T, gamma_V = (W.T @ state.u.ravel() for W in directions)
+    rate = rate_of(lambda q: scenery.contact_geometry(scene, q)[0][contacts], state)
+    assert np.abs(gamma_N[contacts] - rate).max(initial=0.0) < tolerance
+    for a in contacts:
+        i = a % n
+        assert np.abs(frame[a] @ frame[a].T - np.eye(3)).max() < 1e-14
+        assert np.linalg.det(frame[a]) > 0.0
+        point_B = R[i].T @ lever[a]
+        velocity = rate_of(lambda q, i=i, b=point_B: q[i, :3] + turned(q, i) @ b, state)
+        assert np.abs(gamma_T[2 * a : 2 * a + 2] - frame[a, 1:] @ velocity).max() < 2e-10
+        omega = R[i] @ state.u[i, 3:]
+        over = radius[i] * np.cross(omega, frame[a, 0])  # -n stays, the sphere turns below it
+        assert np.abs(gamma_V[2 * a : 2 * a + 2] + frame[a, 1:] @ over).max() < 1e-14
+
+
+def turned(q: Array, i: int) -> Array:
+    """Return the rotation matrix of link i."""
+    return rotation_matrices(q[i : i + 1, 3:])[0]
+
+
+def check_agreement(scene: Scene, state: State, rng: np.random.Generator, method: str) -> int:
+    """Assert that a method takes the step of the dense one; return how many contacts close."""
+    # Residuals of 1e-10 m/s, also of sweeps to 1e-12 N s over r_T = 0.01 kg; nearly dependent
+    # contacts, eigenvalues of G from below 0.1 to above 10 1/kg, make up to 1e-7 m/s of them. The
+    # method `paper` does the same sweeps: its rounding is that on a flat floor, 1e-10.
+    # `newton_dense` circles at 1e-10 m/s in some of these steps, its elimination loses digits.
+    residual = 1e-9 if method == 'newton_dense' else 1e-10
+    solver = Solver(
+        tolerance=1e-12,
+        residual_tolerance=residual,
+        iteration_limit=100000,
+        normal_compliance=1e-2,
+    )
+    scene = replace(scene, solver=solver)
+    angle = rng.uniform(-0.5, 0.5, (1, scene.robot.link_count - 1, 2))
+    start = state, no_history(scene), angle, np.zeros(angle.shape)
+    expected, impulses, dense = make_stepper(replace(scene, method='reference')).advance(*start)
+    end, history, report = make_stepper(replace(scene, method=method)).advance(*start)
+    bound = 1e-10 if method == 'paper' else 1e3 * residual
+    assert dense.unconverged == report.unconverged == 0
+    assert report.contacts == dense.contacts
+    assert np.abs(end.u - expected.u).max() < bound
+    assert np.abs(end.q - expected.q).max() < bound * scene.dt
+    assert np.abs(history[0] - impulses[0]).max() < bound
+    assert abs(report.penetration_max - dense.penetration_max) < bound * scene.dt
+    return report.contacts
+
+
+def robot_scene(rng: np.random.Generator, **settings) -> Scene:
+    """Return a scene of five different links with orthotropic and rolling friction, on a slope."""
+    return Scene(
+        robot=random_robot(rng, 5),
+        friction=Friction(longitudinal=0.2, transversal=0.4, rolling=0.05),
+        gravity=(0.1, 0.2, -9.8),
+        **settings,
+    )
+
+
+def travelled(scene: Scene) -> tuple[Simulation, Array]:
+    """Return a scene after its duration, and how far its centroid got [m]."""
+    simulation = Simulation(scene)
+    start = simulation.state.q[:, :3].mean(axis=0)
+    times = simulation.midpoints(steps_in(scene.duration, scene.dt, 'duration'))
+    simulation.advance(*gait.reference(scene.gait, times, scene.robot.link_count - 1))
+    return simulation, simulation.state.q[:, :3].mean(axis=0) - start

@@ -1,0 +1,190 @@
+"""Contacts of links with each other: gaps, directions, impacts, and a robot that curls up."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+from obstacle_scenes import anywhere
+from obstacle_scenes import check_agreement
+from obstacle_scenes import robot_scene
+import pytest
+from random_states import EPS
+from random_states import rate_of
+from scenes import course
+from scenes import every_method
+from scenes import isotropic
+from scenes import kinetic_energy
+from scenes import RADIUS
+
+from snake_sim_ros import scenery
+from snake_sim_ros.parameters import Friction
+from snake_sim_ros.parameters import Gait
+from snake_sim_ros.parameters import Pegs
+from snake_sim_ros.parameters import Robot
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.parameters import Wave
+from snake_sim_ros.posture import chain
+from snake_sim_ros.posture import initial_coordinates
+from snake_sim_ros.records import ParameterError
+from snake_sim_ros.reference import scene_contacts
+from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.simulation import Simulation
+from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.stepping import no_history
+from snake_sim_ros.stepping import State
+
+SLACK = dict.fromkeys(('yaw_stiffness', 'yaw_damping', 'pitch_stiffness', 'pitch_damping'), 0.0)
+
+
+def curled(robot, gap=0.0, bend=1.0):
+    """Return a robot bent in one plane until two links are `gap` apart, flat on the floor."""
+    low, high = 0.0, bend
+    for _ in range(60):
+        middle = (low + high) / 2
+        angle = np.zeros((robot.link_count - 1, 2))
+        angle[:, 0] = middle
+        q = chain(robot, angle)
+        q[:, 2] = RADIUS
+        scene = Scene(robot=robot, self_contact=True)
+        first = scenery.first_pair(scene)
+        closest = scenery.contact_geometry(scene, q)[0][first:].min()
+        low, high = (middle, high) if closest > gap else (low, middle)
+    return q, angle
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_gaps_and_directions(seed):
+    rng = np.random.default_rng(seed)
+    scene, state = robot_scene(rng, self_contact=True), anywhere(rng, 5)
+    robot, R = scene.robot, rotation_matrices(state.q[:, 3:])
+    gap, lever, _ = scenery.contact_geometry(scene, state.q)
+    apart = scenery.pairs(scene)
+    assert len(apart) == 4 * 6  # links 1-3, 1-4, 1-5, 2-4, 2-5, 3-5
+    for a, (i, j, s, t) in enumerate(apart, scenery.first_pair(scene)):
+        one = state.q[i, :3] + s * robot.contact_offset[i] * R[i, :, 2]
+        two = state.q[j, :3] + t * robot.contact_offset[j] * R[j, :, 2]
+        distance = np.linalg.norm(one - two)
+        radii = robot.contact_radius[i], robot.contact_radius[j]
+        assert abs(gap[a] - (distance - sum(radii))) < 8 * EPS
+        # The contact is on the surface of the first, toward the second.
+        point = state.q[i, :3] + lever[a]
+        assert abs(np.linalg.norm(point - one) - radii[0]) < 8 * EPS
+        assert abs(np.linalg.norm(point - two) - (distance - radii[0])) < 8 * EPS
+    # Of the rate of a gap: third derivatives of a distance d > 0.1 m at relative velocities below
+    # 5 m/s, 1e-10/6 of 3 v^3/d^2 = 4e4. Velocities of body points: two links, as one in two.
+    first = scenery.first_pair(scene)
+    gamma_N, gamma_T = (W.T @ state.u.ravel() for W in scene_contacts(scene, state.q)[1:3])
+    rate = rate_of(lambda q: scenery.contact_geometry(scene, q)[0][first:], state)
+    assert np.abs(gamma_N[first:] - rate).max() < 2e-6
+    _, lever, frame = scenery.contact_geometry(scene, state.q)
+    v, omega = state.u[:, :3], np.einsum('ijk,ik->ij', R, state.u[:, 3:])
+    for a, (i, j, _, _) in enumerate(apart, first):
+        point = state.q[i, :3] + lever[a]
+        ends = [v[k] + np.cross(omega[k], point - state.q[k, :3]) for k in (i, j)]
+        slip = frame[a, 1:] @ (ends[0] - ends[1])
+        assert np.abs(gamma_T[2 * a : 2 * a + 2] - slip).max() < 1e-13
+
+
+@pytest.mark.parametrize('method', ['paper', 'gauss_seidel', 'newton', 'newton_dense'])
+def test_step_agrees_with_the_dense_one(method):
+    # Robots curled up in the air and on the floor, with a peg beside some of them.
+    touched = 0
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        robot = Robot(link_count=7)
+        q, _ = curled(robot, gap=-1e-3)
+        q[:, 2] += -1e-4 if seed % 2 else 0.1
+        friction = Friction(longitudinal=0.2, transversal=0.4, rolling=0.05 * (seed % 3))
+        scene = Scene(
+            robot=robot, self_contact=True, self_contact_friction=0.3, friction=friction,
+            pegs=Pegs(x=(q[3, 0],), y=(q[3, 1] - RADIUS - 0.02,), radius=0.02),
+        )  # fmt: skip
+        state = State(q, rng.uniform(-0.1, 0.1, (7, 6)))
+        touched += check_agreement(scene, state, rng, method)
+    assert touched > 12
+
+
+@every_method
+def test_ends_of_a_robot_hit_each_other(method):
+    # A slack robot in free space whose ends close in on each other: their relative velocity along
+    # the normal is 0 after the impact, momentum is kept, energy is lost, nobody else is touched.
+    robot = Robot(link_count=7, **SLACK)
+    q, _ = curled(robot)
+    scene = Scene(
+        robot=robot, self_contact=True, self_contact_friction=0.5, friction=isotropic(0.0),
+        gravity=(0.0, 0.0, 0.0), method=method, dt=1 / 1000,
+    )  # fmt: skip
+    scene = replace(scene, solver=replace(scene.solver, tolerance=1e-11, iteration_limit=20000))
+    u = np.zeros((7, 6))
+    # Bending at a rate: every link turns at k times it about the vertical, joints stay closed.
+    rate, half = 0.3, robot.per_link('link_length') / 2
+    R = rotation_matrices(q[:, 3:])
+    for i in range(7):
+        u[i, 4] = rate * i
+        if i > 0:
+            u[i, :2] = u[i - 1, :2]
+            for k in (i - 1, i):
+                u[i, :2] += half[k] * u[k, 4] * np.array([-R[k, 1, 2], R[k, 0, 2]])
+    states, impulses, report = course(scene, State(q, u), 40)
+    first = scenery.first_pair(scene)
+    assert impulses[:, first:, 0].max() > 1e-3
+    assert impulses[:, :first].max() < 1e-9  # the floor is there, but nothing weighs on it
+    mass = robot.per_link('link_mass')
+    momentum = np.einsum('i,tij->tj', mass, states.u[:, :, :3])
+    assert np.abs(momentum - momentum[0]).max() < 1e-8
+    energy = kinetic_energy(robot, states.u)
+    assert np.diff(energy).max() < 1e-7 * energy[0]
+    assert energy[-1] < 0.999 * energy[0]
+    assert report.unconverged == 0
+    # Up to the step of the impact the links get v dt closer, less than 1 mm.
+    assert report.penetration_max < 2.0 * scene.dt
+
+
+@pytest.mark.parametrize(('method', 'dt'), [('newton', 1 / 4000), ('bdf2', 1 / 400)])
+def test_a_robot_that_curls_up_stops_at_itself(method, dt):
+    # Yaw angles that would put the ends through each other: they stop where they touch.
+    robot = Robot(link_count=11)
+    scene = Scene(robot=robot, self_contact=True, friction=isotropic(0.2), method=method, dt=dt)
+    ends = {}
+    for contact in (False, True):
+        simulation = Simulation(replace(scene, self_contact=contact))
+        times = simulation.midpoints(round(3.0 / dt))
+        ramp = np.minimum(times / 2.0, 1.0) * math.radians(42)
+        angle = np.zeros((len(times), 10, 2))
+        angle[:, :, 0] = ramp[:, None]
+        rate = np.zeros(angle.shape)
+        rate[:, :, 0] = np.where(times < 2.0, math.radians(42) / 2.0, 0.0)[:, None]
+        report = simulation.advance(angle, rate)
+        assert not report.failure
+        gap, _, _ = scenery.contact_geometry(scene, simulation.state.q)
+        ends[contact] = gap[scenery.first_pair(scene) :].min(), report
+    # The body is a ring of 360/42 = 8.6 links: the last two overlap the first without contact.
+    assert ends[False][0] < -0.05
+    assert ends[True][0] > -1e-3
+    assert ends[True][1].unconverged == 0
+
+
+def test_links_that_overlap_at_the_start_are_refused():
+    def bent(angle):
+        gait = Gait(yaw=Wave(offset=angle))
+        return Scene(robot=Robot(link_count=9), self_contact=True, gait=gait)
+
+    with pytest.raises(ParameterError) as caught:
+        initial_coordinates(bent(math.radians(44)))
+    assert str(caught.value).startswith('links must be apart at the start: link 1 is ')
+    assert str(caught.value).endswith(' m inside link 9')
+    initial_coordinates(bent(math.radians(20)))
+    initial_coordinates(replace(bent(math.radians(44)), self_contact=False))
+
+
+def test_a_pair_does_nothing_until_it_closes():
+    # The same steps with and without self-contact while the links are apart: the same numbers up
+    # to rounding, though contacts with frames round differently; 1e-9 m/s of the residual.
+    robot = Robot(link_count=7)
+    q, angle = curled(robot, gap=0.01)
+    scene, ends = Scene(robot=robot, friction=isotropic(0.2)), []
+    references = np.tile(angle, (20, 1, 1)), np.zeros((20, 6, 2))
+    for case in (scene, replace(scene, self_contact=True)):
+        start = State(q, np.zeros((7, 6))), no_history(case)
+        ends.append(make_stepper(case).advance(*start, *references)[0])
+    assert np.abs(ends[0].u - ends[1].u).max() < 1e-8

@@ -28,6 +28,7 @@ from snake_sim_ros import gait
 from snake_sim_ros.articulated_body import factor
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import cycle_counter
+from snake_sim_ros.levels import what_is_not_planar
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import Robot
@@ -191,6 +192,61 @@ def path_error(path: Array, expected: Array) -> float:
         return np.inf
     distance = np.linalg.norm(expected[-1] - expected[0])
     return float(np.linalg.norm(path - expected, axis=1).max() / distance)
+
+
+@dataclass(frozen=True)
+class LevelRow:
+    """
+    What the choice of the level makes of a scene.
+
+    Attributes
+    ----------
+    level : str
+        `planar`, `spatial`, or both if it changed.
+    why : str
+        Why it was not planar all the time; empty if it was.
+    median, spatial_median : float
+        Median step of the level chosen and of the spatial one [us].
+    error, spatial_error : float
+        Of their paths against the converged path of the spatial level, see `path_error`.
+    doubt : float
+        How far that path is from being converged.
+
+    """
+
+    level: str
+    why: str
+    median: float
+    spatial_median: float
+    error: float
+    spatial_error: float
+    doubt: float
+
+
+def level_row(scene: Scene) -> LevelRow:
+    """Run a scene at the level that `auto` takes and at the spatial level, by turns."""
+    expected, doubt = converged_path(scene)
+    timings: dict[str, list[Timing]] = {'auto': [], 'spatial': []}
+    for _ in range(ROUNDS):
+        for level, runs in timings.items():
+            runs.append(time_steps(replace(scene, level=level)))
+    auto, spatial = (runs[-1] for runs in timings.values())
+    median, spatial_median = (
+        float(np.median([timing.median for timing in runs])) for runs in timings.values()
+    )
+    planar_steps, steps = auto.report.planar_steps, auto.report.steps
+    level = 'spatial' if planar_steps == 0 else 'planar'
+    if 0 < planar_steps < steps:
+        level = f'planar {100 * planar_steps / steps:.0f} %'
+    return LevelRow(
+        level=level,
+        why='' if planar_steps == steps else auto.report.left or what_is_not_planar(scene),
+        median=median,
+        spatial_median=spatial_median,
+        error=path_error(auto.path, expected),
+        spatial_error=path_error(spatial.path, expected),
+        doubt=doubt,
+    )
 
 
 def situations(duration: float) -> dict[str, tuple[float, float, float, int]]:

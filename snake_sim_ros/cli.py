@@ -23,6 +23,8 @@ from snake_sim_ros.stepping import Status
 
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')
 
+SCENES = (*CASES, 'slender_undulation', 'obstacle_aided', 'step')
+
 
 def main(args: list[str] | None = None) -> int:
     """
@@ -66,6 +68,15 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument('--dt', nargs='+', type=float, metavar='S', help='time steps [s]')
     command.add_argument(
         '--no-start-up', action='store_true', help='leave out the start-up times of new processes'
+    )
+    _add_scene_options(command)
+
+    command = commands.add_parser(
+        'levels', help='show the model level that each scene gets, its time and its error'
+    )
+    command.set_defaults(command=_levels)
+    command.add_argument(
+        'scene', nargs='*', default=list(SCENES), help=f'default: {", ".join(SCENES)}'
     )
     _add_scene_options(command)
 
@@ -199,6 +210,26 @@ def _bench(options: argparse.Namespace) -> int:
             what = 'nothing compiled before' if cold else 'everything compiled before'
             print(f'start of a new process to its first step, {what}: '
                   f'{bench.start_up_seconds(scene, cold=cold):.2f} s', flush=True)  # fmt: skip
+    return 0
+
+
+def _levels(options: argparse.Namespace) -> int:
+    from snake_sim_ros import bench
+
+    scenes = {source: _scene(options, source) for source in options.scene}
+    print(f'{"scene":29} {"level":11} {"step":>8} {"spatial":>8} {"faster":>7} {"error":>9} '
+          f'{"spatial":>9} {"converged":>9}')  # fmt: skip
+    for source, scene in scenes.items():
+        row = bench.level_row(scene)
+        print(f'{source:29} {row.level:11} {row.median:5.2f} us {row.spatial_median:5.2f} us '
+              f'{row.spatial_median / row.median:5.2f} x {100 * row.error:7.4f} % '
+              f'{100 * row.spatial_error:7.4f} % {100 * row.doubt:7.4f} %  {row.why}',
+              flush=True)  # fmt: skip
+    print(
+        'step: median at the level that auto takes, and at the spatial one; error: of the path of '
+        'the\nmiddle link against the converged path of the spatial level, over the distance '
+        'travelled;\nconverged: error of the finer of the two runs that this is extrapolated from'
+    )
     return 0
 
 

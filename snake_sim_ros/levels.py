@@ -60,11 +60,11 @@ def what_is_not_planar(scene: Scene) -> str:
 
 
 def is_vertical(angle: Array, rate: Array) -> Array:
-    """Return whether any pitch joint is told to move, for every step, shape (steps,)."""
+    """Return whether any pitch joint is told to move, shape (...) for references (..., n-1, 2)."""
     pitch = angle[..., 1], rate[..., 1]
     if not (pitch[0].any() or pitch[1].any()):
-        return np.zeros(len(angle), dtype=bool)
-    return np.asarray(np.abs(pitch).max(axis=(0, 2), initial=0.0) > STRAIGHT)
+        return np.zeros(angle.shape[:-2], dtype=bool)
+    return np.asarray(np.abs(pitch).max(axis=(0, -1), initial=0.0) > STRAIGHT)
 
 
 def what_does_not_lie(planar: PlanarStepper, scene: Scene, state: State, history: Array) -> str:
@@ -105,6 +105,7 @@ class LevelStepper:
         self.level = planar.level
         self.settle_steps = max(1, round(scene.settling_time / scene.dt))
         self.cycles = np.zeros(1, np.int64)
+        self.reason = ''  # why the last spatial steps were not planar
 
     def advance(
         self, state: State, history: Array, angle: Array, rate: Array
@@ -122,7 +123,7 @@ class LevelStepper:
             elif history[SETTLING] <= 0:
                 reason = what_does_not_lie(self.planar, self.scene, state, history)
             if reason:
-                history[SETTLING] = self.settle_steps
+                history[SETTLING], self.reason = self.settle_steps, reason
             stepper = self.planar if history[SETTLING] <= 0 else self.spatial
             if stepper is self.spatial:
                 if history[PREVIOUS:].reshape(-1)[KNOWN]:
@@ -130,7 +131,8 @@ class LevelStepper:
                 stepper.watch(0 if vertical[start] else self.settle_steps)
             state, history, news = stepper.advance(state, history, angle[part], rate[part])
             if news.left:
-                history[SETTLING], news.left = self.settle_steps, ''
+                history[SETTLING], self.reason = self.settle_steps, news.left
+            news.left = self.reason if stepper is self.spatial else ''
             ticks.append(np.diff(stepper.cycles[: news.steps + 1]))
             report = report + news if report.steps else news
             start += news.steps

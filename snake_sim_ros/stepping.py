@@ -77,7 +77,7 @@ class Report:
     planar_steps : int
         How many of the steps were planar.
     left : str
-        Empty, or why the step after the last one cannot be planar.
+        Why the planar level was left, empty if it was not.
     failure : str
         Empty, or the sentence that says what diverged, when and where.
 

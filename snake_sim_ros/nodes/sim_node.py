@@ -20,6 +20,8 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 from std_srvs.srv import Trigger
 
+from snake_sim_ros.levels import is_vertical
+from snake_sim_ros.levels import what_is_told
 from snake_sim_ros.nodes.messages import reference_from
 from snake_sim_ros.nodes.messages import RejectedCommand
 from snake_sim_ros.nodes.messages import stamp_from
@@ -111,11 +113,15 @@ class SimNode(Node):
     def advance(self) -> None:
         """Advance by one publish period and publish the state, then the clock."""
         simulation, limit = self.simulation, self.simulation.scene.robot.joint_limit
+        level = simulation.last.level
         report = simulation.advance(
             *self.reference.sample(
                 simulation.midpoints(self.steps), self.settings.command_horizon, limit
             )
         )
+        if report.level != level:
+            why = f': {report.left}' if report.left else ': the robot lies flat'
+            self.get_logger().info(f'level {report.level} from t = {simulation.time:g} s on{why}')
         if report.failure:
             self.get_logger().error(
                 f'diverged, paused at the last good state; call ~/reset: {report.failure}'
@@ -178,10 +184,13 @@ class SimNode(Node):
             self.get_logger().warning(sentence)
 
     def _on_command(self, message: JointState) -> None:
+        scene = self.simulation.scene
         try:
-            self.reference = reference_from(
-                message, self.reference, self.simulation.scene.robot, self.simulation.time
-            )
+            reference = reference_from(message, self.reference, scene.robot, self.simulation.time)
+            if scene.level == 'planar' and is_vertical(reference.angle, reference.rate):
+                told = what_is_told(reference.angle, reference.rate)
+                raise RejectedCommand('pitch', f'joint_command: {told}, but level is planar')
+            self.reference = reference
         except RejectedCommand as error:
             self.rejected += 1
             self.warn(error.kind, f'{error}; the last good command is held')

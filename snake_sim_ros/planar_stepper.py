@@ -203,7 +203,7 @@ class PlanarStepper:
             return q, u, tilt
         forget(history)
         R = rotation_matrices(state.q[:, 3:])
-        theta = np.arctan2(R[:, 1, 2], R[:, 0, 2])
+        theta = np.unwrap(np.arctan2(R[:, 1, 2], R[:, 0, 2]))  # joints bend by less than pi
         zero = np.zeros(n)
         back = np.stack([np.cos(theta / 2), zero, zero, -np.sin(theta / 2)], axis=-1)
         tilt = product(back, state.q[:, 3:])

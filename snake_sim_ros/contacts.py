@@ -275,6 +275,10 @@ def natural_map(laws, contact, table, enough):
         Of the laws of the paper, without the rule.
 
     """
+    if enough > 0.0 and laws.rolling.mu_x <= 0.0:
+        residual, printed = sliding_bound(laws, laws.other, contact, table)
+        if residual <= enough:
+            return residual, printed
     selected = printed = tangential = 0.0
     for a in contact:
         P_N = table[a, IMPULSE]
@@ -293,6 +297,43 @@ def natural_map(laws, contact, table, enough):
                 table[a, GAMMA + 4], rolling_disc(laws, laws.other, a), P_N, laws.r_V, enough,
             )  # fmt: skip
             tangential = max(tangential, roll)
+    return max(selected / laws.r_N, tangential), max(printed / laws.r_N, tangential)
+
+
+@inlined
+def sliding_bound(laws, other, contact, table):
+    """
+    Return upper bounds of what `natural_map` does, at one root a contact, or infinity.
+
+    They are for one kind of friction; `other` is that of the laws.
+    """
+    if other is not None:
+        return math.inf, math.inf
+    mu_x, mu_y = laws.sliding.mu_x, laws.sliding.mu_y
+    over_x, over_y, r = laws.sliding.over_x, laws.sliding.over_y, laws.r_T
+    lowest, highest = min(mu_x, mu_y), max(over_x, over_y)
+    if lowest <= 0.0:
+        return math.inf, math.inf
+    weight = r * highest * highest
+    selected = printed = slip = stick = 0.0
+    for a in contact:
+        P_N, P_x, P_y = table[a, IMPULSE], table[a, IMPULSE + 1], table[a, IMPULSE + 2]
+        gamma_x, gamma_y = table[a, GAMMA + 1], table[a, GAMMA + 2]
+        x = P_N - laws.r_N * table[a, GAMMA]
+        rule = laws.compliance * (P_N - table[a, CENTER])
+        selected = max(selected, abs(P_N - max(0.0, x - laws.r_N * rule)))
+        printed = max(printed, abs(P_N - max(0.0, x)))
+        x, y = over_x * (P_x - r * gamma_x), over_y * (P_y - r * gamma_y)
+        if x * x + y * y <= P_N * P_N:
+            stick = max(stick, gamma_x * gamma_x + gamma_y * gamma_y)
+        else:  # as in disc_misfit, whose second part is shorter than the first
+            e_x = P_x * over_x - weight * mu_x * gamma_x
+            e_y = P_y * over_y - weight * mu_y * gamma_y
+            shrink = min(1.0, max(0.0, P_N) / math.sqrt(e_x * e_x + e_y * e_y))
+            d_x, d_y = P_x - mu_x * shrink * e_x, P_y - mu_y * shrink * e_y
+            slip = max(slip, d_x * d_x + d_y * d_y)
+    share = 2.0 - (lowest * min(over_x, over_y)) ** 2
+    tangential = max(math.sqrt(stick), share * math.sqrt(slip) / r)
     return max(selected / laws.r_N, tangential), max(printed / laws.r_N, tangential)
 
 

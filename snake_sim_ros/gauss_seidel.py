@@ -148,8 +148,8 @@ def advance_in_plane(model, work, q, u, history, angle, rate, report, cycles):
     """Advance q, u and history in place by one step a reference; see `planar_stepper`."""
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
-        planar.begin_step(model, work, q, u, angle[k], rate[k])
+        count = planar.begin_step(model, work, q, u, angle[k], rate[k])
         outcome = iterate_in_plane(model, work, history[0])
-        if not planar.end_step(model, work, q, u, history, outcome, report):
+        if not planar.end_step(model, work, q, u, history, count, outcome, report):
             break
     cycles[len(angle)] = cycle_counter()

@@ -17,12 +17,14 @@ from snake_sim_ros.kinematics import FLAT_TILT
 from snake_sim_ros.kinematics import STILL
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
+from snake_sim_ros.planar_stepper import forget
+from snake_sim_ros.planar_stepper import KNOWN
 from snake_sim_ros.planar_stepper import PlanarStepper
 from snake_sim_ros.posture import gaps
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.scenery import is_flat
 from snake_sim_ros.spatial import SpatialStepper
+from snake_sim_ros.stepping import PREVIOUS
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import SETTLING
 from snake_sim_ros.stepping import State
@@ -39,8 +41,12 @@ def what_is_not_planar(scene: Scene) -> str:
         return f'gravity ({gx:g}, {gy:g}, {gz:g}) m/s^2 is not straight down'
     if scene.friction.rolling > 0.0:
         return f'friction.rolling is {scene.friction.rolling:g}, and in the plane nothing rolls'
-    if not is_flat(scene):
-        return 'ground, pegs or self_contact are more than the floor of the plane'
+    if scene.ground.heights:
+        return 'ground.heights is given, and the plane is flat'
+    if scene.self_contact:
+        return 'self_contact is true, and in the plane links do not touch'
+    if scene.pegs.x and scene.method != 'newton':
+        return f'method {scene.method} meets pegs at the spatial level only'
     if np.ptp(radius) > 0.0:
         return (
             f'robot.contact_radius differs from link to link, {radius.min():g} to '
@@ -119,12 +125,14 @@ class LevelStepper:
                 history[SETTLING] = self.settle_steps
             stepper = self.planar if history[SETTLING] <= 0 else self.spatial
             if stepper is self.spatial:
+                if history[PREVIOUS:].reshape(-1)[KNOWN]:
+                    forget(history)
                 stepper.watch(0 if vertical[start] else self.settle_steps)
             state, history, news = stepper.advance(state, history, angle[part], rate[part])
             if news.left:
                 history[SETTLING], news.left = self.settle_steps, ''
             ticks.append(np.diff(stepper.cycles[: news.steps + 1]))
-            report += news
+            report = report + news if report.steps else news
             start += news.steps
         self.level, self.cycles = report.level, np.cumsum(np.concatenate(ticks))
         return state, history, report

@@ -24,19 +24,24 @@ from typing import NamedTuple
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
 from snake_sim_ros.contacts import GAMMA
+from snake_sim_ros.contacts import HEADING
 from snake_sim_ros.contacts import IMPULSE
 from snake_sim_ros.contacts import Laws
+from snake_sim_ros.contacts import LINK
+from snake_sim_ros.contacts import POINT
 from snake_sim_ros.delassus import Delassus
 from snake_sim_ros.hinge_chain import factor_hinges
 from snake_sim_ros.hinge_chain import HingeChain
 from snake_sim_ros.hinge_chain import solve_hinges
 from snake_sim_ros.joint_control import pd_law
+from snake_sim_ros.obstacles import peg_contact
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.report import CONTACTS
 from snake_sim_ros.report import FAILED_LINK
 from snake_sim_ros.report import FAILED_VALUE
 from snake_sim_ros.report import LEFT
 from snake_sim_ros.report import note_outcome
+from snake_sim_ros.report import PENETRATION
 from snake_sim_ros.report import STEPS
 
 # Share of a contact's stiffness with which the floor holds the robot against rolling: none, but
@@ -67,6 +72,9 @@ class PlanarModel(NamedTuple):
     iteration_limit: int
     pd_scheme: int
     keeps_center: bool  # whether that is the center of mass, and not link 1
+    pegs: Array  # (pegs, 3) x, y, radius [m]
+    first_peg: int  # number of the first contact with a peg
+    activation_tolerance: float
 
 
 class PlanarWorkspace(NamedTuple):
@@ -83,21 +91,34 @@ class PlanarWorkspace(NamedTuple):
     no_torque: Array  # (n-1,) zero
     chain: HingeChain  # in the plane
     upright: HingeChain  # out of it, with a spring at each contact
-    contact: Array  # (2n,) indices of all contacts
-    table: Array  # (2n, COLUMNS) see contacts and newton
+    contact: Array  # (c,) indices of the closed contacts of c, first the 2n with the floor
+    table: Array  # (c, COLUMNS) see contacts and newton
     twist: Array  # (n, 3) the last twists in the plane
     standing: Array  # (2,) see find_loads
+    q_hat: Array  # (n+2,), u_hat, u_star, u_start (n, 3), q_start (n+2,): see planar_bdf2
+    u_hat: Array
+    u_star: Array
+    q_start: Array
+    u_start: Array
     delassus: Delassus | None  # where a solver forms it
 
 
 @inlined
 def begin_step(model, work, q, u, angle, rate):
-    """Fill all that a contact solver needs; velocities (n, 3) are those of the start."""
+    """
+    Fill all that a contact solver needs; velocities (n, 3) are those of the start.
+
+    Returns
+    -------
+    int
+        Closed contacts: all 2n with the floor, and those with pegs.
+
+    """
     n, dt, chain = len(u), model.dt, work.chain
     for i in range(n):
         theta = q[2 + i] + dt / 2 * u[i, 2]
         work.heading[i, 0], work.heading[i, 1] = math.cos(theta), math.sin(theta)
-    place_links(model, work)
+    place_links(model, work, model.fall)
     for j in range(n - 1):
         difference, turn = q[3 + j] - q[2 + j], u[j + 1, 2] - u[j, 2]
         torque, damping = pd_law(
@@ -105,6 +126,78 @@ def begin_step(model, work, q, u, angle, rate):
             (angle[j, 0], rate[j, 0]), model.stiffness[j], model.damping[j],
         )  # fmt: skip
         work.torque[j], chain.damping[j] = torque * dt, damping * dt
+    fill_momentum(model, work, u, u)
+    return 2 * n + touch_pegs(model, work, q, u)
+
+
+@inlined
+def touch_pegs(model, work, q, u):
+    """Fill the closed contacts with pegs at the middle of the step; return how many they are."""
+    n, count, table = len(u), 0, work.table
+    for k in range(len(model.pegs)):
+        peg_x, peg_y, peg_radius = model.pegs[k, 0], model.pegs[k, 1], model.pegs[k, 2]
+        x, y = q[0] + 0.5 * model.dt * u[0, 0], q[1] + 0.5 * model.dt * u[0, 1]
+        for i in range(n):
+            link_x = x + work.center[i, 0] - work.center[0, 0]
+            link_y = y + work.center[i, 1] - work.center[0, 1]
+            reach = model.offset[i] + model.radius + peg_radius + model.activation_tolerance
+            if (peg_x - link_x) ** 2 + (peg_y - link_y) ** 2 > reach * reach:
+                continue
+            c, s = work.heading[i, 0], work.heading[i, 1]
+            arm, distance, normal_x, normal_y = peg_contact(
+                link_x, link_y, c, s, model.offset[i], peg_x, peg_y
+            )
+            if distance - peg_radius - model.radius <= model.activation_tolerance:
+                a = model.first_peg + k * n + i
+                work.contact[2 * n + count] = a
+                count += 1
+                table[a, LINK] = i
+                table[a, HEADING], table[a, HEADING + 1] = -normal_y, normal_x
+                point_x = arm * c - model.radius * normal_x
+                point_y = arm * s - model.radius * normal_y
+                table[a, POINT] = work.center[i, 0] + point_x
+                table[a, POINT + 1] = work.center[i, 1] + point_y
+                vx, vy = u[i, 0] - u[i, 2] * point_y, u[i, 1] + u[i, 2] * point_x
+                table[a, GAMMA] = normal_x * vx + normal_y * vy
+                table[a, GAMMA + 1] = normal_x * vy - normal_y * vx
+    return count
+
+
+@inlined
+def peg_velocities(contact, work):
+    """Fill the velocities of contacts with pegs that work.twist makes."""
+    for a in contact:
+        i = int(work.table[a, LINK])
+        t_x, t_y = work.table[a, HEADING], work.table[a, HEADING + 1]
+        w = work.twist[i, 0]
+        vx = work.twist[i, 1] - w * work.table[a, POINT + 1]
+        vy = work.twist[i, 2] + w * work.table[a, POINT]
+        work.table[a, GAMMA] = t_y * vx - t_x * vy
+        work.table[a, GAMMA + 1] = t_x * vx + t_y * vy
+
+
+@inlined
+def peg_depth(model, q):
+    """Return how deep the robot is in a peg [m], 0 if it is not."""
+    deepest = x = y = reach_x = reach_y = 0.0
+    for i in range(len(model.mass) if len(model.pegs) > 0 else 0):
+        c, s = math.cos(q[2 + i]), math.sin(q[2 + i])
+        half = model.half_length[i]
+        if i > 0:
+            x, y = x + reach_x + half * c, y + reach_y + half * s
+        reach_x, reach_y = half * c, half * s
+        for k in range(len(model.pegs)):
+            _, distance, _, _ = peg_contact(
+                q[0] + x, q[1] + y, c, s, model.offset[i], model.pegs[k, 0], model.pegs[k, 1]
+            )
+            deepest = max(deepest, model.pegs[k, 2] + model.radius - distance)
+    return deepest
+
+
+@inlined
+def fill_momentum(model, work, u, u_start):
+    """Fill the inertias and momenta of links that move with u (n, 3), velocities with u_start."""
+    n = len(u)
     for i in range(n):
         m, x, y = model.mass[i], work.center[i, 0], work.center[i, 1]
         px, py = m * u[i, 0], m * u[i, 1]
@@ -114,12 +207,17 @@ def begin_step(model, work, q, u, angle, rate):
         A[0], A[1], A[2] = model.inertia[i] + m * (x * x + y * y), -m * y, m * x
         A[3], A[4], A[5] = m, 0.0, m
         c, s = work.heading[i, 0], work.heading[i, 1]
-        table_velocities(work.table, i, n, model.offset[i], c, s, u[i, 0], u[i, 1], u[i, 2])
+        vx, vy, omega = u_start[i, 0], u_start[i, 1], u_start[i, 2]
+        table_velocities(work.table, i, n, model.offset[i], c, s, vx, vy, omega)
 
 
 @inlined
-def place_links(model, work):
-    """Fill centers from O, the axes of both chains, and prepare the equilibrium for loads."""
+def place_links(model, work, weight_velocity):
+    """
+    Fill centers from O, the axes of both chains, and prepare the equilibrium for loads.
+
+    The weight would let links fall at a given velocity [m/s].
+    """
     heading, center, half = work.heading, work.center, model.half_length
     n = len(heading)
     root = n // 2
@@ -144,7 +242,7 @@ def place_links(model, work):
         upright[j, 0], upright[j, 1], upright[j, 2] = a, b, b * x - a * y
         work.upright.damping[j] = model.hold[j]
     for i in range(n):
-        x, y, fall = center[i, 0], center[i, 1], model.mass[i] * model.fall
+        x, y, fall = center[i, 0], center[i, 1], model.mass[i] * weight_velocity
         reach_x, reach_y = model.offset[i] * heading[i, 0], model.offset[i] * heading[i, 1]
         A = work.upright.inertia[i]  # of contacts at +- reach: (y, -x, 1) times itself
         A[0], A[1], A[2] = (
@@ -265,12 +363,45 @@ def find_loads(model, work):
 
 
 @inlined
-def end_step(model, work, q, u, history, outcome, report):
+def is_planar(model, work, history, report):
+    """Return whether the solution of a step is planar, and no link turns further than resolved."""
+    if not (work.standing[0] > 0.0 and work.standing[1] <= LEAN):
+        report[LEFT] = 1.0
+        return False
+    for i in range(len(work.twist)):
+        turn = model.dt * abs(work.twist[i, 0])
+        if not (turn < math.pi / 2 and math.isfinite(work.twist[i, 1] + work.twist[i, 2])):
+            report[FAILED_LINK], report[FAILED_VALUE] = i + 1, turn
+            history[:] = 0.0
+            return False
+    return True
+
+
+@inlined
+def end_velocities(model, work, u):
+    """Fill u (n, 3) from the twists, and the impulses of the joints that go with them."""
+    twist, n = work.twist, len(u)
+    for j in range(n - 1):
+        yaw_rate = twist[j + 1, 0] - twist[j, 0]
+        work.applied[j, 0] = work.torque[j] - work.chain.damping[j] * yaw_rate
+        work.applied[j, 1] = -model.hold[j] * work.upright.rate[j]
+    for i in range(n):
+        u[i, 0] = twist[i, 1] - twist[i, 0] * work.center[i, 1]
+        u[i, 1] = twist[i, 2] + twist[i, 0] * work.center[i, 0]
+        u[i, 2] = twist[i, 0]
+        for k in range(3):
+            work.impact[i, k] = 0.0
+
+
+@inlined
+def end_step(model, work, q, u, history, count, outcome, report):
     """
     Move q (n+2,) and u (n, 3) to the end of the step, unless it is not planar or diverged.
 
     Parameters
     ----------
+    count : int
+        Closed contacts.
     outcome : tuple
         What a contact solver returns, see `spatial.end_step`.
 
@@ -280,46 +411,30 @@ def end_step(model, work, q, u, history, outcome, report):
         Whether it was done.
 
     """
-    n, dt, twist = len(u), model.dt, work.twist
-    if not (work.standing[0] > 0.0 and work.standing[1] <= LEAN):
-        report[LEFT] = 1.0
+    if not is_planar(model, work, history, report):
         return False
-    for i in range(n):
-        turn = dt * abs(twist[i, 0])
-        if not (turn < math.pi / 2 and math.isfinite(twist[i, 1] + twist[i, 2])):
-            report[FAILED_LINK], report[FAILED_VALUE] = i + 1, turn
-            history[:] = 0.0
-            return False
-    for j in range(n - 1):
-        yaw_rate = twist[j + 1, 0] - twist[j, 0]
-        work.applied[j, 0] = work.torque[j] - work.chain.damping[j] * yaw_rate
-        work.applied[j, 1] = -model.hold[j] * work.upright.rate[j]
     before_x, before_y = held_point(model, q)
-    move(model, q, u)
-    for i in range(n):
-        q[2 + i] += dt / 2 * (u[i, 2] + twist[i, 0])
-        u[i, 0] = twist[i, 1] - twist[i, 0] * work.center[i, 1]
-        u[i, 1] = twist[i, 2] + twist[i, 0] * work.center[i, 0]
-        u[i, 2] = twist[i, 0]
-        for k in range(3):
-            work.impact[i, k] = 0.0
-    move(model, q, u)
+    move(model, 0.5 * model.dt, q, u)
+    end_velocities(model, work, u)
+    move(model, 0.5 * model.dt, q, u)
     after_x, after_y = held_point(model, q)
     q[0] += before_x - after_x
     q[1] += before_y - after_y
     note_outcome(outcome, report)
     report[STEPS] += 1
-    report[CONTACTS] = 2 * n
+    report[CONTACTS] = count
+    report[PENETRATION] = max(report[PENETRATION], peg_depth(model, q))
     return True
 
 
 @inlined
-def move(model, q, u):
-    """Move the robot for half a step with the velocity of the point that section VII-C holds."""
+def move(model, h, q, u):
+    """Move the robot for a time h, as a whole with the point that section VII-C holds."""
+    for i in range(len(u)):
+        q[2 + i] += h * u[i, 2]
     for i in range(len(u) if model.keeps_center else 1):
-        share = 0.5 * model.dt * model.share[i]
-        q[0] += share * u[i, 0]
-        q[1] += share * u[i, 1]
+        q[0] += h * model.share[i] * u[i, 0]
+        q[1] += h * model.share[i] * u[i, 1]
 
 
 @inlined

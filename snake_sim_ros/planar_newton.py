@@ -14,9 +14,13 @@ from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import cycle_counter
 from snake_sim_ros.compilation import inlined
 from snake_sim_ros.contacts import GAMMA
+from snake_sim_ros.contacts import HEADING
 from snake_sim_ros.contacts import IMPULSE
 from snake_sim_ros.contacts import LAW
+from snake_sim_ros.contacts import LINK
 from snake_sim_ros.contacts import natural_map
+from snake_sim_ros.contacts import POINT
+from snake_sim_ros.contacts import sliding_disc
 from snake_sim_ros.delassus import solve_condensed
 from snake_sim_ros.hinge_chain import factor_hinges
 from snake_sim_ros.hinge_chain import solve_hinges
@@ -26,6 +30,8 @@ from snake_sim_ros.linear_laws import FORCE
 from snake_sim_ros.linear_laws import HELD
 from snake_sim_ros.linear_laws import ITERATE
 from snake_sim_ros.linear_laws import linearize_disc
+from snake_sim_ros.linear_laws import normal_law
+from snake_sim_ros.linear_laws import NOTED
 from snake_sim_ros.linear_laws import SLIDING
 from snake_sim_ros.linear_laws import STEP
 from snake_sim_ros.linear_laws import TRIAL
@@ -43,6 +49,7 @@ from snake_sim_ros.planar import end_step
 from snake_sim_ros.planar import end_twists
 from snake_sim_ros.planar import factor_bare
 from snake_sim_ros.planar import find_loads
+from snake_sim_ros.planar import peg_velocities
 
 # Where history keeps the change of the change of a load: in the plane nothing rolls.
 BEND = 3
@@ -57,23 +64,25 @@ def predict(contact, table, history):
     for a in contact:
         P_N = history[0, a, 0]
         table[a, DISC] = max(0.0, P_N + history[2, a, 0] + history[2, a, BEND])
-        for k in range(1, 3):
+        for k in range(3):
             table[a, ANCHOR + k] = history[0, a, k]
         x, y = history[1, a, 1], history[1, a, 2]
         next_x, next_y = x + history[2, a, 1], y + history[2, a, 2]
         ahead = x * next_x + y * next_y > 0.0
         x, y = (next_x, next_y) if ahead else (x, y)
         known = P_N > 0.0
+        table[a, TRIAL] = 0.0 if known else table[a, GAMMA]
         table[a, TRIAL + 1] = x if known else table[a, GAMMA + 1]
         table[a, TRIAL + 2] = y if known else table[a, GAMMA + 2]
 
 
 @inlined
 def remember(contact, table, history):
-    """Fill history with impulses, velocities and their changes."""
+    """Fill history with impulses, velocities and their changes, 0 if open."""
     for a in contact:
-        before = history[0, a, 0] > 0.0
+        table[a, NOTED] = 1.0
         P_N = table[a, IMPULSE]
+        before = history[0, a, 0] > 0.0
         change = P_N - history[0, a, 0] if before else 0.0
         history[2, a, BEND] = change - history[2, a, 0] if before else 0.0
         history[2, a, 0] = change
@@ -83,6 +92,10 @@ def remember(contact, table, history):
             history[2, a, k] = gamma - history[1, a, k] if before else 0.0
             history[1, a, k] = gamma
             history[0, a, k] = table[a, IMPULSE + k]
+    for a in range(len(table) if len(table) > len(contact) else 0):
+        if table[a, NOTED] == 0.0 and history[0, a, 0] > 0.0:
+            history[:3, a] = 0.0
+        table[a, NOTED] = 0.0
 
 
 @inlined
@@ -133,7 +146,39 @@ def add_laws(model, work, again):
 
 
 @inlined
-def linear_step(model, work, delassus, again):
+def add_peg_laws(model, work, contact, again):
+    """Add the laws of contacts with pegs, as `add_laws` does."""
+    laws, table, chain = model.laws, work.table, work.chain
+    for a in contact:
+        P_N, S_N = normal_law(laws, 0.0, table[a, ANCHOR], table[a, TRIAL])
+        table[a, FORCE], table[a, LAW + 1] = P_N, S_N
+        table[a, LAW] = P_N + S_N * table[a, TRIAL]
+        linearize_disc(sliding_disc(laws, laws.other, a), table, a, table[a, DISC], 0.0)
+        normal = table[a, FORCE] if again else table[a, LAW]
+        along = table[a, FORCE + 1] if again else table[a, SLIDING]
+        S_T = table[a, SLIDING + 2]
+        t_x, t_y = table[a, HEADING], table[a, HEADING + 1]
+        x, y = table[a, POINT], table[a, POINT + 1]
+        n_x, n_y = t_y, -t_x
+        px, py = normal * n_x + along * t_x, normal * n_y + along * t_y
+        xx, yy = S_N * n_x * n_x + S_T * t_x * t_x, S_N * n_y * n_y + S_T * t_y * t_y
+        xy = S_N * n_x * n_y + S_T * t_x * t_y
+        a_x, a_y = x * xy - y * xx, x * yy - y * xy
+        i = int(table[a, LINK])
+        A, w = chain.inertia[i], chain.wrench[i]
+        A[0] += x * a_y - y * a_x
+        A[1] += a_x
+        A[2] += a_y
+        A[3] += xx
+        A[4] += xy
+        A[5] += yy
+        w[0] += x * py - y * px
+        w[1] += px
+        w[2] += py
+
+
+@inlined
+def linear_step(model, work, contact, delassus, again):
     """
     Fill GAMMA, IMPULSE and the twists with the solution for the laws linear about TRIAL.
 
@@ -141,12 +186,14 @@ def linear_step(model, work, delassus, again):
     """
     table, chain, n = work.table, work.chain, len(work.heading)
     if delassus is not None:
-        for a in work.contact:
+        for a in contact:
             linearize_disc(model.laws.sliding, table, a, table[a, DISC], 0.0)
             table[a, LAW], table[a, LAW + 1] = table[a, IMPULSE], 0.0
-        solve_condensed(work.contact, 3, table, LAW, delassus)
+        solve_condensed(contact, 3, table, LAW, delassus)
         return
+    pegs = contact[2 * n :]
     add_laws(model, work, again)
+    add_peg_laws(model, work, pegs, again)
     factor_hinges(chain)
     for j in range(n - 1):
         left = chain.damping[j] * (work.twist[j + 1, 0] - work.twist[j, 0])
@@ -157,7 +204,11 @@ def linear_step(model, work, delassus, again):
             v = chain.twist[i, k]
             work.twist[i, k] = work.twist[i, k] + v if again else v
     contact_velocities(model, work)
-    for a in work.contact:
+    peg_velocities(pegs, work)
+    for a in pegs:
+        slower = table[a, TRIAL] - table[a, GAMMA]
+        table[a, IMPULSE] = table[a, FORCE] + table[a, LAW + 1] * slower
+    for a in contact:
         d_x = table[a, GAMMA + 1] - table[a, TRIAL + 1]
         d_y = table[a, GAMMA + 2] - table[a, TRIAL + 2]
         S_xx, S_xy, S_yy = table[a, SLIDING + 2], table[a, SLIDING + 3], table[a, SLIDING + 4]
@@ -166,13 +217,13 @@ def linear_step(model, work, delassus, again):
 
 
 @inlined
-def coupled_steps(model, work, delassus, limit):
+def coupled_steps(model, work, contact, delassus, limit):
     """Iterate with the loads of the last iterate; return iterations and the residual."""
-    laws, contact, table = model.laws, work.contact, work.table
+    laws, table = model.laws, work.table
     residual, iterations, steps = math.inf, 0, COUPLED_STEPS
     while iterations < min(steps, limit):
         before = residual
-        linear_step(model, work, delassus, iterations > 0)
+        linear_step(model, work, contact, delassus, iterations > 0)
         find_loads(model, work)
         residual, _ = natural_map(laws, contact, table, model.residual_tolerance)
         iterations += 1
@@ -188,14 +239,14 @@ def coupled_steps(model, work, delassus, limit):
 
 
 @compiled
-def held_steps(model, work, delassus, tolerance, again, limit):
+def held_steps(model, work, contact, delassus, tolerance, again, limit):
     """Solve the convex problem with the radii and anchors held; return iterations."""
-    laws, contact, table = model.laws, work.contact, work.table
+    laws, table = model.laws, work.table
     for a in contact:  # no part of the line search
         table[a, IMPULSE] = table[a, ITERATE] = table[a, ANCHOR]
     iterations = 0
     while iterations < min(HELD_STEPS, limit):
-        linear_step(model, work, delassus, again or iterations > 0)
+        linear_step(model, work, contact, delassus, again or iterations > 0)
         iterations += 1
         fraction = line_search(laws, contact, table) if again or iterations > 1 else 1.0
         if fraction == 0.0:
@@ -210,18 +261,18 @@ def held_steps(model, work, delassus, tolerance, again, limit):
 
 
 @inlined
-def solve_contacts(model, work, delassus, history):
+def solve_contacts(model, work, contact, delassus, history):
     """
     Solve the contacts of a step; return what `planar.end_step` takes.
 
     Without a Delassus operator (None) the chain is solved with the laws, else G without the chain.
     """
-    laws, contact, table, limit = model.laws, work.contact, work.table, model.iteration_limit
+    laws, table, limit = model.laws, work.table, model.iteration_limit
     predict(contact, table, history)
     if delassus is not None:
         factor_bare(work)
         condense(model, work, delassus)
-    iterations, residual = coupled_steps(model, work, delassus, limit)
+    iterations, residual = coupled_steps(model, work, contact, delassus, limit)
     rounds, share, before = 0, 1.0, 0.0
     while residual > model.residual_tolerance and iterations < limit:
         if rounds == 0:
@@ -231,7 +282,9 @@ def solve_contacts(model, work, delassus, history):
         for a in contact:
             table[a, DISC] = table[a, HELD]
         inner = (1e2 if rounds < PLAIN_ROUNDS else 0.1) * model.residual_tolerance
-        iterations += held_steps(model, work, delassus, inner, rounds > 0, limit - iterations)
+        iterations += held_steps(
+            model, work, contact, delassus, inner, rounds > 0, limit - iterations
+        )
         find_loads(model, work)
         residual, _ = natural_map(laws, contact, table, model.residual_tolerance)
         move(contact, table, 1.0)
@@ -253,8 +306,9 @@ def advance(model, work, q, u, history, angle, rate, report, cycles):
     """Advance q, u and history in place by one step a reference; see `planar.PlanarStepper`."""
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
-        begin_step(model, work, q, u, angle[k], rate[k])
-        outcome = solve_contacts(model, work, work.delassus, history)
-        if not end_step(model, work, q, u, history, outcome, report):
+        count = begin_step(model, work, q, u, angle[k], rate[k])
+        contact = work.contact[:count]
+        outcome = solve_contacts(model, work, contact, work.delassus, history)
+        if not end_step(model, work, q, u, history, count, outcome, report):
             break
     cycles[len(angle)] = cycle_counter()

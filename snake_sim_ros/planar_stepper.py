@@ -22,10 +22,13 @@ from snake_sim_ros.report import REPORT_SIZE
 from snake_sim_ros.rotations import FLAT
 from snake_sim_ros.rotations import product
 from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.scenery import contact_count
+from snake_sim_ros.scenery import first_peg
 from snake_sim_ros.spatial import COLUMNS
 from snake_sim_ros.spatial import make_model
 from snake_sim_ros.stepping import PREVIOUS
 from snake_sim_ros.stepping import Report
+from snake_sim_ros.stepping import SETTLING
 from snake_sim_ros.stepping import State
 
 # Share of a contact's stiffness with which the pitch joints hold the robot while loads are found:
@@ -34,6 +37,13 @@ HOLD = 1e-5
 ROUNDING = 1e-13  # Euler parameters nearer to FLAT than this are FLAT
 
 KNOWN = -2  # in history: whether it holds planar coordinates
+
+
+def forget(history: Array) -> None:
+    """Erase what the steps before kept in history, in place, but for impulses and velocities."""
+    settling = history[SETTLING]
+    history[PREVIOUS:] = 0.0
+    history[SETTLING] = settling
 
 
 def make_planar_model(scene: Scene) -> PlanarModel:
@@ -66,12 +76,17 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         iteration_limit=scene.solver.iteration_limit,
         pd_scheme=PD_SCHEMES.index(scene.pd_scheme),
         keeps_center=keeps_center,
+        pegs=scene.pegs.axes,
+        first_peg=first_peg(scene),
+        activation_tolerance=scene.solver.activation_tolerance,
     )
 
 
-def make_planar_workspace(n: int, size: int) -> PlanarWorkspace:
-    """Return the arrays of the compiled step for n links and a Delassus operator of a size."""
-    contact = np.array([[i, n + i] for i in range(n)]).ravel()
+def make_planar_workspace(scene: Scene, size: int) -> PlanarWorkspace:
+    """Return the arrays of the compiled step for a scene and a Delassus operator of a size."""
+    n, count = scene.robot.link_count, contact_count(scene)
+    contact = np.zeros(count, np.int64)
+    contact[: 2 * n] = np.array([[i, n + i] for i in range(n)]).ravel()
     return PlanarWorkspace(
         heading=np.zeros((n, 2)),
         center=np.zeros((n, 2)),
@@ -85,9 +100,14 @@ def make_planar_workspace(n: int, size: int) -> PlanarWorkspace:
         chain=make_chain(n),
         upright=make_chain(n),
         contact=contact,
-        table=np.zeros((2 * n, COLUMNS)),
+        table=np.zeros((count, COLUMNS)),
         twist=np.zeros((n, 3)),
         standing=np.zeros(2),
+        q_hat=np.zeros(n + 2),
+        u_hat=np.zeros((n, 3)),
+        u_star=np.zeros((n, 3)),
+        q_start=np.zeros(n + 2),
+        u_start=np.zeros((n, 3)),
         delassus=make_delassus(size),
     )
 
@@ -134,7 +154,7 @@ class PlanarStepper:
 
     def __init__(self, scene: Scene, loop: Callable[..., None], size: int) -> None:
         self.model = make_planar_model(scene)
-        self.work = make_planar_workspace(scene.robot.link_count, size)
+        self.work = make_planar_workspace(scene, size)
         self.loop = loop
         n = scene.robot.link_count
         shapes = (n + 2, (n, 3), (n, 4), (n, 7), (n, 6))
@@ -164,7 +184,7 @@ class PlanarStepper:
     def reason(self) -> str:
         """Return the sentence that says why the next step is not planar."""
         n = len(self.model.mass)
-        loads = self.work.table[:, IMPULSE]
+        loads = self.work.table[: 2 * n, IMPULSE]
         if (a := int(loads.argmin())) >= 0 and not loads[a] > 0.0:
             end = 'front' if a < n else 'rear'
             return f'the {end} sphere of link {a % n + 1} would lift off'
@@ -181,6 +201,7 @@ class PlanarStepper:
         if self.goes_on(state, history):
             q, u, tilt, *_ = (part.copy() for part in self.recalled)
             return q, u, tilt
+        forget(history)
         R = rotation_matrices(state.q[:, 3:])
         theta = np.arctan2(R[:, 1, 2], R[:, 0, 2])
         zero = np.zeros(n)
@@ -196,9 +217,8 @@ class PlanarStepper:
     def goes_on(self, state: State, history: Array) -> bool:
         """Return whether the last step was planar and led to this state."""
         memory, made = history[PREVIOUS:].reshape(-1), self.recalled
-        return bool(memory[KNOWN]) and bool(
-            recall(self.model.half_length, memory, state.q, state.u, *made)
-        )
+        same = recall(self.model.half_length, memory, state.q, state.u, *made)
+        return bool(same and memory[KNOWN])
 
     def take_up(self, state: State, R: Array, spin: Array) -> None:
         """Fill work.impact with the momentum of a state out of the plane."""

@@ -109,15 +109,8 @@ class Report:
 
     def __add__(self, later: 'Report') -> 'Report':
         """Return the report of these steps and of `later` ones."""
-        added = {
-            name: getattr(self, name) + getattr(later, name)
-            for name in ('steps', 'iterations', 'unconverged', 'fallbacks', 'planar_steps')
-        }
-        largest = {
-            item.name: max(getattr(self, item.name), getattr(later, item.name))
-            for item in fields(self)
-            if item.name.endswith('_max')
-        }
+        added = {name: getattr(self, name) + getattr(later, name) for name in ADDED}
+        largest = {name: max(getattr(self, name), getattr(later, name)) for name in LARGEST}
         return Report(
             **added,
             **largest,
@@ -127,6 +120,10 @@ class Report:
             left=later.left,
             failure=self.failure or later.failure,
         )
+
+
+ADDED = ('steps', 'iterations', 'unconverged', 'fallbacks', 'planar_steps')
+LARGEST = tuple(item.name for item in fields(Report) if item.name.endswith('_max'))
 
 
 def divergence(link: int, turn: float, dt: float, steps: int) -> str:
@@ -213,6 +210,10 @@ def _newton_dense(scene: Scene, level: str = 'spatial') -> Stepper:
 
 
 def _bdf2(scene: Scene, level: str = 'spatial') -> Stepper:
+    if level == 'planar':
+        from snake_sim_ros import planar_bdf2
+
+        return _planar(scene, planar_bdf2.advance, 0)
     from snake_sim_ros import bdf2
 
     return _spatial(scene, bdf2.advance, 0)

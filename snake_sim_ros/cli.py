@@ -177,8 +177,8 @@ def _bench(options: argparse.Namespace) -> int:
         expected, doubt = bench.converged_path(scene)
         print(f'{source}: {scene.duration:g} s, converged to {100 * doubt:.2g} %')
         print(f'{"method":13} {"level":7} {"dt":>8} {"median":>9} {"p99":>9} {"units":>6} '
-              f'{"real time":>9} {"iter":>6} {"fell back":>9} {"residual":>8} {"printed":>8} {"unconv":>7} '
-              f'{"error":>9}')  # fmt: skip
+              f'{"real time":>9} {"iter":>6} {"fell back":>9} {"residual":>8} {"printed":>8} '
+              f'{"unconv":>7} {"error":>9}')  # fmt: skip
         for method, dt in runs:
             timing = bench.time_steps(replace(scene, method=method, dt=dt))
             compiling.setdefault(method, timing.compile_seconds)

@@ -339,8 +339,8 @@ def find_loads(model, work):
     """
     Fill the normal impulses that go with the friction impulses in the table.
 
-    In work.standing are then the smallest of them [N s], and the roll or pitch of a link at which
-    the joints hold the robot [rad].
+    In work.standing are then the smallest of them [N s], and the largest roll of a link about its
+    axis at which the joints hold the robot [rad]; its contacts hold it against pitching.
     """
     table, upright, n = work.table, work.upright, len(work.heading)
     for i in range(n):
@@ -358,7 +358,7 @@ def find_loads(model, work):
         lever = model.offset[i] * (wy * work.heading[i, 0] - wx * work.heading[i, 1])
         table[i, IMPULSE], table[n + i, IMPULSE] = load + lever, load - lever
         least = min(least, load - abs(lever))
-        turn = max(turn, abs(wx) + abs(wy))
+        turn = max(turn, abs(wx * work.heading[i, 0] + wy * work.heading[i, 1]))
     work.standing[0], work.standing[1] = least, turn * model.lean
 
 

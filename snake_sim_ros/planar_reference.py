@@ -13,10 +13,12 @@ import numpy as np
 from scipy.linalg import null_space
 
 from snake_sim_ros.contact_laws import prox_ellipse
+from snake_sim_ros.contacts import IMPULSE
 from snake_sim_ros.joint_control import pd_law
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import PD_SCHEMES
 from snake_sim_ros.parameters import Scene
+from snake_sim_ros.planar import LEAN
 from snake_sim_ros.planar import PlanarModel
 from snake_sim_ros.planar import PlanarWorkspace
 from snake_sim_ros.report import CONTACTS
@@ -27,6 +29,15 @@ from snake_sim_ros.report import PRINTED_RESIDUAL
 from snake_sim_ros.report import RESIDUAL
 from snake_sim_ros.report import STEPS
 from snake_sim_ros.report import UNCONVERGED
+
+BALANCE = 1e-9  # share of a load that rounding may leave of its balance
+
+
+def centers(q: Array, half: Array) -> Array:
+    """Return the link centers of planar coordinates [m], shape (n, 2)."""
+    reach = half[:, None] * np.column_stack([np.cos(q[2:]), np.sin(q[2:])])
+    joints = np.vstack([np.zeros(2), np.cumsum(2 * reach, axis=0)[:-1]])
+    return np.asarray(q[:2] - reach[0] + joints + reach)
 
 
 def directions(theta: Array, half: Array, offset: Array) -> tuple[Array, Array, Array]:
@@ -82,7 +93,7 @@ def upright_directions(theta: Array, half: Array, offset: Array) -> tuple[Array,
 
 def loads_from_friction(
     theta: Array, half: Array, offset: Array, pitch_stiffness: Array, wrench: Array
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, float]:
     """
     Return the normal impulses of least norm that balance a load out of the plane (3n,).
 
@@ -94,6 +105,8 @@ def loads_from_friction(
     P_N : ndarray, shape (2n,)
     torque : ndarray, shape (n-1,)
         Impulses of the pitch joints [N m s].
+    roll : float
+        Largest roll of a link that goes with them [rad s], infinite if they do not hold the robot.
 
     """
     W_J, W_N, axes = upright_directions(theta, half, offset)
@@ -102,8 +115,12 @@ def loads_from_friction(
     free = null_space(np.hstack([W_J, axes @ held]).T, rcond=1e-9)
     P_N = np.linalg.pinv(free.T @ W_N, rcond=1e-9) @ (-free.T @ wrench)
     rest = -(wrench + W_N @ P_N)
-    parts = np.linalg.lstsq(np.hstack([W_J, axes @ held]), rest, rcond=None)[0]
-    return P_N, held[:, 0] * parts[-1]
+    resisting = np.hstack([W_J, axes @ held])
+    parts = np.linalg.lstsq(resisting, rest, rcond=None)[0]
+    heading = np.column_stack([np.cos(theta), np.sin(theta)])
+    roll = np.einsum('ik,ik->i', rolling.reshape(len(theta), 3)[:, 1:], heading) * parts[-1]
+    balanced = np.abs(resisting @ parts - rest).max() <= BALANCE * np.abs(wrench).max()
+    return P_N, held[:, 0] * parts[-1], float(np.abs(roll).max()) if balanced else math.inf
 
 
 def make_loop(scene: Scene) -> Callable[..., None]:
@@ -146,18 +163,21 @@ def make_loop(scene: Scene) -> Callable[..., None]:
             wrench = weight.copy()
             wrench[:, 1] = model.radius * (s * along + c * across)
             wrench[:, 2] = -model.radius * (c * along - s * across)
-            P_N, held = loads_from_friction(theta, half, offset, pitch, wrench.ravel())
+            P_N, held, roll = loads_from_friction(theta, half, offset, pitch, wrench.ravel())
             gamma = (W_T.T @ u_E).reshape(-1, 2)
             P_T = prox(tangential, gamma, P_N)
             change = float(np.linalg.norm(P_N - normal) + np.linalg.norm(P_T - tangential))
             residual = np.linalg.norm(P_T - tangential, axis=1).max() / solver.r_sliding
             normal, tangential = P_N, P_T
             iterations += 1
-        if not (normal > 0.0).all():
+        work.table[:, IMPULSE] = normal
+        if not ((normal > 0.0).all() and roll / dt <= LEAN):
             return False
         impulse[:, 0], impulse[:, 1:3] = normal, tangential
         u_E = u_E.reshape(n, 3)
-        q += dt / 2 * np.concatenate([u[0, :2] + u_E[0, :2], u[:, 2] + u_E[:, 2]])
+        held_point = model.share @ (centers(q, half) + dt / 2 * (u + u_E)[:, :2])
+        q[2:] += dt / 2 * (u + u_E)[:, 2]
+        q[:2] += held_point - model.share @ centers(q, half)  # section VII-C
         u[:] = u_E
         work.applied[:] = np.column_stack([torque - damping * np.diff(u[:, 2]), held])
         report[[STEPS, ITERATIONS, UNCONVERGED]] += 1, iterations, change >= solver.tolerance

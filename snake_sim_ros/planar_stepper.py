@@ -34,6 +34,7 @@ from snake_sim_ros.stepping import State
 # Share of a contact's stiffness with which the pitch joints hold the robot while loads are found:
 # so small that they carry nothing else, so large that rounding does not matter.
 HOLD = 1e-5
+LIMP = 1e-6  # pitch stiffness that holds nothing but what rounding makes roll [N m/rad]
 ROUNDING = 1e-13  # Euler parameters nearer to FLAT than this are FLAT
 
 KNOWN = -2  # in history: whether it holds planar coordinates
@@ -52,7 +53,7 @@ def make_planar_model(scene: Scene) -> PlanarModel:
     half, mass, dt = spatial.half_length, spatial.mass, scene.dt
     stiffness, damping = spatial.stiffness, spatial.damping
     pitch = stiffness[:, 1]
-    stiffest = max(pitch.max(initial=0.0), np.finfo(float).tiny)
+    stiffest = pitch.max(initial=LIMP)
     hold = HOLD * float(half.min()) ** 2
     keeps_center = scene.drift_correction == DRIFT_CORRECTIONS[CENTER_OF_MASS]
     share = mass / mass.sum() if keeps_center else np.eye(n)[0]
@@ -198,6 +199,7 @@ class PlanarStepper:
         """
         n = len(self.model.mass)
         q, u, tilt = np.empty(n + 2), np.empty((n, 3)), np.empty((n, 4))
+        self.work.impact.fill(0.0)
         if self.goes_on(state, history):
             q, u, tilt, *_ = (part.copy() for part in self.recalled)
             return q, u, tilt

@@ -88,8 +88,9 @@ def impulse_error(method: str) -> float:
 
 
 def link_scene(method: str, dt: float, **settings) -> Scene:
-    """Return a scene of one link of Aiko, with a tight tolerance."""
-    return Scene(**{'robot': ROBOT, 'solver': TIGHT, 'method': method, 'dt': dt, **settings})
+    """Return a scene of one link of Aiko in space, with a tight tolerance."""
+    given = {'robot': ROBOT, 'solver': TIGHT, 'method': method, 'dt': dt, 'level': 'spatial'}
+    return Scene(**{**given, **settings})
 
 
 def particle_scene(method: str, dt: float, mu: Sequence[float], gravity: Sequence[float]) -> Scene:
@@ -108,6 +109,7 @@ def particle_scene(method: str, dt: float, mu: Sequence[float], gravity: Sequenc
         gravity=tuple(gravity),
         method=method,
         dt=dt,
+        level='spatial',
     )
 
 

@@ -129,10 +129,14 @@ HOT = {
     'contacts',
     'delassus',
     'gauss_seidel',
+    'hinge_chain',
     'kinematics',
     'linear_laws',
     'newton',
     'obstacles',
+    'planar',
+    'planar_bdf2',
+    'planar_newton',
     'prox_iteration',
 }
 

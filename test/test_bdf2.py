@@ -30,8 +30,8 @@ G = 9.81
 GRAVITY = np.array([0.0, 0.0, -G])
 RESIDUAL = 1e-9  # m/s
 PRESS = 3e-8  # m/s, of bdf2
-CASE_A = load_scene('lateral_undulation')
-LINK = Scene(robot=Robot(link_count=1), method='bdf2')
+CASE_A = replace(load_scene('lateral_undulation'), level='spatial')
+LINK = Scene(robot=Robot(link_count=1), method='bdf2', level='spatial')
 
 
 def references(scene, steps, start=0):
@@ -299,7 +299,7 @@ def test_the_arguments_are_left_alone():
 @pytest.mark.parametrize('rolling', [0.0, 0.05])
 @pytest.mark.parametrize('name', ['lateral_undulation', 'sidewinding', 'sinus_lifting'])
 def test_the_contact_laws_hold_in_every_step(name, rolling):
-    scene = replace(load_scene(name), method='bdf2', dt=1 / 400)
+    scene = replace(load_scene(name), method='bdf2', dt=1 / 400, level='spatial')
     scene = replace(scene, gait=replace(scene.gait, soft_start=0.5))
     scene = replace(scene, friction=replace(scene.friction, rolling=rolling))
     friction, r = scene.friction, scene.solver

@@ -35,7 +35,7 @@ def test_run_records_and_ends_with_a_line_of_json(tmp_path, capsys):
     lines = capsys.readouterr().out.splitlines()
     summary = json.loads(lines[-1])
     assert set(summary) >= KEYS
-    assert (summary['level'], summary['method']) == ('spatial', 'newton')
+    assert (summary['level'], summary['method']) == ('planar', 'newton')
     assert 0 <= summary['unconverged_steps'] < 200 == summary['steps']
     assert summary['us_per_step'] > 0
     # Steps of 250 us

@@ -218,6 +218,7 @@ def test_a_solved_step_satisfies_the_scaled_disc_law(method, velocity, delta):
             normal_compliance=delta,
         ),
         method=method,
+        level='spatial',
     )
     q = chain(scene.robot, np.zeros((0, 2)))
     q[:, 2] = scene.robot.contact_radius - 1e-9

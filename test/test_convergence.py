@@ -245,6 +245,7 @@ def test_order_of_lateral_undulation_on_the_floor(method):
             'solver.tolerance': 4e-5 * dt,
             'solver.residual_tolerance': 1e-6 * dt,
             'solver.iteration_limit': 20000,
+            'level': 'spatial',
         }
         if method == 'paper':
             settings |= {f'solver.{name}': value for name, value in PRINTED.items()}

@@ -112,7 +112,9 @@ ROD_SOLVER = Solver(
 
 def rod(method, dt, mu):
     """Return velocity and impulse (normal, along) of the rod's lower end after one step."""
-    scene = Scene(robot=ROD, solver=ROD_SOLVER, friction=isotropic(mu), method=method, dt=dt)
+    scene = Scene(
+        robot=ROD, solver=ROD_SOLVER, friction=isotropic(mu), method=method, dt=dt, level='spatial'
+    )
     state, history, report = run(scene, pitched(ROD, math.atan(2), v=(1.0, 0.0, 0.0)), 1)
     assert not report.unconverged
     return state.u[0], history[IMPULSE, 0, :2]

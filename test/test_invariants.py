@@ -114,6 +114,7 @@ def test_contacts_obey_their_laws_and_take_energy_in_every_step(
     scene = Scene(
         robot=Robot(link_count=links), gait=gait, friction=friction, solver=solver, method=method,
         pd_scheme='midpoint',  # explicit: its torque is the same with and without contacts
+        level='spatial',
     )  # fmt: skip
     size = mean_delassus(scene.robot)
     state = initial_state(scene)
@@ -318,6 +319,8 @@ def test_robot_turned_on_the_floor_goes_the_turned_path(method, links, steps, pi
         friction=friction,
         solver=symmetric_solver(method),
         method=method,
+        # Nearly straight, its loads go to and fro in the plane: projections do not converge.
+        level='spatial' if method == 'gauss_seidel' else 'auto',
     )
     start, R = lowered(scene), rotation_matrices(turn)
     turned = start.q.copy()

@@ -10,6 +10,7 @@ one rigid body: at rest or nearly so (redundant contacts), thrown down at 0.3 m/
 and a pitched link that slides on its leading end, below and beyond Painleve's threshold.
 """
 
+from dataclasses import replace
 from functools import cache
 import hashlib
 import os
@@ -65,7 +66,8 @@ def load():
             size = int(np.prod(shape))
             parts.append(numbers[start : start + size].reshape(shape))
             start += size
-        problems[str(name)] = (scene_from_text(text.decode()), State(*parts[:2]), *parts[2:])
+        scene = replace(scene_from_text(text.decode()), level='spatial')
+        problems[str(name)] = (scene, State(*parts[:2]), *parts[2:])
     assert start == len(numbers)
     return problems
 

@@ -171,7 +171,7 @@ def test_printed_laws_leave_open_how_a_straight_robot_rests_on_its_contacts(meth
     # mechanics fixes. From no impulses the sweeps stay in the range of G, where all are alike:
     # N = m g/2 = 3.34432 N each, the solution of least norm.
     solver = Solver(tolerance=1e-13, iteration_limit=100000, **PRINTED)
-    scene = Scene(method=method, solver=solver)
+    scene = Scene(method=method, solver=solver, level='spatial')
     state, weight = straight(scene.robot), 11 * MASS * G
     assert np.linalg.matrix_rank(delassus(scene.robot, state.q), tol=1e-9) == 12
     end, history, report = run(scene, state, 1)
@@ -206,7 +206,7 @@ def test_robot_at_rest_stays_there(method, delta):
         TIGHT, tolerance=1e-13, residual_tolerance=residual, normal_compliance=delta,
         iteration_limit=100000,
     )  # fmt: skip
-    scene = Scene(method=method, solver=solver)
+    scene = Scene(method=method, solver=solver, level='spatial')
     state, dt, c = straight(scene.robot), scene.dt, delta * mean_delassus(scene.robot)
     end, history, report = run(scene, state, steps)
     P = depth = sinking = 0.0
@@ -241,8 +241,9 @@ def test_selection_rule_picks_the_normal_impulses_of_least_norm(method):
         iteration_limit=20000,
     )  # fmt: skip
     scene = Scene(
-        method=method, solver=solver, gravity=(0.0, 0.0, -gravity), friction=isotropic(0.0)
-    )
+        method=method, solver=solver, gravity=(0.0, 0.0, -gravity), friction=isotropic(0.0),
+        level='spatial',
+    )  # fmt: skip
     c = delta * mean_delassus(scene.robot)
     P = gravity * scene.dt / (2 / MASS + c)
     assert 2 * c * P < PRESS
@@ -282,8 +283,9 @@ def test_heavy_link_costs_iterations_but_no_force(method, ratio, condition, iter
     assert modes[-1] / modes[0] == pytest.approx(condition, rel=0.01)
     solver = Solver(tolerance=1e-10, iteration_limit=100000, r_normal=1 / modes[-1], **PRINTED)
     scene = Scene(
-        robot=robot, solver=solver, friction=isotropic(0.0), method=method, pd_scheme='midpoint'
-    )
+        robot=robot, solver=solver, friction=isotropic(0.0), method=method, pd_scheme='midpoint',
+        level='spatial',
+    )  # fmt: skip
     end, history, report = run(scene, state, 1)
     # The counts of an independent program with the same rule (93). Rounding can move the last
     # sweep, where the change goes through eps by a factor 1 - 1/kappa: by far less than 1 %.
@@ -313,7 +315,9 @@ def test_heavy_link_costs_iterations_but_no_force(method, ratio, condition, iter
 def test_heavy_link_is_carried(method, ratio, delta):
     robot, state, factor = heavy_middle(ratio)
     solver = Solver(normal_compliance=delta, iteration_limit=100000)
-    scene = Scene(robot=robot, solver=solver, friction=isotropic(0.0), method=method)
+    scene = Scene(
+        robot=robot, solver=solver, friction=isotropic(0.0), method=method, level='spatial'
+    )
     end, history, report = run(scene, state, 1)
     assert not report.unconverged
     weight = factor.sum() * MASS * G * scene.dt

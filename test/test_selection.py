@@ -33,7 +33,7 @@ from snake_sim_ros.stepping import Status
 DELTA = 1e-4  # default of Solver.normal_compliance
 RESIDUAL = 1e-9  # m/s
 TIGHT = 1e-13  # m/s
-SCENE = load_scene('lateral_undulation')
+SCENE = replace(load_scene('lateral_undulation'), level='spatial')
 each_method = pytest.mark.parametrize('method', ['newton', 'newton_dense'])
 
 
@@ -165,7 +165,8 @@ def test_without_the_rule_it_does(method):
 @each_method
 @pytest.mark.parametrize('name', ['lateral_undulation', 'sidewinding', 'sinus_lifting'])
 def test_the_law_with_the_rule_holds_and_is_capped(name, method):
-    scene = with_settings(load_scene(name), {'method': method, 'gait.soft_start': 0.5})
+    settings = {'method': method, 'gait.soft_start': 0.5, 'level': 'spatial'}
+    scene = with_settings(load_scene(name), settings)
     state, history, steps = initial_state(scene), no_history(scene), 1500
     times = (np.arange(steps) + 0.5) * scene.dt
     references = gait.reference(scene.gait, times, scene.robot.link_count - 1)
@@ -253,7 +254,7 @@ def test_mean_delassus_is_that_of_the_step():
     'method', ['newton', 'newton_dense', 'gauss_seidel', 'paper', 'reference']
 )
 def test_a_gap_counts_as_closed_up_to_the_tolerance(method):
-    scene = Scene(robot=Robot(link_count=1), method=method, gravity=(0.0, 0.0, -9.81))
+    scene = Scene(robot=Robot(link_count=1), method=method, level='spatial')
     assert scene.solver.activation_tolerance == 1e-6
     q = initial_state(scene).q
     none = np.zeros((0, 2))
@@ -270,7 +271,8 @@ def test_a_gap_counts_as_closed_up_to_the_tolerance(method):
 
 
 def test_the_activation_tolerance_can_be_set():
-    scene = Scene(robot=Robot(link_count=1), solver=Solver(activation_tolerance=1e-4))
+    solver = Solver(activation_tolerance=1e-4)
+    scene = Scene(robot=Robot(link_count=1), solver=solver, level='spatial')
     state = initial_state(scene)
     none = np.zeros((0, 2))
     for gap, closed in ((0.9e-4, 2), (1.1e-4, 0)):

@@ -86,6 +86,7 @@ def test_recording_has_all_samples_and_its_scene(scene, tmp_path):
         'joint_angle': (m, n - 1, 2),
         'joint_velocity': (m, n - 1, 2),
         'joint_torque': (m, n - 1, 2),
+        'level': (m,),
         'scene': (),
     }
     assert time == pytest.approx(np.arange(m) * 0.01, abs=1e-15)

@@ -176,15 +176,15 @@ def _bench(options: argparse.Namespace) -> int:
     for source, scene in scenes.items():
         expected, doubt = bench.converged_path(scene)
         print(f'{source}: {scene.duration:g} s, converged to {100 * doubt:.2g} %')
-        print(f'{"method":13} {"dt":>8} {"median":>9} {"p99":>9} {"units":>6} {"real time":>9} '
-              f'{"iter":>6} {"fell back":>9} {"residual":>8} {"printed":>8} {"unconv":>7} '
-              f'{"error":>9}')  # fmt: skip
+        print(f'{"method":13} {"level":7} {"dt":>8} {"median":>9} {"p99":>9} {"units":>6} '
+              f'{"real time":>9} {"iter":>6} {"fell back":>9} {"residual":>8} {"printed":>8} '
+              f'{"unconv":>7} {"error":>9}')  # fmt: skip
         for method, dt in runs:
             timing = bench.time_steps(replace(scene, method=method, dt=dt))
             compiling.setdefault(method, timing.compile_seconds)
             report, error = timing.report, bench.path_error(timing.path, expected)
-            print(f'{method:13} {f"1/{1 / dt:g}":>8} {timing.median:6.2f} us {timing.p99:6.1f} us '
-                  f'{timing.units:6.1f} {timing.real_time_factor:7.1f} x '
+            print(f'{method:13} {report.level:7} {f"1/{1 / dt:g}":>8} {timing.median:6.2f} us '
+                  f'{timing.p99:6.1f} us {timing.units:6.1f} {timing.real_time_factor:7.1f} x '
                   f'{report.iterations / max(report.steps, 1):6.2f} {report.fallbacks:9d} '
                   f'{report.residual_max:8.1e} {report.printed_residual_max:8.1e} '
                   f'{report.unconverged:7d} {100 * error:7.4f} %'
@@ -192,12 +192,13 @@ def _bench(options: argparse.Namespace) -> int:
     print('units: median step over the factorization of a 6x6 matrix, timed beside it; residuals '
           'in m/s, with the selection rule and as printed')  # fmt: skip
     scene = replace(next(iter(scenes.values())), method='newton')
-    medians, exponent = bench.cost_exponent(
-        replace(scene, duration=min(1.0, scene.duration)), bench.LINK_COUNTS
-    )
-    print('newton, median step over links: '
-          + ', '.join(f'n = {n}: {median:.1f} us' for n, median in medians.items())
-          + f'; exponent {exponent:.2f}')  # fmt: skip
+    for level in sorted({'spatial', make_stepper(scene).level}):
+        medians, exponent = bench.cost_exponent(
+            replace(scene, level=level, duration=min(1.0, scene.duration)), bench.LINK_COUNTS
+        )
+        print(f'newton, {level}, median step over links: '
+              + ', '.join(f'n = {n}: {median:.1f} us' for n, median in medians.items())
+              + f'; exponent {exponent:.2f}')  # fmt: skip
     print('newton, median step by what there is to pay for, and its ratio to all contacts:')
     table = bench.situations(min(1.0, scene.duration))
     for name, (median, ratio, iterations, contacts) in table.items():

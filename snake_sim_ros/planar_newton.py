@@ -36,7 +36,7 @@ from snake_sim_ros.linear_laws import NOTED
 from snake_sim_ros.linear_laws import SLIDING
 from snake_sim_ros.linear_laws import STEP
 from snake_sim_ros.linear_laws import TRIAL
-from snake_sim_ros.newton import anchor_at_iterate
+from snake_sim_ros.newton import anchor_disc
 from snake_sim_ros.newton import follow
 from snake_sim_ros.newton import line_search
 from snake_sim_ros.newton import misfit
@@ -57,6 +57,7 @@ BEND = 3
 COUPLED_STEPS = 4  # iterations before the radii are held
 MANY_STEPS = 20  # while the residual falls
 HELD_STEPS = 30
+STUCK = 0.1  # share of the tolerance at which a contact is still while radii are sought
 
 
 @inlined
@@ -253,7 +254,7 @@ def coupled_steps(model, work, contact, delassus, limit):
         for a in contact:
             table[a, DISC] = max(0.0, table[a, IMPULSE])
         move(contact, table, 1.0)
-        anchor_at_iterate(laws, contact, table)
+        anchor_what_moves(laws, contact, table, STUCK * model.residual_tolerance)
     return iterations, residual
 
 
@@ -277,6 +278,22 @@ def held_steps(model, work, contact, delassus, tolerance, again, limit):
         if fraction == 1.0 and misfit(laws, contact, table, 1.0)[1] <= tolerance:
             break
     return iterations
+
+
+@inlined
+def anchor_what_moves(laws, contact, table, still):
+    """
+    Fill ANCHOR as `anchor_at_iterate`, but not the friction of contacts that are still [m/s].
+
+    How stuck contacts share a load is not unique: rounding, which leaves them a velocity, would
+    shift it a little in every round, and the loads with it.
+    """
+    for a in contact:
+        P_N = max(0.0, table[a, ITERATE])
+        table[a, ANCHOR] = P_N
+        x, y = table[a, GAMMA + 1], table[a, GAMMA + 2]
+        if x * x + y * y > still * still:
+            anchor_disc(sliding_disc(laws, laws.other, a), table, a, P_N)
 
 
 @inlined
@@ -307,7 +324,7 @@ def solve_contacts(model, work, contact, delassus, history):
         find_loads(model, work)
         residual, _ = natural_map(laws, contact, table, model.residual_tolerance)
         move(contact, table, 1.0)
-        anchor_at_iterate(laws, contact, table)
+        anchor_what_moves(laws, contact, table, STUCK * model.residual_tolerance)
         along, size = follow(contact, table)
         share, before = next_share(share, along, before, rounds), size
         for a in contact:

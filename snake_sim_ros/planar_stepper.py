@@ -1,9 +1,11 @@
 """The planar level as a stepper: states of links in space from planar coordinates, and back."""
 
 from collections.abc import Callable
+import math
 
 import numpy as np
 
+from snake_sim_ros.compilation import compiled
 from snake_sim_ros.contacts import IMPULSE
 from snake_sim_ros.delassus import make_delassus
 from snake_sim_ros.hinge_chain import HingeChain
@@ -14,8 +16,6 @@ from snake_sim_ros.parameters import PD_SCHEMES
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.planar import PlanarModel
 from snake_sim_ros.planar import PlanarWorkspace
-from snake_sim_ros.planar import recall
-from snake_sim_ros.planar import to_space
 from snake_sim_ros.report import LEFT
 from snake_sim_ros.report import report_from
 from snake_sim_ros.report import REPORT_SIZE
@@ -38,6 +38,65 @@ LIMP = 1e-6  # pitch stiffness that holds nothing but what rounding makes roll [
 ROUNDING = 1e-13  # Euler parameters nearer to FLAT than this are FLAT
 
 KNOWN = -2  # in history: whether it holds planar coordinates
+
+
+@compiled
+def to_space(half_length, q, u, tilt, height, links, velocities):
+    """
+    Fill the coordinates (n, 7) and velocities (n, 6) of all links for planar ones.
+
+    Parameters
+    ----------
+    half_length : ndarray, shape (n,)
+    q : ndarray, shape (n+2,)
+        Center of link 1 [m] and headings of all links [rad].
+    u : ndarray, shape (n, 3)
+        Velocities [m/s] and turning rates [rad/s] in the plane.
+    tilt : ndarray, shape (n, 4)
+        Euler parameters of links without their heading.
+    height : ndarray, shape (n,)
+        Of the link centers [m].
+    links, velocities : ndarray
+        As in `stepping.State`.
+
+    """
+    x, y, reach_x, reach_y = q[0], q[1], 0.0, 0.0
+    for i in range(len(u)):
+        e0, e1, e2, e3 = tilt[i, 0], tilt[i, 1], tilt[i, 2], tilt[i, 3]
+        reach = 2.0 * half_length[i] * (e1 * e3 + e0 * e2)
+        step_x, step_y = reach * math.cos(q[2 + i]), reach * math.sin(q[2 + i])
+        if i > 0:
+            x, y = x + (reach_x + step_x), y + (reach_y + step_y)
+        reach_x, reach_y = step_x, step_y
+        links[i, 0], links[i, 1], links[i, 2] = x, y, height[i]
+        c, s = math.cos(q[2 + i] / 2), math.sin(q[2 + i] / 2)
+        links[i, 3], links[i, 4] = c * e0 - s * e3, c * e1 - s * e2
+        links[i, 5], links[i, 6] = c * e2 + s * e1, c * e3 + s * e0
+        velocities[i, 0], velocities[i, 1], velocities[i, 2] = u[i, 0], u[i, 1], 0.0
+        velocities[i, 3] = u[i, 2] * (2.0 * (e1 * e3 - e0 * e2))
+        velocities[i, 4] = u[i, 2] * (2.0 * (e2 * e3 + e0 * e1))
+        velocities[i, 5] = u[i, 2] * (e0 * e0 - e1 * e1 - e2 * e2 + e3 * e3)
+
+
+@compiled
+def recall(half_length, memory, links, velocities, q, u, tilt, made_links, made_velocities):
+    """Fill q, u and tilt from memory; return whether they make these links, to the bit."""
+    n = len(u)
+    for i in range(n + 2):
+        q[i] = memory[i]
+    for i in range(n):
+        u[i, 0], u[i, 1], u[i, 2] = velocities[i, 0], velocities[i, 1], memory[n + 2 + i]
+        for k in range(4):
+            tilt[i, k] = memory[2 * n + 2 + 4 * i + k]
+    to_space(half_length, q, u, tilt, links[:, 2], made_links, made_velocities)
+    for i in range(n):
+        for k in range(7):
+            if made_links[i, k] != links[i, k]:
+                return False
+        for k in range(6):
+            if made_velocities[i, k] != velocities[i, k]:
+                return False
+    return True
 
 
 def forget(history: Array) -> None:
@@ -205,7 +264,7 @@ class PlanarStepper:
             return q, u, tilt
         forget(history)
         R = rotation_matrices(state.q[:, 3:])
-        theta = np.arctan2(R[:, 1, 2], R[:, 0, 2])
+        theta = np.unwrap(np.arctan2(R[:, 1, 2], R[:, 0, 2]))  # joints bend by less than pi
         zero = np.zeros(n)
         back = np.stack([np.cos(theta / 2), zero, zero, -np.sin(theta / 2)], axis=-1)
         tilt = product(back, state.q[:, 3:])

@@ -149,7 +149,7 @@ def test_step_agrees_with_the_dense_one(method):
 def test_level_cells_are_a_floor(method):
     # 0.1 m up and all over cells, against the floor of the paper; link 1 rolls and slides.
     flat = replace(load_scene('lateral_undulation'), method=method, dt=1 / 400)
-    flat = replace(flat, solver=replace(flat.solver, tolerance=1e-9))
+    flat = replace(flat, level='spatial', solver=replace(flat.solver, tolerance=1e-9))
     cells = replace(flat, ground=Ground(heights=((0.1,) * 20,) * 20, cell=0.11, origin=(-1.1, -1)))
     ends = []
     for scene in (flat, cells):

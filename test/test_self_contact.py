@@ -144,7 +144,10 @@ def test_ends_of_a_robot_hit_each_other(method):
 def test_a_robot_that_curls_up_stops_at_itself(method, dt):
     # Yaw angles that would put the ends through each other: they stop where they touch.
     robot = Robot(link_count=11)
-    scene = Scene(robot=robot, self_contact=True, friction=isotropic(0.2), method=method, dt=dt)
+    scene = Scene(
+        robot=robot, self_contact=True, friction=isotropic(0.2), method=method, dt=dt,
+        level='spatial',
+    )  # fmt: skip
     ends = {}
     for contact in (False, True):
         simulation = Simulation(replace(scene, self_contact=contact))
@@ -182,7 +185,7 @@ def test_a_pair_does_nothing_until_it_closes():
     # to rounding, though contacts with frames round differently; 1e-9 m/s of the residual.
     robot = Robot(link_count=7)
     q, angle = curled(robot, gap=0.01)
-    scene, ends = Scene(robot=robot, friction=isotropic(0.2)), []
+    scene, ends = Scene(robot=robot, friction=isotropic(0.2), level='spatial'), []
     references = np.tile(angle, (20, 1, 1)), np.zeros((20, 6, 2))
     for case in (scene, replace(scene, self_contact=True)):
         start = State(q, np.zeros((7, 6))), no_history(case)

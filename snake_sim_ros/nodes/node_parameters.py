@@ -1,6 +1,7 @@
 """ROS parameters of the nodes: a record's fields under their dotted names, with descriptors."""
 
 from collections.abc import Mapping
+import json
 import math
 import sys
 from typing import Any
@@ -11,6 +12,7 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
 from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import parse_yaml
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import with_settings
 from snake_sim_ros.records import flat_fields
@@ -48,7 +50,8 @@ def declare(node: Node, name: str, value: Any, limits: Mapping[str, Any], read_o
             )
         ]
     if isinstance(value, tuple):
-        value = list(value)
+        nested = any(isinstance(entry, tuple) for entry in value)
+        value = json.dumps(value) if nested else list(value)  # a parameter has no rows: text
     if node.has_parameter(name):
         node.undeclare_parameter(name)
     node.declare_parameter(name, value, descriptor, ignore_override=True)
@@ -89,7 +92,11 @@ def settle(
     for name in given:
         if name not in known and name not in OF_RCLPY and not name.startswith('qos_overrides.'):
             raise ParameterError(f'unknown parameter {name!r}; {nearest(name, sorted(known))}')
-    scene = with_settings(scene, {name: given[name] for name in names if name in given})
+    values = {name: given[name] for name in names if name in given}
+    for name, value in values.items():
+        if isinstance(value, str) and isinstance(flat_fields(scene)[name][0], tuple):
+            values[name] = parse_yaml(value)
+    scene = with_settings(scene, values)
     fields = flat_fields(scene)
     for name, item in {**flat_fields(settings), **{n: fields[n] for n in names}}.items():
         declare(node, name, *item, read_only=name not in changeable)

@@ -11,8 +11,8 @@ space remain, because friction acts at the floor, below the centers of gravity:
   least norm. A least-norm load is ``P_N = -W_N^T v`` for some v out of the plane, so that the same
   sweeps that solve the dynamics find it: a chain with springs of unit stiffness at its contacts.
 - A flat robot can still roll, all links at once, and only its pitch joints hold it (the rank of
-  the 2n normal directions is one short). They do so at angles of some 1e-5 rad; the load of the
-  joints is part of the equilibrium, the angles are left out.
+  the 2n normal directions is one short). They do so at angles of some 1e-4 rad, left out here;
+  their load is part of the equilibrium.
 
 Deviation: inertia out of the plane is left out. The robot of `spatial` sinks, rolls and pitches by
 what the selection rule and the stiff joints let it; friction there differs by some 1e-4 of itself.
@@ -245,11 +245,8 @@ def place_links(model, work, weight_velocity):
         x, y, fall = center[i, 0], center[i, 1], model.mass[i] * weight_velocity
         reach_x, reach_y = model.offset[i] * heading[i, 0], model.offset[i] * heading[i, 1]
         A = work.upright.inertia[i]  # of contacts at +- reach: (y, -x, 1) times itself
-        A[0], A[1], A[2] = (
-            2.0 * (y * y + reach_y * reach_y),
-            -2.0 * (x * y + reach_x * reach_y),
-            2.0 * y,
-        )
+        A[0], A[1] = 2.0 * (y * y + reach_y * reach_y), -2.0 * (x * y + reach_x * reach_y)
+        A[2] = 2.0 * y
         A[3], A[4], A[5] = 2.0 * (x * x + reach_x * reach_x), -2.0 * x, 2.0
         work.weight[i, 0] = work.impact[i, 0] + y * fall
         work.weight[i, 1] = work.impact[i, 1] - x * fall
@@ -339,8 +336,7 @@ def find_loads(model, work):
     """
     Fill the normal impulses that go with the friction impulses in the table.
 
-    In work.standing are then the smallest of them [N s], and the largest roll of a link about its
-    axis at which the joints hold the robot [rad]; its contacts hold it against pitching.
+    In work.standing are then the smallest of them [N s], and the largest roll of a link [rad].
     """
     table, upright, n = work.table, work.upright, len(work.heading)
     for i in range(n):

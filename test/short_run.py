@@ -12,23 +12,25 @@ from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import with_settings
 
 
-def short_run(method):
+def short_run(method, level):
     """
     Return state, history and report after 3 steps of 5 links, begun 1e-9 m inside the floor.
 
     At most 10 contacts and 40 iterations a step: the method `paper` condenses the contact problem
-    on the way.
+    on the way. At the level `auto` the robot is lifted in the third step.
     """
-    settings = {'robot.link_count': 5, 'solver.iteration_limit': 40, 'method': method}
+    settings = {'robot.link_count': 5, 'solver.iteration_limit': 40}
+    settings |= {'method': method, 'level': level}
     scene = with_settings(load_scene('lateral_undulation'), settings)
     state = stepping.initial_state(scene)
     state.q[:, 2] -= 1e-9
     times = (np.arange(3) + 0.5) * scene.dt
     reference = gait.reference(scene.gait, times, scene.robot.link_count - 1)
+    reference[0][2, 0, 1] = 0.01 if level == 'auto' else 0.0
     return stepping.make_stepper(scene).advance(state, stepping.no_history(scene), *reference)
 
 
 if __name__ == '__main__':
     sys.modules['rclpy'] = sys.modules['matplotlib'] = None  # type: ignore[assignment]
-    end, history, _ = short_run(sys.argv[1])
+    end, history, _ = short_run(*sys.argv[1:])
     print(json.dumps([snake_sim_ros.__file__, end.q.tolist(), end.u.tolist(), history.tolist()]))

@@ -101,14 +101,15 @@ def test_physics_imports_without_ros_and_matplotlib():
 # `newton_dense` is made of the same functions; its elimination passes a last bit on with a factor
 # of 1e5 and more.
 @pytest.mark.parametrize('method', ['newton', 'gauss_seidel', 'paper'])
-def test_physics_runs_without_nodes_and_without_compiler(tmp_path, method):
+@pytest.mark.parametrize('level', ['spatial', 'auto'])
+def test_physics_runs_without_nodes_and_without_compiler(tmp_path, method, level):
     shutil.copytree(PACKAGE, tmp_path / 'snake_sim_ros', ignore=shutil.ignore_patterns('nodes'))
     program = str(ROOT / 'test' / 'short_run.py')
-    printed = python(program, method, folder=tmp_path, NUMBA_DISABLE_JIT='1')
+    printed = python(program, method, level, folder=tmp_path, NUMBA_DISABLE_JIT='1')
     file, q, u, history = json.loads(printed)
     assert Path(file).parent == tmp_path / 'snake_sim_ros'
-    end, compiled_history, report = short_run(method)
-    assert report.steps == 3
+    end, compiled_history, report = short_run(method, level)
+    assert (report.steps, report.planar_steps) == (3, 2 if level == 'auto' else 0)
     if method == 'paper':
         assert report.iterations_max > 3 * 10  # after which the contact problem is condensed
     # Both round as written, but sines and tangents may come from another library: 120 sweeps pass

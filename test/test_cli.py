@@ -165,13 +165,13 @@ def test_bench_prints_times(capsys):
     title, head, *rows = lines[:6]
     units, links, situations, *parts, compiling = lines[6:]
     assert title.startswith('sidewinding: 0.05 s, converged to ')
-    assert head.split()[:4] == ['method', 'dt', 'median', 'p99']
-    assert [row.split()[:2] for row in rows] == [
-        ['newton', '1/4000'], ['newton', '1/1000'], ['paper', '1/4000'], ['paper', '1/1000'],
-    ]  # fmt: skip
+    assert head.split()[:5] == ['method', 'level', 'dt', 'median', 'p99']
+    assert [row.split()[:3] for row in rows] == [
+        [method, 'spatial', dt] for method in ('newton', 'paper') for dt in ('1/4000', '1/1000')
+    ]
     for row in rows:
         words = row.split()
-        assert 0 < float(words[2]) <= float(words[4])
+        assert 0 < float(words[3]) <= float(words[5])
         assert words[-1] == '%'
         assert words[-3] == '0'  # unconverged
     assert units.startswith('units: ')

@@ -173,6 +173,7 @@ def _bench(options: argparse.Namespace) -> int:
         methods = options.methods or [options.method or 'newton']
         runs = [(method, dt) for method in methods for dt in options.dt or [1 / 4000]]
     compiling: dict[str, float] = {}
+    levels = {source: {'spatial'} for source in scenes}
     for source, scene in scenes.items():
         expected, doubt = bench.converged_path(scene)
         print(f'{source}: {scene.duration:g} s, converged to {100 * doubt:.2g} %')
@@ -183,6 +184,7 @@ def _bench(options: argparse.Namespace) -> int:
             timing = bench.time_steps(replace(scene, method=method, dt=dt))
             compiling.setdefault(method, timing.compile_seconds)
             report, error = timing.report, bench.path_error(timing.path, expected)
+            levels[source].add(report.level)
             print(f'{method:13} {report.level:7} {f"1/{1 / dt:g}":>8} {timing.median:6.2f} us '
                   f'{timing.p99:6.1f} us {timing.units:6.1f} {timing.real_time_factor:7.1f} x '
                   f'{report.iterations / max(report.steps, 1):6.2f} {report.fallbacks:9d} '
@@ -192,7 +194,7 @@ def _bench(options: argparse.Namespace) -> int:
     print('units: median step over the factorization of a 6x6 matrix, timed beside it; residuals '
           'in m/s, with the selection rule and as printed')  # fmt: skip
     scene = replace(next(iter(scenes.values())), method='newton')
-    for level in sorted({'spatial', make_stepper(scene).level}):
+    for level in sorted(levels[next(iter(scenes))]):
         medians, exponent = bench.cost_exponent(
             replace(scene, level=level, duration=min(1.0, scene.duration)), bench.LINK_COUNTS
         )

@@ -118,7 +118,12 @@ def advance(model, work, q, u, history, angle, rate, report, cycles):
 
 @compiled
 def iterate_in_plane(model, work, impulse):
-    """Sweep as `iterate` does, in the plane: the loads follow from the friction."""
+    """
+    Sweep as `iterate` does, in the plane: the loads follow from the friction.
+
+    They follow by half, since the load of a nearly straight robot answers to its friction with
+    more than that, so that both would go to and fro.
+    """
     contact, table, delassus = work.contact, work.table, work.delassus
     tolerance, rows = model.residual_tolerance, 3 * len(contact)
     planar.factor_bare(work)
@@ -132,7 +137,8 @@ def iterate_in_plane(model, work, impulse):
         if residual <= tolerance or iterations >= model.iteration_limit:
             break
         for k, a in enumerate(contact):
-            impulse[a, 0] = table[a, IMPULSE]
+            last = impulse[a, 0] if impulse[a, 0] > 0.0 else table[a, IMPULSE]
+            impulse[a, 0] = 0.5 * (last + table[a, IMPULSE])
             radius = prox_half_line(impulse[a, 0])
             G, gamma = delassus.operator, delassus.packed
             project_sliding(model.laws, G, gamma, rows, 3 * k, impulse, a, radius)

@@ -102,6 +102,7 @@ class LevelStepper:
 
     def __init__(self, scene: Scene, planar: PlanarStepper, spatial: SpatialStepper) -> None:
         self.scene, self.planar, self.spatial = scene, planar, spatial
+        planar.model = planar.model._replace(patient=False)
         self.level = planar.level
         self.settle_steps = max(1, round(scene.settling_time / scene.dt))
         self.cycles = np.zeros(1, np.int64)

@@ -47,7 +47,7 @@ from snake_sim_ros.report import STEPS
 # Share of a contact's stiffness with which the floor holds the robot against rolling: none, but
 # so a straight robot is noticed, that nothing else holds.
 UNHELD = 1e-10
-LEAN = 1e-3  # roll of the robot that is too much to be left out [rad]
+LEAN = 2e-4  # roll of the robot that is too much to be left out [rad]
 
 
 class PlanarModel(NamedTuple):
@@ -70,6 +70,7 @@ class PlanarModel(NamedTuple):
     tolerance: float
     residual_tolerance: float
     iteration_limit: int
+    patient: bool  # whether steps that do not converge are taken, and counted
     pd_scheme: int
     keeps_center: bool  # whether that is the center of mass, and not link 1
     pegs: Array  # (pegs, 3) x, y, radius [m]
@@ -359,9 +360,10 @@ def find_loads(model, work):
 
 
 @inlined
-def is_planar(model, work, history, report):
+def is_planar(model, work, history, outcome, report):
     """Return whether the solution of a step is planar, and no link turns further than resolved."""
-    if not (work.standing[0] > 0.0 and work.standing[1] <= LEAN):
+    solved = outcome[1] or model.patient
+    if not (solved and work.standing[0] > 0.0 and work.standing[1] <= LEAN):
         report[LEFT] = 1.0
         return False
     for i in range(len(work.twist)):
@@ -407,7 +409,7 @@ def end_step(model, work, q, u, history, count, outcome, report):
         Whether it was done.
 
     """
-    if not is_planar(model, work, history, report):
+    if not is_planar(model, work, history, outcome, report):
         return False
     before_x, before_y = held_point(model, q)
     move(model, 0.5 * model.dt, q, u)

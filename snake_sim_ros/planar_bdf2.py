@@ -78,7 +78,7 @@ def one_step(model, work, h, q, u, history, previous, angle, rate, late, twice, 
         history[2, a, BEND] *= scale
     begin(model, work, h, q, u, previous, angle, rate, late, twice)
     outcome = solve_contacts(model, work, work.contact, work.delassus, history)
-    if not is_planar(model, work, history, report):
+    if not is_planar(model, work, history, outcome, report):
         return False
     x, y = held_point(model, q)
     hat_x, hat_y = q[0] + x, q[1] + y

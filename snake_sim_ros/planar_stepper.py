@@ -14,6 +14,7 @@ from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.parameters import PD_SCHEMES
 from snake_sim_ros.parameters import Scene
+from snake_sim_ros.planar import LEAN
 from snake_sim_ros.planar import PlanarModel
 from snake_sim_ros.planar import PlanarWorkspace
 from snake_sim_ros.report import LEFT
@@ -134,6 +135,7 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         tolerance=scene.solver.tolerance,
         residual_tolerance=scene.solver.residual_tolerance,
         iteration_limit=scene.solver.iteration_limit,
+        patient=True,
         pd_scheme=PD_SCHEMES.index(scene.pd_scheme),
         keeps_center=keeps_center,
         pegs=scene.pegs.axes,
@@ -248,6 +250,8 @@ class PlanarStepper:
         if (a := int(loads.argmin())) >= 0 and not loads[a] > 0.0:
             end = 'front' if a < n else 'rear'
             return f'the {end} sphere of link {a % n + 1} would lift off'
+        if self.work.standing[1] <= LEAN:
+            return 'the contacts in the plane did not converge'
         return 'the robot would roll: its pitch joints do not hold it flat'
 
     def coordinates(self, state: State, history: Array) -> tuple[Array, Array, Array]:

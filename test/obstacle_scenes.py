@@ -1,11 +1,14 @@
 """Random scenes with pegs and steps, and what their contacts are held to, for several tests."""
 
 from dataclasses import replace
+import os
 
 import numpy as np
+import pytest
 from random_states import free_links
 from random_states import random_robot
 from random_states import rate_of
+from scenes import DT
 
 from snake_sim_ros import gait
 from snake_sim_ros import scenery
@@ -23,10 +26,30 @@ from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.simulation import Simulation
 from snake_sim_ros.simulation import steps_in
 from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.stepping import METHODS
 from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import State
 
 CELL = 0.15  # m
+
+# Every method compiles the contacts of these scenes anew, for tens of seconds. All share them, so
+# two stand for the others, and one for contacts of links with each other, which are compiled once
+# more; EVERY_METHOD=1 runs all.
+EVERY = bool(os.environ.get('EVERY_METHOD'))
+NOT_COMPILED = ('reference', 1 / 400)  # ten times the step, as in `scenes`
+COMPILED = sorted(METHODS.keys() - {'reference'}) if EVERY else ['newton', 'paper']
+PAIRED = COMPILED if EVERY else ['newton']
+each_compiled = pytest.mark.parametrize('method', [name for name in COMPILED if name != 'bdf2'])
+each_paired = pytest.mark.parametrize('method', [name for name in PAIRED if name != 'bdf2'])
+each_here = pytest.mark.parametrize(
+    ('method', 'dt'), [(name, DT) for name in COMPILED if name != 'bdf2'] + [NOT_COMPILED]
+)
+every_here = pytest.mark.parametrize(
+    'method', [name for name in COMPILED if name != 'bdf2'] + ['reference']
+)
+every_paired = pytest.mark.parametrize(
+    'method', [name for name in PAIRED if name != 'bdf2'] + ['reference']
+)
 
 
 def random_ground(rng: np.random.Generator, spread: float = 0.1) -> Ground:

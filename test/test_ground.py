@@ -7,6 +7,10 @@ import numpy as np
 from obstacle_scenes import anywhere
 from obstacle_scenes import check_agreement
 from obstacle_scenes import check_directions
+from obstacle_scenes import COMPILED
+from obstacle_scenes import each_compiled
+from obstacle_scenes import each_here
+from obstacle_scenes import every_here
 from obstacle_scenes import lying_on
 from obstacle_scenes import random_ground
 from obstacle_scenes import robot_scene
@@ -14,8 +18,6 @@ from obstacle_scenes import travelled
 import pytest
 from random_states import EPS
 from scenes import CLOSED
-from scenes import each_method
-from scenes import every_method
 from scenes import G
 from scenes import isotropic
 from scenes import kinetic_energy
@@ -39,7 +41,6 @@ from snake_sim_ros.rotations import FLAT
 from snake_sim_ros.rotations import product
 from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import METHODS
 from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import State
 
@@ -135,7 +136,7 @@ def test_a_robot_begins_on_the_ground(seed):
 # ---- steps --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('method', ['paper', 'gauss_seidel', 'newton', 'newton_dense'])
+@each_compiled
 def test_step_agrees_with_the_dense_one(method):
     closed = 0
     for seed in range(8):
@@ -145,7 +146,7 @@ def test_step_agrees_with_the_dense_one(method):
     assert closed > 8
 
 
-@pytest.mark.parametrize('method', sorted(METHODS.keys() - {'reference'}))
+@pytest.mark.parametrize('method', COMPILED)
 def test_level_cells_are_a_floor(method):
     # 0.1 m up and all over cells, against the floor of the paper; link 1 rolls and slides.
     flat = replace(load_scene('lateral_undulation'), method=method, dt=1 / 400)
@@ -160,7 +161,7 @@ def test_level_cells_are_a_floor(method):
     assert np.abs(ends[1].q - ends[0].q - np.array([0, 0, 0.1, 0, 0, 0, 0])).max() < bound
 
 
-@each_method
+@each_here
 def test_link_slides_along_a_wall_of_several_cells(method, dt):
     # Frictionless along a wall of cells, pressed on it: neither floor nor wall change the velocity
     # along it, over three cells. It starts in contact with both.
@@ -176,7 +177,7 @@ def test_link_slides_along_a_wall_of_several_cells(method, dt):
     assert report.penetration_max < 1e-9
 
 
-@each_method
+@each_here
 def test_link_stops_at_a_riser_without_rebound(method, dt):
     # A riser higher than the center of the front sphere: u+ = 0, on the floor.
     v, distance = 1.0, 0.01
@@ -190,7 +191,7 @@ def test_link_stops_at_a_riser_without_rebound(method, dt):
     assert abs(end.q[0, 2] - RADIUS) < 1e-9
 
 
-@each_method
+@each_here
 @pytest.mark.parametrize('height', [0.01, 0.03, 0.05])
 def test_ball_is_deflected_by_an_edge(method, dt, height):
     # Frictionless: what is left of the velocity is its part along the tangent plane of the edge.
@@ -209,7 +210,7 @@ def test_ball_is_deflected_by_an_edge(method, dt, height):
     assert np.abs(end.u[0] - expected).max() < SPEED + 1e-9  # CLOSED over r tilts n by 2e-11
 
 
-@each_method
+@each_here
 def test_link_comes_to_rest_with_its_front_on_a_step(method, dt):
     # Both spheres rest on their cells when the axis has the slope sin = h/(2 L_GS).
     slope = math.asin(STEP / (2 * OFFSET))
@@ -227,7 +228,7 @@ def test_link_comes_to_rest_with_its_front_on_a_step(method, dt):
     assert np.abs(end.q - landed.q).max() < 0.3 * (SPEED + ROUNDED)
 
 
-@each_method
+@each_here
 def test_link_leans_on_an_edge(method, dt):
     # Pitched with its rear on the floor and its axis on the edge's side, held by friction: sphere
     # and edge are in contact off the vertical. tan of the contact normal is below mu: it rests.
@@ -249,7 +250,7 @@ def test_link_leans_on_an_edge(method, dt):
     assert np.abs(end.q - state.q).max() < 0.1 * (SPEED + ROUNDED)
 
 
-@every_method
+@every_here
 def test_impacts_take_energy(method):
     # Links thrown over steps: contacts leave no more energy than the step without them has.
     rng = np.random.default_rng(1)

@@ -7,6 +7,10 @@ import numpy as np
 from obstacle_scenes import anywhere
 from obstacle_scenes import check_agreement
 from obstacle_scenes import check_directions
+from obstacle_scenes import each_compiled
+from obstacle_scenes import each_here
+from obstacle_scenes import EVERY
+from obstacle_scenes import every_here
 from obstacle_scenes import lying_on
 from obstacle_scenes import random_pegs
 from obstacle_scenes import robot_scene
@@ -15,8 +19,6 @@ import pytest
 from scenes import ACROSS
 from scenes import CLOSED
 from scenes import course
-from scenes import each_method
-from scenes import every_method
 from scenes import isotropic
 from scenes import kinetic_energy
 from scenes import link_scene
@@ -97,7 +99,7 @@ def test_directions(seed):
 # ---- steps --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('method', ['paper', 'gauss_seidel', 'newton', 'newton_dense'])
+@each_compiled
 def test_step_agrees_with_the_dense_one(method):
     closed = 0
     for seed in range(8):
@@ -107,7 +109,7 @@ def test_step_agrees_with_the_dense_one(method):
     assert closed > 8
 
 
-@each_method
+@each_here
 def test_link_stops_at_a_peg_without_rebound(method, dt):
     # A peg in front of the center: u+ = 0. It is noticed at the first middle of a step inside.
     distance, v = 0.01, 1.0
@@ -123,7 +125,7 @@ def test_link_stops_at_a_peg_without_rebound(method, dt):
     assert abs(report.penetration_max - inside) < 1e-9
 
 
-@each_method
+@each_here
 @pytest.mark.parametrize('arm', [0.02, -0.03, OFFSET])
 def test_peg_beside_the_center_turns_the_link(method, dt, arm):
     # Frictionless inelastic impact at the lever c from the center, q = m c^2/Theta_1:
@@ -150,7 +152,7 @@ def long_link(method, dt, mu, gravity):
     )  # fmt: skip
 
 
-@each_method
+@each_here
 @pytest.mark.parametrize('direction', [0.0, 0.7, 2.5])
 def test_link_slides_along_a_peg_by_the_law_of_coulomb(method, dt, direction):
     # Pressed on the peg by m g_y, friction mu m g_y is against the sliding velocity, here in the
@@ -173,7 +175,7 @@ def test_link_slides_along_a_peg_by_the_law_of_coulomb(method, dt, direction):
     assert np.linalg.norm(moved - v**2 / (2 * mu * press) * along) < bound
 
 
-@each_method
+@each_here
 def test_peg_does_not_hold_what_leaves(method, dt):
     scene = long_link(method, dt, 0.4, (0.0, 0.0, 0.0))
     state = lying((0.1, 0.2, 0.3))
@@ -184,7 +186,7 @@ def test_peg_does_not_hold_what_leaves(method, dt):
     assert not history[IMPULSE].any()
 
 
-@every_method
+@every_here
 def test_impacts_take_energy(method):
     # A slack robot thrown between pegs, in the plane, where nothing turns but about the vertical:
     # E_E - E_A = u_E . W P - |u_E - u_A|^2/2 is not above 0.
@@ -228,7 +230,8 @@ def test_snake_pushes_itself_along_pegs():
 def test_large_steps_follow_the_path_of_small_ones():
     scene = replace(load_scene('obstacle_aided'), duration=5.0)
     _, fine = travelled(scene)
-    large, coarse = travelled(replace(scene, method='bdf2', dt=1 / 100))
+    method, dt = ('bdf2', 1 / 100) if EVERY else ('newton', 1 / 1000)
+    large, coarse = travelled(replace(scene, method=method, dt=dt))
     assert large.report.unconverged == 0
     assert np.linalg.norm(fine - coarse) < 1e-3 * np.linalg.norm(fine)
 

@@ -6,12 +6,14 @@ import math
 import numpy as np
 from obstacle_scenes import anywhere
 from obstacle_scenes import check_agreement
+from obstacle_scenes import each_paired
+from obstacle_scenes import EVERY
+from obstacle_scenes import every_paired
 from obstacle_scenes import robot_scene
 import pytest
 from random_states import EPS
 from random_states import rate_of
 from scenes import course
-from scenes import every_method
 from scenes import isotropic
 from scenes import kinetic_energy
 from scenes import RADIUS
@@ -85,7 +87,7 @@ def test_gaps_and_directions(seed):
         assert np.abs(gamma_T[2 * a : 2 * a + 2] - slip).max() < 1e-13
 
 
-@pytest.mark.parametrize('method', ['paper', 'gauss_seidel', 'newton', 'newton_dense'])
+@each_paired
 def test_step_agrees_with_the_dense_one(method):
     # Robots curled up in the air and on the floor, with a peg beside some of them.
     touched = 0
@@ -104,7 +106,7 @@ def test_step_agrees_with_the_dense_one(method):
     assert touched > 12
 
 
-@every_method
+@every_paired
 def test_ends_of_a_robot_hit_each_other(method):
     # A slack robot in free space whose ends close in on each other: their relative velocity along
     # the normal is 0 after the impact, momentum is kept, energy is lost, nobody else is touched.
@@ -140,7 +142,7 @@ def test_ends_of_a_robot_hit_each_other(method):
     assert report.penetration_max < 2.0 * scene.dt
 
 
-@pytest.mark.parametrize(('method', 'dt'), [('newton', 1 / 4000), ('bdf2', 1 / 400)])
+@pytest.mark.parametrize(('method', 'dt'), [('newton', 1 / 4000)] + [('bdf2', 1 / 400)] * EVERY)
 def test_a_robot_that_curls_up_stops_at_itself(method, dt):
     # Yaw angles that would put the ends through each other: they stop where they touch.
     robot = Robot(link_count=11)

@@ -30,6 +30,7 @@ from snake_sim_ros.stepping import SETTLING
 from snake_sim_ros.stepping import State
 from snake_sim_ros.stepping import Stepper
 
+LITTLE = 2e-4  # roll up to which leaving it out is exact enough to be chosen [rad]
 STRAIGHT = 1e-9  # pitch references up to this are none [rad], [rad/s]
 
 
@@ -102,7 +103,7 @@ class LevelStepper:
 
     def __init__(self, scene: Scene, planar: PlanarStepper, spatial: SpatialStepper) -> None:
         self.scene, self.planar, self.spatial = scene, planar, spatial
-        planar.model = planar.model._replace(patient=False)
+        planar.model = planar.model._replace(most_lean=LITTLE, patient=False)
         self.level = planar.level
         self.settle_steps = max(1, round(scene.settling_time / scene.dt))
         self.cycles = np.zeros(1, np.int64)

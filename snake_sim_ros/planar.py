@@ -24,18 +24,16 @@ from typing import NamedTuple
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
 from snake_sim_ros.contacts import GAMMA
-from snake_sim_ros.contacts import HEADING
 from snake_sim_ros.contacts import IMPULSE
 from snake_sim_ros.contacts import Laws
-from snake_sim_ros.contacts import LINK
-from snake_sim_ros.contacts import POINT
 from snake_sim_ros.delassus import Delassus
 from snake_sim_ros.hinge_chain import factor_hinges
 from snake_sim_ros.hinge_chain import HingeChain
 from snake_sim_ros.hinge_chain import solve_hinges
 from snake_sim_ros.joint_control import pd_law
-from snake_sim_ros.obstacles import peg_contact
 from snake_sim_ros.parameters import Array
+from snake_sim_ros.planar_pegs import peg_depth
+from snake_sim_ros.planar_pegs import touch_pegs
 from snake_sim_ros.report import CONTACTS
 from snake_sim_ros.report import FAILED_LINK
 from snake_sim_ros.report import FAILED_VALUE
@@ -47,7 +45,7 @@ from snake_sim_ros.report import STEPS
 # Share of a contact's stiffness with which the floor holds the robot against rolling: none, but
 # so a straight robot is noticed, that nothing else holds.
 UNHELD = 1e-10
-LEAN = 2e-4  # roll of the robot that is too much to be left out [rad]
+LEAN = 1e-3  # roll of the robot at which it does not lie flat [rad]
 
 
 class PlanarModel(NamedTuple):
@@ -70,6 +68,7 @@ class PlanarModel(NamedTuple):
     tolerance: float
     residual_tolerance: float
     iteration_limit: int
+    most_lean: float  # roll that is too much to be left out [rad]
     patient: bool  # whether steps that do not converge are taken, and counted
     pd_scheme: int
     keeps_center: bool  # whether that is the center of mass, and not link 1
@@ -129,70 +128,6 @@ def begin_step(model, work, q, u, angle, rate):
         work.torque[j], chain.damping[j] = torque * dt, damping * dt
     fill_momentum(model, work, u, u)
     return 2 * n + touch_pegs(model, work, q, u)
-
-
-@inlined
-def touch_pegs(model, work, q, u):
-    """Fill the closed contacts with pegs at the middle of the step; return how many they are."""
-    n, count, table = len(u), 0, work.table
-    for k in range(len(model.pegs)):
-        peg_x, peg_y, peg_radius = model.pegs[k, 0], model.pegs[k, 1], model.pegs[k, 2]
-        x, y = q[0] + 0.5 * model.dt * u[0, 0], q[1] + 0.5 * model.dt * u[0, 1]
-        for i in range(n):
-            link_x = x + work.center[i, 0] - work.center[0, 0]
-            link_y = y + work.center[i, 1] - work.center[0, 1]
-            reach = model.offset[i] + model.radius + peg_radius + model.activation_tolerance
-            if (peg_x - link_x) ** 2 + (peg_y - link_y) ** 2 > reach * reach:
-                continue
-            c, s = work.heading[i, 0], work.heading[i, 1]
-            arm, distance, normal_x, normal_y = peg_contact(
-                link_x, link_y, c, s, model.offset[i], peg_x, peg_y
-            )
-            if distance - peg_radius - model.radius <= model.activation_tolerance:
-                a = model.first_peg + k * n + i
-                work.contact[2 * n + count] = a
-                count += 1
-                table[a, LINK] = i
-                table[a, HEADING], table[a, HEADING + 1] = -normal_y, normal_x
-                point_x = arm * c - model.radius * normal_x
-                point_y = arm * s - model.radius * normal_y
-                table[a, POINT] = work.center[i, 0] + point_x
-                table[a, POINT + 1] = work.center[i, 1] + point_y
-                vx, vy = u[i, 0] - u[i, 2] * point_y, u[i, 1] + u[i, 2] * point_x
-                table[a, GAMMA] = normal_x * vx + normal_y * vy
-                table[a, GAMMA + 1] = normal_x * vy - normal_y * vx
-    return count
-
-
-@inlined
-def peg_velocities(contact, work):
-    """Fill the velocities of contacts with pegs that work.twist makes."""
-    for a in contact:
-        i = int(work.table[a, LINK])
-        t_x, t_y = work.table[a, HEADING], work.table[a, HEADING + 1]
-        w = work.twist[i, 0]
-        vx = work.twist[i, 1] - w * work.table[a, POINT + 1]
-        vy = work.twist[i, 2] + w * work.table[a, POINT]
-        work.table[a, GAMMA] = t_y * vx - t_x * vy
-        work.table[a, GAMMA + 1] = t_x * vx + t_y * vy
-
-
-@inlined
-def peg_depth(model, q):
-    """Return how deep the robot is in a peg [m], 0 if it is not."""
-    deepest = x = y = reach_x = reach_y = 0.0
-    for i in range(len(model.mass) if len(model.pegs) > 0 else 0):
-        c, s = math.cos(q[2 + i]), math.sin(q[2 + i])
-        half = model.half_length[i]
-        if i > 0:
-            x, y = x + reach_x + half * c, y + reach_y + half * s
-        reach_x, reach_y = half * c, half * s
-        for k in range(len(model.pegs)):
-            _, distance, _, _ = peg_contact(
-                q[0] + x, q[1] + y, c, s, model.offset[i], model.pegs[k, 0], model.pegs[k, 1]
-            )
-            deepest = max(deepest, model.pegs[k, 2] + model.radius - distance)
-    return deepest
 
 
 @inlined
@@ -351,19 +286,23 @@ def find_loads(model, work):
     least, turn = math.inf, 0.0
     for i in range(n):
         wx, wy = upright.twist[i, 0], upright.twist[i, 1]
+        c, s = work.heading[i, 0], work.heading[i, 1]
         load = wy * work.center[i, 0] - wx * work.center[i, 1] - upright.twist[i, 2]
-        lever = model.offset[i] * (wy * work.heading[i, 0] - wx * work.heading[i, 1])
+        lever = model.offset[i] * (wy * c - wx * s)
         table[i, IMPULSE], table[n + i, IMPULSE] = load + lever, load - lever
         least = min(least, load - abs(lever))
-        turn = max(turn, abs(wx * work.heading[i, 0] + wy * work.heading[i, 1]))
+        turn = max(turn, abs(wx * c + wy * s))
     work.standing[0], work.standing[1] = least, turn * model.lean
 
 
 @inlined
 def is_planar(model, work, history, outcome, report):
     """Return whether the solution of a step is planar, and no link turns further than resolved."""
-    solved = outcome[1] or model.patient
-    if not (solved and work.standing[0] > 0.0 and work.standing[1] <= LEAN):
+    if not (
+        (outcome[1] or model.patient)
+        and work.standing[0] > 0.0
+        and work.standing[1] <= model.most_lean
+    ):
         report[LEFT] = 1.0
         return False
     for i in range(len(work.twist)):

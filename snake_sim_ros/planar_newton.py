@@ -50,7 +50,7 @@ from snake_sim_ros.planar import end_step
 from snake_sim_ros.planar import end_twists
 from snake_sim_ros.planar import factor_bare
 from snake_sim_ros.planar import find_loads
-from snake_sim_ros.planar import peg_velocities
+from snake_sim_ros.planar_pegs import peg_velocities
 
 # Where history keeps the change of the change of a load: in the plane nothing rolls.
 BEND = 3

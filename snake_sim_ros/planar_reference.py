@@ -18,7 +18,6 @@ from snake_sim_ros.joint_control import pd_law
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import PD_SCHEMES
 from snake_sim_ros.parameters import Scene
-from snake_sim_ros.planar import LEAN
 from snake_sim_ros.planar import PlanarModel
 from snake_sim_ros.planar import PlanarWorkspace
 from snake_sim_ros.report import CONTACTS
@@ -171,7 +170,8 @@ def make_loop(scene: Scene) -> Callable[..., None]:
             normal, tangential = P_N, P_T
             iterations += 1
         work.table[:, IMPULSE] = normal
-        if not ((normal > 0.0).all() and roll / dt <= LEAN):
+        work.standing[:] = normal.min(), roll / dt
+        if not (work.standing[0] > 0.0 and work.standing[1] <= model.most_lean):
             return False
         impulse[:, 0], impulse[:, 1:3] = normal, tangential
         u_E = u_E.reshape(n, 3)

@@ -135,6 +135,7 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         tolerance=scene.solver.tolerance,
         residual_tolerance=scene.solver.residual_tolerance,
         iteration_limit=scene.solver.iteration_limit,
+        most_lean=LEAN,
         patient=True,
         pd_scheme=PD_SCHEMES.index(scene.pd_scheme),
         keeps_center=keeps_center,
@@ -250,7 +251,7 @@ class PlanarStepper:
         if (a := int(loads.argmin())) >= 0 and not loads[a] > 0.0:
             end = 'front' if a < n else 'rear'
             return f'the {end} sphere of link {a % n + 1} would lift off'
-        if self.work.standing[1] <= LEAN:
+        if self.work.standing[1] <= self.model.most_lean:
             return 'the contacts in the plane did not converge'
         return 'the robot would roll: its pitch joints do not hold it flat'
 

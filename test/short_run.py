@@ -19,7 +19,10 @@ def short_run(method, level):
     At most 10 contacts and 40 iterations a step: the method `paper` condenses the contact problem
     on the way. At the level `auto` the robot is lifted in the third step.
     """
-    settings = {'robot.link_count': 5, 'solver.iteration_limit': 40}
+    settings = {
+        'robot.link_count': 5,
+        'solver.iteration_limit': 40 if level == 'spatial' else 5000,
+    }
     settings |= {'method': method, 'level': level}
     scene = with_settings(load_scene('lateral_undulation'), settings)
     state = stepping.initial_state(scene)

@@ -138,6 +138,7 @@ HOT = {
     'planar',
     'planar_bdf2',
     'planar_newton',
+    'planar_pegs',
     'prox_iteration',
 }
 

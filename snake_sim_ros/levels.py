@@ -30,7 +30,7 @@ from snake_sim_ros.stepping import SETTLING
 from snake_sim_ros.stepping import State
 from snake_sim_ros.stepping import Stepper
 
-LITTLE = 2e-4  # roll up to which leaving it out is exact enough to be chosen [rad]
+LITTLE = 3e-4  # roll up to which leaving it out is exact enough to be chosen [rad]
 STRAIGHT = 1e-9  # pitch references up to this are none [rad], [rad/s]
 
 

@@ -33,11 +33,10 @@ from snake_sim_ros.stepping import State
 CELL = 0.15  # m
 
 # Every method compiles the contacts of these scenes anew, for tens of seconds. All share them, so
-# two stand for the others, and one for contacts of links with each other, which are compiled once
-# more; EVERY_METHOD=1 runs all.
+# one stands for the others; EVERY_METHOD=1 runs all.
 EVERY = bool(os.environ.get('EVERY_METHOD'))
 NOT_COMPILED = ('reference', 1 / 400)  # ten times the step, as in `scenes`
-COMPILED = sorted(METHODS.keys() - {'reference'}) if EVERY else ['newton', 'paper']
+COMPILED = sorted(METHODS.keys() - {'reference'}) if EVERY else ['newton']
 PAIRED = COMPILED if EVERY else ['newton']
 each_compiled = pytest.mark.parametrize('method', [name for name in COMPILED if name != 'bdf2'])
 each_paired = pytest.mark.parametrize('method', [name for name in PAIRED if name != 'bdf2'])

@@ -100,8 +100,9 @@ def test_physics_imports_without_ros_and_matplotlib():
 
 # `newton_dense` is made of the same functions; its elimination passes a last bit on with a factor
 # of 1e5 and more.
-@pytest.mark.parametrize('method', ['newton', 'gauss_seidel', 'paper'])
-@pytest.mark.parametrize('level', ['spatial', 'auto'])
+@pytest.mark.parametrize(
+    ('level', 'method'), [('spatial', 'newton'), ('spatial', 'paper'), ('auto', 'newton')]
+)
 def test_physics_runs_without_nodes_and_without_compiler(tmp_path, method, level):
     shutil.copytree(PACKAGE, tmp_path / 'snake_sim_ros', ignore=shutil.ignore_patterns('nodes'))
     program = str(ROOT / 'test' / 'short_run.py')

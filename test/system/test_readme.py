@@ -29,6 +29,8 @@ SHORTENED = {
     './run demo': '--duration 1',
     './run test': '--collect-only -q test/test_gait.py',
     './run bench': '--duration 0.1 --no-start-up',
+    './run levels': 'lateral_undulation --duration 0.1',
+    './run run obstacle_aided': '--duration 0.5',
 }
 ELSEWHERE = {
     'colcon build && . install/setup.sh': 'test_installed_layout',

@@ -255,7 +255,8 @@ def test_reset_restores_the_start_and_time_goes_on(curled, scene):
 
 def test_diagnostics_tell_how_the_run_is_doing(sims):
     values = sims[0].values()
-    assert values['level'] == 'spatial'
+    assert values['level'] == 'planar'
+    assert int(values['planar_steps']) == int(values['steps'])
     assert values['method'] == 'newton'
     assert int(values['steps']) > 0
     assert float(values['real_time_factor']) > 0.5

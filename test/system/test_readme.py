@@ -28,7 +28,7 @@ COMMANDS = [line for block in blocks('sh') for line in block.splitlines()]
 SHORTENED = {
     './run demo': '--duration 1',
     './run test': '--collect-only -q test/test_gait.py',
-    './run bench': '--duration 0.1 --no-start-up',
+    './run bench': 'sidewinding --methods newton --duration 0.1 --no-start-up',
     './run levels': 'lateral_undulation --duration 0.1',
     './run run obstacle_aided': '--duration 0.5',
 }

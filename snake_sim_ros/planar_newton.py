@@ -4,8 +4,9 @@ Newton's method on the friction laws of a robot that lies flat; loads follow.
 With the loads given, friction is a convex problem: its laws, linear about a trial (`linear_laws`),
 join the inertia of the links, and one sweep over the chain solves them. The loads follow from the
 friction, and friction from the loads: both are iterated for together, the loads one step behind.
-That converges because friction shifts a load by less than itself, up to the coefficient at which
-a link tips over. `contacts.natural_map` judges the result as that of any other solver.
+That converges where friction shifts loads by less than itself, as it does under long robots; a
+short or nearly straight one may tip or roll first, and its step then does not converge.
+`contacts.natural_map` judges the result as that of any other solver.
 """
 
 import math

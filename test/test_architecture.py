@@ -120,6 +120,13 @@ def test_physics_runs_without_nodes_and_without_compiler(tmp_path, method, level
     assert np.abs(compiled_history - history).max() < 1e-12
 
 
+def test_contacts_of_links_without_compiler():
+    # See conftest.py.
+    arguments = ['-m', 'pytest', '-q', '-p', 'no:cacheprovider', 'test/test_self_contact.py']
+    printed = python(*arguments, folder=ROOT, NUMBA_DISABLE_JIT='1')
+    assert re.search(r'^2\d passed in', printed, re.MULTILINE), printed
+
+
 # ---- compilation --------------------------------------------------------------------------------
 
 # Modules whose every function runs in the step of a compiled method; elsewhere a function with

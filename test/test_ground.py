@@ -10,7 +10,6 @@ from obstacle_scenes import check_directions
 from obstacle_scenes import COMPILED
 from obstacle_scenes import each_compiled
 from obstacle_scenes import each_here
-from obstacle_scenes import every_here
 from obstacle_scenes import lying_on
 from obstacle_scenes import random_ground
 from obstacle_scenes import robot_scene
@@ -250,7 +249,7 @@ def test_link_leans_on_an_edge(method, dt):
     assert np.abs(end.q - state.q).max() < 0.1 * (SPEED + ROUNDED)
 
 
-@every_here
+@each_compiled
 def test_impacts_take_energy(method):
     # Links thrown over steps: contacts leave no more energy than the step without them has.
     rng = np.random.default_rng(1)

@@ -10,7 +10,6 @@ from obstacle_scenes import check_directions
 from obstacle_scenes import each_compiled
 from obstacle_scenes import each_here
 from obstacle_scenes import EVERY
-from obstacle_scenes import every_here
 from obstacle_scenes import lying_on
 from obstacle_scenes import random_pegs
 from obstacle_scenes import robot_scene
@@ -186,7 +185,7 @@ def test_peg_does_not_hold_what_leaves(method, dt):
     assert not history[IMPULSE].any()
 
 
-@every_here
+@each_compiled
 def test_impacts_take_energy(method):
     # A slack robot thrown between pegs, in the plane, where nothing turns but about the vertical:
     # E_E - E_A = u_E . W P - |u_E - u_A|^2/2 is not above 0.

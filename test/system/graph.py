@@ -24,8 +24,14 @@ _counter = itertools.count()
 
 
 def next_domain() -> int:
-    """Return a ROS domain that no other test of this run has, and hardly any of another run."""
-    return 1 + (7 * os.getpid() + next(_counter)) % 100
+    """
+    Return a ROS domain that no other test of this run has, and hardly any of another run.
+
+    Processes that test at the same time (pytest-xdist) have a range of domains each.
+    """
+    worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:]) % 2
+    start = os.getppid() if 'PYTEST_XDIST_WORKER' in os.environ else os.getpid()
+    return 1 + 50 * worker + (7 * start + next(_counter)) % 50
 
 
 def environment(domain: int) -> dict[str, str]:

@@ -8,6 +8,7 @@ same state and the same history: pose, velocities and impulses are carried over 
 """
 
 from collections.abc import Callable
+import time
 from typing import Any
 
 import numpy as np
@@ -108,6 +109,8 @@ class LevelStepper:
         self.settle_steps = max(1, round(scene.settling_time / scene.dt))
         self.cycles = np.zeros(1, np.int64)
         self.reason = ''  # why the last spatial steps were not planar
+        self.used: list[Any] = []  # levels that are compiled
+        self.compile_seconds = 0.0
 
     def advance(
         self, state: State, history: Array, angle: Array, rate: Array
@@ -131,6 +134,8 @@ class LevelStepper:
                 if history[PREVIOUS:].reshape(-1)[KNOWN]:
                     forget(history)
                 stepper.watch(0 if vertical[start] else self.settle_steps)
+            if stepper not in self.used:
+                self.compile(stepper, state, history, angle, rate)
             state, history, news = stepper.advance(state, history, angle[part], rate[part])
             if news.left:
                 history[SETTLING], self.reason = self.settle_steps, news.left
@@ -140,6 +145,15 @@ class LevelStepper:
             start += news.steps
         self.level, self.cycles = report.level, np.cumsum(np.concatenate(ticks))
         return state, history, report
+
+    def compile(
+        self, stepper: Any, state: State, history: Array, angle: Array, rate: Array
+    ) -> None:
+        """Compile a level at its first use, by a call without steps; note the time it takes."""
+        begin = time.perf_counter()
+        stepper.advance(state, history, angle[:0], rate[:0])
+        self.compile_seconds += time.perf_counter() - begin
+        self.used.append(stepper)
 
 
 def what_is_told(angle: Array, rate: Array) -> str:

@@ -182,6 +182,11 @@ class Simulation:
         self.state = State(self.state.q, u)
 
     @property
+    def compile_seconds(self) -> float:
+        """Wall time that went into compiling levels at their first use [s]."""
+        return float(getattr(self.stepper, 'compile_seconds', 0.0))
+
+    @property
     def time(self) -> float:
         """Simulated time [s]."""
         return self.step_count * self.scene.dt
@@ -308,8 +313,10 @@ def run(
             reference = gait.reference(
                 scene.gait, simulation.midpoints(steps), scene.robot.link_count - 1
             )
+            compiled = simulation.compile_seconds
             report = simulation.advance(*reference)
-            seconds += time.perf_counter() - begin
+            compiled = simulation.compile_seconds - compiled
+            seconds += time.perf_counter() - begin - compiled
             if report.failure:
                 break
             states.append(simulation.state)

@@ -171,7 +171,7 @@ def random_step(
     return scene, state, random_history(rng, scene), *random_reference(rng, state)
 
 
-LINK_COUNTS = pytest.mark.parametrize('link_count', [1, 2, 5, 6, 11])
+LINK_COUNTS = pytest.mark.parametrize('link_count', [1, 2, 6, 11])
 ALL_SCHEMES = pytest.mark.parametrize('pd_scheme', PD_SCHEMES)
 ALL_CORRECTIONS = pytest.mark.parametrize('drift_correction', DRIFT_CORRECTIONS)
 
@@ -301,7 +301,7 @@ def contact_operator(scene, state):
 
 @pytest.mark.parametrize('method', ['newton', 'newton_dense', 'gauss_seidel'])
 @pytest.mark.parametrize('speed', [1e-4, 1e-2])
-@pytest.mark.parametrize('link_count', [1, 2, 5, 11])
+@pytest.mark.parametrize('link_count', [1, 2, 11])
 def test_solvers_find_the_same_velocities_and_normal_impulses(method, speed, link_count):
     # The paper's iteration, converged, is the measure: the dense one itself for few links.
     measure, slid, circled = 'reference' if link_count < 3 else 'paper', 0, 0

@@ -198,7 +198,7 @@ def _follow(
     """Start the nodes and show how the robot does until the gait has run for the duration."""
     executor = make_executor(watch)
     nodes.append(_start('sim', f'scene:={source}'))
-    print('compiling the physics (some ten seconds at the first start ever) ...')
+    print('compiling the physics (half a minute at the first start ever) ...')
     started = heard = shown = time.monotonic()
     count = 0
     while watch.begin is None or watch.times[-1] < watch.begin + duration - 1e-9:

@@ -76,9 +76,7 @@ class SimNode(Node):
         self.period = 1.0 / self.settings.publish_rate
         self.steps = steps_in(self.period, scene.dt, 'publish period')
         self.simulation = Simulation(scene)
-        self.get_logger().info(
-            'compiling the physics (some ten seconds at the first start ever) ...'
-        )
+        self.get_logger().info('compiling the physics (half a minute at the first start ever) ...')
         self.get_logger().info(f'physics ready after {self.simulation.compile():.1f} s')
         self.reference = start_posture(scene)
         self.paused = self.settings.start_paused

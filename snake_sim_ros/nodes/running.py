@@ -8,6 +8,7 @@ import sys
 import tempfile
 from threading import Event
 from types import FrameType
+from typing import Any
 from typing import TypeVar
 
 import rclpy
@@ -58,7 +59,13 @@ def run_node(
         stop.set()
         raise KeyboardInterrupt
 
+    def ignore_interrupt(ignored: Any) -> None:
+        # In a callback of the compiler the interruption is lost; `run` ends at once then.
+        if not (stop.is_set() and ignored.exc_type is KeyboardInterrupt):
+            sys.__unraisablehook__(ignored)
+
     try:
+        sys.unraisablehook = ignore_interrupt
         _on_signals(interrupt)
         _initialize(args)
         _refuse_arguments(remove_ros_args(sys.argv if args is None else args)[1:])

@@ -32,6 +32,7 @@ from snake_sim_ros.stepping import State
 from snake_sim_ros.stepping import Stepper
 
 LITTLE = 3e-4  # roll up to which leaving it out is exact enough to be chosen [rad]
+PATIENCE = 300  # iterations after which a planar step is left to the spatial level
 STRAIGHT = 1e-9  # pitch references up to this are none [rad], [rad/s]
 
 
@@ -104,7 +105,10 @@ class LevelStepper:
 
     def __init__(self, scene: Scene, planar: PlanarStepper, spatial: SpatialStepper) -> None:
         self.scene, self.planar, self.spatial = scene, planar, spatial
-        planar.model = planar.model._replace(most_lean=LITTLE, patient=False)
+        limit = min(scene.solver.iteration_limit, PATIENCE)
+        planar.model = planar.model._replace(
+            most_lean=LITTLE, patient=False, iteration_limit=limit
+        )
         self.level = planar.level
         self.settle_steps = max(1, round(scene.settling_time / scene.dt))
         self.cycles = np.zeros(1, np.int64)

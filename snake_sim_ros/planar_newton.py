@@ -340,7 +340,7 @@ def solve_contacts(model, work, contact, delassus, history):
 
 @compiled
 def advance(model, work, q, u, history, angle, rate, report, cycles):
-    """Advance q, u and history in place by one step a reference; see `planar.PlanarStepper`."""
+    """Advance q, u and history in place by one step a reference; see `planar_stepper`."""
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
         count = begin_step(model, work, q, u, angle[k], rate[k])

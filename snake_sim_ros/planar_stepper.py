@@ -221,7 +221,7 @@ class PlanarStepper:
         self.loop = loop
         n = scene.robot.link_count
         shapes = (n + 2, (n, 3), (n, 4), (n, 7), (n, 6))
-        self.recalled = tuple(np.empty(shape) for shape in shapes)  # see planar.recall
+        self.recalled = tuple(np.empty(shape) for shape in shapes)  # see recall
         self.cycles = np.zeros(1, np.int64)
 
     def advance(

@@ -27,7 +27,8 @@ def mechanical_energy(scene: Scene, q: Array, u: Array) -> Array:
 
     """
     mass, transversal, axial = (
-        scene.robot.per_link(name) for name in ('link_mass', 'inertia_transversal', 'inertia_axial')
+        scene.robot.per_link(name)
+        for name in ('link_mass', 'inertia_transversal', 'inertia_axial')
     )
     inertia = np.column_stack([mass, mass, mass, transversal, transversal, axial])
     potential = -mass * (q[..., :3] @ np.array(scene.gravity))

@@ -30,11 +30,11 @@ setup(
     license='Apache-2.0',
     python_requires='>=3.10',
     packages=[package_name, f'{package_name}.nodes'],
-    package_data={package_name: ['config/*.yaml']},
+    package_data={package_name: ['config/*.yaml', 'config/*.npz']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
-        (f'share/{package_name}/config', sorted(glob('config/*.yaml'))),
+        (f'share/{package_name}/config', sorted(glob('config/*'))),
         # What `ros2 run` finds after a pip install, which puts console scripts elsewhere.
         (f'lib/{package_name}', ['scripts/gait', 'scripts/sim']),
     ],

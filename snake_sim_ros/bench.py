@@ -1,331 +1,431 @@
 """
-Time per step and error of methods and time steps, and start-up times of new processes.
+The bench: a matrix of runs, one row of a CSV file for each.
 
-The error is that of the path of the middle link against a converged solution, the largest distance
-at any sample over the distance that the link gets to. The converged solution is of Newton's method
-at two small time steps, extrapolated; how far it is from the finer of them says how converged it
-is.
+Parts of the matrix are `precision`, every contender over its time steps in every case against the
+converged solution; `links`, the cost of a step over the number of links; `situations`, what a step
+costs by what there is to pay for; `stages`, where its time goes; `iterations`, residuals of the
+solvers on stored hard problems; and `start_up`. A run that fails is a row like any other. The file
+grows row by row: what is in it is not run again, so that an interrupted bench goes on.
 
-What the numbers do not show: they are of one scene, one machine and one moment. The processor's
-own counter is read between two steps, so nothing but the step is in the times of steps, neither
-references nor recording. On a noisy machine compare ratios: to a calibration loop, a fixed amount
-of the same kind of arithmetic, that is timed beside every run.
+The error of a run is that against the converged solution of the paper's model. A baseline has
+another model, so that it has two errors: `error_limit` is that of its time step, against where its
+own small steps lead, and `model_error` that of this limit.
 """
 
+from collections.abc import Callable
 from collections.abc import Iterable
+from collections.abc import Iterator
+from collections.abc import Mapping
+from dataclasses import asdict
 from dataclasses import dataclass
+from dataclasses import fields
 from dataclasses import replace
-import os
-import subprocess
-import sys
-import tempfile
-import time
+import math
 from typing import Any
 
-import numpy as np
-
-from snake_sim_ros import gait
-from snake_sim_ros.articulated_body import factor
-from snake_sim_ros.compilation import compiled
-from snake_sim_ros.compilation import cycle_counter
-from snake_sim_ros.levels import what_is_not_planar
-from snake_sim_ros.parameters import Array
+from snake_sim_ros.contenders import Contender
+from snake_sim_ros.course import Course
+from snake_sim_ros.course import extrapolated
+from snake_sim_ros.course import largest_difference
+from snake_sim_ros.course import path_error
+from snake_sim_ros.hard_contacts import load_problems
+from snake_sim_ros.hard_contacts import reports_by_limit
 from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Robot
 from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import scene_to_text
-from snake_sim_ros.parameters import with_settings
-from snake_sim_ros.records import flat_fields
 from snake_sim_ros.records import ParameterError
-from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.simulation import steps_in
-from snake_sim_ros.stepping import Report
+from snake_sim_ros.stages import stage_times
+from snake_sim_ros.tables import Table
+from snake_sim_ros.timing import calibration
+from snake_sim_ros.timing import CASE_A
+from snake_sim_ros.timing import converged
+from snake_sim_ros.timing import SITUATIONS
+from snake_sim_ros.timing import situations
+from snake_sim_ros.timing import start_up_seconds
+from snake_sim_ros.timing import with_links
 
-SAMPLE = 0.1  # seconds between two samples of a path
-CONVERGED = (1 / 16000, 1 / 32000)  # time steps of the reference
-LINK_COUNTS = (10, 20, 40, 80, 160, 200)
-RUNS = (  # method and steps a second
-    ('newton', 4000), ('newton', 1000), ('newton', 200), ('newton', 100),
-    ('bdf2', 400), ('bdf2', 100), ('bdf2', 50), ('bdf2', 20),
-    ('paper', 4000), ('newton_dense', 4000),
-)  # fmt: skip
-LIFT = 10.0  # m, out of reach of the floor for more than a second
-CASE_A = 'lateral_undulation'
-SITUATIONS: dict[str, tuple[str, dict[str, Any], float]] = {  # scene, settings and lift [m]
-    'all contacts': (CASE_A, {}, 0.0),
-    'flight': (CASE_A, {}, LIFT),
-    'few contacts': ('sidewinding', {'gait.soft_start': 0.0}, 0.0),
-    'isotropic': ('lateral_undulation_isotropic', {}, 0.0),
-    'rolling friction': (CASE_A, {'friction.rolling': 0.01}, 0.0),
-    'isotropic, rolling': ('lateral_undulation_isotropic', {'friction.rolling': 0.01}, 0.0),
-    'slope of 3 deg': (CASE_A, {'gravity': (0.513, 0.0, -9.797)}, 0.0),
-}
-ROUNDS = 5
+LINK_COUNTS = (5, 10, 20, 40, 80, 160, 200)
+LINKS_DURATION = 0.3  # s
+MOST_LINKS = {'newton_dense': 40, 'gauss_seidel': 40, 'paper': 80}  # of methods of higher cost
+HARD = (
+    'sidewinding step 1007',
+    'lateral_undulation step 0',
+    'sticking, curved',
+    'dropped and spinning, mu 1',
+    'heavy link sliding, curved',
+    'pitched link sliding, mu 0.5',
+)
+SOLVERS = ('newton', 'gauss_seidel', 'paper')
+MOST_ITERATIONS = 10_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """
+    A run: what it was, in the columns of KEY, and what came out; empty where it means nothing.
+
+    Times are wall times; errors are the largest at any time. `path_error` and what is derived from
+    it are relative to the distance that the middle link travels.
+    """
+
+    part: str
+    case: str
+    method: str
+    level: str = ''
+    setting: str = ''
+    dt: float | None = None  # s; mean step of a method that chooses it
+    tolerance: float | None = None  # of a method that chooses its steps
+    n: int | None = None
+    duration: float | None = None  # s
+    status: str = ''
+    error_path: float | None = None
+    error_angle: float | None = None  # rad
+    error_heading: float | None = None  # rad
+    reference_error: float | None = None  # how far the converged solution is from converged
+    error_limit: float | None = None
+    model_error: float | None = None
+    energy_error: float | None = None
+    seconds_per_second: float | None = None
+    median_us: float | None = None
+    p99_us: float | None = None
+    calibration_us: float | None = None  # of a fixed amount of arithmetic, timed beside the run
+    compile_seconds: float | None = None
+    steps: int | None = None
+    planar_steps: int | None = None
+    iterations: int | None = None
+    iterations_max: int | None = None
+    fallbacks: int | None = None
+    unconverged: int | None = None
+    residual_max: float | None = None  # m/s
+    penetration_max: float | None = None  # m
+    joint_gap_max: float | None = None  # m
+    joint_twist_max: float | None = None
+    message: str = ''
+
+
+COLUMNS = tuple(item.name for item in fields(Row))
+TYPES = {item.name: item.type for item in fields(Row)}
+KEY = ('part', 'case', 'method', 'level', 'setting', 'dt', 'tolerance', 'n', 'duration')
 
 
 @dataclass(frozen=True)
-class Timing:
+class Entry:
     """
-    What a run of a scene took, and where it led.
+    Something to run for one row or some.
 
     Attributes
     ----------
-    median, p99 : float
-        Time of single steps [us].
-    units : float
-        The median over the time of a factorization in the calibration loop.
-    real_time_factor : float
-        Simulated time over the time of all steps.
-    compile_seconds : float
-        Of the first call in this process: compiling, or loading what was compiled before.
-    path : ndarray, shape (m, 3)
-        Center of the middle link every SAMPLE seconds, from the start on [m].
-    report : Report
+    keys : tuple of Row
+        Rows with nothing but their keys.
+    run : callable
+        Returns the rows; those without a key of `keys` follow from the same run.
+    guess : float
+        How long it may take, for the progress bar [s].
 
     """
 
-    median: float
-    p99: float
-    units: float
-    real_time_factor: float
-    compile_seconds: float
-    path: Array
-    report: Report
+    keys: tuple[Row, ...]
+    run: Callable[[], list[Row]]
+    guess: float
+
+    def is_in(self, rows: Iterable[Mapping[str, Any]]) -> bool:
+        """Return whether a file has these rows already."""
+        return {key(row) for row in rows}.issuperset(key(asdict(row)) for row in self.keys)
 
 
-@compiled
-def _factorizations(A, work, count):
-    for _ in range(count):
-        for i in range(6):
-            for j in range(6):
-                work[i, j] = A[i, j]
-        factor(work)
+def key(row: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return what identifies a row; a method that chooses its steps is known by its tolerance."""
+    texts = {name: '' if row[name] in (None, '') else str(row[name]) for name in KEY}
+    if texts['tolerance']:
+        texts['dt'] = ''
+    return tuple(texts.values())
 
 
-def calibration() -> float:
-    """Return the time of one LU factorization of a 6x6 matrix [us], the best of some loops."""
-    A, work, count = np.eye(6) + 0.1, np.empty((6, 6)), 2000
-    _factorizations(A, work, 1)
-    best = np.inf
-    for _ in range(5):
-        begin = time.perf_counter()
-        _factorizations(A, work, count)
-        best = min(best, time.perf_counter() - begin)
-    return 1e6 * float(best) / count
+class References:
+    """Converged solutions of the cases, and where small steps of a baseline lead; made once."""
+
+    def __init__(self, scenes: Mapping[str, Scene]) -> None:
+        self.scenes = scenes
+        self._made: dict[tuple[str, str], tuple[Course, float]] = {}
+
+    def converged(self, case: str) -> tuple[Course, float]:
+        """Return the converged solution of a case, and how far it is from being converged."""
+        if (case, '') not in self._made:
+            self._made[case, ''] = converged(self.scenes[case])
+        return self._made[case, '']
+
+    def own_limit(self, case: str, contender: Contender) -> Course:
+        """Return where small steps of a contender lead; the converged solution if that is it."""
+        if not contender.own_limit:
+            return self.converged(case)[0]
+        name, model = contender.own_limit
+        if (case, name) not in self._made:
+            coarse, fine = (
+                model.run(model.scene(self.scenes[case], 1 / rate), limit=math.inf)
+                for rate in model.rates
+            )
+            self._made[case, name] = extrapolated(coarse, fine), math.nan
+        return self._made[case, name][0]
 
 
-def time_steps(scene: Scene, *, lift: float = 0.0) -> Timing:
+def measured(row: Row, course: Course) -> Row:
+    """Return a row with what a course took, and how its solver did."""
+    report, simulated = course.report, course.simulated
+    return replace(
+        row,
+        dt=simulated / report.steps if row.tolerance and report.steps else row.dt,
+        status=course.status,
+        energy_error=course.energy_error,
+        seconds_per_second=course.seconds / simulated if simulated else None,
+        median_us=course.median,
+        p99_us=course.p99,
+        calibration_us=calibration(),
+        compile_seconds=course.compile_seconds,
+        steps=report.steps,
+        planar_steps=report.planar_steps,
+        iterations=report.iterations,
+        iterations_max=report.iterations_max,
+        fallbacks=report.fallbacks,
+        unconverged=report.unconverged,
+        residual_max=report.residual_max,
+        penetration_max=report.penetration_max,
+        joint_gap_max=report.joint_gap_max,
+        joint_twist_max=report.joint_twist_max,
+        message=report.failure,
+    )
+
+
+def compared(row: Row, course: Course, expected: Course, doubt: float, own: Course) -> Row:
+    """Return a row with its errors; a run that ended early has none."""
+    row = replace(row, reference_error=doubt)
+    if own.path.shape == expected.path.shape and own is not expected:
+        row = replace(row, model_error=path_error(own.path, expected.path))
+    if course.path.shape != expected.path.shape:
+        return row
+    return replace(
+        row,
+        error_path=path_error(course.path, expected.path),
+        error_angle=largest_difference(course.joint_angle, expected.joint_angle),
+        error_heading=largest_difference(course.heading, expected.heading),
+        error_limit=path_error(course.path, own.path),
+    )
+
+
+def precision(
+    references: References, rivals: Iterable[Contender], limit: float
+) -> Iterator[Entry]:
+    """Yield every contender at every step in every case that it can do."""
+    for case, scene in references.scenes.items():
+        moves_up = scene.gait.pitch.amplitude != 0.0
+        for rival in rivals:
+            if rival.level == 'planar' and moves_up:
+                continue
+            for rate in rival.rates:
+                row = Row(
+                    part='precision', case=case, method=rival.method, level=rival.level,
+                    setting=rival.setting, dt=None if rival.adaptive else 1 / rate,
+                    tolerance=rate if rival.adaptive else None,
+                    n=scene.robot.link_count, duration=scene.duration,
+                )  # fmt: skip
+                guess = rival.seconds(scene, row.dt or scene.dt)
+                yield Entry((row,), _precision(references, rival, row, limit), guess)
+
+
+def _precision(
+    references: References, rival: Contender, row: Row, limit: float
+) -> Callable[[], list[Row]]:
+    def run() -> list[Row]:
+        scene = references.scenes[row.case]
+        options = {'tolerance': row.tolerance} if rival.adaptive else {}
+        course = rival.run(rival.scene(scene, row.dt or scene.dt), limit=limit, **options)
+        expected, doubt = references.converged(row.case)
+        own = references.own_limit(row.case, rival)
+        return [compared(measured(row, course), course, expected, doubt, own)]
+
+    return run
+
+
+def links(
+    scene: Scene, rivals: Iterable[Contender], counts: Iterable[int], limit: float
+) -> Iterator[Entry]:
+    """Yield short runs with other numbers of links, of the contenders' default settings."""
+    scene = replace(scene, duration=LINKS_DURATION)
+    for rival in rivals:
+        for n in counts:
+            if n > MOST_LINKS.get(rival.method, math.inf):
+                continue
+            row = Row(
+                part='links', case=CASE_A, method=rival.method, level=rival.level,
+                setting=rival.setting, dt=scene.dt, n=n, duration=scene.duration,
+            )  # fmt: skip
+            longer = replace(scene, robot=with_links(scene.robot, n))
+
+            def run(rival: Contender = rival, row: Row = row, scene: Scene = longer) -> list[Row]:
+                return [measured(row, rival.run(rival.scene(scene, scene.dt), limit=limit))]
+
+            yield Entry((row,), run, rival.seconds(longer, scene.dt))
+
+
+def solvers(most: int) -> Iterator[Entry]:
+    """Yield the residual over iterations of the solvers on hard contact problems."""
+    problems = load_problems()
+    for name in HARD:
+        for method in SOLVERS:
+            problem = problems[name]
+            row = Row(
+                part='iterations', case=name, method=method, level='spatial',
+                dt=problem.scene.dt, n=problem.scene.robot.link_count,
+            )  # fmt: skip
+
+            def run(name: str = name, method: str = method, row: Row = row) -> list[Row]:
+                return [
+                    replace(
+                        row,
+                        status=report.status.value,
+                        steps=report.steps,
+                        iterations=report.iterations,
+                        fallbacks=report.fallbacks,
+                        unconverged=report.unconverged,
+                        residual_max=report.residual_max,
+                        message=report.failure,
+                    )
+                    for report in reports_by_limit(problems[name], method, most)
+                ]
+
+            yield Entry((row,), run, 5.0)
+
+
+def costs(scene: Scene, duration: float) -> Iterator[Entry]:
+    """Yield what steps cost by what there is to pay for, and where their time goes."""
+    n, dt = scene.robot.link_count, scene.dt
+    common = {'method': 'newton', 'dt': dt, 'n': n}
+    rows = {
+        name: Row(part='situations', case=name, level='spatial', duration=duration, **common)
+        for name in SITUATIONS
+    }
+    yield Entry(
+        tuple(rows.values()),
+        lambda: [measured(rows[name], run) for name, run in situations(duration).items()],
+        5.0,
+    )
+    for level in ('spatial', 'planar'):
+        row = Row(part='stages', case=CASE_A, level=level, **common)
+
+        def run(row: Row = row) -> list[Row]:
+            return [
+                replace(row, setting=stage, median_us=median, status='converged')
+                for stage, median in stage_times(scene, row.level).items()
+            ]
+
+        yield Entry((row,), run, 15.0)
+
+
+def start_up(scene: Scene) -> Iterator[Entry]:
+    """Yield the time from starting a new process to its first step done."""
+    for setting in ('nothing compiled before', 'everything compiled before'):
+        row = Row(part='start_up', case=CASE_A, method='newton', level='auto', setting=setting)
+
+        def run(row: Row = row) -> list[Row]:
+            seconds = start_up_seconds(scene, cold=row.setting.startswith('nothing'))
+            return [replace(row, compile_seconds=seconds, status='converged')]
+
+        yield Entry((row,), run, 10.0)
+
+
+def matrix(
+    scenes: Mapping[str, Scene], rivals: list[Contender], limit: float, *, quick: bool
+) -> dict[str, list[Entry]]:
     """
-    Run a scene for its duration, and return the times of its steps and its path.
+    Return the matrix, part by part.
 
     Parameters
     ----------
-    scene : Scene
-    lift : float, optional
-        How high above the floor the robot starts [m].
+    scenes : mapping
+        Cases, name -> scene.
+    rivals : list of Contender
+    limit : float
+        Wall time after which a run ends early [s].
+    quick : bool
+        Whether to leave out most of what is not `precision`.
+
+    """
+    scene = load_scene(CASE_A)
+    counts = LINK_COUNTS[1:4:2] if quick else LINK_COUNTS
+    usual = {
+        (rival.method, rival.level): rival for rival in reversed(rivals) if not rival.adaptive
+    }
+    parts = {
+        'precision': precision(References(scenes), rivals, limit),
+        'links': links(scene, usual.values(), counts, limit),
+        'iterations': solvers(100 if quick else MOST_ITERATIONS),
+        'costs': costs(scene, 0.1 if quick else 1.0),
+        'start_up': start_up(scene),
+    }
+    return {name: list(entries) for name, entries in parts.items()}
+
+
+def outcome(entry: Entry) -> list[Row]:
+    """Run an entry: anything that it raises is a row, too, except an end from the keyboard."""
+    try:
+        return entry.run()
+    except Exception as error:  # the bench goes on, the row says what happened
+        status = 'refused' if isinstance(error, ParameterError) else 'error'
+        message = ' '.join(f'{type(error).__name__}: {error}'.split())
+        return [replace(row, status=status, message=message) for row in entry.keys]
+
+
+def line(row: Row) -> str:
+    """Return a row in short, for people who wait."""
+    what = [row.part, row.case, row.method, row.level, row.setting]
+    if row.dt:
+        what.append(f'dt {row.dt:.2g} s')
+    if row.n:
+        what.append(f'n = {row.n}')
+    if row.iterations and row.part == 'iterations':
+        what.append(f'{row.iterations} iterations to {row.residual_max:.1e} m/s')
+    if row.median_us:
+        what.append(f'{row.median_us:.2f} us')
+    if row.error_path is not None:
+        what.append(f'{100 * row.error_path:.3g} %')
+    return ' | '.join(part for part in [*what, row.status, row.message] if part)
+
+
+def plain(row: Row) -> dict[str, Any]:
+    """Return a row as it is written: what is not a finite number is empty."""
+    values = asdict(row)
+    for name, value in values.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            values[name] = None
+    return values
+
+
+def rows_of(table: Table) -> list[Row]:
+    """
+    Return the rows of a file with numbers for their texts.
 
     Raises
     ------
     ParameterError
-        If the method of the scene is not a compiled one, or dt does not divide SAMPLE, or SAMPLE
-        the duration.
+        If the table is not of a bench, or has not its columns, or a number is none.
 
     """
-    simulation = Simulation(scene)
-    simulation.state.q[:, 2] += lift
-    stepper, link = simulation.stepper, scene.robot.middle_link
-    if scene.method == 'reference':
-        raise ParameterError(f'method {scene.method!r} is not compiled, its steps are not timed')
-    sample = min(SAMPLE, scene.duration)
-    steps = steps_in(sample, scene.dt, 'sampling period')
-    compile_seconds = simulation.compile(scene.gait)
-    unit, seconds, cycles = calibration(), 0.0, []
-    start = time.perf_counter(), cycle_counter()
-    path = [simulation.state.q[link, :3]]
-    for _ in range(steps_in(scene.duration, sample, 'duration')):
-        reference = gait.reference(
-            scene.gait, simulation.midpoints(steps), scene.robot.link_count - 1
-        )
-        begin, compiled = time.perf_counter(), simulation.compile_seconds
-        report = simulation.advance(*reference)
-        compiled = simulation.compile_seconds - compiled
-        seconds += time.perf_counter() - begin - compiled
-        cycles.append(np.diff(stepper.cycles[: report.steps + 1]))
-        path.append(simulation.state.q[link, :3])
-        if report.failure:
-            break
-    counts = np.concatenate(cycles)
-    wall, ticks = time.perf_counter() - start[0], cycle_counter() - start[1]
-    microseconds = 1e6 * wall / max(ticks, 1) * counts
-    median = float(np.median(microseconds)) if len(counts) else np.nan
-    return Timing(
-        median=median,
-        p99=float(np.percentile(microseconds, 99)) if len(counts) else np.nan,
-        units=median / unit,
-        real_time_factor=simulation.time / seconds,
-        compile_seconds=compile_seconds,
-        path=np.array(path),
-        report=simulation.report,
-    )
+    if table.header.get('table') != 'bench':
+        raise ParameterError(f"table must be 'bench', got {table.header.get('table')!r}")
+    rows = []
+    for texts in table.rows:
+        if set(texts) != set(COLUMNS):
+            missing = ', '.join(sorted(set(COLUMNS) ^ set(texts)))
+            raise ParameterError(f'columns must be those of the bench; these differ: {missing}')
+        rows.append(Row(**{name: _value(name, text) for name, text in texts.items()}))
+    return rows
 
 
-def converged_path(scene: Scene) -> tuple[Array, float]:
-    """
-    Return the path of the middle link, extrapolated to no time step, and its own error.
-
-    Returns
-    -------
-    path : ndarray, shape (m, 3)
-        [m]
-    error : float
-        Of the finer of two runs against it, see `path_error`.
-
-    """
-    scene = replace(scene, level='spatial', method='newton')
-    coarse, fine = (time_steps(replace(scene, dt=dt)).path for dt in CONVERGED)
-    path = 2.0 * fine - coarse
-    return path, path_error(fine, path)
-
-
-def path_error(path: Array, expected: Array) -> float:
-    """Return the largest distance at any time, over that of the last point from the first."""
-    if path.shape != expected.shape:  # diverged
-        return np.inf
-    distance = np.linalg.norm(expected[-1] - expected[0])
-    return float(np.linalg.norm(path - expected, axis=1).max() / distance)
-
-
-@dataclass(frozen=True)
-class LevelRow:
-    """
-    What the choice of the level makes of a scene.
-
-    Attributes
-    ----------
-    level : str
-        `planar`, `spatial`, or both if it changed.
-    why : str
-        Why it was not planar all the time; empty if it was.
-    median, spatial_median : float
-        Median step of the level chosen and of the spatial one [us].
-    error, spatial_error : float
-        Of their paths against the converged path of the spatial level, see `path_error`.
-    doubt : float
-        How far that path is from being converged.
-
-    """
-
-    level: str
-    why: str
-    median: float
-    spatial_median: float
-    error: float
-    spatial_error: float
-    doubt: float
-
-
-def level_row(scene: Scene) -> LevelRow:
-    """Run a scene at the level that `auto` takes and at the spatial level, by turns."""
-    expected, doubt = converged_path(scene)
-    timings: dict[str, list[Timing]] = {'auto': [], 'spatial': []}
-    for _ in range(ROUNDS):
-        for level, runs in timings.items():
-            runs.append(time_steps(replace(scene, level=level)))
-    auto, spatial = (runs[-1] for runs in timings.values())
-    median, spatial_median = (
-        float(np.median([timing.median for timing in runs])) for runs in timings.values()
-    )
-    planar_steps, steps = auto.report.planar_steps, auto.report.steps
-    level = 'spatial' if planar_steps == 0 else 'planar'
-    if 0 < planar_steps < steps:
-        level = f'planar {100 * planar_steps / steps:.0f} %'
-    return LevelRow(
-        level=level,
-        why='' if planar_steps == steps else auto.report.left or what_is_not_planar(scene),
-        median=median,
-        spatial_median=spatial_median,
-        error=path_error(auto.path, expected),
-        spatial_error=path_error(spatial.path, expected),
-        doubt=doubt,
-    )
-
-
-def situations(duration: float) -> dict[str, tuple[float, float, float, int]]:
-    """
-    Return what steps of the default method cost by what there is to pay for; absent is free.
-
-    The situations take turns, ROUNDS times: what disturbs the machine disturbs them all.
-
-    Parameters
-    ----------
-    duration : float
-        Of every run [s].
-
-    Returns
-    -------
-    dict
-        Name -> median step [us], its ratio to that of the first situation, iterations a step, and
-        the contacts that were closed at the end.
-
-    """
-    scenes = {
-        name: with_settings(
-            load_scene(source), {**settings, 'level': 'spatial', 'duration': duration}
-        )
-        for name, (source, settings, _) in SITUATIONS.items()
-    }
-    timings: dict[str, list[Timing]] = {name: [] for name in SITUATIONS}
-    for _ in range(ROUNDS):
-        for name, scene in scenes.items():
-            timings[name].append(time_steps(scene, lift=SITUATIONS[name][2]))
-    medians = {
-        name: float(np.median([timing.median for timing in runs]))
-        for name, runs in timings.items()
-    }
-    first = next(iter(medians.values()))
-    reports = {name: runs[-1].report for name, runs in timings.items()}
-    return {
-        name: (median, median / first, reports[name].iterations / reports[name].steps,
-               reports[name].contacts)
-        for name, median in medians.items()
-    }  # fmt: skip
-
-
-def cost_exponent(scene: Scene, link_counts: Iterable[int]) -> tuple[dict[int, float], float]:
-    """Return the median step for numbers of links [us], and the exponent of a fitted power law."""
-    medians = {}
-    for n in link_counts:
-        medians[n] = time_steps(replace(scene, robot=with_links(scene.robot, n))).median
-    exponent, _ = np.polyfit(np.log(list(medians)), np.log(list(medians.values())), 1)
-    return medians, float(exponent)
-
-
-def with_links(robot: Robot, link_count: int) -> Robot:
-    """Return a robot with another number of links: lists of values begin again at their end."""
-    lists: dict[str, Any] = {
-        name: tuple(np.resize(value, link_count + len(value) - robot.link_count))
-        for name, (value, _) in flat_fields(robot).items()
-        if isinstance(value, tuple)
-    }
-    return replace(robot, link_count=link_count, **lists)
-
-
-def start_up_seconds(scene: Scene, *, cold: bool) -> float:
-    """Return the wall time from starting a new process to its first step done [s]."""
-    one_step = replace(scene, duration=scene.dt)
-    program = (
-        'import sys; from snake_sim_ros.parameters import scene_from_text; '
-        'from snake_sim_ros.simulation import run; '
-        'scene = scene_from_text(sys.stdin.read()); run(scene, rate=1 / scene.dt)'
-    )
-    with tempfile.TemporaryDirectory() as folder:
-        environment = {**os.environ, 'NUMBA_CACHE_DIR': folder} if cold else None
-        begin = time.perf_counter()
-        subprocess.run(
-            [sys.executable, '-c', program],
-            input=scene_to_text(one_step),
-            env=environment,
-            text=True,
-            check=True,
-        )
-        return time.perf_counter() - begin
+def _value(name: str, text: str) -> Any:
+    kind = str(TYPES[name])
+    if kind == "<class 'str'>":
+        return text
+    if text == '':
+        return None
+    try:
+        return int(text) if 'int' in kind else float(text)
+    except ValueError:
+        raise ParameterError(f'{name} must be a number, got {text!r}') from None

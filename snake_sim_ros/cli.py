@@ -20,9 +20,11 @@ from snake_sim_ros.simulation import Trajectory
 from snake_sim_ros.stepping import make_stepper
 from snake_sim_ros.stepping import METHODS
 from snake_sim_ros.stepping import Status
+from snake_sim_ros.tables import TableWriter
 
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')
-
+QUICK_CASES = CASES[::2]
+PARTS = ('precision', 'links', 'iterations', 'costs', 'start_up')  # of the bench
 SCENES = (*CASES, 'slender_undulation', 'obstacle_aided', 'step')
 
 
@@ -56,20 +58,41 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument('scene', help='YAML file, or the name of a scene in config/')
     command.add_argument('--out', type=Path, metavar='FILE.npz', help='where the recording goes')
     command.add_argument('--rate', type=float, default=100.0, help='samples a second [Hz]')
+    _add_method(command)
     _add_scene_options(command)
 
-    command = commands.add_parser('bench', help='measure time and error of steps')
-    command.set_defaults(command=_bench)
-    command.add_argument('scene', nargs='*', default=list(CASES), help='default: cases A to D')
-    command.add_argument(
-        '--methods', nargs='+', metavar='METHOD', choices=[m for m in METHODS if m != 'reference'],
-        help='with --dt all combinations, in place of a table of selected ones',
-    )  # fmt: skip
-    command.add_argument('--dt', nargs='+', type=float, metavar='S', help='time steps [s]')
-    command.add_argument(
-        '--no-start-up', action='store_true', help='leave out the start-up times of new processes'
+    command = commands.add_parser(
+        'bench', help='measure error, time and much else of all methods: a CSV file'
     )
+    command.set_defaults(command=_bench)
+    command.add_argument('scene', nargs='*', help='default: cases A to D; with --quick A and C')
+    command.add_argument(
+        '--out', type=Path, default=Path('bench.csv'), metavar='FILE.csv',
+        help='default: bench.csv; rows that it has already are not run again',
+    )  # fmt: skip
+    command.add_argument('--quick', action='store_true', help='a small matrix, in two minutes')
+    command.add_argument(
+        '--methods', nargs='+', metavar='METHOD', help='only these, such as newton mujoco'
+    )
+    command.add_argument(
+        '--dt', nargs='+', type=float, metavar='S', help='instead of the steps of the matrix [s]'
+    )
+    command.add_argument(
+        '--parts', nargs='+', metavar='PART', choices=PARTS,
+        help=f'default: {", ".join(PARTS)}; the first alone with scenes, --methods or --dt',
+    )  # fmt: skip
+    command.add_argument(
+        '--limit', type=float, default=60.0, metavar='S',
+        help='wall time after which a run counts as too slow [s], default 60',
+    )  # fmt: skip
     _add_scene_options(command)
+
+    command = commands.add_parser('chart', help='draw what bench and stability measured')
+    command.set_defaults(command=_chart)
+    command.add_argument('csv', type=Path, nargs='+', metavar='FILE.csv')
+    command.add_argument(
+        '--out', type=Path, default=Path(), metavar='FOLDER', help='default: this folder'
+    )
 
     command = commands.add_parser(
         'levels', help='show the model level that each scene gets, its time and its error'
@@ -78,6 +101,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         'scene', nargs='*', default=list(SCENES), help=f'default: {", ".join(SCENES)}'
     )
+    _add_method(command)
     _add_scene_options(command)
 
     command = commands.add_parser(
@@ -94,9 +118,12 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _add_method(command: argparse.ArgumentParser) -> None:
+    command.add_argument('--method', help=f'instead of that of the scene: {", ".join(METHODS)}')
+
+
 def _add_scene_options(command: argparse.ArgumentParser) -> None:
     command.add_argument('--duration', type=float, help='instead of that of the scene [s]')
-    command.add_argument('--method', help=f'instead of that of the scene: {", ".join(METHODS)}')
     command.add_argument(
         '--set', action='append', default=[], metavar='KEY=VALUE',
         help='any value of the scene, such as friction.longitudinal=0.2; may be given often',
@@ -114,7 +141,7 @@ def _scene(options: argparse.Namespace, source: str) -> Scene:
         except ParameterError as error:
             raise ParameterError(f'--set {key}: {error}') from None
     for key in ('duration', 'method'):
-        if getattr(options, key) is not None:
+        if getattr(options, key, None) is not None:
             settings[key] = getattr(options, key)
     return with_settings(load_scene(source), settings)
 
@@ -166,53 +193,38 @@ def _summary(trajectory: Trajectory) -> dict[str, Any]:
 
 def _bench(options: argparse.Namespace) -> int:
     from snake_sim_ros import bench
+    from snake_sim_ros import contenders
 
-    scenes = {source: _scene(options, source) for source in options.scene}
-    runs = [(method, 1 / rate) for method, rate in bench.RUNS]
-    if options.methods or options.dt or options.method:
-        methods = options.methods or [options.method or 'newton']
-        runs = [(method, dt) for method in methods for dt in options.dt or [1 / 4000]]
-    compiling: dict[str, float] = {}
-    levels = {source: {'spatial'} for source in scenes}
-    for source, scene in scenes.items():
-        expected, doubt = bench.converged_path(scene)
-        print(f'{source}: {scene.duration:g} s, converged to {100 * doubt:.2g} %')
-        print(f'{"method":13} {"level":7} {"dt":>8} {"median":>9} {"p99":>9} {"units":>6} '
-              f'{"real time":>9} {"iter":>6} {"fell back":>9} {"residual":>8} {"printed":>8} '
-              f'{"unconv":>7} {"error":>9}')  # fmt: skip
-        for method, dt in runs:
-            timing = bench.time_steps(replace(scene, method=method, dt=dt))
-            compiling.setdefault(method, timing.compile_seconds)
-            report, error = timing.report, bench.path_error(timing.path, expected)
-            levels[source].add(report.level)
-            print(f'{method:13} {report.level:7} {f"1/{1 / dt:g}":>8} {timing.median:6.2f} us '
-                  f'{timing.p99:6.1f} us {timing.units:6.1f} {timing.real_time_factor:7.1f} x '
-                  f'{report.iterations / max(report.steps, 1):6.2f} {report.fallbacks:9d} '
-                  f'{report.residual_max:8.1e} {report.printed_residual_max:8.1e} '
-                  f'{report.unconverged:7d} {100 * error:7.4f} %'
-                  f'{" " * bool(report.failure)}{report.failure}', flush=True)  # fmt: skip
-    print('units: median step over the factorization of a 6x6 matrix, timed beside it; residuals '
-          'in m/s, with the selection rule and as printed')  # fmt: skip
-    scene = replace(next(iter(scenes.values())), method='newton')
-    for level in sorted(levels[next(iter(scenes))]):
-        medians, exponent = bench.cost_exponent(
-            replace(scene, level=level, duration=min(1.0, scene.duration)), bench.LINK_COUNTS
-        )
-        print(f'newton, {level}, median step over links: '
-              + ', '.join(f'n = {n}: {median:.1f} us' for n, median in medians.items())
-              + f'; exponent {exponent:.2f}')  # fmt: skip
-    print('newton, median step by what there is to pay for, and its ratio to all contacts:')
-    table = bench.situations(min(1.0, scene.duration))
-    for name, (median, ratio, iterations, contacts) in table.items():
-        print(f'{name:20} {median:6.2f} us {ratio:6.3f} {iterations:6.2f} iter, '
-              f'{contacts:2d} contacts at the end')  # fmt: skip
-    listed = ', '.join(f'{name} {seconds:.2f} s' for name, seconds in compiling.items())
-    print(f'compile time apart, in this process: {listed}')
-    if not options.no_start_up:
-        for cold in (True, False):
-            what = 'nothing compiled before' if cold else 'everything compiled before'
-            print(f'start of a new process to its first step, {what}: '
-                  f'{bench.start_up_seconds(scene, cold=cold):.2f} s', flush=True)  # fmt: skip
+    names = options.scene or (QUICK_CASES if options.quick else CASES)
+    scenes = {source: _scene(options, source) for source in names}
+    rivals = contenders.quick_contenders() if options.quick else contenders.all_contenders()
+    known = sorted({rival.method for rival in rivals})
+    for method in options.methods or []:
+        if method not in known:
+            raise ParameterError(f'no method {method!r} in the matrix; it has: {", ".join(known)}')
+    rivals = [rival for rival in rivals if rival.method in (options.methods or known)]
+    if options.dt:
+        rates = tuple(1 / dt for dt in options.dt)
+        rivals = [r if r.adaptive else replace(r, rates=rates) for r in rivals]
+    selected = options.scene or options.methods or options.dt
+    parts = bench.matrix(scenes, rivals, options.limit, quick=options.quick)
+    entries = [
+        entry
+        for name in options.parts or (PARTS[:1] if selected else PARTS)
+        for entry in parts[name]
+    ]
+    writer = TableWriter(options.out, 'bench', bench.COLUMNS)
+    layout = '{percentage:3.0f} %|{bar}| {elapsed}, about {remaining} left'
+    entries = [entry for entry in entries if not entry.is_in(writer.rows)]
+    total = sum(entry.guess for entry in entries)
+    with tqdm(total=total, bar_format=layout, smoothing=0) as bar:
+        for entry in entries:
+            rows = bench.outcome(entry)
+            writer.append(map(bench.plain, rows))
+            for row in rows:
+                bar.write(bench.line(row))
+            bar.update(entry.guess)
+    print(f'{options.out} is complete; snake-sim chart {options.out} draws it')
     return 0
 
 

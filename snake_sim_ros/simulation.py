@@ -22,6 +22,7 @@ from snake_sim_ros.stepping import make_stepper
 from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
+from snake_sim_ros.stepping import Stepper
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,12 @@ class Simulation:
     """
     The state of a scene as it advances.
 
+    Parameters
+    ----------
+    scene : Scene
+    stepper : Stepper, optional
+        Default: that of the method that the scene names.
+
     Attributes
     ----------
     state : State
@@ -103,9 +110,9 @@ class Simulation:
 
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, stepper: Stepper | None = None) -> None:
         self.scene = scene
-        self.stepper = make_stepper(scene)
+        self.stepper = stepper or make_stepper(scene)
         self.step_count = 0
         self.reset()
 

@@ -1,16 +1,5 @@
-"""
-Newton's method on hard contact problems: it converges, or says that it did not.
+"""Newton's method on hard contact problems: it converges, or says that it did not."""
 
-The problems in data/hard_contacts.npz are single steps, stored as scene (YAML), state, history and
-joint reference. The first twenty are the steps that took most iterations of method newton in 15 s
-of the four scenes of the package, ``mu 5`` are steps of lateral undulation with mu = 5 on which an
-earlier solver gave up. The others are postures put on the floor with a gap of -1e-9 m and moved as
-one rigid body: at rest or nearly so (redundant contacts), thrown down at 0.3 m/s while turning
-(every contact lands and slides at once), with a link of 1000 times the mass, with an upright link,
-and a pitched link that slides on its leading end, below and beyond Painleve's threshold.
-"""
-
-from dataclasses import replace
 from functools import cache
 import hashlib
 import os
@@ -29,6 +18,7 @@ import pytest
 
 from snake_sim_ros import gait
 from snake_sim_ros.compilation import compiled
+from snake_sim_ros.hard_contacts import load_problems
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import scene_from_text
 from snake_sim_ros.parameters import scene_to_text
@@ -37,10 +27,8 @@ from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import make_stepper
 from snake_sim_ros.stepping import no_history
-from snake_sim_ros.stepping import State
 from snake_sim_ros.stepping import Status
 
-FILE = Path(__file__).parent / 'data' / 'hard_contacts.npz'
 RESIDUAL = 1e-9  # m/s, the tolerance of all scenes
 # Not promised to converge: steps far beyond Painleve's threshold (0.978 for one link and lower
 # with impulses from the joints), and thrown links with rolling friction.
@@ -55,24 +43,7 @@ OPEN = {
 OPEN_DENSE = OPEN | {'dropped and spinning, mu 2', 'dropped and spinning, mu 5'}
 
 
-def load():
-    """Return name -> (scene, state, history, angle, rate)."""
-    with np.load(FILE) as file:
-        names, texts, links, numbers = (file[key] for key in ('name', 'scene', 'links', 'numbers'))
-    problems, start = {}, 0
-    for name, text, n in zip(names, texts, links, strict=True):
-        parts = []
-        for shape in ((n, 7), (n, 6), (5, 2 * n, 5), (n - 1, 2), (n - 1, 2)):
-            size = int(np.prod(shape))
-            parts.append(numbers[start : start + size].reshape(shape))
-            start += size
-        scene = replace(scene_from_text(text.decode()), level='spatial')
-        problems[str(name)] = (scene, State(*parts[:2]), *parts[2:])
-    assert start == len(numbers)
-    return problems
-
-
-PROBLEMS = load()
+PROBLEMS = load_problems()
 each_problem = pytest.mark.parametrize('name', PROBLEMS)
 each_solvable = pytest.mark.parametrize(
     ('name', 'method'),

@@ -1,0 +1,201 @@
+"""Who takes part in the bench: methods, their settings and time steps, and how they are run."""
+
+from collections.abc import Callable
+from collections.abc import Mapping
+from dataclasses import dataclass
+from dataclasses import field
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from snake_sim_ros.baselines import integrate
+from snake_sim_ros.baselines import make_pyramid
+from snake_sim_ros.baselines import make_semi_implicit
+from snake_sim_ros.baselines import Penalty
+from snake_sim_ros.course import Course
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.parameters import with_settings
+from snake_sim_ros.peers import MujocoSettings
+from snake_sim_ros.peers import run_mujoco
+from snake_sim_ros.stepping import Stepper
+from snake_sim_ros.timing import energy_error
+from snake_sim_ros.timing import timed
+
+# Steps a second.
+FINE = (16000, 8000, 4000, 2000, 1000)
+COARSE = (500, 200, 100, 50, 20)
+LARGE = (4000, 1000, 400, 200, 100, 50, 20, 10)
+SLOW = (4000, 1000, 200, 50)
+STIFF = (64000, 32000, 16000, 8000, 4000, 2000, 1000)
+PEER = (8000, 4000, 2000, 1000, 500, 200, 120, 60)
+TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6)
+INTEGRATORS = ('RK45', 'LSODA', 'Radau', 'BDF')
+PENALTIES = tuple(
+    Penalty(law=law, sliding_velocity=eps, stiffness=k)
+    for law, eps, k in (
+        ('tanh', 1e-2, 1e4),
+        ('tanh', 1e-3, 1e4),
+        ('tanh', 1e-2, 1e5),
+        ('tanh', 1e-3, 1e5),
+        ('tanh', 1e-4, 1e5),
+        ('rational', 1e-3, 1e5),
+    )
+)
+AS_PRINTED = {
+    'solver.normal_compliance': 0.0,
+    'solver.activation_tolerance': 0.0,
+    'pd_scheme': 'midpoint',
+}
+USUAL_STEP = {'newton_dense': 4e-5, 'gauss_seidel': 8e-5, 'paper': 8e-5, 'mujoco': 2e-5}  # s
+QUICK = {  # method: setting and rates of the quick matrix
+    'newton': ('default', (4000, 1000, 200)),
+    'bdf2': ('residual 1e-5 m/s', (400, 100, 20)),
+    'paper': ('as printed, 1e-06 N s', (4000, 1000)),
+    'semi_implicit_euler': ('tanh 0.01 m/s, 10000 N/m', (8000, 4000, 2000)),
+    'mujoco': ('best, position', (1000, 500, 120)),
+}
+Make = Callable[[Scene], Stepper]
+
+
+@dataclass(frozen=True)
+class Contender:
+    """
+    A method with its settings.
+
+    Attributes
+    ----------
+    method : str
+        Name of a method of `stepping.METHODS`, of a baseline or of a peer.
+    setting : str
+        What distinguishes it from others of the same method and level.
+    rates : tuple of float
+        Steps a second; tolerances of a method that chooses its steps.
+    run : callable
+        ``run(scene, limit=...)``: the course of a scene, which ends early after that wall time
+        [s]; with a ``tolerance``, too, for a method that chooses its steps.
+    level : str
+        `spatial` or `planar`.
+    settings : mapping
+        Of the scene, such as ``{'pd_scheme': 'start'}``.
+    own_limit : tuple
+        Name of the model, and the contender that runs it with two rates, the second twice the
+        first, to extrapolate where small steps lead; empty for the model that the converged
+        solution is of.
+    adaptive : bool
+        Whether it chooses its steps.
+
+    """
+
+    method: str
+    setting: str
+    rates: tuple[float, ...]
+    run: Callable[..., Course]
+    level: str = 'spatial'
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    own_limit: tuple[Any, ...] = ()
+    adaptive: bool = False
+
+    def scene(self, scene: Scene, dt: float) -> Scene:
+        """Return a scene as this contender runs it."""
+        return with_settings(scene, {**self.settings, 'level': self.level, 'dt': dt})
+
+    def seconds(self, scene: Scene, dt: float) -> float:
+        """Return a guess of the wall time of a run, for progress bars [s]."""
+        if self.adaptive:
+            return 20.0
+        step = USUAL_STEP.get(self.method, 8e-6) * scene.robot.link_count / 11
+        return 0.3 + step * scene.duration / dt
+
+
+def run_stepper(scene: Scene, limit: float, make: Make | None = None) -> Course:
+    """Run a stepper, default that of the scene's method, and draw up its energy balance."""
+    course = timed(scene, make, limit=limit)
+    if course.status == 'diverged' or course.late:
+        return course
+    return replace(course, energy_error=energy_error(scene, make))
+
+
+def all_contenders() -> list[Contender]:
+    """Return all of the full matrix."""
+    return [*ours(), *regularized(), *mujoco()]
+
+
+def quick_contenders() -> list[Contender]:
+    """Return those of the quick matrix: few methods and time steps, that compile in a minute."""
+    return [
+        replace(rival, rates=QUICK[rival.method][1])
+        for rival in all_contenders()
+        if rival.setting == QUICK.get(rival.method, ('',))[0]
+        and (rival.method, rival.level) != ('bdf2', 'planar')
+    ]
+
+
+def ours() -> list[Contender]:
+    """Return the methods of `stepping.METHODS` that are compiled, at both levels."""
+    entries: list[tuple[str, str, tuple[float, ...], dict[str, Any]]] = [
+        ('newton', 'default', FINE + COARSE, {}),
+        ('newton', 'explicit PD', FINE + COARSE[:1], {'pd_scheme': 'start'}),
+        ('bdf2', 'default', LARGE, {}),
+        ('bdf2', 'residual 1e-5 m/s', LARGE, {'solver.residual_tolerance': 1e-5}),
+        ('newton_dense', 'default', SLOW, {}),
+        ('gauss_seidel', 'default', SLOW, {}),
+        ('paper', 'selection rule, 1e-7 N s', SLOW, {}),
+    ]
+    entries += [
+        ('paper', f'as printed, {eps:g} N s', FINE[1:], {**AS_PRINTED, 'solver.tolerance': eps})
+        for eps in (1e-5, 1e-6, 1e-7, 1e-8)
+    ]
+    spatial = [
+        Contender(method, setting, rates, run_stepper, settings={'method': method, **settings})
+        for method, setting, rates, settings in entries
+    ]
+    printed = next(c for c in spatial if c.setting == 'as printed, 1e-08 N s')
+    limit = ('as printed', replace(printed, rates=(4000, 8000)))
+    return [
+        *(replace(c, own_limit=limit) if 'as printed' in c.setting else c for c in spatial),
+        *(replace(c, level='planar') for c in spatial if 'as printed' not in c.setting),
+    ]
+
+
+def regularized() -> list[Contender]:
+    """Return the baselines: penalty contact with fixed and adaptive steps, and the pyramid."""
+    entries = []
+    for penalty in PENALTIES:
+        make = partial(make_semi_implicit, penalty=penalty)
+        run = partial(run_stepper, make=make)
+        euler = Contender('semi_implicit_euler', setting_of(penalty), STIFF, run)
+        limit = (euler.setting, replace(euler, rates=(64000, 128000)))
+        entries.append(replace(euler, own_limit=limit))
+        if penalty == PENALTIES[3]:
+            entries += [
+                Contender(
+                    name.lower(), euler.setting, TOLERANCES,
+                    partial(integrate, penalty=penalty, integrator=name),
+                    own_limit=limit, adaptive=True,
+                )
+                for name in INTEGRATORS
+            ]  # fmt: skip
+    pyramid = Contender('pyramid', 'default', SLOW[:-1], partial(run_stepper, make=make_pyramid))
+    return [
+        *entries,
+        replace(pyramid, own_limit=('pyramid', replace(pyramid, rates=(2000, 4000)))),
+    ]
+
+
+def setting_of(penalty: Penalty) -> str:
+    """Return the setting of a penalty method."""
+    return f'{penalty.law} {penalty.sliding_velocity:g} m/s, {penalty.stiffness:g} N/m'
+
+
+def mujoco() -> list[Contender]:
+    """Return MuJoCo with its own defaults and at its best, with the ways to drive the joints."""
+    entries = []
+    for contact in ('default', 'best'):
+        for drive in ('torque', 'position', 'spring'):
+            settings = MujocoSettings(contact=contact, drive=drive)
+            run = partial(run_mujoco, settings=settings)
+            peer = Contender('mujoco', f'{contact}, {drive}', PEER, run)
+            entries.append(
+                replace(peer, own_limit=(peer.setting, replace(peer, rates=(8000, 16000))))
+            )
+    return entries

@@ -1,0 +1,94 @@
+"""Where the time of a step of method newton goes, by time stamps inside of real steps."""
+
+import time
+
+import numpy as np
+
+from snake_sim_ros import gait
+from snake_sim_ros import planar
+from snake_sim_ros import planar_newton
+from snake_sim_ros.articulated_body import factor_chain
+from snake_sim_ros.articulated_body import solve_chain
+from snake_sim_ros.articulated_body import unload_chain
+from snake_sim_ros.compilation import compiled
+from snake_sim_ros.compilation import cycle_counter
+from snake_sim_ros.newton import solve_contacts
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.planar_stepper import PlanarStepper
+from snake_sim_ros.simulation import Simulation
+from snake_sim_ros.spatial import begin_step
+from snake_sim_ros.spatial import end_step
+from snake_sim_ros.spatial import SpatialStepper
+
+STAGES = ('kinematics, control, contacts', 'contact laws and chain', 'end of step, drift')
+CHAIN = 'one sweep over the chain'  # part of the second stage, about one in every iteration
+STEPS = 1000
+
+
+@compiled
+def spatial_stages(model, work, q, u, history, angle, rate, report, stamps):
+    """Do what `newton.advance` does, with a time stamp after every stage, and a sweep apart."""
+    for k in range(len(angle)):
+        stamps[k, 0] = cycle_counter()
+        count, laws = begin_step(model, work, q, u, history[0], angle[k], rate[k])
+        stamps[k, 1] = cycle_counter()
+        outcome = solve_contacts(
+            model, laws, work.contact[:count], work.table, work.chain, work.delassus, history
+        )
+        stamps[k, 2] = cycle_counter()
+        if not end_step(model, work, q, u, history, count, outcome, report):
+            break
+        stamps[k, 3] = cycle_counter()
+        unload_chain(work.chain)
+        factor_chain(work.chain)
+        solve_chain(work.chain, work.chain.torque)
+        stamps[k, 4] = cycle_counter()
+
+
+@compiled
+def planar_stages(model, work, q, u, history, angle, rate, report, stamps):
+    """Do what `planar_newton.advance` does, with a time stamp after every stage."""
+    for k in range(len(angle)):
+        stamps[k, 0] = cycle_counter()
+        count = planar.begin_step(model, work, q, u, angle[k], rate[k])
+        stamps[k, 1] = cycle_counter()
+        contact = work.contact[:count]
+        outcome = planar_newton.solve_contacts(model, work, contact, work.delassus, history)
+        stamps[k, 2] = cycle_counter()
+        if not planar.end_step(model, work, q, u, history, count, outcome, report):
+            break
+        stamps[k, 3] = cycle_counter()
+        stamps[k, 4] = stamps[k, 3]
+
+
+def stage_times(scene: Scene, level: str) -> dict[str, float]:
+    """
+    Return the median time of every stage of a step, and at the spatial level of CHAIN [us].
+
+    Of STEPS steps after the first second of the scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    level : str
+        `spatial` or `planar`.
+
+    """
+    stamps = np.zeros((STEPS, 5), np.int64)
+    stages = planar_stages if level == 'planar' else spatial_stages
+
+    def loop(model, work, q, u, history, angle, rate, report, cycles):  # type: ignore[no-untyped-def]
+        stages(model, work, q, u, history, angle, rate, report, stamps)
+
+    make = PlanarStepper if level == 'planar' else SpatialStepper
+    simulation = Simulation(scene, make(scene, loop, 0))
+    for steps in [STEPS] * (round(1 / scene.dt / STEPS) + 1):
+        reference = gait.reference(
+            scene.gait, simulation.midpoints(steps), scene.robot.link_count - 1
+        )
+        start = time.perf_counter(), cycle_counter()
+        simulation.advance(*reference)
+        wall, ticks = time.perf_counter() - start[0], cycle_counter() - start[1]
+    medians = 1e6 * wall / ticks * np.median(np.diff(stamps, axis=1), axis=0)
+    names = (*STAGES, CHAIN) if level == 'spatial' else STAGES
+    return {name: float(median) for name, median in zip(names, medians, strict=False)}

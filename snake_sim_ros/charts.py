@@ -1,15 +1,310 @@
-"""Pictures; the only module that imports matplotlib. The colors are safe for the color-blind."""
+"""
+Pictures; no other module but stability_chart imports matplotlib.
 
+Colors are those of Okabe and Ito, which people with any kind of color vision tell apart; a method
+has the same color and the same mark everywhere. The planar level is drawn with hollow marks.
+"""
+
+from collections.abc import Iterable
+from collections.abc import Mapping
+from collections.abc import Sequence
+from itertools import groupby
+import math
 from pathlib import Path
+from typing import Any
 
+from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 
+from snake_sim_ros.bench import Row
+from snake_sim_ros.bench import rows_of
 from snake_sim_ros.parameters import Array
+from snake_sim_ros.pareto import fitted_order
+from snake_sim_ros.pareto import pareto_table
+from snake_sim_ros.tables import Table
 
 PATH_COLOR = '#0072b2'
 POSTURE_COLORS = ('#999999', '#56b4e9', '#009e73', '#e69f00', '#d55e00')
+STYLES = {  # method: color, mark, name
+    'newton': ('#0072b2', 'o', 'newton'),
+    'bdf2': ('#009e73', 's', 'bdf2'),
+    'newton_dense': ('#56b4e9', 'v', 'newton_dense'),
+    'gauss_seidel': ('#e69f00', '^', 'gauss_seidel'),
+    'paper': ('#000000', 'D', "paper's iteration"),
+    'pyramid': ('#999999', 'h', 'friction pyramid'),
+    'semi_implicit_euler': ('#cc79a7', 'P', 'regularized, semi-implicit Euler'),
+    'rk45': ('#cc79a7', '1', 'regularized, RK45'),
+    'lsoda': ('#cc79a7', '2', 'regularized, LSODA'),
+    'radau': ('#cc79a7', '3', 'regularized, Radau'),
+    'bdf': ('#cc79a7', '4', 'regularized, BDF'),
+    'mujoco': ('#d55e00', 'X', 'MuJoCo'),
+}
+MAIN = {  # setting that stands for a method; all are drawn, the others thin
+    'newton': 'default',
+    'bdf2': 'residual 1e-5 m/s',
+    'paper': 'as printed, 1e-07 N s',
+    'semi_implicit_euler': 'tanh 0.001 m/s, 100000 N/m',
+    'mujoco': 'best, position',
+}
+DEFAULT_DT = 1 / 4000
+NAMES = {
+    'lateral_undulation': 'A: lateral undulation',
+    'lateral_undulation_isotropic': 'B: the same, isotropic friction',
+    'sidewinding': 'C: sidewinding',
+    'sinus_lifting': 'D: sinus-lifting',
+}
+SMALL = {'font.size': 8.5, 'svg.hashsalt': 'snake_sim_ros', 'svg.fonttype': 'none'}
+
+
+def draw_bench(table: Table, folder: Path) -> list[Path]:
+    """
+    Draw everything that a bench measured, as SVG and PNG, and write the Pareto table.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    ParameterError
+        If the table is not one of a bench.
+
+    """
+    rows = rows_of(table)
+    parts = {name: [row for row in rows if row.part == name] for name in {r.part for r in rows}}
+    drawn: list[Path] = []
+    figures = {
+        'work_precision': ('precision', work_precision),
+        'error_over_dt': ('precision', error_over_dt),
+        'cost_over_links': ('links', cost_over_links),
+        'residual_over_iterations': ('iterations', residual_over_iterations),
+        'where_time_goes': ('stages', where_time_goes),
+    }
+    for name, (part, draw) in figures.items():
+        if part not in parts:
+            continue
+        with rc_context(SMALL):
+            figure = draw(parts[part] + parts.get('situations', []) * (part == 'stages'))
+            drawn += save(figure, folder / name, table.header)
+    if 'precision' in parts:
+        path = folder / 'pareto.md'
+        path.write_text(pareto_table(rows), encoding='utf-8')
+        drawn.append(path)
+    return drawn
+
+
+def save(figure: Figure, path: Path, header: Mapping[str, str]) -> list[Path]:
+    """Write a figure as SVG and PNG, with where it was measured at its foot."""
+    where = ', '.join(header[key] for key in ('processor', 'date') if key in header)
+    commit = header.get('commit', 'unknown')
+    figure.supxlabel(f'commit {commit}, {where}; wall times are of one machine', fontsize=6.5)
+    FigureCanvasAgg(figure)
+    files = [path.with_suffix(suffix) for suffix in ('.svg', '.png')]
+    figure.savefig(files[0], metadata={'Date': None})
+    figure.savefig(files[1], dpi=110)
+    return files
+
+
+def panels(count: int, columns: int, height: float) -> tuple[Figure, list[Axes]]:
+    """Return a figure as wide as a README, with axes of a height [inch] each."""
+    rows = math.ceil(count / columns)
+    figure = Figure(figsize=(9.0, rows * height + 0.8), layout='constrained')
+    return figure, [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
+
+
+def lines(rows: Iterable[Row]) -> dict[tuple[str, str, str], list[Row]]:
+    """Return the rows of every line: (method, level, setting) -> rows, small steps first."""
+    found: dict[tuple[str, str, str], list[Row]] = {}
+    for row in rows:
+        if row.error_path is not None and row.error_path > 0.0:
+            found.setdefault((row.method, row.level, row.setting), []).append(row)
+    for line in found.values():
+        line.sort(key=lambda row: row.dt or 0.0)
+    return dict(sorted(found.items(), key=lambda item: list(STYLES).index(item[0][0])))
+
+
+def plot_line(axes: Axes, x: Any, y: Any, method: str, level: str, *, main: bool) -> Any:
+    """Draw the line of a method, thin if its setting is not the one that stands for it."""
+    color, mark, _ = STYLES[method]
+    fill = 'white' if level == 'planar' and mark not in '1234' else color
+    look: dict[str, Any] = {'lw': 1.5, 'ms': 5.0} if main else {'lw': 0.6, 'ms': 2.5, 'alpha': 0.5}
+    (line,) = axes.plot(x, y, '-', marker=mark, color=color, mfc=fill, zorder=2 + main, **look)
+    return line
+
+
+def is_main(method: str, setting: str) -> bool:
+    """Return whether a setting stands for its method."""
+    return MAIN.get(method, setting) == setting
+
+
+def errors_figure(rows: Sequence[Row], column: str) -> tuple[Figure, list[Axes]]:
+    """Draw the path errors of all cases over a column, with fitted orders in the legend."""
+    cases = list(dict.fromkeys(row.case for row in rows))
+    figure, all_axes = panels(len(cases), min(2, len(cases)), 3.2)
+    legend: dict[str, Any] = {}
+    orders: dict[str, list[float]] = {}
+    for axes, case in zip(all_axes, cases, strict=True):
+        here = [row for row in rows if row.case == case]
+        for (method, level, setting), line in lines(here).items():
+            main = is_main(method, setting)
+            x = [getattr(row, column) for row in line]
+            y = [row.error_path for row in line]
+            handle = plot_line(axes, x, y, method, level, main=main)
+            if main:
+                name = STYLES[method][2] + ', planar' * (level == 'planar')
+                legend.setdefault(name, handle)
+                orders.setdefault(name, []).append(fitted_order(line))
+        doubt = max((row.reference_error or 0.0 for row in here), default=0.0)
+        axes.axhspan(1e-9, max(doubt, 1e-9), color='#dddddd', zorder=0)
+        shown = [row.error_path for row in here if row.error_path]
+        low = min([doubt, *shown])
+        axes.set(xscale='log', yscale='log', title=NAMES.get(case, case), ylim=(low / 2, 2.0))
+        axes.set_ylabel('error / distance travelled')
+        axes.grid(alpha=0.3, which='major')
+    names = {
+        name: name + ''.join({f' (order {np.nanmedian(fits):.1f})' for fits in [orders[name]]
+                              if np.isfinite(fits).any()})
+        for name in legend
+    }  # fmt: skip
+    figure.legend(
+        legend.values(), names.values(), loc='outside lower center', ncols=3, frameon=False
+    )
+    return figure, all_axes
+
+
+def slope_triangle(axes: Axes, order: int, direction: int, at: tuple[float, float]) -> None:
+    """
+    Draw a triangle with the slope of an order.
+
+    Parameters
+    ----------
+    axes : Axes
+    order : int
+    direction : {1, -1}
+        1 over time steps, -1 over times.
+    at : tuple of float
+        Its lower corner, as fractions of the axes.
+
+    """
+    (x0, x1), (y0, y1) = np.log10(axes.get_xlim()), np.log10(axes.get_ylim())
+    x, y = x0 + at[0] * (x1 - x0), y0 + at[1] * (y1 - y0)
+    run = 0.5
+    corners = [(x, y), (x + direction * run, y), (x + direction * run, y + order * run)]
+    points = 10.0 ** np.array([*corners, corners[0]])
+    axes.plot(*points.T, '-', color='#555555', lw=0.8, zorder=1)
+    axes.annotate(
+        f'{order}', 10.0 ** np.array(corners[2]), fontsize=7, color='#555555',
+        ha='left' if direction > 0 else 'right', va='top',
+    )  # fmt: skip
+
+
+def work_precision(rows: Sequence[Row]) -> Figure:
+    """Draw error over wall time per simulated second: down and to the left is better."""
+    figure, all_axes = errors_figure(rows, 'seconds_per_second')
+    cases = list(dict.fromkeys(row.case for row in rows))
+    for axes, case in zip(all_axes, cases, strict=True):
+        here = [row for row in rows if row.case == case and row.error_path]
+        default = {row.level: row for row in here if row.dt == DEFAULT_DT
+                   and (row.method, row.setting) == ('newton', 'default')}  # fmt: skip
+        printed = [row for row in here if row.dt == DEFAULT_DT
+                   and (row.method, row.setting) == ('paper', MAIN['paper'])]  # fmt: skip
+        chosen = default.get('planar') or default.get('spatial')
+        for row, text in [(chosen, 'default'), (printed[0] if printed else None, 'paper')]:
+            if row is not None:
+                point = row.seconds_per_second, row.error_path
+                axes.plot(*point, 'o', ms=11, mfc='none', mec='black', mew=1.2, zorder=5)
+                axes.annotate(text, point, xytext=(7, 7), textcoords='offset points', zorder=5)
+        axes.axvline(1.0, color='black', lw=0.8, ls=':')
+        axes.annotate('real time', (1.0, 0.99), xycoords=('data', 'axes fraction'), rotation=90,
+                      ha='right', va='top', fontsize=7)  # fmt: skip
+        axes.set_xlabel('wall time / simulated time')
+        for order, at in ((1, (0.14, 0.06)), (2, (0.24, 0.06))):
+            slope_triangle(axes, order, -1, at)
+    return figure
+
+
+def error_over_dt(rows: Sequence[Row]) -> Figure:
+    """Draw error over time step, with the slopes of first and second order."""
+    figure, all_axes = errors_figure(rows, 'dt')
+    for axes in all_axes:
+        axes.set_xlabel('time step [s]')
+        for order, at in ((1, (0.72, 0.06)), (2, (0.84, 0.06))):
+            slope_triangle(axes, order, 1, at)
+    return figure
+
+
+def cost_over_links(rows: Sequence[Row]) -> Figure:
+    """Draw the median step over the number of links, with the exponents of fitted power laws."""
+    figure, (axes,) = panels(1, 1, 3.6)
+    rows = [row for row in rows if row.median_us and row.n]
+    for method in STYLES:
+        for level in ('spatial', 'planar'):
+            line = [row for row in rows if (row.method, row.level) == (method, level)]
+            if not line:
+                continue
+            n, cost = [row.n for row in line], [row.median_us for row in line]
+            handle = plot_line(axes, n, cost, method, level, main=True)
+            exponent = f', n^{np.polyfit(np.log(n), np.log(cost), 1)[0]:.2f}' * (len(line) > 1)
+            handle.set_label(STYLES[method][2] + ', planar' * (level == 'planar') + exponent)
+    axes.set(xscale='log', yscale='log', xlabel='number of links', ylabel='median step [us]')
+    axes.grid(alpha=0.3, which='both')
+    figure.legend(loc='outside right center', frameon=False)
+    return figure
+
+
+def residual_over_iterations(rows: Sequence[Row]) -> Figure:
+    """Draw what is left of the contact laws over iterations, for stored hard problems."""
+    cases = list(dict.fromkeys(row.case for row in rows))
+    figure, all_axes = panels(len(cases), 3, 2.4)
+    legend: dict[str, Any] = {}
+    for axes, case in zip(all_axes, cases, strict=True):
+        here = [row for row in rows if row.case == case and row.residual_max and row.iterations]
+        for method, line in groupby(here, key=lambda row: row.method):
+            points = [(row.iterations, row.residual_max) for row in line]
+            legend[method] = plot_line(
+                axes, *zip(*points, strict=True), method, 'spatial', main=True
+            )
+        axes.axhline(1e-9, color='black', lw=0.8, ls=':')
+        axes.set(xscale='log', yscale='log', title=case)
+        axes.grid(alpha=0.3)
+    for axes in all_axes[::3]:
+        axes.set_ylabel('residual [m/s]')
+    for axes in all_axes[-3:]:
+        axes.set_xlabel('iterations (dotted: where newton stops)')
+    names = [STYLES[method][2] for method in legend]
+    figure.legend(legend.values(), names, loc='outside lower center', ncols=3, frameon=False)
+    return figure
+
+
+def where_time_goes(rows: Sequence[Row]) -> Figure:
+    """Draw the stages of a step, and what it costs by what there is to pay for."""
+    figure, (left, right) = panels(2, 2, 2.8)
+    colors = ('#0072b2', '#56b4e9', '#009e73', '#e69f00')
+    for y, level in enumerate(('spatial', 'planar')):
+        start = 0.0
+        stages = [row for row in rows if (row.part, row.level) == ('stages', level)]
+        for row, color in zip(stages[:3], colors, strict=False):
+            label = row.setting if level == 'spatial' else None
+            left.barh(y, row.median_us, left=start, color=color, label=label)
+            start += row.median_us or 0.0
+        for row in stages[3:]:
+            begin = stages[0].median_us
+            left.barh(y, row.median_us, 0.35, left=begin, color=colors[3], label=row.setting)
+    left.set(yticks=[0, 1], yticklabels=['spatial', 'planar'], xlabel='median [us]')
+    left.set_title('stages of a step of newton')
+    left.legend(loc='upper right', frameon=False, fontsize=7)
+    left.set_ylim(-0.6, 2.3)
+    found = [row for row in rows if row.part == 'situations']
+    right.barh(
+        [row.case for row in found], [row.median_us or 0.0 for row in found], color='#0072b2'
+    )
+    right.invert_yaxis()
+    right.set(xlabel='median step [us]', title='what there is to pay for')
+    return figure
 
 
 def path_figure(

@@ -20,6 +20,7 @@ from snake_sim_ros.simulation import Trajectory
 from snake_sim_ros.stepping import make_stepper
 from snake_sim_ros.stepping import METHODS
 from snake_sim_ros.stepping import Status
+from snake_sim_ros.tables import read_table
 from snake_sim_ros.tables import TableWriter
 
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')
@@ -225,6 +226,18 @@ def _bench(options: argparse.Namespace) -> int:
                 bar.write(bench.line(row))
             bar.update(entry.guess)
     print(f'{options.out} is complete; snake-sim chart {options.out} draws it')
+    return 0
+
+
+def _chart(options: argparse.Namespace) -> int:
+    from snake_sim_ros.charts import draw_bench
+
+    if not options.out.is_dir():
+        raise ParameterError(f'--out: no folder {options.out}')
+    for path in options.csv:
+        table = read_table(path)
+        for file in draw_bench(table, options.out):
+            print(file)
     return 0
 
 

@@ -1,0 +1,440 @@
+"""The bench: its arithmetic on known inputs, its file, and that a run that fails is a row."""
+
+from dataclasses import asdict
+from dataclasses import replace
+import math
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from snake_sim_ros import bench
+from snake_sim_ros import contenders
+from snake_sim_ros import timing
+from snake_sim_ros.bench import COLUMNS
+from snake_sim_ros.bench import Entry
+from snake_sim_ros.bench import Row
+from snake_sim_ros.cli import main
+from snake_sim_ros.contenders import Contender
+from snake_sim_ros.course import Course
+from snake_sim_ros.course import extrapolated
+from snake_sim_ros.course import largest_difference
+from snake_sim_ros.course import path_error
+from snake_sim_ros.course import SAMPLE
+from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.pareto import fastest
+from snake_sim_ros.pareto import fitted_order
+from snake_sim_ros.pareto import front
+from snake_sim_ros.pareto import pareto_table
+from snake_sim_ros.records import ParameterError
+from snake_sim_ros.stepping import METHODS
+from snake_sim_ros.stepping import Report
+from snake_sim_ros.stepping import State
+from snake_sim_ros.tables import read_table
+from snake_sim_ros.tables import Table
+from snake_sim_ros.tables import TableWriter
+
+ROOT = Path(__file__).resolve().parent.parent
+SCENE = replace(load_scene('lateral_undulation'), duration=0.3)
+
+
+def course(path, **values):
+    """Return the course of a robot of one link along a path."""
+    m = len(path)
+    values = {'seconds': 1.0, 'median': 2.0, 'p99': 3.0, 'compile_seconds': 4.0, **values}
+    return Course(
+        position=np.asarray(path, dtype=float)[:, None, :],
+        axis=np.tile([1.0, 0.0, 0.0], (m, 1, 1)),
+        joint_angle=np.zeros((m, 0, 2)),
+        report=values.pop('report', Report(steps=10 * (m - 1))),
+        **values,
+    )
+
+
+STRAIGHT = course([(0, 0, 0), (1, 0, 0), (2, 0, 0)])
+
+
+class Sliding:
+    """A stepper that moves the robot along x at 1 m/s + error, at 2000 ticks a step."""
+
+    level = 'spatial'
+
+    def __init__(self, scene, failing=math.inf):
+        self.dt, self.failing = scene.dt, failing
+        self.cycles = np.zeros(1, np.int64)
+
+    def advance(self, state, history, angle, rate):
+        steps = len(angle)
+        self.cycles = 2000 * np.arange(steps + 1)
+        q = state.q.copy()
+        q[:, 0] += steps * self.dt * (1.0 + self.dt)
+        report = Report(steps=steps, iterations=2 * steps, joint_torque=np.zeros((10, 2)))
+        if q[0, 0] > self.failing:
+            report.failure = 'too far'
+        return State(q, state.u), history, report
+
+
+def test_path_error_is_relative_to_the_way_gone():
+    bent = course([(0, 0, 0), (1, 0.3, 0.4), (2, 0, 0.1)])
+    assert path_error(bent.path, STRAIGHT.path) == pytest.approx(0.5 / 2)
+
+
+def test_a_run_that_ended_early_is_infinitely_far_off():
+    assert path_error(STRAIGHT.path[:2], STRAIGHT.path) == math.inf
+    assert largest_difference(STRAIGHT.heading[:2], STRAIGHT.heading) == math.inf
+
+
+def test_extrapolation_takes_off_an_error_of_first_order():
+    coarse, fine = (course([(0, 0, 0), (1 + h, 0, 3 * h)]) for h in (0.2, 0.1))
+    assert extrapolated(coarse, fine).path == pytest.approx(np.array([(0, 0, 0), (1, 0, 0)]))
+
+
+def test_heading_does_not_jump():
+    angles = np.linspace(3.0, 3.3, 4)
+    axis = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(4)])[:, None]
+    turning = replace(course(np.zeros((4, 3))), axis=axis)
+    assert np.diff(turning.heading) == pytest.approx(0.1)
+
+
+def test_times_are_those_of_the_clocks(monkeypatch):
+    # Every reading of the wall clock is 1 ms after the one before, and every reading of the
+    # counter 500 ticks, so that a tick is 1e-3 s/500 = 2 us: a step of 2000 ticks is 4 ms.
+    seconds, ticks = iter(np.arange(1000) * 1e-3), iter(range(0, 500_000, 500))
+    monkeypatch.setattr(timing.time, 'perf_counter', lambda: next(seconds))
+    monkeypatch.setattr(timing, 'cycle_counter', lambda: next(ticks))
+    run = timing.timed(SCENE, Sliding)
+    # From start to end one reading of the counter for 7 of the clock: 2 in each of 3 samples.
+    assert run.median == run.p99 == pytest.approx(2000 * 7 * 2.0)
+    assert run.seconds == pytest.approx(3e-3)
+    assert len(run.position) == 4
+    assert run.report.steps == 1200
+
+
+def test_a_run_that_takes_too_long_is_stopped_and_says_so(monkeypatch):
+    seconds = iter(np.arange(1000.0))
+    monkeypatch.setattr(timing.time, 'perf_counter', lambda: next(seconds))
+    run = timing.timed(SCENE, Sliding, limit=1.5)
+    assert run.status == 'too_slow'
+    assert len(run.position) == 2
+
+
+def entry(run, **values):
+    values = {'part': 'precision', 'case': 'A', 'method': 'newton', 'dt': 0.01, **values}
+    return Entry((Row(**values),), run, 1.0)
+
+
+def rival(make=Sliding, **values):
+    def run(scene, limit):
+        return timing.timed(scene, make, limit=limit)
+
+    return Contender(
+        **{'method': 'newton', 'setting': 'default', 'rates': (1000,), 'run': run, **values}
+    )
+
+
+@pytest.fixture
+def references(monkeypatch):
+    def straight(scene):
+        x = SAMPLE * np.arange(4)
+        q = timing.timed(scene, Sliding)
+        position = q.position - q.position[:1] * 0
+        position = q.position.copy()
+        position[..., 0] = q.position[:1, :, 0] + x[:, None]
+        return replace(q, position=position), 1e-6
+
+    monkeypatch.setattr(bench, 'converged', straight)
+    return bench.References({'A': SCENE})
+
+
+def test_a_known_error_is_in_the_row(references):
+    # The speed is 1 + dt instead of 1: at the end 0.3 dt of 0.3 m.
+    (only,) = bench.precision(references, [rival()], 10.0)
+    (row,) = bench.outcome(only)
+    assert row.error_path == pytest.approx(1e-3)
+    assert row.error_limit == row.error_path
+    assert row.model_error is None
+    assert row.reference_error == 1e-6
+    assert row.error_angle == row.error_heading == 0.0
+    assert (row.status, row.steps, row.iterations) == ('converged', 300, 600)
+
+
+def test_model_error_and_step_error_are_told_apart(references):
+    # The contender's own small steps lead to a speed of 1, then its model is made 2 % faster.
+    def fast(scene, limit):
+        run = timing.timed(scene, Sliding, limit=limit)
+        start = run.position[:1]
+        return replace(run, position=start + 1.02 * (run.position - start))
+
+    other = rival(run=fast)
+    other = replace(other, own_limit=('fast', replace(other, rates=(2000, 4000))))
+    (only,) = bench.precision(references, [other], 10.0)
+    (row,) = bench.outcome(only)
+    assert row.model_error == pytest.approx(0.02)
+    assert row.error_limit == pytest.approx(1e-3)
+    assert row.error_path == pytest.approx(1.02 * 1.001 - 1)
+
+
+def test_a_run_that_diverges_is_a_row_without_errors(references):
+    diverging = rival(make=lambda scene: Sliding(scene, failing=0.1))
+    (only,) = bench.precision(references, [diverging], 10.0)
+    (row,) = bench.outcome(only)
+    assert (row.status, row.error_path) == ('diverged', None)
+    assert 'too far' in row.message
+
+
+@pytest.mark.parametrize(
+    ('error', 'status'), [(ParameterError('no'), 'refused'), (ZeroDivisionError('x'), 'error')]
+)
+def test_a_run_that_raises_is_a_row(error, status):
+    def fail():
+        raise error
+
+    (row,) = bench.outcome(entry(fail))
+    assert row.status == status
+    assert type(error).__name__ in row.message
+
+
+def test_an_end_from_the_keyboard_is_not_swallowed():
+    def stop():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        bench.outcome(entry(stop))
+
+
+def test_rows_are_read_as_they_were_written(tmp_path):
+    row = Row(part='links', case='a, "b"', method='newton', dt=1 / 3, n=3, residual_max=1e-300)
+    writer = TableWriter(tmp_path / 'x.csv', 'bench', COLUMNS)
+    writer.append([bench.plain(replace(row, error_path=math.inf, energy_error=math.nan))])
+    assert bench.rows_of(read_table(tmp_path / 'x.csv')) == [row]
+
+
+def test_header_says_where_the_numbers_are_from(tmp_path):
+    TableWriter(tmp_path / 'x.csv', 'bench', COLUMNS)
+    header = read_table(tmp_path / 'x.csv').header
+    assert {'table', 'commit', 'processor', 'python', 'numpy', 'scipy', 'numba', 'date'} <= set(
+        header
+    )
+
+
+def write(path, rows):
+    TableWriter(path, 'bench', COLUMNS).append(bench.plain(row) for row in rows)
+
+
+def test_rows_that_are_there_are_not_run_again(tmp_path):
+    path = tmp_path / 'x.csv'
+    entries = [entry(list, dt=dt) for dt in (0.1, 0.2, 0.3)]
+    write(path, [entries[0].keys[0], replace(entries[2].keys[0], status='diverged')])
+    rows = TableWriter(path, 'bench', COLUMNS).rows
+    assert [item.is_in(rows) for item in entries] == [True, False, True]
+
+
+def test_a_method_that_chooses_its_steps_is_known_by_its_tolerance(tmp_path):
+    chosen = entry(list, dt=None, tolerance=1e-3)
+    write(tmp_path / 'x.csv', [replace(chosen.keys[0], dt=0.0123)])
+    rows = TableWriter(tmp_path / 'x.csv', 'bench', COLUMNS).rows
+    assert chosen.is_in(rows)
+    assert not entry(list, dt=None, tolerance=1e-4).is_in(rows)
+
+
+def test_a_row_cut_short_is_run_again(tmp_path):
+    path = tmp_path / 'x.csv'
+    entries = [entry(list, dt=dt) for dt in (0.1, 0.2)]
+    write(path, [item.keys[0] for item in entries])
+    path.write_bytes(path.read_bytes()[:-1])
+    writer = TableWriter(path, 'bench', COLUMNS)
+    assert [item.is_in(writer.rows) for item in entries] == [True, False]
+    writer.append([bench.plain(entries[1].keys[0])])
+    assert len(read_table(path).rows) == 2
+
+
+def test_rows_of_another_commit_are_refused(tmp_path):
+    path = tmp_path / 'x.csv'
+    write(path, [])
+    lines = path.read_text().splitlines(keepends=True)
+    lines = ['# commit: abc\n' if line.startswith('# commit') else line for line in lines]
+    path.write_text(''.join(lines))
+    with pytest.raises(ParameterError, match="holds rows of commit 'abc', these would be of"):
+        TableWriter(path, 'bench', COLUMNS)
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        (None, 'not readable as CSV'),
+        ('', 'an empty file'),
+        ('time,x\n1,2\n', 'the first line must say what it is'),
+    ],
+)
+def test_a_file_that_is_no_table_is_named(tmp_path, text, message):
+    path = tmp_path / 'x.csv'
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(ParameterError, match=message):
+        read_table(path)
+
+
+@pytest.mark.parametrize(
+    ('table', 'message'),
+    [
+        (Table({'table': 'stability'}, []), "table must be 'bench', got 'stability'"),
+        (Table({'table': 'bench'}, [{'part': 'x'}]), 'columns must be those of the bench'),
+        (
+            Table({'table': 'bench'}, [{**dict.fromkeys(COLUMNS, ''), 'n': 'many'}]),
+            "n must be a number, got 'many'",
+        ),
+    ],
+)
+def test_a_table_that_is_not_of_a_bench_is_refused(table, message):
+    with pytest.raises(ParameterError, match=message):
+        bench.rows_of(table)
+
+
+def test_every_compiled_method_takes_part_at_both_levels():
+    entered = {(rival.method, rival.level) for rival in contenders.all_contenders()}
+    for method in set(METHODS) - {'reference', 'auto'}:
+        assert {(method, 'spatial'), (method, 'planar')} <= entered
+    baselines = {'semi_implicit_euler', 'rk45', 'lsoda', 'radau', 'bdf', 'pyramid', 'mujoco'}
+    assert baselines <= {method for method, _ in entered}
+
+
+def test_contenders_have_names_of_their_own():
+    names = [(r.method, r.level, r.setting) for r in contenders.all_contenders()]
+    assert len(names) == len(set(names))
+
+
+def test_what_moves_up_is_not_run_in_the_plane():
+    scenes = {name: load_scene(name) for name in ('lateral_undulation', 'sidewinding')}
+    rows = [
+        item.keys[0]
+        for item in bench.precision(bench.References(scenes), contenders.all_contenders(), 1.0)
+    ]
+    levels = {(row.case, row.level) for row in rows}
+    assert levels == {
+        ('lateral_undulation', 'planar'),
+        ('lateral_undulation', 'spatial'),
+        ('sidewinding', 'spatial'),
+    }
+
+
+PRECISION = Row(part='precision', case='A', method='newton', level='spatial', setting='default')
+ROWS = [  # of a method of second order, and a faster one with an error of its model
+    *(
+        replace(
+            PRECISION, dt=dt, error_path=dt**2, error_limit=dt**2, seconds_per_second=1e-3 / dt
+        )
+        for dt in (0.01, 0.1, 0.2)
+    ),
+    replace(
+        PRECISION, method='mujoco', setting='best', dt=0.1, error_path=0.02, error_limit=0.02,
+        seconds_per_second=0.004,
+    ),
+    replace(PRECISION, method='mujoco', setting='best', dt=0.2, status='diverged'),
+]  # fmt: skip
+
+
+def test_fastest_run_that_is_good_enough():
+    assert fastest(ROWS, 0.05) == ROWS[3]
+    assert fastest(ROWS, 0.01) == ROWS[1]
+    assert fastest(ROWS, 1e-5) is None
+
+
+def test_front_holds_what_no_other_run_beats():
+    assert front(ROWS) == [ROWS[3], ROWS[1], ROWS[0]]
+
+
+def test_fitted_order_is_that_of_a_power_law():
+    assert fitted_order(ROWS[:3]) == pytest.approx(2.0)
+    assert math.isnan(fitted_order(ROWS[:2]))
+
+
+def test_errors_that_are_those_of_the_reference_are_not_fitted():
+    rows = [replace(row, reference_error=1e-3) for row in ROWS[:3]]
+    assert math.isnan(fitted_order(rows))
+
+
+def test_pareto_table_names_method_step_speed_and_error():
+    _, _, five, one, tenth = pareto_table(ROWS).splitlines()
+    assert five.startswith('| `A` | 5 % | `newton`, spatial, 1/5 s | 200 | 4 % | `mujoco`, 1/10 s')
+    assert one.endswith('| `newton`, spatial, 1/10 s | 100 | 1 % | none |  |  |')
+    assert '1/100 s | 10 | 0.01 %' in tenth
+
+
+@pytest.fixture(scope='module')
+def measured(tmp_path_factory):
+    """Return the file of a small bench of real runs."""
+    path = tmp_path_factory.mktemp('bench') / 'bench.csv'
+    what = ['bench', 'sidewinding', '--methods', 'newton', 'paper', '--dt', '0.00025', '0.001']
+    assert main([*what, '--duration', '0.1', '--out', str(path)]) == 0
+    return path
+
+
+def test_bench_writes_a_row_for_every_run(measured):
+    rows = bench.rows_of(read_table(measured))
+    assert {(row.method, row.dt) for row in rows} == {
+        (method, dt) for method in ('newton', 'paper') for dt in (0.00025, 0.001)
+    }
+    for row in rows:
+        assert (row.case, row.n, row.duration) == ('sidewinding', 11, 0.1)
+        assert row.status in ('converged', 'max_iterations', 'diverged')
+        assert 0 < row.median_us <= row.p99_us
+        assert row.calibration_us > 0
+    best = [row for row in rows if (row.method, row.setting) == ('newton', 'default')]
+    assert all(row.error_path < 0.05 and row.energy_error < 0.01 for row in best)
+
+
+def test_bench_goes_on_where_it_was_ended(measured, tmp_path, capsys):
+    path = tmp_path / 'bench.csv'
+    lines = measured.read_text().splitlines(keepends=True)
+    path.write_text(''.join(lines[:-1]))
+    what = ['bench', 'sidewinding', '--methods', 'newton', 'paper', '--dt', '0.00025', '0.001']
+    assert main([*what, '--duration', '0.1', '--out', str(path)]) == 0
+    told = [line for line in capsys.readouterr().out.splitlines() if line.startswith('precision')]
+    assert len(told) == 1
+    keys = [
+        [bench.key(row) for row in read_table(file).rows] for file in (measured, path)
+    ]  # fmt: skip
+    assert keys[0] == keys[1]
+
+
+def test_bench_refuses_what_it_does_not_know(tmp_path, capsys):
+    out = ['--out', str(tmp_path / 'x.csv')]
+    assert main(['bench', '--methods', 'newtn', *out]) == 2
+    assert "no method 'newtn' in the matrix; it has: bdf, bdf2, " in capsys.readouterr().err
+    assert main(['bench', '--methods', 'newton', '--out', str(tmp_path / 'no' / 'x.csv')]) == 2
+    assert 'no folder' in capsys.readouterr().err
+
+
+def test_stages_are_those_of_the_step(tmp_path):
+    # Without the compiler: the stamped loops take the very steps of the methods.
+    program = """
+import numpy as np
+from snake_sim_ros import gait, newton, planar_newton, stages
+from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.planar_stepper import PlanarStepper
+from snake_sim_ros.spatial import SpatialStepper
+from snake_sim_ros.stepping import initial_state, no_history
+
+scene = load_scene('lateral_undulation')
+reference = gait.reference(scene.gait, scene.dt * (np.arange(3) + 0.5), 10)
+for make, plain, stamped in (
+    (SpatialStepper, newton.advance, stages.spatial_stages),
+    (PlanarStepper, planar_newton.advance, stages.planar_stages),
+):
+    stamps = np.zeros((3, 5), np.int64)
+    ends = [
+        make(scene, loop, 0).advance(initial_state(scene), no_history(scene), *reference)[0]
+        for loop in (plain, lambda *arguments: stamped(*arguments[:-1], stamps))
+    ]
+    assert (ends[0].q == ends[1].q).all() and (ends[0].u == ends[1].u).all()
+"""
+    environment = {**os.environ, 'NUMBA_DISABLE_JIT': '1', 'PYTHONPATH': str(ROOT)}
+    subprocess.run([sys.executable, '-c', program], env=environment, timeout=100, check=True)
+
+
+def test_every_row_says_what_it_was():
+    assert set(bench.KEY) <= set(COLUMNS)
+    assert set(asdict(PRECISION)) == set(COLUMNS)

@@ -1,0 +1,59 @@
+"""The balance of energy: closed forms, and that a step leaves over what its order says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from snake_sim_ros import reference
+from snake_sim_ros.energy import balance_error
+from snake_sim_ros.energy import contact_velocities
+from snake_sim_ros.energy import mechanical_energy
+from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import Robot
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.stepping import initial_state
+from snake_sim_ros.timing import energy_error
+
+RNG = np.random.default_rng(0)
+
+
+def test_energy_of_a_falling_robot():
+    scene, state = Scene(), initial_state(Scene())
+    u = np.tile([0.0, 0.0, -2.0, 0.0, 0.0, 0.0], (11, 1))
+    rest = mechanical_energy(scene, state.q, 0 * u)
+    # All centers are a radius above the floor; 7.5 kg.
+    assert rest == pytest.approx(7.5 * 9.81 * 0.0525)
+    assert mechanical_energy(scene, state.q, u) - rest == pytest.approx(7.5 * 2.0)
+
+
+def test_contact_velocities_are_those_of_the_force_directions():
+    robot = Robot()
+    q, u = RNG.normal(size=(11, 7)), RNG.normal(size=(11, 6))
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
+    W_N, W_T, _ = reference.contact_directions(robot, rotation_matrices(q[:, 3:]))
+    gamma = contact_velocities(robot, q, u)
+    assert gamma[:, 0] == pytest.approx(W_N.T @ u.ravel(), abs=1e-12)
+    assert gamma[:, 1:].ravel() == pytest.approx(W_T.T @ u.ravel(), abs=1e-12)
+
+
+def test_work_of_a_torque_is_no_error():
+    # A robot that hangs in the air without gravity and takes up what its joint does.
+    scene = replace(Scene(), gravity=(0.0, 0.0, 0.0))
+    state = initial_state(scene)
+    torque = np.zeros((1, 10, 2))
+    q, u = np.array([state.q] * 2), np.array([state.u] * 2)
+    u[1, 1:, 5] = 0.2
+    u[1, 0, 4], u[1, 1:, 4] = -0.1, 0.1
+    rates = 0.5 * 0.2
+    torque[0, 0, 0] = (mechanical_energy(scene, q[1], u[1]) - 0.0) / (scene.dt * rates)
+    assert balance_error(scene, q, u, np.zeros((1, 22, 3)), torque) == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize('case', ['lateral_undulation', 'sidewinding'])
+def test_energy_left_over_is_of_first_order(case):
+    # Halving the step halves it; a tenth is left to impacts, which come at other times.
+    scene = replace(load_scene(case), level='spatial')
+    coarse, fine = (energy_error(replace(scene, dt=dt)) for dt in (1 / 1000, 1 / 2000))
+    assert coarse / fine == pytest.approx(2.0, rel=0.1)

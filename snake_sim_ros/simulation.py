@@ -22,6 +22,7 @@ from snake_sim_ros.stepping import make_stepper
 from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
+from snake_sim_ros.stepping import Stepper
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,13 @@ class Simulation:
     """
     The state of a scene as it advances.
 
+    Parameters
+    ----------
+    scene : Scene
+    stepper : Stepper, optional
+        A method that has no name in `stepping.METHODS`, made for this scene; without it the method
+        that the scene names.
+
     Attributes
     ----------
     state : State
@@ -103,9 +111,9 @@ class Simulation:
 
     """
 
-    def __init__(self, scene: Scene) -> None:
-        self.scene = scene
-        self.stepper = make_stepper(scene)
+    def __init__(self, scene: Scene, stepper: Stepper | None = None) -> None:
+        self.scene, self.given = scene, stepper is not None
+        self.stepper = stepper or make_stepper(scene)
         self.step_count = 0
         self.reset()
 
@@ -144,9 +152,14 @@ class Simulation:
         ------
         ParameterError
             If the scene has another number of links or another time step, or its method or level
-            is not usable; nothing has changed then.
+            is not usable, or if the stepper was made by the caller; nothing has changed then.
 
         """
+        if self.given:
+            raise ParameterError(
+                f'a scene cannot change under a {type(self.stepper).__name__} made by the caller; '
+                f'make another Simulation'
+            )
         for name, old, new in (
             ('robot.link_count', self.scene.robot.link_count, scene.robot.link_count),
             ('dt', self.scene.dt, scene.dt),

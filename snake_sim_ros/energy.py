@@ -91,6 +91,20 @@ def balance_error(scene: Scene, q: Array, u: Array, impulse: Array, torque: Arra
     gamma = contact_velocities(scene.robot, middle, mean)
     contacts = (impulse * gamma).sum(axis=(1, 2))
     joints = scene.dt * (torque * joint_rates(middle, mean)).sum(axis=(1, 2))
-    energy = mechanical_energy(scene, q, u)
+    return imbalance(mechanical_energy(scene, q, u), contacts, joints)
+
+
+def imbalance(energy: Array, contacts: Array, joints: Array) -> float:
+    """
+    Return the largest energy that no work accounts for, over the work of the joints either way.
+
+    Parameters
+    ----------
+    energy : ndarray, shape (m+1,)
+        Before the first and after every step [J].
+    contacts, joints : ndarray, shape (m,)
+        Work in every step [J].
+
+    """
     left_over = energy[1:] - energy[0] - np.cumsum(contacts + joints)
     return float(np.abs(left_over).max() / np.abs(joints).sum())

@@ -1,10 +1,15 @@
-"""Joint references of snake gaits as pure functions of time, eqs. (70) and (71)."""
+"""
+Joint references of snake gaits as pure functions of time, eqs. (70) and (71).
+
+`soft_start` and `wave` take arrays and, where they are compiled, numbers.
+"""
+
+from dataclasses import astuple
 
 import numpy as np
 
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Gait
-from snake_sim_ros.parameters import Wave
 
 
 def reference(gait: Gait, time: float | Array, joint_count: int) -> tuple[Array, Array]:
@@ -30,10 +35,9 @@ def reference(gait: Gait, time: float | Array, joint_count: int) -> tuple[Array,
 
     """
     t = np.asarray(time, dtype=float)[..., None]
-    s, s_dot = soft_start(t, gait.soft_start)
-    waves = [_wave(wave, t, np.arange(joint_count)) for wave in (gait.yaw, gait.pitch)]
-    angle = np.stack([s * value for value, _ in waves], axis=-1)
-    rate = np.stack([s * derivative + s_dot * value for value, derivative in waves], axis=-1)
+    fade, joint = soft_start(t, gait.soft_start), np.arange(joint_count)
+    waves = [wave(astuple(numbers), fade, t, joint) for numbers in (gait.yaw, gait.pitch)]
+    angle, rate = (np.stack(values, axis=-1) for values in zip(*waves, strict=True))
     return angle, rate
 
 
@@ -45,12 +49,32 @@ def soft_start(time: Array, duration: float) -> tuple[Array, Array]:
     rate.
     """
     if duration == 0.0:
-        return np.ones_like(time), np.zeros_like(time)
-    x = np.clip(time / duration, 0.0, 1.0)
+        return 1.0 + 0.0 * time, 0.0 * time
+    x = np.minimum(np.maximum(time / duration, 0.0), 1.0)
     return x * x * (3.0 - 2.0 * x), 6.0 * x * (1.0 - x) / duration
 
 
-def _wave(wave: Wave, t: Array, joint: Array) -> tuple[Array, Array]:
-    phase = wave.angular_frequency * t + joint * wave.phase_lag + wave.phase
-    angle = wave.amplitude * np.sin(phase) + wave.offset
-    return angle, wave.amplitude * wave.angular_frequency * np.cos(phase)
+def wave(
+    numbers: tuple[float, ...], fade: tuple[Array, Array], t: Array, joint: Array
+) -> tuple[Array, Array]:
+    """
+    Return angle [rad] and rate [rad/s] of one wave that fades in.
+
+    Parameters
+    ----------
+    numbers : tuple of float
+        The values of a `parameters.Wave`.
+    fade : tuple of ndarray
+        As `soft_start` returns it.
+    t : ndarray
+        [s]
+    joint : ndarray
+        Number of the joint, from 0.
+
+    """
+    amplitude, angular_frequency, phase_lag, phase, offset = numbers
+    s, s_dot = fade
+    argument = angular_frequency * t + joint * phase_lag + phase
+    angle = amplitude * np.sin(argument) + offset
+    rate = amplitude * angular_frequency * np.cos(argument)
+    return s * angle, s * rate + s_dot * angle

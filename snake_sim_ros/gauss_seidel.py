@@ -15,6 +15,7 @@ from snake_sim_ros.articulated_body import factor_chain
 from snake_sim_ros.articulated_body import unload_chain
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import cycle_counter
+from snake_sim_ros.compilation import inlined
 from snake_sim_ros.contact_laws import prox_disc
 from snake_sim_ros.contact_laws import prox_ellipse
 from snake_sim_ros.contact_laws import prox_half_line
@@ -37,11 +38,7 @@ def sweep(laws, contact, width, table, delassus, impulse):
     G, gamma, rows = delassus.operator, delassus.packed, width * len(contact)
     for k, a in enumerate(contact):
         row = width * k
-        P_N = impulse[a, 0]
-        r = 1.0 / (G[row, row] + laws.compliance)
-        rule = laws.compliance * (P_N - table[a, CENTER])
-        P_N = prox_half_line(P_N - r * (gamma[row] + rule))
-        put(G, gamma, rows, row, impulse, a, 0, P_N)
+        P_N = project_normal(laws, G, gamma, rows, row, table, impulse, a)
         project_sliding(laws, G, gamma, rows, row, impulse, a, P_N)
         if width == 5:
             r = 1.0 / largest_eigenvalue(G, row + 3)
@@ -51,6 +48,17 @@ def sweep(laws, contact, width, table, delassus, impulse):
             put(G, gamma, rows, row + 4, impulse, a, 4, y)
         else:
             impulse[a, 3] = impulse[a, 4] = 0.0
+
+
+@inlined
+def project_normal(laws, G, gamma, rows, row, table, impulse, a):
+    """Project and return the normal impulse of contact a, whose rows begin at `row`."""
+    P_N = impulse[a, 0]
+    r = 1.0 / (G[row, row] + laws.compliance)
+    rule = laws.compliance * (P_N - table[a, CENTER])
+    P_N = prox_half_line(P_N - r * (gamma[row] + rule))
+    put(G, gamma, rows, row, impulse, a, 0, P_N)
+    return P_N
 
 
 @compiled

@@ -95,7 +95,8 @@ class Simulation:
     ----------
     scene : Scene
     stepper : Stepper, optional
-        Default: that of the method that the scene names.
+        A method that has no name in `stepping.METHODS`, made for this scene; without it the method
+        that the scene names.
 
     Attributes
     ----------
@@ -111,7 +112,7 @@ class Simulation:
     """
 
     def __init__(self, scene: Scene, stepper: Stepper | None = None) -> None:
-        self.scene = scene
+        self.scene, self.given = scene, stepper is not None
         self.stepper = stepper or make_stepper(scene)
         self.step_count = 0
         self.reset()
@@ -151,9 +152,14 @@ class Simulation:
         ------
         ParameterError
             If the scene has another number of links or another time step, or its method or level
-            is not usable; nothing has changed then.
+            is not usable, or if the stepper was made by the caller; nothing has changed then.
 
         """
+        if self.given:
+            raise ParameterError(
+                f'a scene cannot change under a {type(self.stepper).__name__} made by the caller; '
+                f'make another Simulation'
+            )
         for name, old, new in (
             ('robot.link_count', self.scene.robot.link_count, scene.robot.link_count),
             ('dt', self.scene.dt, scene.dt),

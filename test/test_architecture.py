@@ -141,13 +141,16 @@ HOT = {
     'hinge_chain',
     'kinematics',
     'linear_laws',
+    'minimal_coordinates',
     'newton',
     'obstacles',
+    'penalty',
     'planar',
     'planar_bdf2',
     'planar_newton',
     'planar_pegs',
     'prox_iteration',
+    'pyramid',
 }
 
 

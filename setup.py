@@ -20,6 +20,8 @@ ros_wheels = {
     for distro, rclpy, interfaces in [('jazzy', '7.1.6', '5.3.6'), ('kilted', '9.1.2', '5.5.1')]
 }
 plots = ['matplotlib>=3.5,<4']
+# MuJoCo without its viewers, which need a display; it came apart from them in version 4.
+peers = 'mujoco-core>=4,<5'
 
 setup(
     name=package_name,
@@ -50,7 +52,7 @@ setup(
     extras_require={
         **ros_wheels,
         'plots': plots,
-        'peers': ['mujoco>=3'],
+        'peers': [peers],
         'test': [
             'pytest>=7',
             'pytest-xdist',
@@ -60,6 +62,7 @@ setup(
             'types-PyYAML',
             'wheel',
             *plots,
+            f'{peers}; python_version >= "3.11"',  # the first one it supports
         ],
     },
     entry_points={

@@ -1,0 +1,196 @@
+"""MuJoCo on the same scene: its model, its drives, and how its failures are told."""
+
+from dataclasses import replace
+import math
+import re
+import sys
+
+import numpy as np
+import pytest
+from scenes import G
+from scenes import slope
+
+from snake_sim_ros.course import SAMPLE
+from snake_sim_ros.parameters import Friction
+from snake_sim_ros.parameters import Gait
+from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import Pegs
+from snake_sim_ros.parameters import Robot
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.parameters import Wave
+from snake_sim_ros.peers import DRIVES
+from snake_sim_ros.peers import INTEGRATORS
+from snake_sim_ros.peers import mjcf
+from snake_sim_ros.peers import MujocoSettings
+from snake_sim_ros.peers import run_mujoco
+from snake_sim_ros.posture import initial_coordinates
+from snake_sim_ros.records import ParameterError
+from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.stepping import Status
+
+mujoco = pytest.importorskip('mujoco')
+
+UPWARD = (0.0, 0.0, G)  # gravity that takes the robot off the floor
+LONG = 60.0  # s, a limit that no run here reaches
+each_drive = pytest.mark.parametrize('drive', DRIVES)
+
+
+def started(scene, **settings):
+    """Return model and data of MuJoCo at the start of a scene, with all positions computed."""
+    model = mujoco.MjModel.from_xml_string(mjcf(scene, MujocoSettings(**settings)))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+# ---- model --------------------------------------------------------------------------------------
+
+
+def test_masses_and_inertias_are_those_of_the_robot():
+    robot = Robot(link_count=3, link_mass=(0.5, 0.7, 0.9), inertia='consistent')
+    model, _ = started(Scene(robot=robot))
+    assert np.array_equal(model.body_mass[1:], robot.per_link('link_mass'))
+    across, along = (robot.per_link(f'inertia_{axis}') for axis in ('transversal', 'axial'))
+    assert np.array_equal(model.body_inertia[1:], np.column_stack([across, across, along]))
+
+
+@pytest.mark.parametrize('name', ['lateral_undulation', 'sinus_lifting', 'slender_undulation'])
+def test_links_start_where_the_scene_puts_them(name):
+    scene = load_scene(name)
+    scene = replace(scene, gait=replace(scene.gait, soft_start=0.0))
+    q, (_, data) = initial_coordinates(scene), started(scene)
+    assert np.abs(data.xpos[1:] - q[:, :3]).max() < 1e-9
+    axes = data.xmat[1:].reshape(-1, 3, 3)
+    assert np.abs(axes - rotation_matrices(q[:, 3:])).max() < 1e-9
+
+
+def test_first_friction_coefficient_is_along_the_link():
+    # Links with many headings: of every contact the first tangent is along its capsule.
+    scene = load_scene('lateral_undulation')
+    model, data = started(scene)
+    data.qpos[2] -= 1e-6  # all of them touch
+    mujoco.mj_forward(model, data)
+    along = data.xmat[1:].reshape(-1, 3, 3)[data.contact.geom[:, 1] - 1, :, 2]
+    tangent = data.contact.frame[:, 3:6]
+    assert data.ncon == 2 * scene.robot.link_count
+    assert np.abs((along * tangent).sum(axis=1)) == pytest.approx(np.ones(data.ncon), abs=1e-12)
+    assert data.contact.friction[:, 0] == pytest.approx(scene.friction.longitudinal)
+    assert data.contact.friction[:, 1] == pytest.approx(scene.friction.transversal)
+
+
+@pytest.mark.parametrize(
+    ('settings', 'sentence'),
+    [
+        ({'pegs': Pegs(x=(9.0,), y=(9.0,))}, 'flat floor .* got more'),
+        ({'friction': Friction(rolling=0.1)}, r'got friction\.rolling=0\.1'),
+        ({'robot': Robot(contact_offset=0.0)}, 'contact_offset must be above 0 m'),
+    ],
+)
+def test_what_mujoco_does_not_get_is_refused(settings, sentence):
+    with pytest.raises(ParameterError, match=sentence):
+        mjcf(Scene(**settings), MujocoSettings())
+
+
+def test_without_mujoco_one_sentence_says_how_to_get_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'mujoco', None)
+    with pytest.raises(ParameterError, match=r'MuJoCo is not installed: pip install'):
+        run_mujoco(Scene(), MujocoSettings(), LONG)
+
+
+# ---- friction -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('friction', 'direction'),
+    [
+        (Friction(longitudinal=0.1, transversal=0.5), 0.0),
+        (Friction(longitudinal=0.5, transversal=0.1), math.pi / 2),
+    ],
+    ids=['along', 'across'],
+)
+@pytest.mark.parametrize('contact', ['default', 'best'])
+def test_link_slides_down_a_slope_as_it_should(friction, direction, contact):
+    # T4 of a link that hardly turns: s = g (sin b - mu cos b) t (t + dt)/2, as velocities come
+    # before positions. MuJoCo's own softness: while the link sinks in or is lifted, the floor
+    # carries less or more than its weight, which takes mu times the change of height off s. The
+    # tolerance is that of MuJoCo's solver, 1e-8, with a margin.
+    robot = Robot(link_count=1, inertia_axial=10.0, inertia_transversal=10.0)
+    b, dt, t = math.atan(0.3), 1 / 1000, 1.0
+    scene = Scene(robot=robot, friction=friction, gravity=slope(b, direction), dt=dt, duration=t)
+    course = run_mujoco(scene, MujocoSettings(contact=contact), LONG)
+    expected = G * (math.sin(b) - 0.1 * math.cos(b)) * t * (t + dt) / 2
+    way = course.path[-1] - course.path[0]
+    assert np.linalg.norm(way[:2]) + 0.1 * way[2] == pytest.approx(expected, rel=1e-7)
+
+
+# ---- drives -------------------------------------------------------------------------------------
+
+# One joint of two links in flight, turning little: links turn by half the joint angle each, and
+# their centers keep their height, so that J = Theta_1/2 and J a'' = K_p (r - a) + K_d (r' - a').
+WAVE = Wave(amplitude=0.01, angular_frequency=10.0)
+TWO_LINKS = Scene(
+    robot=Robot(link_count=2), gait=Gait(yaw=WAVE), gravity=UPWARD, dt=1 / 4000, duration=0.5
+)
+
+
+def swinging(times):
+    """Return the joint angle of TWO_LINKS once the start has died out (rate K_d/2J = 208/s)."""
+    J, w = 9.63e-4 / 2, WAVE.angular_frequency
+    K_p, K_d = TWO_LINKS.robot.yaw_stiffness, TWO_LINKS.robot.yaw_damping
+    response = (K_p + 1j * w * K_d) / (K_p - J * w**2 + 1j * w * K_d)
+    return WAVE.amplitude * np.imag(response * np.exp(1j * w * times))
+
+
+@each_drive
+@pytest.mark.parametrize('integrator', INTEGRATORS)
+def test_drives_follow_one_law(drive, integrator):
+    # Steps of first order shift the force by half a step against the reference: up to A w dt/2.
+    course = run_mujoco(TWO_LINKS, MujocoSettings(drive=drive, integrator=integrator), LONG)
+    yaw, times = course.joint_angle[:, 0, 0], SAMPLE * np.arange(len(course.path))
+    shift = WAVE.amplitude * WAVE.angular_frequency * TWO_LINKS.dt / 2
+    assert np.abs(yaw - swinging(times))[1:].max() < 1.1 * shift
+
+
+def test_energy_is_balanced_to_first_order():
+    # Case A for 1 s: halving the step halves what is lost or made, nearly.
+    scene = replace(load_scene('lateral_undulation'), duration=1.0)
+    errors = [
+        run_mujoco(replace(scene, dt=dt), MujocoSettings(), LONG).energy_error
+        for dt in (1 / 1000, 1 / 2000, 1 / 4000)
+    ]
+    assert errors[0] < 0.1
+    assert errors[0] > 1.5 * errors[1] > 1.5**2 * errors[2]
+
+
+# ---- failures -----------------------------------------------------------------------------------
+
+FLIGHT = replace(load_scene('lateral_undulation'), gravity=UPWARD, duration=0.5)
+BY_CALLER = MujocoSettings(drive='torque', integrator='Euler')
+
+
+def test_torques_of_too_large_steps_are_a_failure():
+    # 4 - 2 c dt - w^2 dt^2 > 0 of the stiffest mode: dt < 9.03e-4 s, model_spec 10.2.
+    course = run_mujoco(replace(FLIGHT, dt=1 / 500), BY_CALLER, LONG)
+    assert course.report.status is Status.DIVERGED
+    assert re.match(r't = [\d.]+ s: MuJoCo: .*QACC', course.report.failure)
+    assert course.simulated < FLIGHT.duration
+
+
+def test_torques_of_small_steps_are_none():
+    course = run_mujoco(replace(FLIGHT, dt=1 / 2000), BY_CALLER, LONG)
+    assert not course.report.failure
+    assert course.simulated == FLIGHT.duration
+
+
+def test_warnings_of_mujoco_go_where_they_went():
+    before = mujoco.get_mju_user_warning()
+    run_mujoco(replace(FLIGHT, dt=1 / 500), BY_CALLER, LONG)
+    assert mujoco.get_mju_user_warning() is before
+
+
+def test_a_run_that_takes_too_long_is_stopped():
+    course = run_mujoco(replace(FLIGHT, dt=1 / 1000), MujocoSettings(), 1e-9)
+    assert course.late
+    assert course.status == 'too_slow'
+    assert course.simulated == pytest.approx(SAMPLE)

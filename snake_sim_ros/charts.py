@@ -47,7 +47,7 @@ MAIN = {  # setting that stands for a method; all are drawn, the others thin
     'bdf2': 'residual 1e-5 m/s',
     'paper': 'as printed, 1e-07 N s',
     'semi_implicit_euler': 'tanh 0.001 m/s, 100000 N/m',
-    'mujoco': 'best, position',
+    'mujoco': 'best, spring, discrete',
 }
 DEFAULT_DT = 1 / 4000
 NAMES = {

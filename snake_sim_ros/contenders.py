@@ -52,7 +52,7 @@ QUICK = {  # method: setting and rates of the quick matrix
     'bdf2': ('residual 1e-5 m/s', (400, 100, 20)),
     'paper': ('as printed, 1e-06 N s', (4000, 1000)),
     'semi_implicit_euler': ('tanh 0.01 m/s, 10000 N/m', (8000, 4000, 2000)),
-    'mujoco': ('best, position', (1000, 500, 120)),
+    'mujoco': ('best, spring, discrete', (1000, 500, 120)),
 }
 Make = Callable[[Scene], Stepper]
 
@@ -188,14 +188,19 @@ def setting_of(penalty: Penalty) -> str:
 
 
 def mujoco() -> list[Contender]:
-    """Return MuJoCo with its own defaults and at its best, with the ways to drive the joints."""
+    """Return MuJoCo with its default contacts and the best ones found, and its ways to drive."""
     entries = []
-    for contact in ('default', 'best'):
-        for drive in ('torque', 'position', 'spring'):
-            settings = MujocoSettings(contact=contact, drive=drive)
-            run = partial(run_mujoco, settings=settings)
-            peer = Contender('mujoco', f'{contact}, {drive}', PEER, run)
-            entries.append(
-                replace(peer, own_limit=(peer.setting, replace(peer, rates=(8000, 16000))))
-            )
+    for contact, drive, integrator in (
+        ('default', 'torque', 'Euler'),
+        ('default', 'position', 'implicitfast'),
+        ('default', 'spring', 'discrete'),
+        ('best', 'torque', 'implicitfast'),
+        ('best', 'position', 'implicitfast'),
+        ('best', 'spring', 'discrete'),
+    ):
+        settings = MujocoSettings(contact=contact, drive=drive, integrator=integrator)
+        run = partial(run_mujoco, settings=settings)
+        peer = Contender('mujoco', f'{contact}, {drive}, {integrator}', PEER, run)
+        limit = (peer.setting, replace(peer, rates=(8000, 16000)))
+        entries.append(replace(peer, own_limit=limit))
     return entries

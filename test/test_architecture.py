@@ -20,7 +20,10 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / 'snake_sim_ros'
 MODULES = sorted(PACKAGE.glob('*.py'))
 # Everything else is physics: it does not know who runs it.
-SHELL = {'simulation', 'bench', 'charts', 'cli', 'nodes', 'peers'}
+SHELL = {
+    *('simulation', 'nodes', 'cli', 'charts', 'peers'),
+    *('bench', 'contenders', 'pareto', 'stages', 'timing'),
+}
 ROS = {'rclpy', 'std_srvs', 'tf2_ros', 'launch', 'launch_ros', 'ament_index_python'}
 
 each_module = pytest.mark.parametrize('path', MODULES, ids=lambda path: path.stem)

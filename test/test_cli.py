@@ -158,39 +158,9 @@ def test_ctrl_c_saves_what_was_recorded(tmp_path):
     assert process.returncode == 130
 
 
-def test_bench_prints_times(capsys):
-    methods = ['--methods', 'newton', 'paper', '--dt', '0.00025', '0.001']
-    assert main(['bench', 'sidewinding', '--duration', '0.05', '--no-start-up', *methods]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    title, head, *rows = lines[:6]
-    units, links, situations, *parts, compiling = lines[6:]
-    assert title.startswith('sidewinding: 0.05 s, converged to ')
-    assert head.split()[:5] == ['method', 'level', 'dt', 'median', 'p99']
-    assert [row.split()[:3] for row in rows] == [
-        [method, 'spatial', dt] for method in ('newton', 'paper') for dt in ('1/4000', '1/1000')
-    ]
-    for row in rows:
-        words = row.split()
-        assert 0 < float(words[3]) <= float(words[5])
-        assert words[-1] == '%'
-        assert words[-3] == '0'  # unconverged
-    assert units.startswith('units: ')
-    assert 'n = 160: ' in links and 'n = 200: ' in links
-    assert situations.startswith('newton, median step by what there is to pay for')
-    assert parts[0].startswith('all contacts ') and parts[0].split()[4] == '1.000'
-    assert parts[0].endswith(' 22 contacts at the end')
-    assert parts[1].startswith('flight ') and parts[1].endswith(' 0 contacts at the end')
-    assert compiling.startswith('compile time apart, in this process: newton ')
-
-
-def test_bench_times_only_compiled_methods(capsys):
-    assert main(['bench', 'sidewinding', '--method', 'reference', '--no-start-up']) == 2
-    assert "method 'reference' is not compiled" in capsys.readouterr().err
-
-
 def test_bench_tells_the_start_up_of_new_processes(capsys):
-    from snake_sim_ros.bench import start_up_seconds
     from snake_sim_ros.parameters import Scene
+    from snake_sim_ros.timing import start_up_seconds
 
     assert 0.1 < start_up_seconds(Scene(), cold=False) < 60
 

@@ -61,7 +61,7 @@ MOST_ITERATIONS = 10_000
 @dataclass(frozen=True, kw_only=True)
 class Row:
     """
-    A run: what it was, in the columns of KEY, and what came out; empty where it means nothing.
+    A run: what it was, in the columns of KEY, and what came out; nan or None: it means nothing.
 
     Times are wall times; errors are the largest at any time. `path_error` and what is derived from
     it are relative to the distance that the middle link travels.
@@ -72,33 +72,33 @@ class Row:
     method: str
     level: str = ''
     setting: str = ''
-    dt: float | None = None  # s; mean step of a method that chooses it
-    tolerance: float | None = None  # of a method that chooses its steps
+    dt: float = math.nan  # s; mean step of a method that chooses it
+    tolerance: float = math.nan  # of a method that chooses its steps
     n: int | None = None
-    duration: float | None = None  # s
+    duration: float = math.nan  # s
     status: str = ''
-    error_path: float | None = None
-    error_angle: float | None = None  # rad
-    error_heading: float | None = None  # rad
-    reference_error: float | None = None  # how far the converged solution is from converged
-    error_limit: float | None = None
-    model_error: float | None = None
-    energy_error: float | None = None
-    seconds_per_second: float | None = None
-    median_us: float | None = None
-    p99_us: float | None = None
-    calibration_us: float | None = None  # of a fixed amount of arithmetic, timed beside the run
-    compile_seconds: float | None = None
+    error_path: float = math.nan
+    error_angle: float = math.nan  # rad
+    error_heading: float = math.nan  # rad
+    reference_error: float = math.nan  # how far the converged solution is from converged
+    error_limit: float = math.nan
+    model_error: float = math.nan
+    energy_error: float = math.nan
+    seconds_per_second: float = math.nan
+    median_us: float = math.nan
+    p99_us: float = math.nan
+    calibration_us: float = math.nan  # of a fixed amount of arithmetic, timed beside the run
+    compile_seconds: float = math.nan
     steps: int | None = None
     planar_steps: int | None = None
     iterations: int | None = None
     iterations_max: int | None = None
     fallbacks: int | None = None
     unconverged: int | None = None
-    residual_max: float | None = None  # m/s
-    penetration_max: float | None = None  # m
-    joint_gap_max: float | None = None  # m
-    joint_twist_max: float | None = None
+    residual_max: float = math.nan  # m/s
+    penetration_max: float = math.nan  # m
+    joint_gap_max: float = math.nan  # m
+    joint_twist_max: float = math.nan
     message: str = ''
 
 
@@ -132,9 +132,14 @@ class Entry:
         return {key(row) for row in rows}.issuperset(key(asdict(row)) for row in self.keys)
 
 
+def is_empty(value: Any) -> bool:
+    """Return whether a value is written as an empty cell: nothing, or no finite number."""
+    return value is None or (isinstance(value, float) and not math.isfinite(value))
+
+
 def key(row: Mapping[str, Any]) -> tuple[str, ...]:
     """Return what identifies a row; a method that chooses its steps is known by its tolerance."""
-    texts = {name: '' if row[name] in (None, '') else str(row[name]) for name in KEY}
+    texts = {name: '' if is_empty(row[name]) else str(row[name]) for name in KEY}
     if texts['tolerance']:
         texts['dt'] = ''
     return tuple(texts.values())
@@ -160,7 +165,7 @@ class References:
         name, model = contender.own_limit
         if (case, name) not in self._made:
             coarse, fine = (
-                model.run(model.scene(self.scenes[case], 1 / rate), limit=math.inf)
+                model.run(model.scene(self.scenes[case], rate), limit=math.inf)
                 for rate in model.rates
             )
             self._made[case, name] = extrapolated(coarse, fine), math.nan
@@ -172,10 +177,10 @@ def measured(row: Row, course: Course) -> Row:
     report, simulated = course.report, course.simulated
     return replace(
         row,
-        dt=simulated / report.steps if row.tolerance and report.steps else row.dt,
+        dt=simulated / report.steps if math.isnan(row.dt) and report.steps else row.dt,
         status=course.status,
         energy_error=course.energy_error,
-        seconds_per_second=course.seconds / simulated if simulated else None,
+        seconds_per_second=course.seconds / simulated if simulated else math.nan,
         median_us=course.median,
         p99_us=course.p99,
         calibration_us=calibration(),
@@ -222,26 +227,20 @@ def precision(
             for rate in rival.rates:
                 row = Row(
                     part='precision', case=case, method=rival.method, level=rival.level,
-                    setting=rival.setting, dt=None if rival.adaptive else 1 / rate,
-                    tolerance=rate if rival.adaptive else None,
+                    setting=rival.setting, dt=math.nan if rival.adaptive else 1 / rate,
+                    tolerance=rate if rival.adaptive else math.nan,
                     n=scene.robot.link_count, duration=scene.duration,
                 )  # fmt: skip
-                guess = rival.seconds(scene, row.dt or scene.dt)
-                yield Entry((row,), _precision(references, rival, row, limit), guess)
+                own = rival.scene(scene, rate)
 
+                def run(rival: Contender = rival, row: Row = row, own: Scene = own) -> list[Row]:
+                    options = {'tolerance': row.tolerance} if rival.adaptive else {}
+                    course = rival.run(own, limit=limit, **options)
+                    expected, doubt = references.converged(row.case)
+                    small_steps = references.own_limit(row.case, rival)
+                    return [compared(measured(row, course), course, expected, doubt, small_steps)]
 
-def _precision(
-    references: References, rival: Contender, row: Row, limit: float
-) -> Callable[[], list[Row]]:
-    def run() -> list[Row]:
-        scene = references.scenes[row.case]
-        options = {'tolerance': row.tolerance} if rival.adaptive else {}
-        course = rival.run(rival.scene(scene, row.dt or scene.dt), limit=limit, **options)
-        expected, doubt = references.converged(row.case)
-        own = references.own_limit(row.case, rival)
-        return [compared(measured(row, course), course, expected, doubt, own)]
-
-    return run
+                yield Entry((row,), run, rival.seconds(own))
 
 
 def links(
@@ -258,11 +257,12 @@ def links(
                 setting=rival.setting, dt=scene.dt, n=n, duration=scene.duration,
             )  # fmt: skip
             longer = replace(scene, robot=with_links(scene.robot, n))
+            own = rival.scene(longer, 1 / scene.dt)
 
-            def run(rival: Contender = rival, row: Row = row, scene: Scene = longer) -> list[Row]:
-                return [measured(row, rival.run(rival.scene(scene, scene.dt), limit=limit))]
+            def run(rival: Contender = rival, row: Row = row, own: Scene = own) -> list[Row]:
+                return [measured(row, rival.run(own, limit=limit))]
 
-            yield Entry((row,), run, rival.seconds(longer, scene.dt))
+            yield Entry((row,), run, rival.seconds(own))
 
 
 def solvers(most: int) -> Iterator[Entry]:
@@ -297,18 +297,15 @@ def solvers(most: int) -> Iterator[Entry]:
 def costs(scene: Scene, duration: float) -> Iterator[Entry]:
     """Yield what steps cost by what there is to pay for, and where their time goes."""
     n, dt = scene.robot.link_count, scene.dt
-    common = {'method': 'newton', 'dt': dt, 'n': n}
-    rows = {
-        name: Row(part='situations', case=name, level='spatial', duration=duration, **common)
-        for name in SITUATIONS
-    }
+    usual = Row(part='situations', case=CASE_A, method='newton', level='spatial', dt=dt, n=n)
+    rows = {name: replace(usual, case=name, duration=duration) for name in SITUATIONS}
     yield Entry(
         tuple(rows.values()),
         lambda: [measured(rows[name], run) for name, run in situations(duration).items()],
         5.0,
     )
     for level in ('spatial', 'planar'):
-        row = Row(part='stages', case=CASE_A, level=level, **common)
+        row = replace(usual, part='stages', level=level)
 
         def run(row: Row = row) -> list[Row]:
             return [
@@ -376,26 +373,22 @@ def outcome(entry: Entry) -> list[Row]:
 def line(row: Row) -> str:
     """Return a row in short, for people who wait."""
     what = [row.part, row.case, row.method, row.level, row.setting]
-    if row.dt:
+    if row.dt > 0.0:
         what.append(f'dt {row.dt:.2g} s')
     if row.n:
         what.append(f'n = {row.n}')
-    if row.iterations and row.part == 'iterations':
+    if row.part == 'iterations' and row.iterations:
         what.append(f'{row.iterations} iterations to {row.residual_max:.1e} m/s')
-    if row.median_us:
+    if row.median_us > 0.0:
         what.append(f'{row.median_us:.2f} us')
-    if row.error_path is not None:
+    if row.error_path >= 0.0:
         what.append(f'{100 * row.error_path:.3g} %')
     return ' | '.join(part for part in [*what, row.status, row.message] if part)
 
 
 def plain(row: Row) -> dict[str, Any]:
     """Return a row as it is written: what is not a finite number is empty."""
-    values = asdict(row)
-    for name, value in values.items():
-        if isinstance(value, float) and not math.isfinite(value):
-            values[name] = None
-    return values
+    return {name: None if is_empty(value) else value for name, value in asdict(row).items()}
 
 
 def rows_of(table: Table) -> list[Row]:
@@ -423,9 +416,9 @@ def _value(name: str, text: str) -> Any:
     kind = str(TYPES[name])
     if kind == "<class 'str'>":
         return text
-    if text == '':
-        return None
     try:
-        return int(text) if 'int' in kind else float(text)
+        if 'int' in kind:
+            return int(text) if text else None
+        return float(text) if text else math.nan
     except ValueError:
         raise ParameterError(f'{name} must be a number, got {text!r}') from None

@@ -120,10 +120,10 @@ def lines(rows: Iterable[Row]) -> dict[tuple[str, str, str], list[Row]]:
     """Return the rows of every line: (method, level, setting) -> rows, small steps first."""
     found: dict[tuple[str, str, str], list[Row]] = {}
     for row in rows:
-        if row.error_path is not None and row.error_path > 0.0:
+        if row.error_path > 0.0:
             found.setdefault((row.method, row.level, row.setting), []).append(row)
     for line in found.values():
-        line.sort(key=lambda row: row.dt or 0.0)
+        line.sort(key=lambda row: row.dt)
     return dict(sorted(found.items(), key=lambda item: list(STYLES).index(item[0][0])))
 
 
@@ -158,9 +158,11 @@ def errors_figure(rows: Sequence[Row], column: str) -> tuple[Figure, list[Axes]]
                 name = STYLES[method][2] + ', planar' * (level == 'planar')
                 legend.setdefault(name, handle)
                 orders.setdefault(name, []).append(fitted_order(line))
-        doubt = max((row.reference_error or 0.0 for row in here), default=0.0)
+        doubt = max(
+            [row.reference_error for row in here if row.reference_error > 0.0], default=0.0
+        )
         axes.axhspan(1e-9, max(doubt, 1e-9), color='#dddddd', zorder=0)
-        shown = [row.error_path for row in here if row.error_path]
+        shown = [row.error_path for row in here if row.error_path > 0.0]
         low = min([doubt, *shown])
         axes.set(xscale='log', yscale='log', title=NAMES.get(case, case), ylim=(low / 2, 2.0))
         axes.set_ylabel('error / distance travelled')
@@ -197,7 +199,7 @@ def slope_triangle(axes: Axes, order: int, direction: int, at: tuple[float, floa
     points = 10.0 ** np.array([*corners, corners[0]])
     axes.plot(*points.T, '-', color='#555555', lw=0.8, zorder=1)
     axes.annotate(
-        f'{order}', 10.0 ** np.array(corners[2]), fontsize=7, color='#555555',
+        f'{order}', tuple(points[2]), fontsize=7, color='#555555',
         ha='left' if direction > 0 else 'right', va='top',
     )  # fmt: skip
 
@@ -207,7 +209,7 @@ def work_precision(rows: Sequence[Row]) -> Figure:
     figure, all_axes = errors_figure(rows, 'seconds_per_second')
     cases = list(dict.fromkeys(row.case for row in rows))
     for axes, case in zip(all_axes, cases, strict=True):
-        here = [row for row in rows if row.case == case and row.error_path]
+        here = [row for row in rows if row.case == case and row.error_path > 0.0]
         default = {row.level: row for row in here if row.dt == DEFAULT_DT
                    and (row.method, row.setting) == ('newton', 'default')}  # fmt: skip
         printed = [row for row in here if row.dt == DEFAULT_DT
@@ -240,13 +242,13 @@ def error_over_dt(rows: Sequence[Row]) -> Figure:
 def cost_over_links(rows: Sequence[Row]) -> Figure:
     """Draw the median step over the number of links, with the exponents of fitted power laws."""
     figure, (axes,) = panels(1, 1, 3.6)
-    rows = [row for row in rows if row.median_us and row.n]
+    rows = [row for row in rows if row.median_us > 0.0]
     for method in STYLES:
         for level in ('spatial', 'planar'):
             line = [row for row in rows if (row.method, row.level) == (method, level)]
             if not line:
                 continue
-            n, cost = [row.n for row in line], [row.median_us for row in line]
+            n, cost = [row.n or 0 for row in line], [row.median_us for row in line]
             handle = plot_line(axes, n, cost, method, level, main=True)
             exponent = f', n^{np.polyfit(np.log(n), np.log(cost), 1)[0]:.2f}' * (len(line) > 1)
             handle.set_label(STYLES[method][2] + ', planar' * (level == 'planar') + exponent)
@@ -262,12 +264,11 @@ def residual_over_iterations(rows: Sequence[Row]) -> Figure:
     figure, all_axes = panels(len(cases), 3, 2.4)
     legend: dict[str, Any] = {}
     for axes, case in zip(all_axes, cases, strict=True):
-        here = [row for row in rows if row.case == case and row.residual_max and row.iterations]
+        here = [row for row in rows if row.case == case and row.residual_max > 0.0]
         for method, line in groupby(here, key=lambda row: row.method):
-            points = [(row.iterations, row.residual_max) for row in line]
-            legend[method] = plot_line(
-                axes, *zip(*points, strict=True), method, 'spatial', main=True
-            )
+            steps = list(line)
+            x, y = [row.iterations for row in steps], [row.residual_max for row in steps]
+            legend[method] = plot_line(axes, x, y, method, 'spatial', main=True)
         axes.axhline(1e-9, color='black', lw=0.8, ls=':')
         axes.set(xscale='log', yscale='log', title=case)
         axes.grid(alpha=0.3)
@@ -290,7 +291,7 @@ def where_time_goes(rows: Sequence[Row]) -> Figure:
         for row, color in zip(stages[:3], colors, strict=False):
             label = row.setting if level == 'spatial' else None
             left.barh(y, row.median_us, left=start, color=color, label=label)
-            start += row.median_us or 0.0
+            start += row.median_us
         for row in stages[3:]:
             begin = stages[0].median_us
             left.barh(y, row.median_us, 0.35, left=begin, color=colors[3], label=row.setting)
@@ -299,9 +300,7 @@ def where_time_goes(rows: Sequence[Row]) -> Figure:
     left.legend(loc='upper right', frameon=False, fontsize=7)
     left.set_ylim(-0.6, 2.3)
     found = [row for row in rows if row.part == 'situations']
-    right.barh(
-        [row.case for row in found], [row.median_us or 0.0 for row in found], color='#0072b2'
-    )
+    right.barh([row.case for row in found], [row.median_us for row in found], color='#0072b2')
     right.invert_yaxis()
     right.set(xlabel='median step [us]', title='what there is to pay for')
     return figure

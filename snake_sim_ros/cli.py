@@ -242,13 +242,13 @@ def _chart(options: argparse.Namespace) -> int:
 
 
 def _levels(options: argparse.Namespace) -> int:
-    from snake_sim_ros import bench
+    from snake_sim_ros import timing
 
     scenes = {source: _scene(options, source) for source in options.scene}
     print(f'{"scene":29} {"level":11} {"step":>8} {"spatial":>8} {"faster":>7} {"error":>9} '
           f'{"spatial":>9} {"converged":>9}')  # fmt: skip
     for source, scene in scenes.items():
-        row = bench.level_row(scene)
+        row = timing.level_row(scene)
         print(f'{source:29} {row.level:11} {row.median:5.2f} us {row.spatial_median:5.2f} us '
               f'{row.spatial_median / row.median:5.2f} x {100 * row.error:7.4f} % '
               f'{100 * row.spatial_error:7.4f} % {100 * row.doubt:7.4f} %  {row.why}',

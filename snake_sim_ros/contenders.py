@@ -95,16 +95,17 @@ class Contender:
     own_limit: tuple[Any, ...] = ()
     adaptive: bool = False
 
-    def scene(self, scene: Scene, dt: float) -> Scene:
-        """Return a scene as this contender runs it."""
+    def scene(self, scene: Scene, rate: float) -> Scene:
+        """Return a scene as this contender runs it, at one of its rates."""
+        dt = scene.dt if self.adaptive else 1 / rate
         return with_settings(scene, {**self.settings, 'level': self.level, 'dt': dt})
 
-    def seconds(self, scene: Scene, dt: float) -> float:
+    def seconds(self, scene: Scene) -> float:
         """Return a guess of the wall time of a run, for progress bars [s]."""
         if self.adaptive:
             return 20.0
         step = USUAL_STEP.get(self.method, 8e-6) * scene.robot.link_count / 11
-        return 0.3 + step * scene.duration / dt
+        return 0.3 + step * scene.duration / scene.dt
 
 
 def run_stepper(scene: Scene, limit: float, make: Make | None = None) -> Course:

@@ -19,22 +19,16 @@ def is_ours(row: Row) -> bool:
 
 def fastest(rows: Iterable[Row], target: float) -> Row | None:
     """Return the run with the least wall time whose path error is at most `target`."""
-    good = [
-        row
-        for row in rows
-        if row.error_path is not None
-        and row.error_path <= target
-        and row.seconds_per_second is not None
-    ]
-    return min(good, key=lambda row: row.seconds_per_second or math.inf, default=None)
+    good = [row for row in rows if row.error_path <= target and row.seconds_per_second > 0.0]
+    return min(good, key=lambda row: row.seconds_per_second, default=None)
 
 
 def front(rows: Iterable[Row]) -> list[Row]:
     """Return the runs that no other run beats in both time and error, fastest first."""
     best, left = math.inf, []
-    timed = [row for row in rows if row.error_path is not None and row.seconds_per_second]
+    timed = [row for row in rows if row.error_path >= 0.0 and row.seconds_per_second > 0.0]
     for row in sorted(timed, key=lambda row: (row.seconds_per_second, row.error_path)):
-        if row.error_path is not None and row.error_path < best:
+        if row.error_path < best:
             left.append(row)
             best = row.error_path
     return left
@@ -49,7 +43,7 @@ def fitted_order(rows: Sequence[Row]) -> float:
     points = [
         (row.dt, row.error_limit)
         for row in rows
-        if row.dt and row.error_limit and 10 * (row.reference_error or 0.0) < row.error_limit < 0.1
+        if 0.0 < row.error_limit < 0.1 and not row.error_limit < 10 * row.reference_error
     ]
     if len(points) < 3:
         return math.nan
@@ -77,12 +71,12 @@ def pareto_table(rows: Sequence[Row]) -> str:
 
 
 def _cells(row: Row) -> list[str]:
-    step = f'tolerance {row.tolerance:g}' if row.tolerance else f'1/{1 / (row.dt or 1):.0f} s'
+    step = f'tolerance {row.tolerance:g}' if row.tolerance > 0.0 else f'1/{1 / row.dt:.0f} s'
     level = f'{row.level}, ' if is_ours(row) else ''
     setting = '' if row.setting == 'default' else f', {row.setting}'
     unconverged = f', {row.unconverged} steps unconverged' if row.unconverged else ''
     return [
         f'`{row.method}`, {level}{step}{setting}{unconverged}',
-        f'{1 / (row.seconds_per_second or math.nan):.0f}',
-        f'{100 * (row.error_path or 0.0):.2g} %',
+        f'{1 / row.seconds_per_second:.0f}',
+        f'{100 * row.error_path:.2g} %',
     ]

@@ -45,6 +45,7 @@ from snake_sim_ros.timing import with_links
 
 LINK_COUNTS = (5, 10, 20, 40, 80, 160, 200)
 LINKS_DURATION = 0.3  # s
+SITUATIONS_DURATION = 1.0  # s
 MOST_LINKS = {'newton_dense': 40, 'gauss_seidel': 40, 'paper': 80}  # of methods of higher cost
 HARD = (
     'sidewinding step 1007',
@@ -265,7 +266,7 @@ def links(
             yield Entry((row,), run, rival.seconds(own))
 
 
-def solvers(most: int) -> Iterator[Entry]:
+def solvers() -> Iterator[Entry]:
     """Yield the residual over iterations of the solvers on hard contact problems."""
     problems = load_problems()
     for name in HARD:
@@ -288,20 +289,22 @@ def solvers(most: int) -> Iterator[Entry]:
                         residual_max=report.residual_max,
                         message=report.failure,
                     )
-                    for report in reports_by_limit(problems[name], method, most)
+                    for report in reports_by_limit(problems[name], method, MOST_ITERATIONS)
                 ]
 
             yield Entry((row,), run, 5.0)
 
 
-def costs(scene: Scene, duration: float) -> Iterator[Entry]:
+def costs(scene: Scene) -> Iterator[Entry]:
     """Yield what steps cost by what there is to pay for, and where their time goes."""
     n, dt = scene.robot.link_count, scene.dt
     usual = Row(part='situations', case=CASE_A, method='newton', level='spatial', dt=dt, n=n)
-    rows = {name: replace(usual, case=name, duration=duration) for name in SITUATIONS}
+    rows = {name: replace(usual, case=name, duration=SITUATIONS_DURATION) for name in SITUATIONS}
     yield Entry(
         tuple(rows.values()),
-        lambda: [measured(rows[name], run) for name, run in situations(duration).items()],
+        lambda: [
+            measured(rows[name], run) for name, run in situations(SITUATIONS_DURATION).items()
+        ],
         5.0,
     )
     for level in ('spatial', 'planar'):
@@ -342,7 +345,7 @@ def matrix(
     limit : float
         Wall time after which a run ends early [s].
     quick : bool
-        Whether to leave out most of what is not `precision`.
+        Whether to take two numbers of links instead of all.
 
     """
     scene = load_scene(CASE_A)
@@ -353,8 +356,8 @@ def matrix(
     parts = {
         'precision': precision(References(scenes), rivals, limit),
         'links': links(scene, usual.values(), counts, limit),
-        'iterations': solvers(100 if quick else MOST_ITERATIONS),
-        'costs': costs(scene, 0.1 if quick else 1.0),
+        'iterations': solvers(),
+        'costs': costs(scene),
         'start_up': start_up(scene),
     }
     return {name: list(entries) for name, entries in parts.items()}

@@ -158,9 +158,7 @@ def errors_figure(rows: Sequence[Row], column: str) -> tuple[Figure, list[Axes]]
                 name = STYLES[method][2] + ', planar' * (level == 'planar')
                 legend.setdefault(name, handle)
                 orders.setdefault(name, []).append(fitted_order(line))
-        doubt = max(
-            [row.reference_error for row in here if row.reference_error > 0.0], default=0.0
-        )
+        doubt = max(row.reference_error for row in here)
         axes.axhspan(1e-9, max(doubt, 1e-9), color='#dddddd', zorder=0)
         shown = [row.error_path for row in here if row.error_path > 0.0]
         low = min([doubt, *shown])

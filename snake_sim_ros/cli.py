@@ -80,7 +80,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     command.add_argument(
         '--parts', nargs='+', metavar='PART', choices=PARTS,
-        help=f'default: {", ".join(PARTS)}; the first alone with scenes, --methods or --dt',
+        help=f'default: {", ".join(PARTS)}; with --quick the first two, with scenes, --methods or '
+        '--dt the first',
     )  # fmt: skip
     command.add_argument(
         '--limit', type=float, default=60.0, metavar='S',
@@ -208,12 +209,9 @@ def _bench(options: argparse.Namespace) -> int:
         rates = tuple(1 / dt for dt in options.dt)
         rivals = [r if r.adaptive else replace(r, rates=rates) for r in rivals]
     selected = options.scene or options.methods or options.dt
+    usual = PARTS[:1] if selected else PARTS[:2] if options.quick else PARTS
     parts = bench.matrix(scenes, rivals, options.limit, quick=options.quick)
-    entries = [
-        entry
-        for name in options.parts or (PARTS[:1] if selected else PARTS)
-        for entry in parts[name]
-    ]
+    entries = [entry for name in options.parts or usual for entry in parts[name]]
     writer = TableWriter(options.out, 'bench', bench.COLUMNS)
     layout = '{percentage:3.0f} %|{bar}| {elapsed}, about {remaining} left'
     entries = [entry for entry in entries if not entry.is_in(writer.rows)]

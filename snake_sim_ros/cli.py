@@ -18,6 +18,7 @@ from snake_sim_ros.records import ParameterError
 from snake_sim_ros.simulation import run
 from snake_sim_ros.simulation import Trajectory
 from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.stepping import method_of
 from snake_sim_ros.stepping import METHODS
 from snake_sim_ros.stepping import Status
 from snake_sim_ros.tables import read_table
@@ -121,7 +122,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_method(command: argparse.ArgumentParser) -> None:
-    command.add_argument('--method', help=f'instead of that of the scene: {", ".join(METHODS)}')
+    command.add_argument('--method', help=f'instead of that of the scene: auto, {", ".join(METHODS)}')
 
 
 def _add_scene_options(command: argparse.ArgumentParser) -> None:
@@ -175,7 +176,7 @@ def _run(options: argparse.Namespace) -> int:
 def _summary(trajectory: Trajectory) -> dict[str, Any]:
     scene, report = trajectory.scene, trajectory.report
     return {
-        'method': scene.method,
+        'method': method_of(scene),
         'level': report.level,
         'planar_steps': report.planar_steps,
         'status': report.status.value,

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import fields
+from dataclasses import replace
 from enum import Enum
 from typing import Protocol
 
@@ -256,9 +257,13 @@ METHODS: dict[str, Callable[..., Stepper]] = {
 }
 
 
-def make_stepper(scene: Scene) -> Stepper:
+AUTO = 'auto'  # in place of a method: the one that docs/speed_accuracy.md finds best for the step
+LARGE_STEP = 1e-3  # s; above it, a method of second order
+
+
+def method_of(scene: Scene) -> str:
     """
-    Return the stepper of a scene.
+    Return the method that a scene gets: the one that it names, or the choice of `auto`.
 
     Raises
     ------
@@ -266,12 +271,27 @@ def make_stepper(scene: Scene) -> Stepper:
         If the scene names no method of METHODS.
 
     """
+    if scene.method == AUTO:
+        return 'bdf2' if scene.dt > LARGE_STEP else 'newton'
     if scene.method not in METHODS:
-        raise ParameterError(
-            f'unknown method {scene.method!r}; choose from: {", ".join(sorted(METHODS))}'
-        )
+        names = ', '.join(sorted([AUTO, *METHODS]))
+        raise ParameterError(f'unknown method {scene.method!r}; choose from: {names}')
+    return scene.method
+
+
+def make_stepper(scene: Scene) -> Stepper:
+    """
+    Return the stepper of a scene.
+
+    Raises
+    ------
+    ParameterError
+        If the scene names no method, see `method_of`.
+
+    """
     from snake_sim_ros.levels import stepper_of_level
 
+    scene = replace(scene, method=method_of(scene))
     return stepper_of_level(scene, METHODS[scene.method])
 
 

@@ -42,6 +42,7 @@ from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.simulation import Simulation
 from snake_sim_ros.simulation import steps_in
 from snake_sim_ros.stepping import IMPULSE
+from snake_sim_ros.stepping import method_of
 from snake_sim_ros.stepping import Stepper
 
 CONVERGED = (1 / 16000, 1 / 32000)  # time steps of the reference
@@ -108,7 +109,7 @@ def timed(
         the duration.
 
     """
-    if make is None and scene.method == 'reference':
+    if make is None and method_of(scene) == 'reference':
         raise ParameterError(f'method {scene.method!r} is not compiled, its steps are not timed')
     simulation = Simulation(scene, make and make(scene))
     simulation.state.q[:, 2] += lift
@@ -153,7 +154,7 @@ def energy_error(scene: Scene, make: Callable[[Scene], Stepper] | None = None) -
 
     nan if it diverges, and for method bdf2, whose impulses are not those of a whole step.
     """
-    if make is None and scene.method == 'bdf2':
+    if make is None and method_of(scene) == 'bdf2':
         return math.nan
     simulation = Simulation(scene, make and make(scene))
     q, u, impulse, torque = [simulation.state.q], [simulation.state.u], [], []

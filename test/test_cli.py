@@ -93,7 +93,7 @@ def test_numbers_in_settings_are_written_as_usual(capsys):
         (['lateral_undulation', '--out', 'nowhere/run.npz'], '--out: no folder'),
         (
             ['lateral_undulation', '--method', 'magic'],
-            "unknown method 'magic'; choose from: bdf2, gauss_seidel, newton, newton_dense, "
+            "unknown method 'magic'; choose from: auto, bdf2, gauss_seidel, newton, newton_dense, "
             'paper, reference',
         ),
     ],

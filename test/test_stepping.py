@@ -15,6 +15,7 @@ from snake_sim_ros.stepping import CHANGE
 from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.stepping import method_of
 from snake_sim_ros.stepping import METHODS
 from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import Report
@@ -47,8 +48,18 @@ def test_a_scene_begins_at_rest():
 def test_unknown_methods_are_refused():
     with pytest.raises(ParameterError) as caught:
         make_stepper(Scene(method='magic'))
-    names = ', '.join(sorted(METHODS))
+    names = ', '.join(sorted(['auto', *METHODS]))
     assert str(caught.value) == f"unknown method 'magic'; choose from: {names}"
+
+
+@pytest.mark.parametrize(
+    ('dt', 'method'), [(1 / 4000, 'newton'), (1e-3, 'newton'), (2e-3, 'bdf2')]
+)
+def test_auto_takes_the_method_for_the_step(dt, method):
+    scene = Scene(method='auto', dt=dt, level='spatial')
+    assert method_of(scene) == method
+    taken, named = (make_stepper(replace(scene, method=name)).loop for name in ('auto', method))
+    assert taken is named
 
 
 def test_reports_add_up():

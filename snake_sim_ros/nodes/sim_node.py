@@ -37,6 +37,7 @@ from snake_sim_ros.records import Record
 from snake_sim_ros.simulation import Simulation
 from snake_sim_ros.simulation import start_posture
 from snake_sim_ros.simulation import steps_in
+from snake_sim_ros.stepping import method_of
 
 BACKLOG = 0.2  # s of wall time that the node may be behind before it gives up catching up
 WAIT = 0.1  # s, the longest wait for a message before the node looks up
@@ -155,7 +156,7 @@ class SimNode(Node):
             'real_time_factor': f'{self.reached_factor:.4g}',
             'level': self.simulation.last.level,
             'planar_steps': report.planar_steps,
-            'method': scene.method,
+            'method': method_of(scene),
             'steps': report.steps,
             'residual': f'{self.simulation.last.residual_max:.3g}',
             'residual_max': f'{report.residual_max:.3g}',

@@ -285,7 +285,7 @@ BAD_STARTS = {
         ['friction.transversal:=much'],
         "friction.transversal must be a number, got 'much'",
     ),
-    'method': ('sim', ['method:=magic'], "unknown method 'magic'; choose from: bdf2, "),
+    'method': ('sim', ['method:=magic'], "unknown method 'magic'; choose from: auto, bdf2, "),
     'gait': (
         'gait',
         ['gait.yaw.amplitud:=0.2'],

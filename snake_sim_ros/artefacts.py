@@ -51,6 +51,8 @@ LINK = Scene(
     dt=DT,
     level='spatial',
 )
+# One that does not roll or pitch by more than 1e-4 rad while friction acts on it.
+SLENDER = replace(LINK.robot, contact_radius=1e-3, inertia_axial=10.0, inertia_transversal=10.0)
 PENALTY = Penalty(law='tanh', sliding_velocity=1e-2, stiffness=1e5)
 
 # Scene, start, steps to take and those between two states to return; the states of a run that
@@ -102,10 +104,6 @@ def direction(run: Run) -> list[float]:
     expected = stopping_point(scene.friction)
     turned = math.degrees(math.atan2(y, x) - math.atan2(expected[1], expected[0]))
     return [math.hypot(x - expected[0], y - expected[1]), turned]
-
-
-# One that does not roll or pitch by more than 1e-4 rad while friction acts on it.
-SLENDER = replace(LINK.robot, contact_radius=1e-3, inertia_axial=10.0, inertia_transversal=10.0)
 
 
 def stopping_point(friction: Friction) -> tuple[float, float]:

@@ -1,6 +1,7 @@
 """The command `snake-sim`: scenes without ROS, measurements, and the live demonstration."""
 
 import argparse
+from dataclasses import asdict
 from dataclasses import replace
 import json
 from pathlib import Path
@@ -89,6 +90,15 @@ def _parser() -> argparse.ArgumentParser:
         help='wall time after which a run counts as too slow [s], default 60',
     )  # fmt: skip
     _add_scene_options(command)
+
+    command = commands.add_parser(
+        'artefacts', help='measure what methods without set-valued laws make up: a CSV file'
+    )
+    command.set_defaults(command=_artefacts)
+    command.add_argument(
+        '--out', type=Path, default=Path('artefacts.csv'), metavar='FILE.csv',
+        help='default: artefacts.csv; rows that it has already are not measured again',
+    )  # fmt: skip
 
     command = commands.add_parser('chart', help='draw what bench and stability measured')
     command.set_defaults(command=_chart)
@@ -225,6 +235,16 @@ def _bench(options: argparse.Namespace) -> int:
                 bar.write(bench.line(row))
             bar.update(entry.guess)
     print(f'{options.out} is complete; snake-sim chart {options.out} draws it')
+    return 0
+
+
+def _artefacts(options: argparse.Namespace) -> int:
+    from snake_sim_ros import artefacts
+
+    writer = TableWriter(options.out, 'artefacts', artefacts.COLUMNS)
+    for measure in tqdm(list(artefacts.measurements(writer.rows)), smoothing=0):
+        writer.append(map(asdict, measure()))
+    print(artefacts.text_table(read_table(options.out).rows))
     return 0
 
 

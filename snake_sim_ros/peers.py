@@ -27,11 +27,13 @@ from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.posture import initial_coordinates
 from snake_sim_ros.posture import joint_angles
+from snake_sim_ros.posture import joint_rates
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.records import quantity
 from snake_sim_ros.records import Record
 from snake_sim_ros.simulation import steps_in
 from snake_sim_ros.stepping import Report
+from snake_sim_ros.stepping import State
 
 DRIVES = ('torque', 'position', 'spring')
 INTEGRATORS = ('Euler', 'implicit', 'implicitfast', 'RK4', 'discrete')
@@ -166,6 +168,8 @@ def _contact_model(
     The stiff ones are a compromise, found by trying on cases A and C with dt = 1/1000 s. Stiff
     normal forces are right where few contacts carry the robot; where all do, MuJoCo's cone lifts
     sliding contacts, the stiffer the more, and so gives the load to those that slide less.
+    In case A at that step this about cancels with the creep of soft friction; smaller steps, and
+    case B, are off by more.
     """
     if settings.contact == 'default':
         return {}, {}
@@ -249,6 +253,65 @@ def run_mujoco(scene: Scene, settings: MujocoSettings, limit: float) -> Course:
         energy_error=math.nan if report.failure else _balance_error(scene, model, judge, states),
         late=late and len(poses) <= samples,
     )
+
+
+def mujoco_states(
+    scene: Scene, settings: MujocoSettings, start: State, steps: int, every: int
+) -> State:
+    """
+    Return the states of a robot that holds its posture, as MuJoCo has it from any state on.
+
+    Parameters
+    ----------
+    scene : Scene
+    settings : MujocoSettings
+    start : State
+        With closed joints.
+    steps, every : int
+        Steps to take, and those between two states that are returned.
+
+    Returns
+    -------
+    State
+        With q of shape (m, n, 7) and u of shape (m, n, 6), the start among them; only those
+        before a step that MuJoCo warned of.
+
+    Raises
+    ------
+    ParameterError
+        If MuJoCo is not installed or cannot run the scene, see `mjcf`.
+
+    """
+    mujoco = _mujoco()
+    model = mujoco.MjModel.from_xml_string(mjcf(scene, settings))
+    data, judge = mujoco.MjData(model), mujoco.MjData(model)
+    angle = joint_angles(start.q).ravel()
+    # Its free joint has the velocities of u: of the center in I, of rotation in B.
+    data.qpos[:] = np.concatenate([start.q[0], angle])
+    data.qvel[:] = np.concatenate([start.u[0], joint_rates(start.q, start.u).ravel()])
+    held = np.tile(angle, (steps, 1)), np.zeros((steps, len(angle)))
+    states = [start]
+    with _warnings(mujoco) as warnings:
+        for step, _ in enumerate(_steps(scene, settings, model, data, held), start=1):
+            if warnings:
+                break
+            if step % every == 0:
+                states.append(_link_state(judge, model, data))
+    return State(*(np.array([getattr(state, name) for state in states]) for name in 'qu'))
+
+
+def _link_state(judge: Any, model: Any, data: Any) -> State:
+    """Return coordinates and velocities of all links."""
+    mujoco = _mujoco()
+    judge.qpos[:], judge.qvel[:] = data.qpos, data.qvel
+    for part in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_comVel):
+        part(model, judge)
+    # Twists in axes of I, with the velocity of the body point at the center of mass of the robot.
+    omega, velocity = judge.cvel[1:, :3], judge.cvel[1:, 3:]
+    velocity = velocity + np.cross(omega, judge.xpos[1:] - judge.subtree_com[1])
+    omega_B = np.einsum('iab,ia->ib', judge.xmat[1:].reshape(-1, 3, 3), omega)
+    q = np.concatenate([judge.xpos[1:], judge.xquat[1:]], axis=1)
+    return State(q, np.concatenate([velocity, omega_B], axis=1))
 
 
 def _reference(scene: Scene, first: int, steps: int) -> tuple[Array, Array]:

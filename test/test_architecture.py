@@ -22,7 +22,7 @@ MODULES = sorted(PACKAGE.glob('*.py'))
 # Everything else is physics: it does not know who runs it.
 SHELL = {
     *('simulation', 'nodes', 'cli', 'charts', 'peers'),
-    *('bench', 'contenders', 'pareto', 'stages', 'timing'),
+    *('artefacts', 'bench', 'contenders', 'pareto', 'stages', 'timing'),
 }
 ROS = {'rclpy', 'std_srvs', 'tf2_ros', 'launch', 'launch_ros', 'ament_index_python'}
 

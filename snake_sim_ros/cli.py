@@ -18,6 +18,7 @@ from snake_sim_ros.parameters import with_settings
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.simulation import run
 from snake_sim_ros.simulation import Trajectory
+from snake_sim_ros.stepping import AUTO
 from snake_sim_ros.stepping import make_stepper
 from snake_sim_ros.stepping import method_of
 from snake_sim_ros.stepping import METHODS
@@ -132,7 +133,8 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_method(command: argparse.ArgumentParser) -> None:
-    command.add_argument('--method', help=f'instead of that of the scene: auto, {", ".join(METHODS)}')
+    names = ', '.join([AUTO, *METHODS])
+    command.add_argument('--method', help=f'instead of that of the scene: {names}')
 
 
 def _add_scene_options(command: argparse.ArgumentParser) -> None:

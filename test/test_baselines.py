@@ -259,24 +259,30 @@ def test_rate_of_change_is_that_of_the_dense_matrices(law, links):
     assert found[-2:] == pytest.approx(expected[-2:], rel=1e-9)
 
 
-def test_columns_have_the_rates_of_single_states():
+def test_jacobian_is_that_of_central_differences():
+    # Forward differences of 1e-8 are off by 1e-8/2 f'', where f' changes within eps = 0.01 m/s.
     scene = undulating()
     robot = SmoothRobot(scene, SOFT)
-    y = robot.coordinates(Simulation(scene).state)
-    columns = np.column_stack([y, y + 1e-3])
-    singles = [robot.rate(0.1, y), robot.rate(0.1, y + 1e-3)]
-    assert (robot.rate(0.1, columns) == np.column_stack(singles)).all()
-    assert robot.evaluations == 4
+    y = robot.coordinates(sunk(Simulation(scene).state, 1e-4))
+    y[11:-2] += np.linspace(-0.01, 0.01, len(y) - 13)
+    found, step = robot.jacobian(0.1, y), 1e-6
+    assert robot.evaluations == len(y) + 1
+    for k, column in enumerate(found.T):
+        ahead, behind = y.copy(), y.copy()
+        ahead[k] += step
+        behind[k] -= step
+        expected = (robot.rate(0.1, ahead) - robot.rate(0.1, behind)) / (2 * step)
+        assert np.abs(column - expected).max() < 1e-4 * np.abs(found).max()
 
 
 @pytest.mark.parametrize('tolerance', [1e-4, 1e-7])
-def test_energy_of_an_integrated_run_is_balanced_to_its_tolerance(tolerance):
-    # Of every step the relative error is below the tolerance, of coordinates and of works; errors
-    # of steps have either sign, and friction forgets them.
+def test_energy_of_an_integrated_run_is_balanced(tolerance):
+    # Of every step one tolerance [J] may be left in the work of the joints and in that of the
+    # contacts; the joints do 0.065 J, and 2/0.065 = 31.
     course = integrate(undulating(), SOFT, 'RK45', tolerance, 60.0)
     assert course.status == 'converged'
     assert len(course.position) == 3
-    assert 0.0 < course.energy_error < tolerance
+    assert 0.0 < course.energy_error < 31 * course.report.steps * tolerance
 
 
 def test_semi_implicit_euler_is_of_first_order():

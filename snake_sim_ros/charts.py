@@ -45,8 +45,10 @@ STYLES = {  # method: color, mark, name
 MAIN = {  # setting that stands for a method; all are drawn, the others thin
     'newton': 'default',
     'bdf2': 'residual 1e-5 m/s',
+    'gauss_seidel': 'residual 1e-5 m/s',
+    **dict.fromkeys(('rk45', 'lsoda', 'radau', 'bdf'), 'tanh 0.001 m/s, 1e+05 N/m'),
     'paper': 'as printed, 1e-07 N s',
-    'semi_implicit_euler': 'tanh 0.001 m/s, 100000 N/m',
+    'semi_implicit_euler': 'tanh 0.001 m/s, 1e+05 N/m',
     'mujoco': 'best, spring, discrete',
 }
 DEFAULT_DT = 1 / 4000

@@ -87,8 +87,8 @@ def _parser() -> argparse.ArgumentParser:
         '--dt the first',
     )  # fmt: skip
     command.add_argument(
-        '--limit', type=float, default=60.0, metavar='S',
-        help='wall time after which a run counts as too slow [s], default 60',
+        '--limit', type=float, default=20.0, metavar='S',
+        help='wall time after which a run counts as too slow [s], default 20',
     )  # fmt: skip
     _add_scene_options(command)
 

@@ -10,6 +10,7 @@ then the rear spheres R.
    nonsmooth modeling, simulations, and experiments", IEEE T-RO 24(2), 2008.
 """
 
+from functools import lru_cache
 import math
 
 import numpy as np
@@ -171,6 +172,7 @@ def mass_matrix(robot: Robot) -> Array:
     return np.diag(np.column_stack([m, m, m, theta_1, theta_1, theta_3]).ravel())
 
 
+@lru_cache(maxsize=64)
 def mean_delassus(robot: Robot) -> float:
     """
     Return the mean diagonal entry of G_NN of the straight robot with all spheres on the floor.

@@ -97,8 +97,8 @@ def test_every_joint_has_gains_of_its_own(unequal, method):
 @pytest.mark.parametrize('friction', FRICTIONS)
 def test_unequal_links_move_alike_in_all_methods(unequal, friction):
     # On the floor and sliding. Newton's methods leave residuals of 1e-12 m/s, the sweeps eps/r_T =
-    # 1e-11 m/s, at contacts. A link may turn these into ten times as much, in each of ten steps:
-    # 1e-9 m/s.
+    # 1e-11 m/s, at contacts. A link may turn these into ten times as much, in each of five steps:
+    # below 1e-9 m/s.
     solver = Solver(tolerance=1e-13, residual_tolerance=1e-12, iteration_limit=100_000)
     scene = replace(unequal, friction=FRICTIONS[friction], solver=solver)
     state, history, _ = run(scene, initial_state(scene), 1000)
@@ -106,7 +106,7 @@ def test_unequal_links_move_alike_in_all_methods(unequal, friction):
     for method in METHODS:
         if method != 'bdf2':
             end, _, report = make_stepper(replace(scene, method=method)).advance(
-                state, history, *references(scene, 10, start=1000)
+                state, history, *references(scene, 5, start=1000)
             )
             assert not report.unconverged
             assert report.contacts >= 2
@@ -115,7 +115,7 @@ def test_unequal_links_move_alike_in_all_methods(unequal, friction):
     assert np.abs(expected.u).max() > 0.1
     for end in ends.values():
         assert np.abs(end.u - expected.u).max() < 1e-9
-        assert np.abs(end.q - expected.q).max() < 1e-9 * scene.dt * 10
+        assert np.abs(end.q - expected.q).max() < 1e-9 * scene.dt * 5
 
 
 @pytest.mark.parametrize('method', METHODS)

@@ -172,7 +172,7 @@ def test_the_law_with_the_rule_holds_and_is_capped(name, method):
     references = gait.reference(scene.gait, times, scene.robot.link_count - 1)
     stepper = make_stepper(scene)
     for k, (angle, rate) in enumerate(zip(*references, strict=True)):
-        step = dense_step(scene, state, history, angle, rate) if k % 10 == 0 else None
+        step = dense_step(scene, state, history, angle, rate) if k % 25 == 0 else None
         before = history[IMPULSE, :, 0].max()
         state, history, _ = stepper.advance(state, history, angle[None], rate[None])
         if step:

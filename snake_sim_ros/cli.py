@@ -101,6 +101,19 @@ def _parser() -> argparse.ArgumentParser:
         help='default: artefacts.csv; rows that it has already are not measured again',
     )  # fmt: skip
 
+    command = commands.add_parser(
+        'stability', help='map where methods converge, fail or blow up: a CSV file'
+    )
+    command.set_defaults(command=_stability)
+    command.add_argument(
+        '--maps', nargs='+', metavar='MAP', help='only these, such as friction drop_flat'
+    )
+    command.add_argument('--quick', action='store_true', help='coarse maps, in a minute')
+    command.add_argument(
+        '--out', type=Path, default=Path('stability.csv'), metavar='FILE.csv',
+        help='default: stability.csv; cells that it has already are not run again',
+    )  # fmt: skip
+
     command = commands.add_parser('chart', help='draw what bench and stability measured')
     command.set_defaults(command=_chart)
     command.add_argument('csv', type=Path, nargs='+', metavar='FILE.csv')
@@ -250,14 +263,46 @@ def _artefacts(options: argparse.Namespace) -> int:
     return 0
 
 
+def _stability(options: argparse.Namespace) -> int:
+    from snake_sim_ros import stability
+    from snake_sim_ros.stability_maps import MAPS
+    from snake_sim_ros.stability_maps import run_case
+
+    known = [chart.name for chart in MAPS]
+    for name in options.maps or []:
+        if name not in known:
+            raise ParameterError(f'no map {name!r}; choose from: {", ".join(known)}')
+    maps = [chart for chart in MAPS if chart.name in (options.maps or known)]
+    if options.quick:
+        maps = [stability.coarser(chart) for chart in maps]
+    writer = TableWriter(options.out, 'stability', stability.COLUMNS)
+    done = {stability.key(row) for row in writer.rows}
+    total = sum(
+        stability.key(place) not in done for chart in maps for place in stability.places(chart)
+    )
+    counts = dict.fromkeys((*stability.OUTCOMES, 'failed'), 0)
+    with tqdm(total=total, unit=' cells', smoothing=0.05) as bar:
+        for chart in maps:
+            bar.set_description(chart.name)
+            for cell in stability.cells(chart, done, run_case):
+                writer.append([stability.plain(cell)])
+                counts[cell.outcome] += 1
+                bar.update()
+    print(', '.join(f'{count} {name}' for name, count in counts.items()))
+    print(f'{options.out} is complete; snake-sim chart {options.out} draws it')
+    return 0
+
+
 def _chart(options: argparse.Namespace) -> int:
     from snake_sim_ros.charts import draw_bench
+    from snake_sim_ros.stability_chart import draw_stability
 
     if not options.out.is_dir():
         raise ParameterError(f'--out: no folder {options.out}')
     for path in options.csv:
         table = read_table(path)
-        for file in draw_bench(table, options.out):
+        draw = draw_stability if table.header['table'] == 'stability' else draw_bench
+        for file in draw(table, options.out):
             print(file)
     return 0
 

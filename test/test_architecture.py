@@ -23,7 +23,9 @@ MODULES = sorted(PACKAGE.glob('*.py'))
 SHELL = {
     *('simulation', 'nodes', 'cli', 'charts', 'peers'),
     *('artefacts', 'bench', 'contenders', 'pareto', 'stages', 'timing'),
+    *('stability', 'stability_scenes', 'stability_maps', 'stability_chart'),
 }
+DRAWING = {'charts', 'stability_chart'}
 ROS = {'rclpy', 'std_srvs', 'tf2_ros', 'launch', 'launch_ros', 'ament_index_python'}
 
 each_module = pytest.mark.parametrize('path', MODULES, ids=lambda path: path.stem)
@@ -82,7 +84,7 @@ def test_only_nodes_know_ros(path):
 
 @each_module
 def test_only_charts_know_matplotlib(path):
-    assert ('matplotlib' in packages(path)) == (path.stem == 'charts')
+    assert ('matplotlib' in packages(path)) == (path.stem in DRAWING)
 
 
 @each_module
@@ -91,7 +93,7 @@ def test_physics_does_not_know_what_runs_it(path):
 
 
 def test_physics_imports_without_ros_and_matplotlib():
-    names = [f'snake_sim_ros.{path.stem}' for path in MODULES if path.stem != 'charts']
+    names = [f'snake_sim_ros.{path.stem}' for path in MODULES if path.stem not in DRAWING]
     script = (
         'import importlib, sys\n'
         'sys.modules["rclpy"] = sys.modules["matplotlib"] = None\n'

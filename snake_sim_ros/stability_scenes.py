@@ -53,7 +53,7 @@ MASS, LENGTH, RADIUS, OFFSET, THETA_1, THETA_3 = (
 CASE_A = load_scene('lateral_undulation')
 CLOSED = 1e-9  # m, so that contacts are closed whatever is rounded
 # Of the maps of contacts: a velocity that counts as rest; what a solver reaches is another map.
-PRECISE = replace(CASE_A.solver, residual_tolerance=1e-6, iteration_limit=1000)
+PRECISE = replace(CASE_A.solver, residual_tolerance=1e-6)
 
 
 def with_method(scene: Scene, method: str) -> Scene:
@@ -222,8 +222,7 @@ def heavy(method: str, ratio: float, links: float) -> Case:
     names = ('link_mass', 'inertia_transversal', 'inertia_axial')
     lists: dict[str, Any] = {name: tuple(factor * getattr(AIKO, name)) for name in names}
     robot = Robot(link_count=n, **lists)
-    solver = replace(PRECISE, iteration_limit=5000)
-    scene = with_method(Scene(robot=robot, friction=CASE_A.friction, solver=solver), method)
+    scene = with_method(Scene(robot=robot, friction=CASE_A.friction, solver=PRECISE), method)
     state = initial_state(scene)
     state.q[:, 2] -= CLOSED
     fall = G * 10 * scene.dt

@@ -151,7 +151,7 @@ class References:
 
     def __init__(self, scenes: Mapping[str, Scene]) -> None:
         self.scenes = scenes
-        self._made: dict[tuple[str, str], tuple[Course, float]] = {}
+        self._made: dict[tuple[str, str], tuple[Any, float]] = {}
 
     def converged(self, case: str) -> tuple[Course, float]:
         """Return the converged solution of a case, and how far it is from being converged."""
@@ -159,8 +159,14 @@ class References:
             self._made[case, ''] = converged(self.scenes[case])
         return self._made[case, '']
 
-    def own_limit(self, case: str, contender: Contender) -> Course:
-        """Return where small steps of a contender lead; the converged solution if that is it."""
+    def own_limit(self, case: str, contender: Contender) -> Course | None:
+        """
+        Return where small steps of a contender lead; the converged solution if that is it.
+
+        None if it is not asked for, or if the contender does not get through with them.
+        """
+        if contender.own_limit is None:
+            return None
         if not contender.own_limit:
             return self.converged(case)[0]
         name, model = contender.own_limit
@@ -169,7 +175,8 @@ class References:
                 model.run(model.scene(self.scenes[case], rate), limit=math.inf)
                 for rate in model.rates
             )
-            self._made[case, name] = extrapolated(coarse, fine), math.nan
+            whole = coarse.path.shape == fine.path.shape
+            self._made[case, name] = extrapolated(coarse, fine) if whole else None, math.nan
         return self._made[case, name][0]
 
 
@@ -200,20 +207,20 @@ def measured(row: Row, course: Course) -> Row:
     )
 
 
-def compared(row: Row, course: Course, expected: Course, doubt: float, own: Course) -> Row:
-    """Return a row with its errors; a run that ended early has none."""
-    row = replace(row, reference_error=doubt)
-    if own.path.shape == expected.path.shape and own is not expected:
-        row = replace(row, model_error=path_error(own.path, expected.path))
-    if course.path.shape != expected.path.shape:
-        return row
-    return replace(
+def compared(row: Row, course: Course, expected: Course, doubt: float, own: Course | None) -> Row:
+    """Return a row with its errors, infinite for a run that ended early."""
+    row = replace(
         row,
+        reference_error=doubt,
         error_path=path_error(course.path, expected.path),
         error_angle=largest_difference(course.joint_angle, expected.joint_angle),
         error_heading=largest_difference(course.heading, expected.heading),
-        error_limit=path_error(course.path, own.path),
     )
+    if own is None:
+        return row
+    if own is not expected:
+        row = replace(row, model_error=path_error(own.path, expected.path))
+    return replace(row, error_limit=path_error(course.path, own.path))
 
 
 def precision(
@@ -384,7 +391,7 @@ def line(row: Row) -> str:
         what.append(f'{row.iterations} iterations to {row.residual_max:.1e} m/s')
     if row.median_us > 0.0:
         what.append(f'{row.median_us:.2f} us')
-    if row.error_path >= 0.0:
+    if math.isfinite(row.error_path):
         what.append(f'{100 * row.error_path:.3g} %')
     return ' | '.join(part for part in [*what, row.status, row.message] if part)
 

@@ -103,7 +103,7 @@ def save(figure: Figure, path: Path, header: Mapping[str, str]) -> list[Path]:
     """Write a figure as SVG and PNG, with where it was measured at its foot."""
     where = ', '.join(header[key] for key in ('processor', 'date') if key in header)
     commit = header.get('commit', 'unknown')
-    figure.supxlabel(f'commit {commit}, {where}; wall times are of one machine', fontsize=6.5)
+    figure.suptitle(f'commit {commit}, {where}', fontsize=6.5, x=0.99, ha='right', color='#555555')
     FigureCanvasAgg(figure)
     files = [path.with_suffix(suffix) for suffix in ('.svg', '.png')]
     figure.savefig(files[0], metadata={'Date': None})
@@ -138,9 +138,10 @@ def plot_line(axes: Axes, x: Any, y: Any, method: str, level: str, *, main: bool
     return line
 
 
-def is_main(method: str, setting: str) -> bool:
-    """Return whether a setting stands for its method."""
-    return MAIN.get(method, setting) == setting
+def is_main(method: str, setting: str, rows: Iterable[Row]) -> bool:
+    """Return whether a setting stands for its method; any does where that of MAIN was not run."""
+    settings = {row.setting for row in rows if row.method == method}
+    return MAIN.get(method) not in settings - {setting}
 
 
 def errors_figure(rows: Sequence[Row], column: str) -> tuple[Figure, list[Axes]]:
@@ -152,7 +153,7 @@ def errors_figure(rows: Sequence[Row], column: str) -> tuple[Figure, list[Axes]]
     for axes, case in zip(all_axes, cases, strict=True):
         here = [row for row in rows if row.case == case]
         for (method, level, setting), line in lines(here).items():
-            main = is_main(method, setting)
+            main = is_main(method, setting, here)
             x = [getattr(row, column) for row in line]
             y = [row.error_path for row in line]
             handle = plot_line(axes, x, y, method, level, main=main)

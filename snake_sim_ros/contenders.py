@@ -77,10 +77,10 @@ class Contender:
         `spatial` or `planar`.
     settings : mapping
         Of the scene, such as ``{'pd_scheme': 'start'}``.
-    own_limit : tuple
+    own_limit : tuple or None
         Name of the model, and the contender that runs it with two rates, the second twice the
         first, to extrapolate where small steps lead; empty for the model that the converged
-        solution is of.
+        solution is of. None leaves it out.
     adaptive : bool
         Whether it chooses its steps.
 
@@ -92,7 +92,7 @@ class Contender:
     run: Callable[..., Course]
     level: str = 'spatial'
     settings: Mapping[str, Any] = field(default_factory=dict)
-    own_limit: tuple[Any, ...] = ()
+    own_limit: tuple[Any, ...] | None = ()
     adaptive: bool = False
 
     def scene(self, scene: Scene, rate: float) -> Scene:
@@ -124,7 +124,7 @@ def all_contenders() -> list[Contender]:
 def quick_contenders() -> list[Contender]:
     """Return those of the quick matrix: few methods and time steps, that compile in a minute."""
     return [
-        replace(rival, rates=QUICK[rival.method][1])
+        replace(rival, rates=QUICK[rival.method][1], own_limit=rival.own_limit and None)
         for rival in all_contenders()
         if rival.setting == QUICK.get(rival.method, ('',))[0]
         and (rival.method, rival.level) != ('bdf2', 'planar')

@@ -264,28 +264,18 @@ def measured(artefact: Artefact, run: Run, rows: list[Row]) -> list[Row]:
 
 
 def text_table(rows: Iterable[Mapping[str, str]]) -> str:
-    """Return rows of a file as text: an artefact a line, a contender a column, a dash for none."""
-    cells: dict[tuple[str, str], dict[tuple[str, str], str]] = {}
-    columns: dict[tuple[str, str], None] = {}
+    """Return rows of a file in Markdown: an artefact a line, a contender a column."""
+    cells: dict[tuple[str, str], dict[str, str]] = {}
+    columns: dict[str, None] = {}
     for row in rows:
-        column = row['method'], row['setting']
+        column = ', '.join(filter(None, (f'`{row["method"]}`', row['setting'])))
         columns[column] = None
         name = f'{row["artefact"]} [{row["unit"]}]', f'{float(row["exact"]):g}'
         cells.setdefault(name, {})[column] = f'{float(row["value"]):.2g}' if row['value'] else '-'
     lines = [
-        ['', 'exact', *(method for method, _ in columns)],
-        ['', '', *(setting for _, setting in columns)],
-        *(
-            [*name, *(values.get(column, '-') for column in columns)]
-            for name, values in cells.items()
-        ),
+        ['artefact', 'exact', *columns],
+        *([*name, *(values.get(c, '-') for c in columns)] for name, values in cells.items()),
     ]
     widths = [max(map(len, entries)) for entries in zip(*lines, strict=True)]
-    widths[0] *= -1  # to the left
-    return '\n'.join(
-        '  '.join(
-            entry.ljust(-width) if width < 0 else entry.rjust(width)
-            for entry, width in zip(line, widths, strict=True)
-        ).rstrip()
-        for line in lines
-    )
+    lines.insert(1, ['-' * width for width in widths])
+    return ''.join(f'| {" | ".join(map(str.ljust, line, widths))} |\n' for line in lines)

@@ -151,13 +151,14 @@ class References:
 
     def __init__(self, scenes: Mapping[str, Scene]) -> None:
         self.scenes = scenes
-        self._made: dict[tuple[str, str], tuple[Any, float]] = {}
+        self._converged: dict[str, tuple[Course, float]] = {}
+        self._limits: dict[tuple[str, str], Course | None] = {}
 
     def converged(self, case: str) -> tuple[Course, float]:
         """Return the converged solution of a case, and how far it is from being converged."""
-        if (case, '') not in self._made:
-            self._made[case, ''] = converged(self.scenes[case])
-        return self._made[case, '']
+        if case not in self._converged:
+            self._converged[case] = converged(self.scenes[case])
+        return self._converged[case]
 
     def own_limit(self, case: str, contender: Contender) -> Course | None:
         """
@@ -170,14 +171,14 @@ class References:
         if not contender.own_limit:
             return self.converged(case)[0]
         name, model = contender.own_limit
-        if (case, name) not in self._made:
+        if (case, name) not in self._limits:
             coarse, fine = (
                 model.run(model.scene(self.scenes[case], rate), limit=math.inf)
                 for rate in model.rates
             )
             whole = coarse.path.shape == fine.path.shape
-            self._made[case, name] = extrapolated(coarse, fine) if whole else None, math.nan
-        return self._made[case, name][0]
+            self._limits[case, name] = extrapolated(coarse, fine) if whole else None
+        return self._limits[case, name]
 
 
 def measured(row: Row, course: Course) -> Row:

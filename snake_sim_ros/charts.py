@@ -19,6 +19,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 
+from snake_sim_ros.artefacts import text_table
 from snake_sim_ros.bench import Row
 from snake_sim_ros.bench import rows_of
 from snake_sim_ros.parameters import Array
@@ -97,6 +98,13 @@ def draw_bench(table: Table, folder: Path) -> list[Path]:
         path.write_text(pareto_table(rows), encoding='utf-8')
         drawn.append(path)
     return drawn
+
+
+def draw_artefacts(table: Table, folder: Path) -> list[Path]:
+    """Write the table of artefacts in Markdown, and return its file."""
+    path = folder / 'artefacts.md'
+    path.write_text(text_table(table.rows), encoding='utf-8')
+    return [path]
 
 
 def save(figure: Figure, path: Path, header: Mapping[str, str]) -> list[Path]:

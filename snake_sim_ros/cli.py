@@ -114,7 +114,9 @@ def _parser() -> argparse.ArgumentParser:
         help='default: stability.csv; cells that it has already are not run again',
     )  # fmt: skip
 
-    command = commands.add_parser('chart', help='draw what bench and stability measured')
+    command = commands.add_parser(
+        'chart', help='draw what the others measured'
+    )
     command.set_defaults(command=_chart)
     command.add_argument('csv', type=Path, nargs='+', metavar='FILE.csv')
     command.add_argument(
@@ -259,7 +261,7 @@ def _artefacts(options: argparse.Namespace) -> int:
     writer = TableWriter(options.out, 'artefacts', artefacts.COLUMNS)
     for measure in tqdm(list(artefacts.measurements(writer.rows)), smoothing=0):
         writer.append(map(asdict, measure()))
-    print(artefacts.text_table(read_table(options.out).rows))
+    print(artefacts.text_table(read_table(options.out).rows), end='')
     return 0
 
 
@@ -294,15 +296,19 @@ def _stability(options: argparse.Namespace) -> int:
 
 
 def _chart(options: argparse.Namespace) -> int:
+    from snake_sim_ros.charts import draw_artefacts
     from snake_sim_ros.charts import draw_bench
     from snake_sim_ros.stability_chart import draw_stability
 
+    draw = {'bench': draw_bench, 'stability': draw_stability, 'artefacts': draw_artefacts}
     if not options.out.is_dir():
         raise ParameterError(f'--out: no folder {options.out}')
     for path in options.csv:
         table = read_table(path)
-        draw = draw_stability if table.header['table'] == 'stability' else draw_bench
-        for file in draw(table, options.out):
+        kind = table.header['table']
+        if kind not in draw:
+            raise ParameterError(f'{path}: table must be one of {", ".join(draw)}; got {kind!r}')
+        for file in draw[kind](table, options.out):
             print(file)
     return 0
 

@@ -1,0 +1,115 @@
+"""Charts and tables are drawn from CSV files alone: from those that come with the documentation."""
+
+from pathlib import Path
+import re
+
+import pytest
+
+from snake_sim_ros.bench import rows_of
+from snake_sim_ros.charts import draw_artefacts
+from snake_sim_ros.charts import draw_bench
+from snake_sim_ros.charts import STYLES
+from snake_sim_ros.cli import main
+from snake_sim_ros.contenders import all_contenders
+from snake_sim_ros.pareto import fastest
+from snake_sim_ros.pareto import pareto_table
+from snake_sim_ros.stepping import LARGE_STEP
+from snake_sim_ros.tables import read_table
+
+DOCS = Path(__file__).resolve().parent.parent / 'docs'
+STORED = DOCS / 'speed_accuracy'
+PAGE = (DOCS / 'speed_accuracy.md').read_text(encoding='utf-8')
+FIGURES = (
+    'work_precision',
+    'error_over_dt',
+    'cost_over_links',
+    'residual_over_iterations',
+    'where_time_goes',
+)
+
+
+@pytest.fixture(scope='module')
+def rows():
+    return rows_of(read_table(STORED / 'bench.csv'))
+
+
+@pytest.fixture(scope='module')
+def drawn(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('figures')
+    return folder, draw_bench(read_table(STORED / 'bench.csv'), folder)
+
+
+def test_bench_is_drawn_as_svg_and_png(drawn):
+    folder, files = drawn
+    expected = [folder / f'{name}.{kind}' for name in FIGURES for kind in ('svg', 'png')]
+    assert files == [*expected, folder / 'pareto.md']
+    for file in files[:-1]:
+        assert file.read_bytes().startswith(b'\x89PNG' if file.suffix == '.png' else b'<?xml')
+
+
+def test_figures_are_the_ones_in_the_documentation(drawn):
+    # SVG says the same on any machine with the same matplotlib; numbers are compared as text.
+    folder, _ = drawn
+    for name in FIGURES:
+        texts = [
+            re.findall(r'<text[^>]*>([^<]*)', (place / f'{name}.svg').read_text(encoding='utf-8'))
+            for place in (folder, STORED)
+        ]
+        assert texts[0] == texts[1]
+
+
+def test_axes_have_units_and_figures_say_where_they_are_from(drawn):
+    folder, _ = drawn
+    header = read_table(STORED / 'bench.csv').header
+    for name in FIGURES:
+        text = (folder / f'{name}.svg').read_text(encoding='utf-8')
+        assert header['commit'] in text and header['processor'] in text
+        assert '[s]' in text or '[us]' in text or '[m/s]' in text or 'simulated time' in text
+
+
+def test_every_method_has_a_style_of_its_own():
+    assert {rival.method for rival in all_contenders()} <= set(STYLES)
+    assert len({style[:2] for style in STYLES.values()}) == len(STYLES)
+
+
+def test_tables_of_the_page_are_those_of_the_files(rows):
+    assert pareto_table(rows) in PAGE
+    assert (STORED / 'artefacts.md').read_text(encoding='utf-8') in PAGE
+
+
+def test_artefacts_are_a_table_in_markdown(tmp_path):
+    (file,) = draw_artefacts(read_table(STORED / 'artefacts.csv'), tmp_path)
+    assert file.read_text() == (STORED / 'artefacts.md').read_text()
+
+
+def test_auto_takes_what_the_stored_bench_finds_best(rows):
+    # Above LARGE_STEP bdf2 gets to 1 % sooner than newton at any step, in all cases.
+    for case in {row.case for row in rows if row.part == 'precision'}:
+        spatial = [
+            row
+            for row in rows
+            if (row.part, row.case, row.level) == ('precision', case, 'spatial')
+        ]
+        best = fastest((row for row in spatial if row.method in ('newton', 'bdf2')), 0.01)
+        assert best.method == 'bdf2' and best.dt > LARGE_STEP
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('# table: weather\nx\n1\n', "got 'weather'"),
+        ('# table: bench\nx\n1\n', 'columns must be those of the bench'),
+        ('x\n1\n', 'the first line must say what it is'),
+    ],
+)
+def test_chart_refuses_other_files(tmp_path, capsys, text, message):
+    path = tmp_path / 'x.csv'
+    path.write_text(text)
+    assert main(['chart', str(path), '--out', str(tmp_path)]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_chart_refuses_a_folder_that_is_not_there(tmp_path, capsys):
+    bench = str(STORED / 'bench.csv')
+    assert main(['chart', bench, '--out', str(tmp_path / 'no')]) == 2
+    assert '--out: no folder' in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Charts and tables are drawn from CSV files alone: from those that come with the documentation."""
+"""Charts and tables are drawn from CSV files alone: here from those of the documentation."""
 
 from pathlib import Path
 import re

@@ -114,7 +114,7 @@ def save(figure: Figure, path: Path, header: Mapping[str, str]) -> list[Path]:
     figure.suptitle(f'commit {commit}, {where}', fontsize=6.5, x=0.99, ha='right', color='#555555')
     FigureCanvasAgg(figure)
     files = [path.with_suffix(suffix) for suffix in ('.svg', '.png')]
-    figure.savefig(files[0], metadata={'Date': None})
+    figure.savefig(files[0], dpi=220, metadata={'Date': None})
     figure.savefig(files[1], dpi=110)
     return files
 

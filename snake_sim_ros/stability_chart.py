@@ -140,12 +140,12 @@ def draw_panel(axes: Axes, cells: Sequence[Cell]) -> None:
     colors = ListedColormap(list(COLORS.values()))
     axes.pcolormesh(
         edges(xs), edges(ys), grid, cmap=colors, vmin=-0.5, vmax=len(kinds) - 0.5,
-        edgecolors='#cccccc', linewidth=0.2,
+        edgecolors='#cccccc', linewidth=0.2, rasterized=True,
     )  # fmt: skip
     for name, mark in MARKS.items():
         found = [cell for cell in cells if cell.outcome == name]
         x, y = ([getattr(cell, name) for cell in found] for name in 'xy')
-        axes.plot(x, y, ls='', marker=mark, ms=2.2, color='black', mew=0.5)
+        axes.plot(x, y, ls='', marker=mark, ms=2.2, color='black', mew=0.5, rasterized=True)
     limits = {cell.y: cell.limit for cell in cells}
     axes.plot([limits[y] for y in ys], ys, color='black', lw=1.4)
     axes.set(xlim=edges(xs)[[0, -1]], ylim=edges(ys)[[0, -1]])

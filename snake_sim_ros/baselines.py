@@ -221,7 +221,7 @@ def integrate(
     -------
     Course
         Its steps are the accepted ones, its iterations all evaluations of the right-hand side,
-        those for Jacobians included. `energy_error` is of the two works that are integrated too.
+        those for Jacobians included. It has no residual (nan). `energy_error` is of the two works that are integrated too.
 
     Raises
     ------
@@ -253,6 +253,8 @@ def integrate(
     report = Report(
         steps=len(run.times),
         iterations=robot.evaluations,
+        residual_max=math.nan,
+        printed_residual_max=math.nan,
         penetration_max=run.depth,
         joint_torque=robot.work.chain.torque.copy(),
         failure=f't = {solver.t:g} s: {integrator}: {failure}' if failure else '',

@@ -221,7 +221,8 @@ def integrate(
     -------
     Course
         Its steps are the accepted ones, its iterations all evaluations of the right-hand side,
-        those for Jacobians included. It has no residual (nan). `energy_error` is of the two works that are integrated too.
+        those for Jacobians included. It has no residual (nan). `energy_error` is of the two works
+        that are integrated too.
 
     Raises
     ------

@@ -28,7 +28,8 @@ COMMANDS = [line for block in blocks('sh') for line in block.splitlines()]
 SHORTENED = {
     './run demo': '--duration 1',
     './run test': '--collect-only -q test/test_gait.py',
-    './run bench': 'sidewinding --methods newton --duration 0.1 --no-start-up',
+    './run bench --quick': 'lateral_undulation --methods newton --dt 0.001 --duration 0.1',
+    './run stability --quick': '--maps spin',
     './run levels': 'lateral_undulation --duration 0.1',
     './run run obstacle_aided': '--duration 0.5',
 }
@@ -58,7 +59,8 @@ def test_command(line, tmp_path, user_environment):
     else:
         assert words[0] == './run', f'no test for the README command {line!r}'
         words = [str(ROOT / 'run'), *words[1:], *shlex.split(SHORTENED.get(line, ''))]
-    (tmp_path / 'config').symlink_to(ROOT / 'config')
+    for name in ('config', 'docs'):
+        (tmp_path / name).symlink_to(ROOT / name)
     node = any(word in ('sim', 'gait') or '/scripts/' in word for word in words[:2])
     output = (
         run_node(words, tmp_path, user_environment)

@@ -219,7 +219,8 @@ def contenders() -> dict[tuple[str, str], Run]:
         ),
         ('pyramid', ''): partial(step_states, make_pyramid),
         ('mujoco', 'default'): _of_mujoco(defaults),
-        ('mujoco', 'best'): _of_mujoco(MujocoSettings()),
+        ('mujoco', 'accurate'): _of_mujoco(MujocoSettings(contact='accurate')),
+        ('mujoco', 'fast'): _of_mujoco(MujocoSettings(contact='fast')),
     }
 
 

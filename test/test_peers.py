@@ -19,6 +19,7 @@ from snake_sim_ros.parameters import Robot
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import Wave
 from snake_sim_ros.parameters import with_settings
+from snake_sim_ros.peers import CONTACTS
 from snake_sim_ros.peers import DRIVES
 from snake_sim_ros.peers import INTEGRATORS
 from snake_sim_ros.peers import mjcf
@@ -116,7 +117,7 @@ def test_without_mujoco_one_sentence_says_how_to_get_it(monkeypatch):
     ],
     ids=['along', 'across'],
 )
-@pytest.mark.parametrize('contact', ['default', 'best'])
+@pytest.mark.parametrize('contact', CONTACTS)
 def test_link_slides_down_a_slope_as_it_should(friction, direction, contact):
     # T4 of a link that hardly turns: s = g (sin b - mu cos b) t (t + dt)/2, as velocities come
     # before positions. MuJoCo's own softness: while the link sinks in or is lifted, the floor

@@ -206,6 +206,11 @@ COLUMNS = tuple(item.name for item in fields(Row))
 KEY = ('artefact', 'method', 'setting')
 
 
+def make_second_order(scene: Scene) -> Stepper:
+    """Return a stepper of method bdf2."""
+    return make_stepper(replace(scene, method='bdf2'))
+
+
 def contenders() -> dict[tuple[str, str], Run]:
     """Return how each contender runs, by method and setting."""
     regularized = f'tanh {PENALTY.sliding_velocity:g} m/s, {PENALTY.stiffness:g} N/m'
@@ -214,6 +219,7 @@ def contenders() -> dict[tuple[str, str], Run]:
     )
     return {
         ('newton', ''): partial(step_states, make_stepper),
+        ('bdf2', ''): partial(step_states, make_second_order),
         ('semi_implicit_euler', regularized): partial(
             step_states, partial(make_semi_implicit, penalty=PENALTY)
         ),

@@ -197,4 +197,4 @@ def test_without_mujoco_there_is_a_dash(monkeypatch):
     (row,) = artefacts.measured(artefacts.ARTEFACTS[0], run, rows)
     assert 'not installed' in row.message
     text = artefacts.text_table([{**asdict(row), 'value': ''}])
-    assert text.splitlines()[-1].split()[-1] == '-'
+    assert text.splitlines()[-1].split()[-2] == '-'

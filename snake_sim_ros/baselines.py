@@ -29,6 +29,7 @@ from snake_sim_ros import penalty as regularized
 from snake_sim_ros import pyramid
 from snake_sim_ros.course import Course
 from snake_sim_ros.course import SAMPLE
+from snake_sim_ros.delassus import make_delassus
 from snake_sim_ros.energy import imbalance
 from snake_sim_ros.energy import mechanical_energy
 from snake_sim_ros.parameters import Array
@@ -109,7 +110,7 @@ def make_semi_implicit(scene: Scene, penalty: Penalty) -> Stepper:
 
     """
     refuse_rolling(scene)
-    return SpatialStepper(scene, partial(regularized.advance, make_law(penalty)), 0)
+    return SpatialStepper(scene, partial(regularized.advance, make_law(penalty)))
 
 
 def make_pyramid(scene: Scene) -> Stepper:
@@ -125,7 +126,8 @@ def make_pyramid(scene: Scene) -> Stepper:
 
     """
     refuse_rolling(scene)
-    return SpatialStepper(scene, pyramid.advance, 3 * contact_count(scene))
+    delassus = make_delassus(3 * contact_count(scene))
+    return SpatialStepper(scene, partial(pyramid.advance, delassus))
 
 
 class SmoothRobot:
@@ -147,7 +149,7 @@ class SmoothRobot:
     def __init__(self, scene: Scene, penalty: Penalty) -> None:
         refuse_rolling(scene)
         self.model, self.law = make_model(scene), make_law(penalty)
-        self.work = make_workspace(scene, 0)
+        self.work = make_workspace(scene)
         gait = scene.gait
         self.waves = (astuple(gait.yaw), astuple(gait.pitch)), gait.soft_start
         self.middle, self.evaluations = scene.robot.middle_link, 0

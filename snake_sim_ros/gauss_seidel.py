@@ -110,14 +110,14 @@ def iterate(laws, tolerance, limit, contact, table, chain, delassus, impulse):
 
 
 @compiled
-def advance(model, work, q, u, history, angle, rate, report, cycles):
+def advance(delassus, model, work, q, u, history, angle, rate, report, cycles):
     """Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`."""
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
         count, laws = begin_step(model, work, q, u, history[0], angle[k], rate[k])
         outcome = iterate(
             laws, model.residual_tolerance, model.iteration_limit,
-            work.contact[:count], work.table, work.chain, work.delassus, history[0],
+            work.contact[:count], work.table, work.chain, delassus, history[0],
         )  # fmt: skip
         if not end_step(model, work, q, u, history, count, outcome, report):
             break
@@ -125,14 +125,14 @@ def advance(model, work, q, u, history, angle, rate, report, cycles):
 
 
 @compiled
-def iterate_in_plane(model, work, impulse):
+def iterate_in_plane(model, work, delassus, impulse):
     """
     Sweep as `iterate` does, in the plane: the loads follow from the friction.
 
     They follow by half, since the load of a nearly straight robot answers to its friction with
     more than that, so that both would go to and fro.
     """
-    contact, table, delassus = work.contact, work.table, work.delassus
+    contact, table = work.contact, work.table
     tolerance, rows = model.residual_tolerance, 3 * len(contact)
     planar.factor_bare(work)
     planar.condense(model, work, delassus)
@@ -158,12 +158,12 @@ def iterate_in_plane(model, work, impulse):
 
 
 @compiled
-def advance_in_plane(model, work, q, u, history, angle, rate, report, cycles):
+def advance_in_plane(delassus, model, work, q, u, history, angle, rate, report, cycles):
     """Advance q, u and history in place by one step a reference; see `planar_stepper`."""
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
         count = planar.begin_step(model, work, q, u, angle[k], rate[k])
-        outcome = iterate_in_plane(model, work, history[0])
+        outcome = iterate_in_plane(model, work, delassus, history[0])
         if not planar.end_step(model, work, q, u, history, count, outcome, report):
             break
     cycles[len(angle)] = cycle_counter()

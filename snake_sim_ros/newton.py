@@ -362,13 +362,13 @@ def solve_contacts(model, laws, contact, table, chain, delassus, history):
 
 
 @compiled
-def advance(model, work, q, u, history, angle, rate, report, cycles):
+def advance(delassus, model, work, q, u, history, angle, rate, report, cycles):
     """Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`."""
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
         count, laws = begin_step(model, work, q, u, history[0], angle[k], rate[k])
         outcome = solve_contacts(
-            model, laws, work.contact[:count], work.table, work.chain, work.delassus, history
+            model, laws, work.contact[:count], work.table, work.chain, delassus, history
         )
         if not end_step(model, work, q, u, history, count, outcome, report):
             break

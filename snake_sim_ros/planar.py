@@ -26,7 +26,6 @@ from snake_sim_ros.compilation import inlined
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import IMPULSE
 from snake_sim_ros.contacts import Laws
-from snake_sim_ros.delassus import Delassus
 from snake_sim_ros.hinge_chain import factor_hinges
 from snake_sim_ros.hinge_chain import HingeChain
 from snake_sim_ros.hinge_chain import solve_hinges
@@ -100,7 +99,6 @@ class PlanarWorkspace(NamedTuple):
     u_star: Array
     q_start: Array
     u_start: Array
-    delassus: Delassus | None  # where a solver forms it
 
 
 @inlined

@@ -77,7 +77,7 @@ def one_step(model, work, h, q, u, history, previous, angle, rate, late, twice, 
         history[2, a, 0] *= scale
         history[2, a, BEND] *= scale
     begin(model, work, h, q, u, previous, angle, rate, late, twice)
-    outcome = solve_contacts(model, work, work.contact, work.delassus, history)
+    outcome = solve_contacts(model, work, work.contact, None, history)
     if not is_planar(model, work, history, outcome, report):
         return False
     x, y = held_point(model, q)

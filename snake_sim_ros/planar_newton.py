@@ -339,13 +339,13 @@ def solve_contacts(model, work, contact, delassus, history):
 
 
 @compiled
-def advance(model, work, q, u, history, angle, rate, report, cycles):
+def advance(delassus, model, work, q, u, history, angle, rate, report, cycles):
     """Advance q, u and history in place by one step a reference; see `planar_stepper`."""
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
         count = begin_step(model, work, q, u, angle[k], rate[k])
         contact = work.contact[:count]
-        outcome = solve_contacts(model, work, contact, work.delassus, history)
+        outcome = solve_contacts(model, work, contact, delassus, history)
         if not end_step(model, work, q, u, history, count, outcome, report):
             break
     cycles[len(angle)] = cycle_counter()

@@ -7,7 +7,6 @@ import numpy as np
 
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.contacts import IMPULSE
-from snake_sim_ros.delassus import make_delassus
 from snake_sim_ros.hinge_chain import HingeChain
 from snake_sim_ros.kinematics import CENTER_OF_MASS
 from snake_sim_ros.parameters import Array
@@ -145,8 +144,8 @@ def make_planar_model(scene: Scene) -> PlanarModel:
     )
 
 
-def make_planar_workspace(scene: Scene, size: int) -> PlanarWorkspace:
-    """Return the arrays of the compiled step for a scene and a Delassus operator of a size."""
+def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
+    """Return the arrays of the compiled step for a scene."""
     n, count = scene.robot.link_count, contact_count(scene)
     contact = np.zeros(count, np.int64)
     contact[: 2 * n] = np.array([[i, n + i] for i in range(n)]).ravel()
@@ -171,7 +170,6 @@ def make_planar_workspace(scene: Scene, size: int) -> PlanarWorkspace:
         u_star=np.zeros((n, 3)),
         q_start=np.zeros(n + 2),
         u_start=np.zeros((n, 3)),
-        delassus=make_delassus(size),
     )
 
 
@@ -208,16 +206,14 @@ class PlanarStepper:
         Compiled ``advance(model, work, q, u, history, angle, rate, report, cycles)``: as in
         `spatial.SpatialStepper`, for planar coordinates q (n+2,) and velocities u (n, 3). It ends
         before the first step that is not planar, and says so in the report.
-    size : int
-        Rows of the largest Delassus operator that the solver forms.
 
     """
 
     level = 'planar'
 
-    def __init__(self, scene: Scene, loop: Callable[..., None], size: int) -> None:
+    def __init__(self, scene: Scene, loop: Callable[..., None]) -> None:
         self.model = make_planar_model(scene)
-        self.work = make_planar_workspace(scene, size)
+        self.work = make_planar_workspace(scene)
         self.loop = loop
         n = scene.robot.link_count
         shapes = (n + 2, (n, 3), (n, 4), (n, 7), (n, 6))

@@ -103,14 +103,14 @@ def iterate(laws, tolerance, limit, contact, table, chain, delassus, impulse):
 
 
 @compiled
-def advance(model, work, q, u, history, angle, rate, report, cycles):
+def advance(delassus, model, work, q, u, history, angle, rate, report, cycles):
     """Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`."""
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
         count, laws = begin_step(model, work, q, u, history[0], angle[k], rate[k])
         outcome = iterate(
             laws, model.tolerance, model.iteration_limit,
-            work.contact[:count], work.table, work.chain, work.delassus, history[0],
+            work.contact[:count], work.table, work.chain, delassus, history[0],
         )  # fmt: skip
         if not end_step(model, work, q, u, history, count, outcome, report):
             break

@@ -30,7 +30,6 @@ from snake_sim_ros.contacts import contact_velocities
 from snake_sim_ros.contacts import Laws
 from snake_sim_ros.contacts import make_disc
 from snake_sim_ros.contacts import selected
-from snake_sim_ros.delassus import Delassus
 from snake_sim_ros.delassus import make_delassus
 from snake_sim_ros.joint_control import pd_law
 from snake_sim_ros.joint_control import START
@@ -125,7 +124,6 @@ class Workspace(NamedTuple):
     chain: Chain
     contact: Array  # (c,) indices of the closed contacts of c
     table: Array  # (c, COLUMNS) see contacts and newton
-    delassus: Delassus | None  # where a solver forms it
 
 
 @inlined
@@ -357,8 +355,8 @@ def make_model(scene: Scene) -> Model:
     )
 
 
-def make_workspace(scene: Scene, size: int) -> Workspace:
-    """Return the arrays of the compiled step for a scene and a Delassus operator of a size."""
+def make_workspace(scene: Scene) -> Workspace:
+    """Return the arrays of the compiled step for a scene."""
     n, count, zeros = scene.robot.link_count, contact_count(scene), np.zeros
     return Workspace(
         q_mid=zeros((n, 7)),
@@ -400,7 +398,6 @@ def make_workspace(scene: Scene, size: int) -> Workspace:
         ),
         contact=np.zeros(count, np.int64),
         table=zeros((count, COLUMNS)),
-        delassus=make_delassus(size),
     )
 
 
@@ -414,17 +411,16 @@ class SpatialStepper:
     loop : callable
         Compiled ``advance(model, work, q, u, history, angle, rate, report, cycles)``: advances q,
         u and history in place by one step a reference, up to the first that diverges, and fills
-        cycles with the time stamps between the steps.
-    size : int
-        Rows of the largest Delassus operator that the solver forms.
+        cycles with the time stamps between the steps. What else it takes is bound before: a type
+        of work that all loops share is compiled once.
 
     """
 
     level = 'spatial'
 
-    def __init__(self, scene: Scene, loop: Callable[..., None], size: int) -> None:
+    def __init__(self, scene: Scene, loop: Callable[..., None]) -> None:
         self.model = make_model(scene)
-        self.work = make_workspace(scene, size)
+        self.work = make_workspace(scene)
         self.loop = loop
         self.cycles = np.zeros(1, np.int64)
 

@@ -33,7 +33,7 @@ def spatial_stages(model, work, q, u, history, angle, rate, report, stamps):
         count, laws = begin_step(model, work, q, u, history[0], angle[k], rate[k])
         stamps[k, 1] = cycle_counter()
         outcome = solve_contacts(
-            model, laws, work.contact[:count], work.table, work.chain, work.delassus, history
+            model, laws, work.contact[:count], work.table, work.chain, None, history
         )
         stamps[k, 2] = cycle_counter()
         if not end_step(model, work, q, u, history, count, outcome, report):
@@ -53,7 +53,7 @@ def planar_stages(model, work, q, u, history, angle, rate, report, stamps):
         count = planar.begin_step(model, work, q, u, angle[k], rate[k])
         stamps[k, 1] = cycle_counter()
         contact = work.contact[:count]
-        outcome = planar_newton.solve_contacts(model, work, contact, work.delassus, history)
+        outcome = planar_newton.solve_contacts(model, work, contact, None, history)
         stamps[k, 2] = cycle_counter()
         if not planar.end_step(model, work, q, u, history, count, outcome, report):
             break
@@ -81,7 +81,7 @@ def stage_times(scene: Scene, level: str) -> dict[str, float]:
         stages(model, work, q, u, history, angle, rate, report, stamps)
 
     make = PlanarStepper if level == 'planar' else SpatialStepper
-    simulation = Simulation(scene, make(scene, loop, 0))
+    simulation = Simulation(scene, make(scene, loop))
     for steps in [STEPS] * (round(1 / scene.dt / STEPS) + 1):
         reference = gait.reference(
             scene.gait, simulation.midpoints(steps), scene.robot.link_count - 1

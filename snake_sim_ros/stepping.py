@@ -11,6 +11,7 @@ from dataclasses import field
 from dataclasses import fields
 from dataclasses import replace
 from enum import Enum
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -184,26 +185,33 @@ IMPULSE, VELOCITY, CHANGE, PREVIOUS = range(4)
 SETTLING = (-1, -1, -1)  # in history: steps that a robot still has to lie flat and still
 
 
-def _planar(scene: Scene, loop: Callable[..., None], size: int) -> Stepper:
+def _planar(scene: Scene, loop: Callable[..., None]) -> Stepper:
     from snake_sim_ros.planar_stepper import PlanarStepper
 
-    return PlanarStepper(scene, loop, size)
+    return PlanarStepper(scene, loop)
 
 
-def _spatial(scene: Scene, loop: Callable[..., None], size: int) -> Stepper:
+def _spatial(scene: Scene, loop: Callable[..., None]) -> Stepper:
     from snake_sim_ros.spatial import SpatialStepper
 
-    return SpatialStepper(scene, loop, size)
+    return SpatialStepper(scene, loop)
+
+
+def _with_delassus(loop: Callable[..., None], size: int) -> Callable[..., None]:
+    """Return a loop with the Delassus operator that it forms, of so many rows; None for 0."""
+    from snake_sim_ros.delassus import make_delassus
+
+    return partial(loop, make_delassus(size))
 
 
 def _newton(scene: Scene, level: str = 'spatial', size: int = 0) -> Stepper:
     if level == 'planar':
         from snake_sim_ros import planar_newton
 
-        return _planar(scene, planar_newton.advance, size)
+        return _planar(scene, _with_delassus(planar_newton.advance, size))
     from snake_sim_ros import newton
 
-    return _spatial(scene, newton.advance, size)
+    return _spatial(scene, _with_delassus(newton.advance, size))
 
 
 def _newton_dense(scene: Scene, level: str = 'spatial') -> Stepper:
@@ -214,10 +222,10 @@ def _bdf2(scene: Scene, level: str = 'spatial') -> Stepper:
     if level == 'planar':
         from snake_sim_ros import planar_bdf2
 
-        return _planar(scene, planar_bdf2.advance, 0)
+        return _planar(scene, planar_bdf2.advance)
     from snake_sim_ros import bdf2
 
-    return _spatial(scene, bdf2.advance, 0)
+    return _spatial(scene, bdf2.advance)
 
 
 def _gauss_seidel(scene: Scene, level: str = 'spatial') -> Stepper:
@@ -225,23 +233,23 @@ def _gauss_seidel(scene: Scene, level: str = 'spatial') -> Stepper:
 
     size = 5 * contact_count(scene)
     if level == 'planar':
-        return _planar(scene, gauss_seidel.advance_in_plane, size)
-    return _spatial(scene, gauss_seidel.advance, size)
+        return _planar(scene, _with_delassus(gauss_seidel.advance_in_plane, size))
+    return _spatial(scene, _with_delassus(gauss_seidel.advance, size))
 
 
 def _paper(scene: Scene, level: str = 'spatial') -> Stepper:
     from snake_sim_ros import prox_iteration
 
     if level == 'planar':
-        return _planar(scene, prox_iteration.advance_in_plane, 0)
-    return _spatial(scene, prox_iteration.advance, prox_iteration.CONDENSED)
+        return _planar(scene, prox_iteration.advance_in_plane)
+    return _spatial(scene, _with_delassus(prox_iteration.advance, prox_iteration.CONDENSED))
 
 
 def _reference(scene: Scene, level: str = 'spatial') -> Stepper:
     if level == 'planar':
         from snake_sim_ros.planar_reference import make_loop
 
-        return _planar(scene, make_loop(scene), 0)
+        return _planar(scene, make_loop(scene))
     from snake_sim_ros.reference import ReferenceStepper
 
     return ReferenceStepper(scene)

@@ -413,6 +413,8 @@ def test_bench_refuses_what_it_does_not_know(tmp_path, capsys):
 def test_stages_are_those_of_the_step(tmp_path):
     # Without the compiler: the stamped loops take the very steps of the methods.
     program = """
+from functools import partial
+
 import numpy as np
 from snake_sim_ros import gait, newton, planar_newton, stages
 from snake_sim_ros.parameters import load_scene
@@ -423,12 +425,12 @@ from snake_sim_ros.stepping import initial_state, no_history
 scene = load_scene('lateral_undulation')
 reference = gait.reference(scene.gait, scene.dt * (np.arange(3) + 0.5), 10)
 for make, plain, stamped in (
-    (SpatialStepper, newton.advance, stages.spatial_stages),
-    (PlanarStepper, planar_newton.advance, stages.planar_stages),
+    (SpatialStepper, partial(newton.advance, None), stages.spatial_stages),
+    (PlanarStepper, partial(planar_newton.advance, None), stages.planar_stages),
 ):
     stamps = np.zeros((3, 5), np.int64)
     ends = [
-        make(scene, loop, 0).advance(initial_state(scene), no_history(scene), *reference)[0]
+        make(scene, loop).advance(initial_state(scene), no_history(scene), *reference)[0]
         for loop in (plain, lambda *arguments: stamped(*arguments[:-1], stamps))
     ]
     assert (ends[0].q == ends[1].q).all() and (ends[0].u == ends[1].u).all()

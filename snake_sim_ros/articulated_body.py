@@ -25,6 +25,7 @@ from typing import NamedTuple
 
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
+from snake_sim_ros.compilation import merged
 from snake_sim_ros.parameters import Array
 
 ZERO = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -119,7 +120,7 @@ def correct_chain(chain):
     return largest
 
 
-@inlined
+@merged
 def left_over(chain):
     """
     Fill what chain.twist leaves of the balance of momentum: chain.wrench and chain.left_over.
@@ -304,7 +305,7 @@ def line(A, i):
     return A[i, 0], A[i, 1], A[i, 2], A[i, 3], A[i, 4], A[i, 5]
 
 
-@inlined
+@merged
 def lines(A):
     """Return the six rows of A as tuples."""
     return (
@@ -352,7 +353,7 @@ def blend(s, a0, a1, a2, a3, a4, a5):
     )
 
 
-@inlined
+@merged
 def add_reduced(A, rows, x, b, y, c):
     """Add the matrix of the given rows to A, less x b^T and y c^T."""
     for i in range(6):

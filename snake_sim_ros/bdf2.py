@@ -25,6 +25,7 @@ import math
 
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import cycle_counter
+from snake_sim_ros.compilation import merged
 from snake_sim_ros.contacts import contact_velocities
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import GAP
@@ -66,7 +67,7 @@ SMOOTH, SPAN = 0, 1  # whether q and u count, and the time that the last impulse
 RATE = 2  # rates of the joint references (2(n-1))
 
 
-@compiled
+@merged
 def begin(model, work, h, q, u, history, angle, rate, twice):
     """
     Predict the end of the step and fill all that the contact solver needs.
@@ -139,7 +140,7 @@ def advance_link(h, frame, hat, u, q, i):
     q[i, 3], q[i, 4], q[i, 5], q[i, 6] = s * e0, s * e1, s * e2, s * e3
 
 
-@compiled
+@merged
 def one_step(model, work, h, q, u, history, angle, rate, twice, report):
     """
     Take one implicit step, with the reference at its end.
@@ -176,7 +177,7 @@ def one_step(model, work, h, q, u, history, angle, rate, twice, report):
     return landed
 
 
-@compiled
+@merged
 def step(model, work, q, u, history, angle, rate, report):
     """Advance q, u and history by one step; return whether it did not diverge."""
     n = len(q)

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
+from snake_sim_ros.compilation import merged
 from snake_sim_ros.contact_laws import prox_ellipse
 from snake_sim_ros.contact_laws import REST
 
@@ -106,7 +107,7 @@ def link_of(other, table, n, a):
     return int(table[a, LINK])
 
 
-@inlined
+@merged
 def closed_contacts(tolerance, offset, radius, height, R, center, contact, table):
     """
     Fill closed contacts, their points and frames; return how many are closed.

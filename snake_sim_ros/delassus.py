@@ -14,6 +14,7 @@ import numpy as np
 from snake_sim_ros.articulated_body import solve_chain
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
+from snake_sim_ros.compilation import merged
 from snake_sim_ros.contacts import add_contact_wrench
 from snake_sim_ros.contacts import contact_velocities
 from snake_sim_ros.contacts import GAMMA
@@ -143,7 +144,7 @@ def solve_condensed(contact, width, table, law, delassus):
     return math.isfinite(finite)
 
 
-@compiled
+@merged
 def eliminate(B, rows):
     """Replace column `rows` of B by the solution x of ``B[:, :rows] x = B[:, rows]``."""
     for k in range(rows):

@@ -16,6 +16,7 @@ from snake_sim_ros.articulated_body import unload_chain
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import cycle_counter
 from snake_sim_ros.compilation import inlined
+from snake_sim_ros.compilation import merged
 from snake_sim_ros.contact_laws import prox_disc
 from snake_sim_ros.contact_laws import prox_ellipse
 from snake_sim_ros.contact_laws import prox_half_line
@@ -32,7 +33,7 @@ from snake_sim_ros.spatial import begin_step
 from snake_sim_ros.spatial import end_step
 
 
-@compiled
+@merged
 def sweep(laws, contact, width, table, delassus, impulse):
     """Project the impulse of every closed contact once, with the velocities of that moment."""
     G, gamma, rows = delassus.operator, delassus.packed, width * len(contact)
@@ -89,7 +90,7 @@ def largest_eigenvalue(G, k):
     return 0.5 * (G[k, k] + G[k + 1, k + 1]) + math.sqrt(half * half + off * off)
 
 
-@compiled
+@merged
 def iterate(laws, tolerance, limit, contact, table, chain, delassus, impulse):
     """Sweep until the contact laws hold; return what `spatial.end_step` takes."""
     unload_chain(chain)
@@ -124,7 +125,7 @@ def advance(delassus, model, work, q, u, history, angle, rate, report, cycles):
     cycles[len(angle)] = cycle_counter()
 
 
-@compiled
+@merged
 def iterate_in_plane(model, work, delassus, impulse):
     """
     Sweep as `iterate` does, in the plane: the loads follow from the friction.

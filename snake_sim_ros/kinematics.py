@@ -9,6 +9,7 @@ import math
 
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
+from snake_sim_ros.compilation import merged
 from snake_sim_ros.parameters import DRIFT_CORRECTIONS
 
 PAPER, CENTER_OF_MASS, NONE = range(len(DRIFT_CORRECTIONS))
@@ -225,7 +226,7 @@ def cross_of_joint(q, j):
     return along_x, along_y
 
 
-@inlined
+@merged
 def turn_about_axis(q, i, theta):
     """Turn link i by theta about its own e_z: p_i o (cos theta/2, 0, 0, sin theta/2)."""
     c, s = math.cos(theta / 2), math.sin(theta / 2)
@@ -238,7 +239,7 @@ def turn_about_axis(q, i, theta):
     )
 
 
-@inlined
+@merged
 def penetration(offset, radius, q):
     """Return how deep the lowest contact sphere is below the floor [m], 0 if it is not."""
     lowest = 0.0
@@ -247,7 +248,7 @@ def penetration(offset, radius, q):
     return -lowest
 
 
-@inlined
+@merged
 def lies_flat_and_still(offset, radius, q, u, omega):
     """Return whether every link is on the floor, not rolled, and moves in the plane only."""
     for i in range(len(q)):

@@ -23,6 +23,7 @@ from snake_sim_ros.articulated_body import respond
 from snake_sim_ros.articulated_body import unload_chain
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
+from snake_sim_ros.compilation import merged
 from snake_sim_ros.contacts import add_contact_wrench
 from snake_sim_ros.contacts import CENTER
 from snake_sim_ros.contacts import contact_velocities
@@ -118,7 +119,7 @@ def linearize_disc(disc, table, a, radius, S_N):
     table[a, law + 5], table[a, law + 6] = S_xN, S_yN
 
 
-@inlined
+@merged
 def linearize(laws, contact, table):
     """Fill the laws of all contacts, linear about TRIAL."""
     for a in contact:
@@ -145,7 +146,7 @@ def add_laws(contact, table, frame, rolling, wrench, inertia):
             add_rolling_law(table, a, wrench, inertia, i)
 
 
-@inlined
+@merged
 def add_point_law(table, a, wrench, inertia, i):
     """
     Add to link i the impulse ``P_0 - S gamma`` of contact a, normal and sliding.
@@ -188,7 +189,7 @@ def add_point_law(table, a, wrench, inertia, i):
         inertia[i, k, 5] += a_z
 
 
-@inlined
+@merged
 def add_rolling_law(table, a, wrench, inertia, i):
     """Add to link i the rolling torque r (P_v, -P_u) of contact a, eqs. (36), (37)."""
     x, y, r = table[a, POINT], table[a, POINT + 1], table[a, RADIUS]
@@ -243,7 +244,7 @@ def add_friction_law(table, a, law, normal, along, across, wrench, inertia):
             inertia[k, j] += along[k] * x + across[k] * y
 
 
-@inlined
+@merged
 def linear_impulses(contact, table, rolling):
     """Fill the impulses of the linear laws at GAMMA, from those at TRIAL: few digits cancel."""
     for a in contact:

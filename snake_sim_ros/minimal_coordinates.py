@@ -17,6 +17,7 @@ from snake_sim_ros.articulated_body import solve_chain
 from snake_sim_ros.articulated_body import unload_chain
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
+from snake_sim_ros.compilation import merged
 from snake_sim_ros.contacts import contact_velocities
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import IMPULSE
@@ -84,7 +85,7 @@ def place_links(half_length, y, work):
             q[i, k] = y[k] + work.center[i, k]
 
 
-@inlined
+@merged
 def add_moved_axis(twist, axis, rate, acceleration):
     """Add the acceleration of a joint axis that a link with this twist carries along."""
     wx, wy, wz, vx, vy, vz = twist
@@ -130,7 +131,7 @@ def move_links(y, work):
     end_velocities(chain.twist, R, work.center, work.u_hat)
 
 
-@inlined
+@merged
 def balance(model, work):
     """
     Fill the wrenches that gravity and inertia leave to joints and middle link, as momentum.
@@ -152,7 +153,7 @@ def balance(model, work):
     link_inertia(model, work.R, work.center, work.chain.bare)
 
 
-@inlined
+@merged
 def joint_torques(model, waves, t, y, torque):
     """Fill the torques of the joint controllers [N m]; return their power [W]."""
     begin, power = rates_begin(len(torque) + 1) + 6, 0.0
@@ -167,14 +168,14 @@ def joint_torques(model, waves, t, y, torque):
     return power
 
 
-@inlined
+@merged
 def carried_acceleration(twist):
     """Return omega x v of the link whose center is O, and no angular acceleration."""
     wx, wy, wz, vx, vy, vz = twist
     return wy * vz - wz * vy, wz * vx - wx * vz, wx * vy - wy * vx, 0.0, 0.0, 0.0
 
 
-@compiled
+@merged
 def rate_of_change(model, law, waves, work, t, y, y_dot):
     """
     Fill the time derivative of y; its layout is written at ANGLES.

@@ -20,6 +20,7 @@ from snake_sim_ros.articulated_body import unload_chain
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import cycle_counter
 from snake_sim_ros.compilation import inlined
+from snake_sim_ros.compilation import merged
 from snake_sim_ros.contacts import CENTER
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import IMPULSE
@@ -170,7 +171,7 @@ def anchor_disc(disc, table, a, radius):
     table[a, ANCHOR + k + 1] = disc.mu_y * shrink * y
 
 
-@inlined
+@merged
 def coupled_steps(laws, tolerance, limit, contact, table, chain, delassus, rounds):
     """Iterate with the radii that the normal impulses have; return iterations and the verdict."""
     for a in contact:
@@ -197,7 +198,7 @@ def coupled_steps(laws, tolerance, limit, contact, table, chain, delassus, round
     return iterations, residual, printed
 
 
-@inlined
+@merged
 def held_steps(laws, tolerance, limit, contact, table, chain, delassus):
     """Solve the convex problem with the radii held; return iterations and the verdict."""
     for a in contact:
@@ -215,7 +216,7 @@ def held_steps(laws, tolerance, limit, contact, table, chain, delassus):
     return iterations, residual, printed
 
 
-@inlined
+@merged
 def newton(laws, tolerance, limit, contact, table, chain, delassus):
     """
     Find impulses and twists that satisfy the contact laws, from what `predict` filled.
@@ -297,7 +298,7 @@ def next_share(share, along, before, rounds):
     return share
 
 
-@inlined
+@merged
 def predict(laws, contact, table, history):
     """
     Fill TRIAL and ANCHOR from the last step: impulses and velocities go on changing as they did.
@@ -320,7 +321,7 @@ def predict(laws, contact, table, history):
         table[a, TRIAL] = -laws.compliance * (max(0.0, P_N) - table[a, CENTER])
 
 
-@inlined
+@merged
 def remember(contact, table, history):
     """Fill history with the impulses, velocities and changes of the closed contacts, 0 if open."""
     for a in contact:

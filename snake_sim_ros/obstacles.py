@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
+from snake_sim_ros.compilation import merged
 from snake_sim_ros.contacts import closed_contacts
 from snake_sim_ros.contacts import GAP
 from snake_sim_ros.contacts import LINK
@@ -99,7 +99,7 @@ def deepest(obstacles, offset, radius, q):
     return penetration_of(obstacles, offset, radius, q)
 
 
-@compiled
+@merged
 def touching(obstacles, tolerance, offset, radius, q, R, center, contact, table, frame):
     """Fill the contacts with gaps up to `tolerance`; see `contacts.closed_contacts`."""
     n, count = len(R), 0
@@ -143,7 +143,7 @@ def touching(obstacles, tolerance, offset, radius, q, R, center, contact, table,
     return count
 
 
-@compiled
+@merged
 def touching_links(a, tolerance, offset, radius, q, R, center, contact, table, frame, count):
     """Fill the contacts of links with each other, from number a on; return how many are closed."""
     n = len(R)
@@ -174,7 +174,7 @@ def touching_links(a, tolerance, offset, radius, q, R, center, contact, table, f
     return count
 
 
-@compiled
+@merged
 def penetration_of(obstacles, offset, radius, q):
     """Return how deep the robot is in the ground or in a peg [m], 0 if it is not."""
     lowest = 0.0

@@ -14,7 +14,7 @@ from snake_sim_ros.articulated_body import factor_chain
 from snake_sim_ros.articulated_body import unload_chain
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import cycle_counter
-from snake_sim_ros.compilation import inlined
+from snake_sim_ros.compilation import merged
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import GAP
 from snake_sim_ros.contacts import IMPULSE
@@ -37,7 +37,7 @@ class PenaltyLaw(NamedTuple):
     damping_ratio: float
 
 
-@inlined
+@merged
 def share_over_speed(rational, s):
     """Return phi(s)/s: how much of Coulomb friction acts, over the sliding velocity."""
     if rational:
@@ -71,7 +71,7 @@ def penalty_forces(law, laws, contact, table, mass):
         table[a, IMPULSE + 3] = table[a, IMPULSE + 4] = 0.0
 
 
-@inlined
+@merged
 def make_impulses(dt, contact, table, impulse):
     """Turn the forces of the table into impulses, and fill those of all contacts."""
     impulse[:] = 0.0

@@ -11,6 +11,7 @@ from snake_sim_ros.bdf2 import SUB_STEPS
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import cycle_counter
 from snake_sim_ros.compilation import inlined
+from snake_sim_ros.compilation import merged
 from snake_sim_ros.joint_control import implicit_pd_law
 from snake_sim_ros.planar import end_velocities
 from snake_sim_ros.planar import fill_momentum
@@ -31,7 +32,7 @@ from snake_sim_ros.report import UNCONVERGED
 # time that the last impulses acted for, 0 if nothing is known.
 
 
-@inlined
+@merged
 def begin(model, work, h, q, u, previous, angle, rate, late, twice):
     """
     Predict the end of a part of the step and fill all that the contact solver needs.
@@ -65,7 +66,7 @@ def begin(model, work, h, q, u, previous, angle, rate, late, twice):
     fill_momentum(model, work, work.u_hat, work.u_star)
 
 
-@inlined
+@merged
 def one_step(model, work, h, q, u, history, previous, angle, rate, late, twice, report):
     """Take one implicit step; return whether it was done."""
     n = len(u)
@@ -98,7 +99,7 @@ def one_step(model, work, h, q, u, history, previous, angle, rate, late, twice, 
     return True
 
 
-@compiled
+@merged
 def step(model, work, q, u, history, angle, rate, report):
     """Advance q, u and history by one step; return whether it was done."""
     n, dt = len(u), model.dt

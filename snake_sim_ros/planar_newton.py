@@ -14,6 +14,7 @@ import math
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import cycle_counter
 from snake_sim_ros.compilation import inlined
+from snake_sim_ros.compilation import merged
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import HEADING
 from snake_sim_ros.contacts import IMPULSE
@@ -79,7 +80,7 @@ def predict(contact, table, history):
         table[a, TRIAL + 2] = y if known else table[a, GAMMA + 2]
 
 
-@inlined
+@merged
 def remember(contact, table, history):
     """Fill history with impulses, velocities and their changes, 0 if open."""
     for a in contact:
@@ -125,7 +126,7 @@ def sliding_law(disc, table, a, again):
     return P_x, P_y, S_xx, S_xy, S_yy
 
 
-@inlined
+@merged
 def add_laws(model, work, again):
     """
     Fill wrenches and inertias of the links with their loads and the laws linear about TRIAL.
@@ -166,7 +167,7 @@ def add_laws(model, work, again):
         chain.wrench[i, 0], chain.wrench[i, 1], chain.wrench[i, 2] = w0, w1, w2
 
 
-@inlined
+@merged
 def add_peg_laws(model, work, contact, again):
     """Add the laws of contacts with pegs, as `add_laws` does."""
     laws, table, chain = model.laws, work.table, work.chain
@@ -237,7 +238,7 @@ def linear_step(model, work, contact, delassus, again):
         table[a, IMPULSE + 2] = table[a, FORCE + 2] - S_xy * d_x - S_yy * d_y
 
 
-@inlined
+@merged
 def coupled_steps(model, work, contact, delassus, limit):
     """Iterate with the loads of the last iterate; return iterations and the residual."""
     laws, table = model.laws, work.table

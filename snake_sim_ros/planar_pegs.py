@@ -2,7 +2,7 @@
 
 import math
 
-from snake_sim_ros.compilation import inlined
+from snake_sim_ros.compilation import merged
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import HEADING
 from snake_sim_ros.contacts import LINK
@@ -10,7 +10,7 @@ from snake_sim_ros.contacts import POINT
 from snake_sim_ros.obstacles import peg_contact
 
 
-@inlined
+@merged
 def touch_pegs(model, work, q, u):
     """Fill the closed contacts with pegs at the middle of the step; return how many they are."""
     n, count, table = len(u), 0, work.table
@@ -43,7 +43,7 @@ def touch_pegs(model, work, q, u):
     return count
 
 
-@inlined
+@merged
 def peg_velocities(contact, work):
     """Fill the velocities of contacts with pegs that work.twist makes."""
     for a in contact:
@@ -56,7 +56,7 @@ def peg_velocities(contact, work):
         work.table[a, GAMMA + 1] = t_x * vx + t_y * vy
 
 
-@inlined
+@merged
 def peg_depth(model, q):
     """Return how deep the robot is in a peg [m], 0 if it is not."""
     deepest = x = y = reach_x = reach_y = 0.0

@@ -7,6 +7,7 @@ from snake_sim_ros.articulated_body import factor_chain
 from snake_sim_ros.articulated_body import unload_chain
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import cycle_counter
+from snake_sim_ros.compilation import merged
 from snake_sim_ros.contact_laws import prox_disc
 from snake_sim_ros.contact_laws import prox_ellipse
 from snake_sim_ros.contact_laws import prox_half_line
@@ -34,7 +35,7 @@ def load(contact, impulse, table):
             table[a, IMPULSE + j] = impulse[a, j]
 
 
-@compiled
+@merged
 def prox_sweep(laws, contact, table, impulse):
     """
     Fill impulse with one projection of the impulses in the table, eqs. (87)-(89).
@@ -70,7 +71,7 @@ def prox_sweep(laws, contact, table, impulse):
     return math.sqrt(normal) + math.sqrt(sliding) + math.sqrt(rolling)
 
 
-@compiled
+@merged
 def iterate(laws, tolerance, limit, contact, table, chain, delassus, impulse):
     """
     Iterate impulse and twists until the contact laws hold; return what `spatial.end_step` takes.
@@ -117,7 +118,7 @@ def advance(delassus, model, work, q, u, history, angle, rate, report, cycles):
     cycles[len(angle)] = cycle_counter()
 
 
-@compiled
+@merged
 def prox_friction(model, work, impulse):
     """Fill impulse as `prox_sweep` does, with loads that are known."""
     laws, table = model.laws, work.table
@@ -137,7 +138,7 @@ def prox_friction(model, work, impulse):
     return math.sqrt(normal) + math.sqrt(sliding)
 
 
-@compiled
+@merged
 def iterate_in_plane(model, work, impulse):
     """Iterate as `iterate` does, in the plane: the loads follow from the friction."""
     planar.factor_bare(work)

@@ -14,6 +14,7 @@ from snake_sim_ros.articulated_body import unload_chain
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import cycle_counter
 from snake_sim_ros.compilation import inlined
+from snake_sim_ros.compilation import merged
 from snake_sim_ros.contact_laws import prox_half_line
 from snake_sim_ros.contacts import CENTER
 from snake_sim_ros.contacts import GAMMA
@@ -37,7 +38,7 @@ def clipped(P, bound):
     return min(max(P, -bound), bound)
 
 
-@compiled
+@merged
 def sweep(laws, contact, table, delassus, impulse):
     """Project every component of every closed contact once, with the velocities of that moment."""
     G, gamma, rows = delassus.operator, delassus.packed, 3 * len(contact)
@@ -51,7 +52,7 @@ def sweep(laws, contact, table, delassus, impulse):
         put(G, gamma, rows, row + 2, impulse, a, 2, clipped(y, disc.mu_y * P_N))
 
 
-@compiled
+@merged
 def pyramid_map(laws, contact, table):
     """Return ``max |P - prox(P - r gamma)|/r`` of the laws of the pyramid, with the rule [m/s]."""
     normal = sliding = 0.0
@@ -66,7 +67,7 @@ def pyramid_map(laws, contact, table):
     return max(normal / laws.r_N, sliding / laws.r_T)
 
 
-@compiled
+@merged
 def iterate(laws, tolerance, limit, contact, table, chain, delassus, impulse):
     """
     Sweep until the laws of the pyramid hold; return what `spatial.end_step` takes.

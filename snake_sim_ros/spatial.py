@@ -24,6 +24,7 @@ import numpy as np
 
 from snake_sim_ros.articulated_body import Chain
 from snake_sim_ros.compilation import inlined
+from snake_sim_ros.compilation import merged
 from snake_sim_ros.contact_laws import LEAST
 from snake_sim_ros.contact_laws import PRESS
 from snake_sim_ros.contacts import contact_velocities
@@ -126,7 +127,7 @@ class Workspace(NamedTuple):
     table: Array  # (c, COLUMNS) see contacts and newton
 
 
-@inlined
+@merged
 def joint_control(model, coordinate, angle, rate, torques, dampings):
     """Fill the impulses and the implicit damping of the controller on every joint axis."""
     start, mid = coordinate[0], coordinate[1]

@@ -169,7 +169,7 @@ def functions(path):
     marked = [
         node.name
         for node in nodes
-        if {'compiled', 'inlined'} & set(map(ast.unparse, node.decorator_list))
+        if {'compiled', 'inlined', 'merged'} & set(map(ast.unparse, node.decorator_list))
     ]
     return {node.name for node in nodes}, set(marked)
 

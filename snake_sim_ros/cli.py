@@ -114,9 +114,7 @@ def _parser() -> argparse.ArgumentParser:
         help='default: stability.csv; cells that it has already are not run again',
     )  # fmt: skip
 
-    command = commands.add_parser(
-        'chart', help='draw what the others measured'
-    )
+    command = commands.add_parser('chart', help='draw what the others measured')
     command.set_defaults(command=_chart)
     command.add_argument('csv', type=Path, nargs='+', metavar='FILE.csv')
     command.add_argument(

@@ -273,10 +273,10 @@ def residual_over_iterations(rows: Sequence[Row]) -> Figure:
     figure, all_axes = panels(len(cases), 3, 2.4)
     legend: dict[str, Any] = {}
     for axes, case in zip(all_axes, cases, strict=True):
-        here = [row for row in rows if row.case == case and row.residual_max > 0.0]
+        here = [row for row in rows if row.case == case]
         for method, line in groupby(here, key=lambda row: row.method):
             steps = list(line)
-            x, y = [row.iterations for row in steps], [row.residual_max for row in steps]
+            x, y = [row.iterations for row in steps], [max(row.residual_max, 1e-16) for row in steps]
             legend[method] = plot_line(axes, x, y, method, 'spatial', main=True)
         axes.axhline(1e-9, color='black', lw=0.8, ls=':')
         axes.set(xscale='log', yscale='log', title=case)

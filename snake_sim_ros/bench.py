@@ -65,7 +65,7 @@ class Row:
     A run: what it was, in the columns of KEY, and what came out; nan or None: it means nothing.
 
     Times are wall times; errors are the largest at any time. `path_error` and what is derived from
-    it are relative to the distance that the middle link travels.
+    it are relative to the distance of the middle link from start to end.
     """
 
     part: str

@@ -174,7 +174,7 @@ def errors_figure(rows: Sequence[Row], column: str) -> tuple[Figure, list[Axes]]
         shown = [row.error_path for row in here if row.error_path > 0.0]
         low = min([doubt, *shown])
         axes.set(xscale='log', yscale='log', title=NAMES.get(case, case), ylim=(low / 2, 2.0))
-        axes.set_ylabel('error / distance travelled')
+        axes.set_ylabel('error / distance from start to end')
         axes.grid(alpha=0.3, which='major')
     names = {
         name: name + ''.join({f' (order {np.nanmedian(fits):.1f})' for fits in [orders[name]]

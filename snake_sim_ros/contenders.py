@@ -26,7 +26,7 @@ FINE = (16000, 8000, 4000, 2000, 1000)
 COARSE = (500, 200, 100, 50, 20)
 LARGE = (4000, 1000, 400, 200, 100, 50, 20, 10)
 SLOW = (4000, 1000, 200)
-PEER = (4000, 2000, 1000, 500, 200, 120, 60)
+PEER = (4000, 2000, 1000, 500, 200, 120, 60, 40, 30, 20)
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-6)
 # Law, sliding velocity [m/s], stiffness [N/m]; steps a second, from below where they blow up on.
 PENALTIES = (

@@ -271,7 +271,27 @@ def measured(artefact: Artefact, run: Run, rows: list[Row]) -> list[Row]:
 
 
 def text_table(rows: Iterable[Mapping[str, str]]) -> str:
-    """Return rows of a file in Markdown: an artefact a line, a contender a column."""
+    """
+    Return rows of a file in Markdown: an artefact a line, a contender a column.
+
+    Raises
+    ------
+    ParameterError
+        If there are no rows, or they have not the columns of artefacts, or a number is none.
+
+    """
+    rows = list(rows)
+    if not rows:
+        raise ParameterError('no artefact to show: the file has no rows')
+    for row in rows:
+        if tuple(row) != COLUMNS:
+            raise ParameterError(f'columns must be {", ".join(COLUMNS)}; got {", ".join(row)}')
+        for quantity in ('exact', 'value'):
+            try:
+                float(row[quantity] or 'nan')
+            except ValueError:
+                text = row[quantity]
+                raise ParameterError(f'{quantity} must be a number, got {text!r}') from None
     cells: dict[tuple[str, str], dict[str, str]] = {}
     columns: dict[str, None] = {}
     for row in rows:

@@ -325,10 +325,8 @@ class _Run:
         self.states = []
 
     def energy_error(self) -> float:
-        """Return `energy.imbalance` of all steps; nan without work of joints."""
+        """Return `energy.imbalance` of all steps."""
         if self.states:
             self.add_energies()
         joints, contacts = np.array(self.work).reshape(-1, 2).T
-        if not joints.any():
-            return math.nan
         return imbalance(self.energies, contacts, joints)

@@ -424,12 +424,12 @@ def rows_of(table: Table) -> list[Row]:
 
 
 def _value(name: str, text: str) -> Any:
-    kind = str(TYPES[name])
-    if kind == "<class 'str'>":
+    kind = TYPES[name]
+    if kind is str:
         return text
     try:
-        if 'int' in kind:
-            return int(text) if text else None
-        return float(text) if text else math.nan
+        if kind is float:
+            return float(text) if text else math.nan
+        return int(text) if text else None
     except ValueError:
         raise ParameterError(f'{name} must be a number, got {text!r}') from None

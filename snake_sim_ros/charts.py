@@ -25,6 +25,7 @@ from snake_sim_ros.bench import rows_of
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.pareto import fitted_order
 from snake_sim_ros.pareto import pareto_table
+from snake_sim_ros.records import ParameterError
 from snake_sim_ros.tables import Table
 
 PATH_COLOR = '#0072b2'
@@ -74,11 +75,15 @@ def draw_bench(table: Table, folder: Path) -> list[Path]:
     Raises
     ------
     ParameterError
-        If the table is not one of a bench.
+        If the table is not one of a bench, has a method without a style, or nothing to draw.
 
     """
     rows = rows_of(table)
+    for method in {row.method for row in rows} - set(STYLES):
+        raise ParameterError(f'method must be one of {", ".join(STYLES)}; got {method!r}')
     parts = {name: [row for row in rows if row.part == name] for name in {r.part for r in rows}}
+    if not cases_with_errors(parts.get('precision', ())):
+        parts.pop('precision', None)
     drawn: list[Path] = []
     figures = {
         'work_precision': ('precision', work_precision),
@@ -97,13 +102,15 @@ def draw_bench(table: Table, folder: Path) -> list[Path]:
         path = folder / 'pareto.md'
         path.write_text(pareto_table(rows), encoding='utf-8')
         drawn.append(path)
+    if not drawn:
+        raise ParameterError('nothing to draw: no run of the file has an error or a time')
     return drawn
 
 
 def draw_artefacts(table: Table, folder: Path) -> list[Path]:
-    """Write the table of artefacts in Markdown, and return its file."""
-    path = folder / 'artefacts.md'
-    path.write_text(text_table(table.rows), encoding='utf-8')
+    """Write the table of artefacts in Markdown, and return its file; raise as `text_table`."""
+    path, text = folder / 'artefacts.md', text_table(table.rows)
+    path.write_text(text, encoding='utf-8')
     return [path]
 
 
@@ -152,9 +159,14 @@ def is_main(method: str, setting: str, rows: Iterable[Row]) -> bool:
     return MAIN.get(method) not in settings - {setting}
 
 
+def cases_with_errors(rows: Iterable[Row]) -> list[str]:
+    """Return the cases in which a run got through and has an error."""
+    return list(dict.fromkeys(row.case for row in rows if row.error_path > 0.0))
+
+
 def errors_figure(rows: Sequence[Row], column: str) -> tuple[Figure, list[Axes]]:
     """Draw the path errors of all cases over a column, with fitted orders in the legend."""
-    cases = list(dict.fromkeys(row.case for row in rows))
+    cases = cases_with_errors(rows)
     figure, all_axes = panels(len(cases), min(2, len(cases)), 3.2)
     legend: dict[str, Any] = {}
     orders: dict[str, list[float]] = {}
@@ -169,10 +181,10 @@ def errors_figure(rows: Sequence[Row], column: str) -> tuple[Figure, list[Axes]]
                 name = STYLES[method][2] + ', planar' * (level == 'planar')
                 legend.setdefault(name, handle)
                 orders.setdefault(name, []).append(fitted_order(line))
-        doubt = max(row.reference_error for row in here)
+        shown = [row for row in here if row.error_path > 0.0]
+        doubt = max(row.reference_error for row in shown)
         axes.axhspan(1e-9, max(doubt, 1e-9), color='#dddddd', zorder=0)
-        shown = [row.error_path for row in here if row.error_path > 0.0]
-        low = min([doubt, *shown])
+        low = min([doubt, *(row.error_path for row in shown)])
         axes.set(xscale='log', yscale='log', title=NAMES.get(case, case), ylim=(low / 2, 2.0))
         axes.set_ylabel('error / distance from start to end')
         axes.grid(alpha=0.3, which='major')
@@ -216,7 +228,7 @@ def slope_triangle(axes: Axes, order: int, direction: int, at: tuple[float, floa
 def work_precision(rows: Sequence[Row]) -> Figure:
     """Draw error over wall time per simulated second: down and to the left is better."""
     figure, all_axes = errors_figure(rows, 'seconds_per_second')
-    cases = list(dict.fromkeys(row.case for row in rows))
+    cases = cases_with_errors(rows)
     for axes, case in zip(all_axes, cases, strict=True):
         here = [row for row in rows if row.case == case and row.error_path > 0.0]
         default = {row.level: row for row in here if row.dt == DEFAULT_DT
@@ -276,7 +288,8 @@ def residual_over_iterations(rows: Sequence[Row]) -> Figure:
         here = [row for row in rows if row.case == case]
         for method, line in groupby(here, key=lambda row: row.method):
             steps = list(line)
-            x, y = [row.iterations for row in steps], [max(row.residual_max, 1e-16) for row in steps]
+            x = [row.iterations for row in steps]
+            y = [max(row.residual_max, 1e-16) for row in steps]
             legend[method] = plot_line(axes, x, y, method, 'spatial', main=True)
         axes.axhline(1e-9, color='black', lw=0.8, ls=':')
         axes.set(xscale='log', yscale='log', title=case)

@@ -231,14 +231,15 @@ def _bench(options: argparse.Namespace) -> int:
         if method not in known:
             raise ParameterError(f'no method {method!r} in the matrix; it has: {", ".join(known)}')
     rivals = [rival for rival in rivals if rival.method in (options.methods or known)]
+    contenders.check_times(scenes.values(), options.dt or (), options.limit)
     if options.dt:
-        rates = tuple(1 / dt for dt in options.dt)
+        rates = tuple(1 / dt for dt in dict.fromkeys(options.dt))
         rivals = [r if r.adaptive else replace(r, rates=rates) for r in rivals]
     selected = options.scene or options.methods or options.dt
     usual = PARTS[:1] if selected else PARTS[:2] if options.quick else PARTS
     parts = bench.matrix(scenes, rivals, options.limit, quick=options.quick)
-    entries = [entry for name in options.parts or usual for entry in parts[name]]
-    writer = TableWriter(options.out, 'bench', bench.COLUMNS)
+    entries = [entry for name in dict.fromkeys(options.parts or usual) for entry in parts[name]]
+    writer = TableWriter(options.out, 'bench', bench.COLUMNS, options.set)
     layout = '{percentage:3.0f} %|{bar}| {elapsed}, about {remaining} left'
     entries = [entry for entry in entries if not entry.is_in(writer.rows)]
     total = sum(entry.guess for entry in entries)
@@ -306,7 +307,11 @@ def _chart(options: argparse.Namespace) -> int:
         kind = table.header['table']
         if kind not in draw:
             raise ParameterError(f'{path}: table must be one of {", ".join(draw)}; got {kind!r}')
-        for file in draw[kind](table, options.out):
+        try:
+            files = draw[kind](table, options.out)
+        except ParameterError as error:
+            raise ParameterError(f'{path}: {error}') from None
+        for file in files:
             print(file)
     return 0
 

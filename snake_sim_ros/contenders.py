@@ -1,6 +1,7 @@
 """Who takes part in the bench: methods, their settings and time steps, and how they are run."""
 
 from collections.abc import Callable
+from collections.abc import Iterable
 from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
@@ -13,10 +14,13 @@ from snake_sim_ros.baselines import make_pyramid
 from snake_sim_ros.baselines import make_semi_implicit
 from snake_sim_ros.baselines import Penalty
 from snake_sim_ros.course import Course
+from snake_sim_ros.course import SAMPLE
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import with_settings
 from snake_sim_ros.peers import MujocoSettings
 from snake_sim_ros.peers import run_mujoco
+from snake_sim_ros.records import ParameterError
+from snake_sim_ros.simulation import steps_in
 from snake_sim_ros.stepping import Stepper
 from snake_sim_ros.timing import energy_error
 from snake_sim_ros.timing import timed
@@ -108,6 +112,37 @@ class Contender:
             return 6.0
         step = USUAL_STEP.get(self.method, 8e-6) * scene.robot.link_count / 11
         return 0.3 + step * scene.duration / scene.dt
+
+
+def check_times(scenes: Iterable[Scene], steps: Iterable[float], limit: float) -> None:
+    """
+    Check what a user asks of all runs.
+
+    Parameters
+    ----------
+    scenes : iterable of Scene
+    steps : iterable of float
+        Time steps [s].
+    limit : float
+        Wall time after which a run ends early [s].
+
+    Raises
+    ------
+    ParameterError
+        If courses cannot be sampled every SAMPLE, or the limit is none.
+
+    """
+    if not limit > 0.0:
+        raise ParameterError(f'limit must be above 0 s, got {limit:g} s')
+    for scene in scenes:
+        samples = scene.duration / SAMPLE
+        if round(samples) < 1 or abs(samples - round(samples)) > 1e-9 * samples:
+            raise ParameterError(
+                f'duration must be a multiple of {SAMPLE:g} s, at which paths are compared, '
+                f'got {scene.duration:g} s'
+            )
+        for dt in steps:
+            steps_in(SAMPLE, replace(scene, dt=dt).dt, 'sampling period')
 
 
 def run_stepper(scene: Scene, limit: float, make: Make | None = None) -> Course:

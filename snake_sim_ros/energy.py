@@ -6,6 +6,8 @@ and of the contacts, and by nothing else. What is left over is energy that a met
 out of nothing.
 """
 
+import math
+
 import numpy as np
 
 from snake_sim_ros.parameters import Array
@@ -13,6 +15,8 @@ from snake_sim_ros.parameters import Robot
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.posture import joint_rates
 from snake_sim_ros.rotations import rotation_matrices
+
+BALANCE = 1.0  # s from the start over which the balance of a run is drawn up
 
 
 def mechanical_energy(scene: Scene, q: Array, u: Array) -> Array:
@@ -98,6 +102,8 @@ def imbalance(energy: Array, contacts: Array, joints: Array) -> float:
     """
     Return the largest energy that no work accounts for, over the work of the joints either way.
 
+    nan where joints do no work.
+
     Parameters
     ----------
     energy : ndarray, shape (m+1,)
@@ -106,5 +112,6 @@ def imbalance(energy: Array, contacts: Array, joints: Array) -> float:
         Work in every step [J].
 
     """
+    work = np.abs(joints).sum()
     left_over = energy[1:] - energy[0] - np.cumsum(contacts + joints)
-    return float(np.abs(left_over).max() / np.abs(joints).sum())
+    return float(np.abs(left_over).max() / work) if work else math.nan

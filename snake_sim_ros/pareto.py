@@ -23,17 +23,6 @@ def fastest(rows: Iterable[Row], target: float) -> Row | None:
     return min(good, key=lambda row: row.seconds_per_second, default=None)
 
 
-def front(rows: Iterable[Row]) -> list[Row]:
-    """Return the runs that no other run beats in both time and error, fastest first."""
-    best, left = math.inf, []
-    timed = [row for row in rows if row.error_path >= 0.0 and row.seconds_per_second > 0.0]
-    for row in sorted(timed, key=lambda row: (row.seconds_per_second, row.error_path)):
-        if row.error_path < best:
-            left.append(row)
-            best = row.error_path
-    return left
-
-
 def fitted_order(rows: Sequence[Row]) -> float:
     """
     Return the power of dt that the error of a method's own step follows; nan without enough rows.

@@ -23,6 +23,8 @@ from snake_sim_ros import gait
 from snake_sim_ros import scenery
 from snake_sim_ros.course import Course
 from snake_sim_ros.course import SAMPLE
+from snake_sim_ros.energy import BALANCE
+from snake_sim_ros.energy import imbalance
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.posture import initial_coordinates
@@ -43,7 +45,6 @@ GAINS = ('stiffness', 'damping')
 START = 0  # number of the key frame
 FREE = 7, 6  # coordinates and velocities of the free first link, before those of the joints
 ITERATIONS = 100  # MuJoCo's own limit of its solver
-BALANCE = 1.0  # s at the start over which energy is balanced
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -393,8 +394,7 @@ def _balance_error(scene: Scene, model: Any, judge: Any, states: list[Any]) -> f
     Return how much energy steps lost or made, over the work that the joints did either way.
 
     As `energy.balance_error`, by the mean velocities of steps: the work of the contact forces that
-    MuJoCo found, and that of the law of the joints with the mean angle and rate of a step. Nan
-    where joints do no work.
+    MuJoCo found, and that of the law of the joints with the mean angle and rate of a step.
     """
     q, u, force = map(np.array, zip(*states, strict=True))
     energy = np.array([_energy(scene, model, judge, *state) for state in zip(q, u, strict=True)])
@@ -406,9 +406,7 @@ def _balance_error(scene: Scene, model: Any, judge: Any, states: list[Any]) -> f
     torque = K_p * (angle - joint_angle) + K_d * (rate - joint_rate)
     joints = scene.dt * (torque * joint_rate).sum(axis=1)
     contacts = scene.dt * (force[1:] * mean).sum(axis=1)
-    left_over = energy[1:] - energy[0] - np.cumsum(contacts + joints)
-    work = np.abs(joints).sum()
-    return float(np.abs(left_over).max() / work) if work else math.nan
+    return imbalance(energy, contacts, joints)
 
 
 def _energy(scene: Scene, model: Any, judge: Any, q: Array, u: Array) -> float:

@@ -123,7 +123,7 @@ class StabilityMap:
     x, y : Axis
     methods : tuple of str
         Rows of the picture: a method of stepping.METHODS, maybe with the scheme of its joint
-        controller, or a contender of `stability_maps.STEPPERS`.
+        controller, or a baseline or peer that `stability_maps.run_case` knows.
     case : callable
         ``case(method, x, y)`` is the run of a cell.
     error : callable
@@ -361,7 +361,7 @@ def cells_of(table: Table) -> list[Cell]:
     Raises
     ------
     ParameterError
-        If the table is not of stability, or has not its columns, or a number is none.
+        If the table is not of stability, or has not its columns, or a number or outcome is none.
 
     """
     if table.header.get('table') != 'stability':
@@ -376,4 +376,8 @@ def cells_of(table: Table) -> list[Cell]:
             )
         except ValueError as error:
             raise ParameterError(f'cells must hold numbers: {error}') from None
+        if found[-1].outcome not in (*OUTCOMES, 'failed'):
+            raise ParameterError(
+                f'outcome must be one of {", ".join(OUTCOMES)}, failed; got {found[-1].outcome!r}'
+            )
     return found

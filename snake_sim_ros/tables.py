@@ -6,6 +6,7 @@ The header is a few lines ``# name: value``; with ``comment='#'`` any reader of 
 
 from collections.abc import Iterable
 from collections.abc import Mapping
+from collections.abc import Sequence
 import csv
 from dataclasses import dataclass
 from datetime import datetime
@@ -20,7 +21,7 @@ from snake_sim_ros import __version__
 from snake_sim_ros.records import ParameterError
 
 LIBRARIES = ('numpy', 'scipy', 'numba', 'mujoco')
-SAME = ('table', 'commit', 'processor')  # of all rows of a file
+SAME = ('table', 'commit', 'processor', 'settings')  # of all rows of a file
 
 
 def provenance(table: str) -> dict[str, str]:
@@ -111,6 +112,8 @@ def read_table(path: Path) -> Table:
             f'got {lines[0][:60] if lines else "an empty file"!r}'
         )
     reader = csv.DictReader(line for line in lines if not line.startswith('#'))
+    if not reader.fieldnames:
+        raise ParameterError(f'{path}: a line with the names of columns must follow the header')
     rows = [row for row in reader if None not in row.values() and None not in row]
     return Table(header, rows)
 
@@ -125,6 +128,8 @@ class TableWriter:
     table : str
         Kind of table, as in the header.
     columns : iterable of str
+    settings : sequence of str, optional
+        What all rows have in common beside what is in their columns, such as ``['dt=0.001']``.
 
     Attributes
     ----------
@@ -135,33 +140,38 @@ class TableWriter:
     ------
     ParameterError
         If the folder does not exist, or the file holds rows of another kind, of other columns, of
-        another commit or processor.
+        another commit, processor or settings, or is no table at all: it is left as it is.
 
     """
 
-    def __init__(self, path: Path, table: str, columns: Iterable[str]) -> None:
+    def __init__(
+        self, path: Path, table: str, columns: Iterable[str], settings: Sequence[str] = ()
+    ) -> None:
         self.path, self.columns = path, list(columns)
         self.rows: list[dict[str, str]] = []
         header = provenance(table)
+        if settings:
+            header['settings'] = ' '.join(' '.join(settings).split())
         if not path.absolute().parent.is_dir():
             raise ParameterError(f'no folder {path.absolute().parent} for {path.name}')
         if not path.exists() or path.stat().st_size == 0:
             lines = [f'# {name}: {value}\n' for name, value in header.items()]
             path.write_text(''.join(lines) + ','.join(self.columns) + '\n', encoding='utf-8')
             return
-        _drop_a_row_cut_short(path)
         there = read_table(path)
         for name in SAME:
-            if there.header.get(name) != header[name]:
+            old, new = there.header.get(name, ''), header.get(name, '')
+            if old != new:
                 raise ParameterError(
-                    f'{path} holds rows of {name} {there.header.get(name)!r}, these would be of '
-                    f'{header[name]!r}: name another file, or remove that one'
+                    f'{path} holds rows of {name} {old!r}, these would be of {new!r}: '
+                    'name another file, or remove that one'
                 )
         if there.rows and list(there.rows[0]) != self.columns:
             raise ParameterError(
                 f'{path} has other columns: name another file, or remove that one'
             )
-        self.rows = there.rows
+        _drop_a_row_cut_short(path)
+        self.rows = read_table(path).rows
 
     def append(self, rows: Iterable[Mapping[str, Any]]) -> None:
         """Add rows; None is empty, a float is written so that reading gives the same number."""

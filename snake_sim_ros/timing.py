@@ -28,6 +28,7 @@ from snake_sim_ros.course import Course
 from snake_sim_ros.course import extrapolated
 from snake_sim_ros.course import path_error
 from snake_sim_ros.course import SAMPLE
+from snake_sim_ros.energy import BALANCE
 from snake_sim_ros.energy import balance_error
 from snake_sim_ros.levels import what_is_not_planar
 from snake_sim_ros.parameters import load_scene
@@ -46,7 +47,6 @@ from snake_sim_ros.stepping import method_of
 from snake_sim_ros.stepping import Stepper
 
 CONVERGED = (1 / 16000, 1 / 32000)  # time steps of the reference
-BALANCE = 1.0  # s from the start over which the energy balance is drawn up
 LIFT = 10.0  # m, out of reach of the floor for more than a second
 CASE_A = 'lateral_undulation'
 SITUATIONS: dict[str, tuple[str, dict[str, Any], float]] = {  # scene, settings and lift [m]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import math
 import os
 from pathlib import Path
+import re
 import subprocess
 import sys
 
@@ -27,7 +28,6 @@ from snake_sim_ros.course import SAMPLE
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.pareto import fastest
 from snake_sim_ros.pareto import fitted_order
-from snake_sim_ros.pareto import front
 from snake_sim_ros.pareto import pareto_table
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.stepping import METHODS
@@ -258,10 +258,31 @@ def test_rows_of_another_commit_are_refused(tmp_path):
         TableWriter(path, 'bench', COLUMNS)
 
 
+def test_rows_of_other_settings_are_refused(tmp_path):
+    path = tmp_path / 'x.csv'
+    TableWriter(path, 'bench', COLUMNS, ['friction.longitudinal=0.4'])
+    TableWriter(path, 'bench', COLUMNS, ['friction.longitudinal=0.4'])
+    with pytest.raises(ParameterError, match=r"settings 'friction.*=0.4', these would be of ''"):
+        TableWriter(path, 'bench', COLUMNS)
+
+
+@pytest.mark.parametrize(
+    'content',
+    [b'# notes\nno newline at the end', b'a line', b'\xff\xfe', b'# table: stability\nx'],
+)
+def test_a_file_of_something_else_is_left_as_it_is(tmp_path, content):
+    path = tmp_path / 'notes.txt'
+    path.write_bytes(content)
+    with pytest.raises(ParameterError):
+        TableWriter(path, 'bench', COLUMNS)
+    assert path.read_bytes() == content
+
+
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
         (None, 'not readable as CSV'),
+        ('# table: bench\n', 'names of columns must follow'),
         ('', 'an empty file'),
         ('time,x\n1,2\n', 'the first line must say what it is'),
     ],
@@ -339,10 +360,6 @@ def test_fastest_run_that_is_good_enough():
     assert fastest(ROWS, 1e-5) is None
 
 
-def test_front_holds_what_no_other_run_beats():
-    assert front(ROWS) == [ROWS[3], ROWS[1], ROWS[0]]
-
-
 def test_fitted_order_is_that_of_a_power_law():
     assert fitted_order(ROWS[:3]) == pytest.approx(2.0)
     assert math.isnan(fitted_order(ROWS[:2]))
@@ -408,6 +425,26 @@ def test_bench_refuses_what_it_does_not_know(tmp_path, capsys):
     assert "no method 'newtn' in the matrix; it has: bdf, bdf2, " in capsys.readouterr().err
     assert main(['bench', '--methods', 'newton', '--out', str(tmp_path / 'no' / 'x.csv')]) == 2
     assert 'no folder' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        (['--dt', '0'], 'dt must be above 0 s, got 0 s'),
+        (['--dt', '-1'], 'dt must be above 0 s, got -1 s'),
+        (['--dt', 'nan'], 'dt must be finite, got nan s'),
+        (['--dt', '0.001', '0.003'], 'dt must divide the sampling period: got dt=0.003 s'),
+        (['--duration', '0.25'], 'duration must be a multiple of 0.1 s, .* got 0.25 s'),
+        (['--duration', '0.05'], 'duration must be a multiple of 0.1 s, .* got 0.05 s'),
+        (['--limit', 'nan'], 'limit must be above 0 s, got nan s'),
+        (['--limit', '0'], 'limit must be above 0 s, got 0 s'),
+    ],
+)
+def test_bench_refuses_times_that_no_run_can_have(tmp_path, capsys, options, message):
+    path = tmp_path / 'x.csv'
+    assert main(['bench', '--quick', *options, '--out', str(path)]) == 2
+    assert re.fullmatch(f'snake-sim: {message}.*\n', capsys.readouterr().err)
+    assert not path.exists()
 
 
 def test_stages_are_those_of_the_step(tmp_path):

@@ -5,6 +5,9 @@ import re
 
 import pytest
 
+from snake_sim_ros import artefacts
+from snake_sim_ros import stability
+from snake_sim_ros.bench import COLUMNS
 from snake_sim_ros.bench import rows_of
 from snake_sim_ros.charts import draw_artefacts
 from snake_sim_ros.charts import draw_bench
@@ -94,19 +97,55 @@ def test_auto_takes_what_the_stored_bench_finds_best(rows):
         assert best.method == 'bdf2' and best.dt > LARGE_STEP
 
 
+CELL = {'x': '1', 'y': '1', 'steps': '1', 'unconverged': '0'}
+
+
+def table(kind, columns, **texts):
+    """Return a file, with one row if there are texts."""
+    row = ','.join(texts.get(name, '') for name in columns) + '\n'
+    return f'# table: {kind}\n{",".join(columns)}\n' + row * bool(texts)
+
+
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
         ('# table: weather\nx\n1\n', "got 'weather'"),
         ('# table: bench\nx\n1\n', 'columns must be those of the bench'),
         ('x\n1\n', 'the first line must say what it is'),
+        (table('bench', COLUMNS), 'x.csv: nothing to draw'),
+        (table('bench', COLUMNS, method='euler'), "method must be one of .* got 'euler'"),
+        (table('stability', stability.COLUMNS), 'x.csv: no map to draw'),
+        (
+            table('stability', stability.COLUMNS, **CELL, outcome='fine'),
+            "outcome must be one of converged, .* got 'fine'",
+        ),
+        (table('artefacts', artefacts.COLUMNS), 'x.csv: no artefact to show'),
+        (table('artefacts', ('a', 'b'), a='1'), 'columns must be artefact, method, .* got a, b'),
+        (table('artefacts', artefacts.COLUMNS, exact='no'), "exact must be a number, got 'no'"),
     ],
 )
 def test_chart_refuses_other_files(tmp_path, capsys, text, message):
     path = tmp_path / 'x.csv'
     path.write_text(text)
     assert main(['chart', str(path), '--out', str(tmp_path)]) == 2
-    assert message in capsys.readouterr().err
+    assert re.search(message, capsys.readouterr().err)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_runs_without_errors_are_left_out(tmp_path):
+    # A case whose runs were all refused has no axes; the one of the other has its limits.
+    path = tmp_path / 'x.csv'
+    runs = {'part': 'precision', 'method': 'newton', 'level': 'spatial', 'dt': '0.001'}
+    good = {'error_path': '0.01', 'reference_error': '1e-4', 'seconds_per_second': '0.1'}
+    texts = [
+        table('bench', COLUMNS, **runs, case='refused'),
+        table('bench', COLUMNS, **runs, case='mixed'),
+        table('bench', COLUMNS, **runs, case='mixed', **good),
+    ]
+    path.write_text(texts[0] + ''.join(text.splitlines(keepends=True)[-1] for text in texts[1:]))
+    assert main(['chart', str(path), '--out', str(tmp_path)]) == 0
+    drawing = (tmp_path / 'error_over_dt.svg').read_text(encoding='utf-8')
+    assert '>mixed<' in drawing and '>refused<' not in drawing
 
 
 def test_chart_refuses_a_folder_that_is_not_there(tmp_path, capsys):

@@ -270,35 +270,15 @@ def measured(artefact: Artefact, run: Run, rows: list[Row]) -> list[Row]:
     return [replace(row, value=float(x)) for row, x in zip(rows, values, strict=True)]
 
 
-def text_table(rows: Iterable[Mapping[str, str]]) -> str:
-    """
-    Return rows of a file in Markdown: an artefact a line, a contender a column.
-
-    Raises
-    ------
-    ParameterError
-        If there are no rows, or they have not the columns of artefacts, or a number is none.
-
-    """
-    rows = list(rows)
-    if not rows:
-        raise ParameterError('no artefact to show: the file has no rows')
-    for row in rows:
-        if tuple(row) != COLUMNS:
-            raise ParameterError(f'columns must be {", ".join(COLUMNS)}; got {", ".join(row)}')
-        for quantity in ('exact', 'value'):
-            try:
-                float(row[quantity] or 'nan')
-            except ValueError:
-                text = row[quantity]
-                raise ParameterError(f'{quantity} must be a number, got {text!r}') from None
+def text_table(rows: Iterable[Row]) -> str:
+    """Return a table in Markdown: an artefact a line, a contender a column."""
     cells: dict[tuple[str, str], dict[str, str]] = {}
     columns: dict[str, None] = {}
     for row in rows:
-        column = ', '.join(filter(None, (f'`{row["method"]}`', row['setting'])))
+        column = ', '.join(filter(None, (f'`{row.method}`', row.setting)))
         columns[column] = None
-        name = f'{row["artefact"]} [{row["unit"]}]', f'{float(row["exact"]):g}'
-        cells.setdefault(name, {})[column] = f'{float(row["value"]):.2g}' if row['value'] else '-'
+        name = f'{row.artefact} [{row.unit}]', f'{row.exact:g}'
+        cells.setdefault(name, {})[column] = '-' if row.value is None else f'{row.value:.2g}'
     lines = [
         ['artefact', 'exact', *columns],
         *([*name, *(values.get(c, '-') for c in columns)] for name, values in cells.items()),

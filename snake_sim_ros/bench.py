@@ -34,6 +34,8 @@ from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.stages import stage_times
+from snake_sim_ros.tables import is_empty
+from snake_sim_ros.tables import records_of
 from snake_sim_ros.tables import Table
 from snake_sim_ros.timing import calibration
 from snake_sim_ros.timing import CASE_A
@@ -104,7 +106,6 @@ class Row:
 
 
 COLUMNS = tuple(item.name for item in fields(Row))
-TYPES = {item.name: item.type for item in fields(Row)}
 KEY = ('part', 'case', 'method', 'level', 'setting', 'dt', 'tolerance', 'n', 'duration')
 
 
@@ -131,11 +132,6 @@ class Entry:
     def is_in(self, rows: Iterable[Mapping[str, Any]]) -> bool:
         """Return whether a file has these rows already."""
         return {key(row) for row in rows}.issuperset(key(asdict(row)) for row in self.keys)
-
-
-def is_empty(value: Any) -> bool:
-    """Return whether a value is written as an empty cell: nothing, or no finite number."""
-    return value is None or (isinstance(value, float) and not math.isfinite(value))
 
 
 def key(row: Mapping[str, Any]) -> tuple[str, ...]:
@@ -397,11 +393,6 @@ def line(row: Row) -> str:
     return ' | '.join(part for part in [*what, row.status, row.message] if part)
 
 
-def plain(row: Row) -> dict[str, Any]:
-    """Return a row as it is written: what is not a finite number is empty."""
-    return {name: None if is_empty(value) else value for name, value in asdict(row).items()}
-
-
 def rows_of(table: Table) -> list[Row]:
     """
     Return the rows of a file with numbers for their texts.
@@ -409,27 +400,7 @@ def rows_of(table: Table) -> list[Row]:
     Raises
     ------
     ParameterError
-        If the table is not of a bench, or has not its columns, or a number is none.
+        See `tables.records_of`.
 
     """
-    if table.header.get('table') != 'bench':
-        raise ParameterError(f"table must be 'bench', got {table.header.get('table')!r}")
-    rows = []
-    for texts in table.rows:
-        if set(texts) != set(COLUMNS):
-            missing = ', '.join(sorted(set(COLUMNS) ^ set(texts)))
-            raise ParameterError(f'columns must be those of the bench; these differ: {missing}')
-        rows.append(Row(**{name: _value(name, text) for name, text in texts.items()}))
-    return rows
-
-
-def _value(name: str, text: str) -> Any:
-    kind = TYPES[name]
-    if kind is str:
-        return text
-    try:
-        if kind is float:
-            return float(text) if text else math.nan
-        return int(text) if text else None
-    except ValueError:
-        raise ParameterError(f'{name} must be a number, got {text!r}') from None
+    return records_of(table, 'bench', Row)

@@ -19,13 +19,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 
-from snake_sim_ros.artefacts import text_table
+from snake_sim_ros import artefacts
 from snake_sim_ros.bench import Row
 from snake_sim_ros.bench import rows_of
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.pareto import fitted_order
 from snake_sim_ros.pareto import pareto_table
 from snake_sim_ros.records import ParameterError
+from snake_sim_ros.tables import records_of
 from snake_sim_ros.tables import Table
 
 PATH_COLOR = '#0072b2'
@@ -108,9 +109,20 @@ def draw_bench(table: Table, folder: Path) -> list[Path]:
 
 
 def draw_artefacts(table: Table, folder: Path) -> list[Path]:
-    """Write the table of artefacts in Markdown, and return its file; raise as `text_table`."""
-    path, text = folder / 'artefacts.md', text_table(table.rows)
-    path.write_text(text, encoding='utf-8')
+    """
+    Write the table of artefacts in Markdown, and return its file.
+
+    Raises
+    ------
+    ParameterError
+        If the table is not one of artefacts, or has no rows.
+
+    """
+    rows = records_of(table, 'artefacts', artefacts.Row)
+    if not rows:
+        raise ParameterError('no artefact to show: the file has no rows')
+    path = folder / 'artefacts.md'
+    path.write_text(artefacts.text_table(rows), encoding='utf-8')
     return [path]
 
 

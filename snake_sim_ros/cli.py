@@ -1,7 +1,6 @@
 """The command `snake-sim`: scenes without ROS, measurements, and the live demonstration."""
 
 import argparse
-from dataclasses import asdict
 from dataclasses import replace
 import json
 from pathlib import Path
@@ -23,7 +22,9 @@ from snake_sim_ros.stepping import make_stepper
 from snake_sim_ros.stepping import method_of
 from snake_sim_ros.stepping import METHODS
 from snake_sim_ros.stepping import Status
+from snake_sim_ros.tables import plain
 from snake_sim_ros.tables import read_table
+from snake_sim_ros.tables import records_of
 from snake_sim_ros.tables import TableWriter
 
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')
@@ -246,7 +247,7 @@ def _bench(options: argparse.Namespace) -> int:
     with tqdm(total=total, bar_format=layout, smoothing=0) as bar:
         for entry in entries:
             rows = bench.outcome(entry)
-            writer.append(map(bench.plain, rows))
+            writer.append(map(plain, rows))
             for row in rows:
                 bar.write(bench.line(row))
             bar.update(entry.guess)
@@ -259,8 +260,9 @@ def _artefacts(options: argparse.Namespace) -> int:
 
     writer = TableWriter(options.out, 'artefacts', artefacts.COLUMNS)
     for measure in tqdm(list(artefacts.measurements(writer.rows)), smoothing=0):
-        writer.append(map(asdict, measure()))
-    print(artefacts.text_table(read_table(options.out).rows), end='')
+        writer.append(map(plain, measure()))
+    rows = records_of(read_table(options.out), 'artefacts', artefacts.Row)
+    print(artefacts.text_table(rows), end='')
     return 0
 
 
@@ -286,7 +288,7 @@ def _stability(options: argparse.Namespace) -> int:
         for chart in maps:
             bar.set_description(chart.name)
             for cell in stability.cells(chart, done, run_case):
-                writer.append([stability.plain(cell)])
+                writer.append([plain(cell)])
                 counts[cell.outcome] += 1
                 bar.update()
     print(', '.join(f'{count} {name}' for name, count in counts.items()))

@@ -161,7 +161,7 @@ def all_contenders() -> list[Contender]:
 def quick_contenders() -> list[Contender]:
     """Return those of the quick matrix: few methods and time steps, that compile in a minute."""
     return [
-        replace(rival, rates=QUICK[rival.method][1], own_limit=rival.own_limit and None)
+        replace(rival, rates=QUICK[rival.method][1], own_limit=None if rival.own_limit else ())
         for rival in all_contenders()
         if rival.setting == QUICK.get(rival.method, ('',))[0]
         and (rival.method, rival.level) != ('bdf2', 'planar')

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from collections.abc import Container
 from collections.abc import Iterator
 from collections.abc import Mapping
-from dataclasses import asdict
 from dataclasses import dataclass
 from dataclasses import fields
 from dataclasses import replace
@@ -36,6 +35,7 @@ from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
 from snake_sim_ros.stepping import Stepper
+from snake_sim_ros.tables import records_of
 from snake_sim_ros.tables import Table
 
 OUTCOMES = ('converged', 'inaccurate', 'unconverged', 'blown_up')  # or failed: it raised
@@ -200,13 +200,7 @@ class Cell:
     message: str = ''
 
 
-TYPES = {item.name: item.type for item in fields(Cell)}
-COLUMNS = tuple(TYPES)
-KINDS: dict[Any, Callable[[str], Any]] = {
-    float: lambda text: float(text or 'nan'),
-    int: int,
-    str: str,
-}
+COLUMNS = tuple(item.name for item in fields(Cell))
 
 
 def outcome(report: Report, energy: float, value: float, tolerance: float) -> str:
@@ -329,29 +323,21 @@ def cells(
         method, x, y = place['method'], place['x'], place['y']
         if key(place) in done:
             continue
-        if chart.fine_method and y not in fine:
-            case = chart.case(chart.fine_method, x, y)
-            case = replace(case, scene=replace(case.scene, dt=chart.fine_dt))
-            fine[y] = run(chart.fine_method, case)
         bare = Cell(
             **place, x_name=chart.x.name, y_name=chart.y.name,
             limit=limit(method, y), tolerance=chart.tolerance, measure=chart.measure,
         )  # fmt: skip
         try:
             with np.errstate(all='ignore'):
+                if chart.fine_method and y not in fine:
+                    case = chart.case(chart.fine_method, x, y)
+                    case = replace(case, scene=replace(case.scene, dt=chart.fine_dt))
+                    fine[y] = run(chart.fine_method, case)
                 case = chart.case(method, x, y)
                 yield judged(bare, chart, case, run(method, case), fine.get(y))
         except Exception as error:  # the map goes on, the row says what happened
             message = ' '.join(f'{type(error).__name__}: {error}'.split())
             yield replace(bare, outcome='failed', message=message)
-
-
-def plain(cell: Cell) -> dict[str, Any]:
-    """Return a cell as it is written: what is not a finite number is empty."""
-    return {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value
-        for name, value in asdict(cell).items()
-    }
 
 
 def cells_of(table: Table) -> list[Cell]:
@@ -361,23 +347,13 @@ def cells_of(table: Table) -> list[Cell]:
     Raises
     ------
     ParameterError
-        If the table is not of stability, or has not its columns, or a number or outcome is none.
+        See `tables.records_of`; or if an outcome is none.
 
     """
-    if table.header.get('table') != 'stability':
-        raise ParameterError(f"table must be 'stability', got {table.header.get('table')!r}")
-    found = []
-    for texts in table.rows:
-        if tuple(texts) != COLUMNS:
-            raise ParameterError(f'columns must be {", ".join(COLUMNS)}; got {", ".join(texts)}')
-        try:
-            found.append(
-                Cell(**{item.name: KINDS[item.type](texts[item.name]) for item in fields(Cell)})
-            )
-        except ValueError as error:
-            raise ParameterError(f'cells must hold numbers: {error}') from None
-        if found[-1].outcome not in (*OUTCOMES, 'failed'):
+    found: list[Cell] = records_of(table, 'stability', Cell)
+    for cell in found:
+        if cell.outcome not in (*OUTCOMES, 'failed'):
             raise ParameterError(
-                f'outcome must be one of {", ".join(OUTCOMES)}, failed; got {found[-1].outcome!r}'
+                f'outcome must be one of {", ".join(OUTCOMES)}, failed; got {cell.outcome!r}'
             )
     return found

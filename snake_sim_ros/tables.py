@@ -8,10 +8,13 @@ from collections.abc import Iterable
 from collections.abc import Mapping
 from collections.abc import Sequence
 import csv
+from dataclasses import asdict
 from dataclasses import dataclass
+from dataclasses import fields
 from datetime import datetime
 from datetime import timezone
 import importlib.metadata
+import math
 from pathlib import Path
 import platform
 import subprocess
@@ -116,6 +119,60 @@ def read_table(path: Path) -> Table:
         raise ParameterError(f'{path}: a line with the names of columns must follow the header')
     rows = [row for row in reader if None not in row.values() and None not in row]
     return Table(header, rows)
+
+
+def records_of(table: Table, kind: str, cls: type[Any]) -> list[Any]:
+    """
+    Return the rows of a table as records, with numbers for their texts.
+
+    Parameters
+    ----------
+    table : Table
+    kind : str
+        What the header must say that it is.
+    cls : type
+        A dataclass with fields str, float, int, or one of these or None. A float that is empty
+        is nan, if it cannot be None.
+
+    Raises
+    ------
+    ParameterError
+        If the table is of another kind, or has other columns, or a number is none.
+
+    """
+    if table.header.get('table') != kind:
+        raise ParameterError(f'table must be {kind!r}, got {table.header.get("table")!r}')
+    kinds = {item.name: item.type for item in fields(cls)}
+    found = []
+    for texts in table.rows:
+        if set(texts) != set(kinds):
+            differ = ', '.join(sorted(set(kinds) ^ set(texts)))
+            raise ParameterError(f'columns must be those of {kind}; these differ: {differ}')
+        found.append(
+            cls(**{name: _value(name, text, kinds[name]) for name, text in texts.items()})
+        )
+    return found
+
+
+def _value(name: str, text: str, kind: Any) -> Any:
+    if kind is str:
+        return text
+    if not text and kind is not int:
+        return math.nan if kind is float else None
+    try:
+        return int(text) if kind in (int, int | None) else float(text)
+    except ValueError:
+        raise ParameterError(f'{name} must be a number, got {text!r}') from None
+
+
+def is_empty(value: Any) -> bool:
+    """Return whether a value is written as an empty cell: nothing, or no finite number."""
+    return value is None or (isinstance(value, float) and not math.isfinite(value))
+
+
+def plain(record: Any) -> dict[str, Any]:
+    """Return a dataclass as a row that `TableWriter.append` takes; what is_empty is None."""
+    return {name: None if is_empty(value) else value for name, value in asdict(record).items()}
 
 
 class TableWriter:

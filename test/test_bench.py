@@ -33,6 +33,7 @@ from snake_sim_ros.records import ParameterError
 from snake_sim_ros.stepping import METHODS
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
+from snake_sim_ros.tables import plain
 from snake_sim_ros.tables import read_table
 from snake_sim_ros.tables import Table
 from snake_sim_ros.tables import TableWriter
@@ -205,7 +206,7 @@ def test_an_end_from_the_keyboard_is_not_swallowed():
 def test_rows_are_read_as_they_were_written(tmp_path):
     row = Row(part='links', case='a, "b"', method='newton', dt=1 / 3, n=3, residual_max=1e-300)
     writer = TableWriter(tmp_path / 'x.csv', 'bench', COLUMNS)
-    writer.append([bench.plain(replace(row, error_path=math.inf, energy_error=math.nan))])
+    writer.append([plain(replace(row, error_path=math.inf, energy_error=math.nan))])
     assert bench.rows_of(read_table(tmp_path / 'x.csv')) == [row]
 
 
@@ -218,7 +219,7 @@ def test_header_says_where_the_numbers_are_from(tmp_path):
 
 
 def write(path, rows):
-    TableWriter(path, 'bench', COLUMNS).append(bench.plain(row) for row in rows)
+    TableWriter(path, 'bench', COLUMNS).append(plain(row) for row in rows)
 
 
 def test_rows_that_are_there_are_not_run_again(tmp_path):
@@ -244,7 +245,7 @@ def test_a_row_cut_short_is_run_again(tmp_path):
     path.write_bytes(path.read_bytes()[:-1])
     writer = TableWriter(path, 'bench', COLUMNS)
     assert [item.is_in(writer.rows) for item in entries] == [True, False]
-    writer.append([bench.plain(entries[1].keys[0])])
+    writer.append([plain(entries[1].keys[0])])
     assert len(read_table(path).rows) == 2
 
 
@@ -299,7 +300,7 @@ def test_a_file_that_is_no_table_is_named(tmp_path, text, message):
     ('table', 'message'),
     [
         (Table({'table': 'stability'}, []), "table must be 'bench', got 'stability'"),
-        (Table({'table': 'bench'}, [{'part': 'x'}]), 'columns must be those of the bench'),
+        (Table({'table': 'bench'}, [{'part': 'x'}]), 'columns must be those of bench'),
         (
             Table({'table': 'bench'}, [{**dict.fromkeys(COLUMNS, ''), 'n': 'many'}]),
             "n must be a number, got 'many'",

@@ -30,6 +30,7 @@ from snake_sim_ros.stability_scenes import dropped_precisely
 from snake_sim_ros.stability_scenes import rod_limit
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import Status
+from snake_sim_ros.tables import plain
 from snake_sim_ros.tables import read_table
 from snake_sim_ros.tables import Table
 
@@ -212,7 +213,7 @@ def test_file_has_a_row_for_each_cell(tiny, tmp_path):
     assert math.isnan(rows[3].value)
     for row, texts in zip(rows, table.rows, strict=True):
         assert row.limit == pytest.approx(tiny.limit('newton', row.y))
-        again = {name: '' if v is None else str(v) for name, v in stability.plain(row).items()}
+        again = {name: '' if v is None else str(v) for name, v in plain(row).items()}
         assert again == texts
 
 
@@ -243,6 +244,16 @@ def test_whatever_a_cell_raises_is_a_row(tiny):
     assert found[0].message == 'ParameterError: MuJoCo is not installed'
 
 
+def test_a_fine_run_that_raises_is_in_the_rows_that_need_it(tiny):
+    def refused(method, case):
+        assert case.scene.dt == 1e-4
+        raise ParameterError('no fine run')
+
+    chart = replace(tiny, fine_method='newton', fine_dt=1e-4)
+    found = list(stability.cells(chart, (), refused))
+    assert [row.message for row in found] == ['ParameterError: no fine run'] * 4
+
+
 def test_unknown_map_is_refused(tmp_path, capsys):
     arguments = ['stability', '--maps', 'drops', '--out', str(tmp_path / 'stability.csv')]
     assert main(arguments) == 2
@@ -270,7 +281,7 @@ def test_time_steps_fit_into_the_sampling_period(chart):
 def test_picture_shows_every_map_of_a_file(tmp_path):
     drawn = [CHARTS[name] for name in ('spin', 'contact_stiffness', 'friction')]
     rows = [
-        stability.plain(
+        plain(
             stability.Cell(
                 **place, x_name='', y_name='', limit=math.nan, tolerance=0.1, measure='',
                 outcome=(*OUTCOMES, 'failed')[k % 5],
@@ -290,7 +301,7 @@ def test_picture_shows_every_map_of_a_file(tmp_path):
     ('table', 'sentence'),
     [
         (Table({'table': 'bench'}, []), "table must be 'stability', got 'bench'"),
-        (Table({'table': 'stability'}, [{'map': 'spin'}]), 'columns must be map, method'),
+        (Table({'table': 'stability'}, [{'map': 'spin'}]), 'columns must be those of stability'),
         (Table({'table': 'stability'}, []), 'no map to draw'),
     ],
 )

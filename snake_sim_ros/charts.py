@@ -278,7 +278,12 @@ def cost_over_links(rows: Sequence[Row]) -> Figure:
     rows = [row for row in rows if row.median_us > 0.0]
     for method in STYLES:
         for level in ('spatial', 'planar'):
-            line = [row for row in rows if (row.method, row.level) == (method, level)]
+            line = [
+                row
+                for row in rows
+                if (row.method, row.level) == (method, level)
+                and is_main(method, row.setting, rows)
+            ]
             if not line:
                 continue
             n, cost = [row.n or 0 for row in line], [row.median_us for row in line]

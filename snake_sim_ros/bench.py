@@ -129,9 +129,9 @@ class Entry:
     run: Callable[[], list[Row]]
     guess: float
 
-    def is_in(self, rows: Iterable[Mapping[str, Any]]) -> bool:
-        """Return whether a file has these rows already."""
-        return {key(row) for row in rows}.issuperset(key(asdict(row)) for row in self.keys)
+    def is_in(self, done: set[tuple[str, ...]]) -> bool:
+        """Return whether a file with rows of these keys has all of this entry already."""
+        return done.issuperset(key(asdict(row)) for row in self.keys)
 
 
 def key(row: Mapping[str, Any]) -> tuple[str, ...]:
@@ -337,9 +337,9 @@ def start_up(scene: Scene) -> Iterator[Entry]:
 
 def matrix(
     scenes: Mapping[str, Scene], rivals: list[Contender], limit: float, *, quick: bool
-) -> dict[str, list[Entry]]:
+) -> dict[str, Iterator[Entry]]:
     """
-    Return the matrix, part by part.
+    Return the matrix, part by part; a part is made as its entries are asked for.
 
     Parameters
     ----------
@@ -357,14 +357,13 @@ def matrix(
     usual = {
         (rival.method, rival.level): rival for rival in reversed(rivals) if not rival.adaptive
     }
-    parts = {
+    return {
         'precision': precision(References(scenes), rivals, limit),
         'links': links(scene, usual.values(), counts, limit),
         'iterations': solvers(),
         'costs': costs(scene),
         'start_up': start_up(scene),
     }
-    return {name: list(entries) for name, entries in parts.items()}
 
 
 def outcome(entry: Entry) -> list[Row]:

@@ -1,5 +1,5 @@
 """
-Pictures; no other module but stability_chart imports matplotlib.
+Pictures; no other module but `stability_chart` imports matplotlib.
 
 Colors are those of Okabe and Ito, which people with any kind of color vision tell apart; a method
 has the same color and the same mark everywhere. The planar level is drawn with hollow marks.
@@ -127,7 +127,7 @@ def draw_artefacts(table: Table, folder: Path) -> list[Path]:
 
 
 def save(figure: Figure, path: Path, header: Mapping[str, str]) -> list[Path]:
-    """Write a figure as SVG and PNG, with where it was measured at its foot."""
+    """Write a figure as SVG and PNG, with where it was measured at its top."""
     where = ', '.join(header[key] for key in ('processor', 'date') if key in header)
     commit = header.get('commit', 'unknown')
     figure.suptitle(f'commit {commit}, {where}', fontsize=6.5, x=0.99, ha='right', color='#555555')

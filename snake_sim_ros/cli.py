@@ -242,7 +242,8 @@ def _bench(options: argparse.Namespace) -> int:
     entries = [entry for name in dict.fromkeys(options.parts or usual) for entry in parts[name]]
     writer = TableWriter(options.out, 'bench', bench.COLUMNS, options.set)
     layout = '{percentage:3.0f} %|{bar}| {elapsed}, about {remaining} left'
-    entries = [entry for entry in entries if not entry.is_in(writer.rows)]
+    done = {bench.key(row) for row in writer.rows}
+    entries = [entry for entry in entries if not entry.is_in(done)]
     total = sum(entry.guess for entry in entries)
     with tqdm(total=total, bar_format=layout, smoothing=0) as bar:
         for entry in entries:

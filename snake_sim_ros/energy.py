@@ -14,6 +14,7 @@ from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Robot
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.posture import joint_rates
+from snake_sim_ros.reference import mass_matrix
 from snake_sim_ros.rotations import rotation_matrices
 
 BALANCE = 1.0  # s from the start over which the balance of a run is drawn up
@@ -30,12 +31,8 @@ def mechanical_energy(scene: Scene, q: Array, u: Array) -> Array:
     u : ndarray, shape (..., n, 6)
 
     """
-    mass, transversal, axial = (
-        scene.robot.per_link(name)
-        for name in ('link_mass', 'inertia_transversal', 'inertia_axial')
-    )
-    inertia = np.column_stack([mass, mass, mass, transversal, transversal, axial])
-    potential = -mass * (q[..., :3] @ np.array(scene.gravity))
+    inertia = np.diag(mass_matrix(scene.robot)).reshape(-1, 6)
+    potential = -inertia[:, 0] * (q[..., :3] @ np.array(scene.gravity))
     return np.asarray(0.5 * (inertia * u**2).sum(axis=(-2, -1)) + potential.sum(axis=-1))
 
 

@@ -25,6 +25,7 @@ from snake_sim_ros.posture import gaps
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.spatial import SpatialStepper
+from snake_sim_ros.stepping import method_of
 from snake_sim_ros.stepping import PREVIOUS
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import SETTLING
@@ -48,8 +49,8 @@ def what_is_not_planar(scene: Scene) -> str:
         return 'ground.heights is given, and the plane is flat'
     if scene.self_contact:
         return 'self_contact is true, and in the plane links do not touch'
-    if scene.pegs.x and scene.method != 'newton':
-        return f'method {scene.method} meets pegs at the spatial level only'
+    if scene.pegs.x and (method := method_of(scene)) != 'newton':
+        return f'method {method} meets pegs at the spatial level only'
     if np.ptp(radius) > 0.0:
         return (
             f'robot.contact_radius differs from link to link, {radius.min():g} to '

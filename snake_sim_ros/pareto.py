@@ -9,7 +9,7 @@ import numpy as np
 from snake_sim_ros.bench import Row
 from snake_sim_ros.stepping import METHODS
 
-TARGETS = (0.05, 0.01, 0.001)  # of the distance travelled
+TARGETS = (0.05, 0.01, 0.001)  # of the distance from start to end
 
 
 def is_ours(row: Row) -> bool:

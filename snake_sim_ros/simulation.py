@@ -208,6 +208,11 @@ class Simulation:
         """Return the times of the middle of the next steps, shape (steps,) [s]."""
         return (self.step_count + 0.5 + np.arange(steps)) * self.scene.dt
 
+    def gait_reference(self, steps: int) -> tuple[Array, Array]:
+        """Return angle and rate of the scene's gait at `midpoints`, shape (steps, n-1, 2)."""
+        axes = self.scene.robot.link_count - 1
+        return gait.reference(self.scene.gait, self.midpoints(steps), axes)
+
     def advance(self, angle: Array, rate: Array) -> Report:
         """
         Take as many steps as there are references; none once a step has diverged, until `reset`.
@@ -323,9 +328,7 @@ def run(
     try:
         for _ in range(samples):
             begin = time.perf_counter()
-            reference = gait.reference(
-                scene.gait, simulation.midpoints(steps), scene.robot.link_count - 1
-            )
+            reference = simulation.gait_reference(steps)
             compiled = simulation.compile_seconds
             report = simulation.advance(*reference)
             compiled = simulation.compile_seconds - compiled

@@ -4,7 +4,6 @@ import time
 
 import numpy as np
 
-from snake_sim_ros import gait
 from snake_sim_ros import planar
 from snake_sim_ros import planar_newton
 from snake_sim_ros.articulated_body import factor_chain
@@ -83,9 +82,7 @@ def stage_times(scene: Scene, level: str) -> dict[str, float]:
     make = PlanarStepper if level == 'planar' else SpatialStepper
     simulation = Simulation(scene, make(scene, loop))
     for steps in [STEPS] * (round(1 / scene.dt / STEPS) + 1):
-        reference = gait.reference(
-            scene.gait, simulation.midpoints(steps), scene.robot.link_count - 1
-        )
+        reference = simulation.gait_reference(steps)
         start = time.perf_counter(), cycle_counter()
         simulation.advance(*reference)
         wall, ticks = time.perf_counter() - start[0], cycle_counter() - start[1]

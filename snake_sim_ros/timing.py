@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros import gait
 from snake_sim_ros.articulated_body import factor
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import cycle_counter
@@ -119,9 +118,7 @@ def timed(
     seconds, cycles, states, late = 0.0, [], [simulation.state], False
     start = time.perf_counter(), cycle_counter()
     for _ in range(steps_in(scene.duration, sample, 'duration')):
-        reference = gait.reference(
-            scene.gait, simulation.midpoints(steps), scene.robot.link_count - 1
-        )
+        reference = simulation.gait_reference(steps)
         begin, compiled = time.perf_counter(), simulation.compile_seconds
         report = simulation.advance(*reference)
         compiled = simulation.compile_seconds - compiled
@@ -159,8 +156,7 @@ def energy_error(scene: Scene, make: Callable[[Scene], Stepper] | None = None) -
     simulation = Simulation(scene, make and make(scene))
     q, u, impulse, torque = [simulation.state.q], [simulation.state.u], [], []
     for _ in range(steps_in(min(BALANCE, scene.duration), scene.dt, 'duration')):
-        reference = gait.reference(scene.gait, simulation.midpoints(1), scene.robot.link_count - 1)
-        report = simulation.advance(*reference)
+        report = simulation.advance(*simulation.gait_reference(1))
         if report.failure:
             return math.nan
         q.append(simulation.state.q)

@@ -16,6 +16,8 @@ ros_wheels = {
         f'ros-{distro}-nav-msgs=={interfaces}',
         f'ros-{distro}-sensor-msgs=={interfaces}',
         f'ros-{distro}-std-srvs=={interfaces}',
+        f'ros-{distro}-trajectory-msgs=={interfaces}',
+        f'ros-{distro}-visualization-msgs=={interfaces}',
     ]
     for distro, rclpy, interfaces in [('jazzy', '7.1.6', '5.3.6'), ('kilted', '9.1.2', '5.5.1')]
 }

@@ -25,52 +25,6 @@ from snake_sim_ros.stepping import State
 from snake_sim_ros.stepping import Stepper
 
 
-@dataclass(frozen=True)
-class JointReference:
-    """
-    What the joints were last told, each axis at its own time.
-
-    Attributes
-    ----------
-    stamp : ndarray, shape (n-1, 2)
-        Time at which the angle holds [s].
-    angle, rate : ndarray, shape (n-1, 2)
-        (yaw, pitch) [rad], [rad/s].
-
-    """
-
-    stamp: Array
-    angle: Array
-    rate: Array
-
-    def sample(self, times: Array, horizon: float, limit: float) -> tuple[Array, Array]:
-        """
-        Return the reference at given times, extrapolated with its rate for at most `horizon` [s].
-
-        Parameters
-        ----------
-        times : ndarray, shape (m,)
-        horizon : float
-            After this time the angle is held and the rate is zero.
-        limit : float
-            Largest angle that is extrapolated to [rad].
-
-        Returns
-        -------
-        angle, rate : ndarray, shape (m, n-1, 2)
-
-        """
-        age = times[:, None, None] - self.stamp
-        angle = np.clip(self.angle + np.minimum(age, horizon) * self.rate, -limit, limit)
-        return angle, np.where(age <= horizon, self.rate, 0.0)
-
-
-def start_posture(scene: Scene, now: float = 0.0) -> JointReference:
-    """Return the reference that holds the initial posture of a scene."""
-    angle = joint_angles(initial_state(scene).q)
-    return JointReference(np.full(angle.shape, now), angle, np.zeros(angle.shape))
-
-
 def steps_in(period: float, dt: float, name: str) -> int:
     """
     Return how many steps make up a period.

@@ -13,6 +13,7 @@ from scenes import references
 from scenes import slope
 
 from snake_sim_ros.cli import main
+from snake_sim_ros.joint_reference import start_posture
 from snake_sim_ros.kinematics import FLAT_GAP
 from snake_sim_ros.kinematics import FLAT_TILT
 from snake_sim_ros.kinematics import STILL
@@ -30,7 +31,6 @@ from snake_sim_ros.rotations import product
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.simulation import run
 from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.simulation import start_posture
 from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import make_stepper

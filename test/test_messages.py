@@ -10,6 +10,7 @@ from random_states import random_parameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
+from snake_sim_ros.joint_reference import JointReference
 from snake_sim_ros.nodes.messages import command_message
 from snake_sim_ros.nodes.messages import joint_names
 from snake_sim_ros.nodes.messages import reference_from
@@ -22,7 +23,6 @@ from snake_sim_ros.parameters import Robot
 from snake_sim_ros.records import flat_fields
 from snake_sim_ros.rotations import FLAT
 from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.simulation import JointReference
 from snake_sim_ros.stepping import State
 
 ROBOT = Robot()

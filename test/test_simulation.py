@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from snake_sim_ros.joint_reference import JointReference
+from snake_sim_ros.joint_reference import start_posture
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import scene_from_text
 from snake_sim_ros.parameters import with_settings
 from snake_sim_ros.records import ParameterError
-from snake_sim_ros.simulation import JointReference
 from snake_sim_ros.simulation import run
 from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.simulation import start_posture
 from snake_sim_ros.simulation import steps_in
 from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import Status

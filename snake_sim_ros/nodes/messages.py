@@ -1,16 +1,15 @@
 """
-Messages from and to physics, as pure functions.
+Messages of names, times and states, as pure functions.
 
 Names: ``link_1`` to ``link_n`` along the robot, ``joint_1_yaw``, ``joint_1_pitch``, ... in this
-order. Frames: ``world`` has z up. A link frame on the wire has x along the link toward the next
-one, y to the left and z up when the link lies flat (REP 103); its axes are e_z, e_x and e_y of the
-paper's frame B. Quaternions on the wire are x y z w, with w >= 0. Joint angles have the paper's
-signs: yaw positive turns the next link left, pitch positive turns it down.
+order. Frames: ``world`` and ``odom`` are the same place, with z up; ``base_link`` is the frame of
+the middle link. A link frame on the wire has x along the link toward the next one, y to the left
+and z up when the link lies flat (REP 103); its axes are e_z, e_x and e_y of the paper's frame B.
+Quaternions on the wire are x y z w, with w >= 0. Joint angles have the paper's signs: yaw positive
+turns the next link left, pitch positive turns it down.
 """
 
 from array import array
-import difflib
-import math
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose
@@ -22,22 +21,13 @@ from sensor_msgs.msg import JointState
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Robot
 from snake_sim_ros.rotations import product
-from snake_sim_ros.simulation import JointReference
 from snake_sim_ros.stepping import State
 
-WORLD = 'world'
+WORLD, ODOM, BASE = 'world', 'odom', 'base_link'
 B_TO_WIRE = np.array(
     [0.5, -0.5, -0.5, -0.5]
 )  # columns e_z, e_x, e_y: the inverse of rotations.FLAT
 WIRE_AXES = [2, 0, 1]  # components of a vector in B along x, y, z of the wire frame
-
-
-class RejectedCommand(ValueError):
-    """A command is not usable; the message says why, `kind` what sort of mistake it is."""
-
-    def __init__(self, kind: str, sentence: str) -> None:
-        super().__init__(sentence)
-        self.kind = kind
 
 
 def joint_names(link_count: int) -> list[str]:
@@ -57,14 +47,24 @@ def seconds_from(stamp: Time) -> float:
 
 
 class StateMessages:
-    """The state messages of one robot, made once and filled again for every state."""
+    """
+    The state messages of one robot, made once and filled again for every state.
 
-    def __init__(self, robot: Robot) -> None:
+    Parameters
+    ----------
+    robot : Robot
+    frame_prefix : str, optional
+        What the names of the frames ``odom`` and ``base_link`` begin with.
+
+    """
+
+    def __init__(self, robot: Robot, frame_prefix: str = '') -> None:
         self.middle = robot.middle_link
         self.joint_states = JointState(name=joint_names(robot.link_count))
         self.link_poses = PoseArray(poses=[Pose() for _ in range(robot.link_count)])
-        self.odom = Odometry(child_frame_id=f'link_{self.middle + 1}')
-        self.link_poses.header.frame_id = self.odom.header.frame_id = WORLD
+        self.odom = Odometry(child_frame_id=frame_prefix + BASE)
+        self.odom.header.frame_id = frame_prefix + ODOM
+        self.link_poses.header.frame_id = WORLD
 
     def fill(self, stamp: Time, state: State, angle: Array, rate: Array, torque: Array) -> None:
         """
@@ -107,93 +107,6 @@ def command_message(names: list[str], stamp: Time, angle: Array, rate: Array) ->
     message.position = array('d', np.ascontiguousarray(angle).tobytes())
     message.velocity = array('d', np.ascontiguousarray(rate).tobytes())
     return message
-
-
-def reference_from(
-    message: JointState, last: JointReference, robot: Robot, now: float
-) -> JointReference:
-    """
-    Return what the joints are told after a command; those it does not name keep what they had.
-
-    Parameters
-    ----------
-    message : JointState
-        Joints by name, with positions [rad] and, if any, velocities [rad/s]. Its stamp is the time
-        at which the positions hold; a zero stamp and one of the future, which all stamps of a wall
-        clock are, mean now.
-    last : JointReference
-    robot : Robot
-    now : float
-        Simulated time [s].
-
-    Raises
-    ------
-    RejectedCommand
-        If anything in it is not usable; then nothing of it is taken.
-
-    """
-    names = joint_names(robot.link_count)
-    count = len(message.name)
-    if count == 0:
-        raise RejectedCommand(
-            'no names', f'joint_command names no joints; name some of {names[0]} to {names[-1]}'
-        )
-    for name in message.name:
-        if name not in names:
-            close = difflib.get_close_matches(name, names, n=1)
-            hint = (
-                f'did you mean {close[0]}?' if close else f'joints are {names[0]} to {names[-1]}'
-            )
-            raise RejectedCommand('name', f'joint_command: unknown joint {name!r}; {hint}')
-        if message.name.count(name) > 1:
-            raise RejectedCommand('twice', f'joint_command names joint {name} more than once')
-    if len(message.position) != count:
-        raise RejectedCommand(
-            'length',
-            f'joint_command must have one position a name: got {len(message.position)} positions '
-            f'for {count} names',
-        )
-    if len(message.velocity) not in (0, count):
-        raise RejectedCommand(
-            'length',
-            f'joint_command must have no velocity or one a name: got {len(message.velocity)} '
-            f'velocities for {count} names',
-        )
-    velocity = list(message.velocity) or [0.0] * count
-    _check_range(message.name, message.position, 'position', robot.joint_limit, 'rad')
-    _check_range(message.name, velocity, 'velocity', robot.joint_rate_limit, 'rad/s')
-
-    stamp = seconds_from(message.header.stamp)
-    if stamp <= 0.0 or stamp > now:
-        stamp = now
-    axes = [names.index(name) for name in message.name]
-    newest = float(last.stamp.ravel()[axes].max())
-    if stamp < newest:
-        raise RejectedCommand(
-            'late',
-            f'joint_command is late: stamped {stamp:.4f} s, after one of {newest:.4f} s was taken',
-        )
-    reference = JointReference(last.stamp.copy(), last.angle.copy(), last.rate.copy())
-    reference.stamp.flat[axes] = stamp
-    reference.angle.flat[axes] = message.position
-    reference.rate.flat[axes] = velocity
-    return reference
-
-
-def _check_range(
-    names: list[str], values: list[float], what: str, limit: float, unit: str
-) -> None:
-    for name, value in zip(names, values, strict=True):
-        if not math.isfinite(value):
-            raise RejectedCommand(
-                'not finite', f'joint_command: {what} of {name} must be finite, got {value}'
-            )
-        if abs(value) > limit:
-            raise RejectedCommand(
-                f'{what} range',
-                f'joint_command: {what} of {name} must be within +-{limit:.4g} {unit}, '
-                f'got {value:.4g} {unit}',
-            )
 
 
 def _in_frame(quaternion: Array, vector: Array) -> Array:

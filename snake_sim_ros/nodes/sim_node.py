@@ -1,47 +1,73 @@
 """The `sim` node: a virtual Aiko that takes joint commands and publishes its state."""
 
+from array import array
+from collections.abc import Callable
 from dataclasses import dataclass
 from dataclasses import replace
 import sys
 from threading import Event
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import PoseArray
 from nav_msgs.msg import Odometry
+import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy
 from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool
-from std_srvs.srv import Trigger
+from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
 
+from snake_sim_ros.joint_reference import JointReference
+from snake_sim_ros.joint_reference import start_posture
 from snake_sim_ros.levels import is_vertical
 from snake_sim_ros.levels import what_is_told
-from snake_sim_ros.nodes.messages import reference_from
-from snake_sim_ros.nodes.messages import RejectedCommand
+from snake_sim_ros.nodes.commands import Command
+from snake_sim_ros.nodes.commands import joint_command
+from snake_sim_ros.nodes.commands import joint_trajectory
+from snake_sim_ros.nodes.commands import position_commands
+from snake_sim_ros.nodes.commands import RejectedCommand
+from snake_sim_ros.nodes.diagnostics import status_of
+from snake_sim_ros.nodes.diagnostics import values_of
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.messages import StateMessages
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.running import make_executor
 from snake_sim_ros.nodes.running import run_node
+from snake_sim_ros.nodes.simulation_services import serve
+from snake_sim_ros.nodes.transforms import TFMessage
+from snake_sim_ros.nodes.transforms import Transforms
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.parameters import with_settings
 from snake_sim_ros.posture import joint_angles
 from snake_sim_ros.posture import joint_rates
+from snake_sim_ros.records import flat_fields
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.records import quantity
 from snake_sim_ros.records import Record
+from snake_sim_ros.robot_description import robot_description
 from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.simulation import start_posture
 from snake_sim_ros.simulation import steps_in
-from snake_sim_ros.stepping import method_of
+from snake_sim_ros.stepping import make_stepper
 
 BACKLOG = 0.2  # s of wall time that the node may be behind before it gives up catching up
 WAIT = 0.1  # s, the longest wait for a message before the node looks up
 WARN_PERIOD = 5.0  # s between two warnings of one kind
+LATEST = QoSProfile(depth=1)  # of commands and the clock: nothing waits in a queue
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+CHANGEABLE = (
+    *('real_time_factor', 'command_horizon', 'command_timeout'),
+    *('friction.longitudinal', 'friction.transversal', 'friction.rolling', 'pegs.friction'),
+    *('robot.yaw_stiffness', 'robot.yaw_damping', 'robot.pitch_stiffness', 'robot.pitch_damping'),
+    *('self_contact_friction', 'gravity'),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +86,15 @@ class Settings(Record):
     command_horizon: float = quantity(
         0.05, 's', 'how long a command is extrapolated with its velocity', minimum=0, maximum=1
     )
-    publish_clock: bool = quantity(True, '', 'publish /clock')
+    command_timeout: float = quantity(
+        0.5, 's', 'when a stream of commands that stops is reported; 0 is never', minimum=0
+    )
+    publish_clock: bool = quantity(True, '', 'publish /clock; one node of a graph may')
+    publish_robot_description: bool = quantity(True, '', 'publish robot_description')
+    publish_tf: bool = quantity(True, '', 'publish /tf and /tf_static where tf2_msgs is installed')
+    frame_prefix: str = quantity(
+        'auto', '', 'what the frames odom and base_link begin with; auto: namespace and a slash'
+    )
     start_paused: bool = quantity(False, '', 'wait for ~/pause or ~/step')
 
 
@@ -69,8 +103,9 @@ class SimNode(Node):
 
     def __init__(self) -> None:
         super().__init__('sim', automatically_declare_parameters_from_overrides=True)
-        self.settings, scene = settle(self, Settings, changeable=('real_time_factor',))
+        self.settings, scene = settle(self, Settings, changeable=CHANGEABLE)
         self.add_on_set_parameters_callback(self._on_set_parameters)
+        self.add_post_set_parameters_callback(self._on_parameters_set)
         if self.get_parameter('use_sim_time').value:
             self.get_logger().warning('use_sim_time is ignored: this node makes simulated time')
 
@@ -81,28 +116,81 @@ class SimNode(Node):
         self.get_logger().info(f'physics ready after {self.simulation.compile():.1f} s')
         self.reference = start_posture(scene)
         self.paused = self.settings.start_paused
-        self.rejected = self.overruns = 0
-        self.reached_factor = 0.0
+        self.stop = Event()
+        self.rejected = self.clamped = self.overruns = 0
+        self.reached_factor = self.processor = 0.0
+        self.heard: float | None = None  # simulated time of the last command [s]
+        self.stream = ''  # topic on which commands follow each other
+        self.silent = ''  # topic of a stream that stopped
         self._warned: dict[str, float] = {}
+        self._rivals_told: set[tuple[str, ...]] = set()
+        self._spoken: set[str] = set()  # command topics since the last diagnostics
+        self._make_publishers(scene)
+        self._make_subscriptions()
+        serve(self)
 
-        self.messages = StateMessages(scene.robot)
-        self.joint_states = self.create_publisher(JointState, 'joint_states', 10)
+    def _make_publishers(self, scene: Scene) -> None:
+        prefix = self.settings.frame_prefix
+        if prefix == 'auto':
+            prefix = f'{self.get_namespace()}/'.lstrip('/')
+        self.messages = StateMessages(scene.robot, prefix)
+        self.joint_states = self.create_publisher(
+            JointState,
+            'joint_states',
+            10,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
         self.link_poses = self.create_publisher(PoseArray, 'link_poses', 10)
         self.odom = self.create_publisher(Odometry, 'odom', 10)
         self.diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         clock = self.settings.publish_clock
-        self.clock = self.create_publisher(Clock, '/clock', QoSProfile(depth=1)) if clock else None
+        self.clock = self.create_publisher(Clock, '/clock', LATEST) if clock else None
+        if self.settings.publish_robot_description:
+            self.description = self.create_publisher(String, 'robot_description', LATCHED)
+            self.description.publish(String(data=robot_description(scene.robot)))
+        self.transforms = None
+        if self.settings.publish_tf and TFMessage is not None:
+            self.transforms = Transforms(self, self.messages.odom)
+        elif self.settings.publish_tf:
+            self.get_logger().info('no /tf: the package tf2_msgs is not installed')
+
+    def _make_subscriptions(self) -> None:
         self.create_subscription(
-            JointState, 'joint_command', self._on_command, QoSProfile(depth=1)
+            JointState,
+            'joint_command',
+            lambda message: self._take('joint_command', joint_command, message),
+            LATEST,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
-        self.create_service(Trigger, '~/reset', self._on_reset)
-        self.create_service(SetBool, '~/pause', self._on_pause)
-        self.create_service(Trigger, '~/step', self._on_step)
+        self.create_subscription(
+            Float64MultiArray,
+            'position_commands',
+            lambda message: self._take('position_commands', position_commands, message),
+            LATEST,
+        )
+        self.create_subscription(
+            JointTrajectory,
+            'joint_trajectory',
+            lambda message: self._take(
+                'joint_trajectory', joint_trajectory, message, self.settings.command_horizon
+            ),
+            LATEST,
+        )
+
+    @property
+    def failure(self) -> str:
+        """Why the simulation diverged; empty while it has not."""
+        return self.simulation.report.failure
 
     @property
     def halted(self) -> bool:
         """Whether simulated time stands still."""
-        return self.paused or bool(self.simulation.report.failure)
+        return self.paused or bool(self.failure)
+
+    @property
+    def seconds(self) -> float:
+        """Simulated time [s]."""
+        return self.simulation.time
 
     @property
     def nanoseconds(self) -> int:
@@ -113,6 +201,8 @@ class SimNode(Node):
         """Advance by one publish period and publish the state, then the clock."""
         simulation, limit = self.simulation, self.simulation.scene.robot.joint_limit
         level = simulation.last.level
+        self.reference = self.reference.settled(simulation.time)
+        self._watch_commands()
         report = simulation.advance(
             *self.reference.sample(
                 simulation.midpoints(self.steps), self.settings.command_horizon, limit
@@ -125,7 +215,32 @@ class SimNode(Node):
             self.get_logger().error(
                 f'diverged, paused at the last good state; call ~/reset: {report.failure}'
             )
-            return
+        self.publish_state()
+
+    def step(self, count: int = 1) -> None:
+        """Advance by some publish periods, fewer if a step diverges or the node is to end."""
+        for _ in range(count):
+            if self.failure or self.stop.is_set():
+                break
+            self.advance()
+
+    def reset(self, *, state: bool = True, time: bool = False) -> None:
+        """Put the robot back to the start of the scene, or time, or both; commands are void."""
+        simulation = self.simulation
+        angle, _ = self.reference.sample(
+            np.array([simulation.time]), 0.0, simulation.scene.robot.joint_limit
+        )
+        # After a divergence the clock is between two publish periods.
+        simulation.step_count += -simulation.step_count % self.steps
+        if time:
+            simulation.step_count = 0
+        if state:
+            simulation.reset()
+            self.reference = start_posture(simulation.scene, simulation.time)
+        else:
+            stamp = np.full(angle[0].shape, simulation.time)
+            self.reference = JointReference(stamp, angle[0], np.zeros_like(angle[0]))
+        self.heard, self.stream, self.silent = None, '', ''
         self.publish_state()
 
     def publish_state(self) -> None:
@@ -136,44 +251,32 @@ class SimNode(Node):
         self.joint_states.publish(self.messages.joint_states)
         self.link_poses.publish(self.messages.link_poses)
         self.odom.publish(self.messages.odom)
+        if self.transforms:
+            self.transforms.publish(self.messages.odom)
         if self.clock:
             self.clock.publish(Clock(clock=stamp))
 
     def publish_diagnostics(self) -> None:
         """Publish how the simulation is doing."""
-        report, scene = self.simulation.report, self.simulation.scene
-        status = DiagnosticStatus(name='sim: physics', hardware_id='simulated')
-        factor = self.settings.real_time_factor
-        if report.failure:
-            status.level, status.message = DiagnosticStatus.ERROR, report.failure
-        elif not self.halted and self.reached_factor < 0.95 * factor:
-            status.level = DiagnosticStatus.WARN
-            status.message = f'real-time factor {self.reached_factor:.2f} of {factor:g}'
-        else:
-            status.level = DiagnosticStatus.OK
-            status.message = 'paused' if self.paused else 'running'
+        factor, warning = self.settings.real_time_factor, ''
+        if self.silent:
+            warning = f'no {self.silent} any more; the last one is held'
+        if not self.halted and self.reached_factor < 0.95 * factor:
+            warning = f'real-time factor {self.reached_factor:.2f} of {factor:g}'
         values = {
             'real_time_factor': f'{self.reached_factor:.4g}',
-            'level': self.simulation.last.level,
-            'planar_steps': report.planar_steps,
-            'method': method_of(scene),
-            'steps': report.steps,
-            'residual': f'{self.simulation.last.residual_max:.3g}',
-            'residual_max': f'{report.residual_max:.3g}',
-            'printed_residual_max': f'{report.printed_residual_max:.3g}',
-            'fallbacks': report.fallbacks,
-            'iterations_per_step': f'{report.iterations / max(report.steps, 1):.3g}',
-            'iterations_max': report.iterations_max,
-            'unconverged_steps': report.unconverged,
-            'penetration_max': f'{report.penetration_max:.3g}',
-            'contacts': self.simulation.last.contacts,
-            'rejected_commands': self.rejected,
+            'processor': f'{self.processor:.3f}',
             'overruns': self.overruns,
+            'rejected_commands': self.rejected,
+            'clamped_commands': self.clamped,
+            **values_of(self.simulation),
         }
-        status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-        message = DiagnosticArray(status=[status])
+        state = 'paused' if self.paused else 'running'
+        name = self.get_fully_qualified_name().lstrip('/')
+        message = DiagnosticArray(status=[status_of(name, self.failure, warning, state, values)])
         message.header.stamp = stamp_from(self.nanoseconds)
         self.diagnostics.publish(message)
+        self._look_for_rivals()
 
     def warn(self, kind: str, sentence: str) -> None:
         """Log a warning, but one of a kind at most every few seconds."""
@@ -182,63 +285,115 @@ class SimNode(Node):
             self._warned[kind] = now
             self.get_logger().warning(sentence)
 
-    def _on_command(self, message: JointState) -> None:
-        scene = self.simulation.scene
+    def _take(self, topic: str, take: Callable[..., Command], message: Any, *more: float) -> None:
+        """Take a command, or say why not."""
+        scene, now = self.simulation.scene, self.simulation.time
+        self._spoken.add(topic)
         try:
-            reference = reference_from(message, self.reference, scene.robot, self.simulation.time)
-            if scene.level == 'planar' and is_vertical(reference.angle, reference.rate):
-                told = what_is_told(reference.angle, reference.rate)
-                raise RejectedCommand('pitch', f'joint_command: {told}, but level is planar')
-            self.reference = reference
+            command = take(message, self.reference, scene.robot, now, *more)
+            if scene.level == 'planar':
+                _refuse_vertical(topic, command.reference)
         except RejectedCommand as error:
             self.rejected += 1
             self.warn(error.kind, f'{error}; the last good command is held')
+            return
+        self.reference = command.reference
+        if command.clamped:
+            self.clamped += 1
+            self.warn('clamped', command.clamped)
+        follows = self.heard is not None and now - self.heard <= self.settings.command_timeout
+        self.stream = topic if follows else ''
+        self.heard, self.silent = now, ''
 
-    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self.simulation.reset()
-        self.reference = start_posture(self.simulation.scene, self.simulation.time)
-        self.publish_state()
-        response.success = True
-        response.message = f'robot is at the start of the scene at t = {self.simulation.time:g} s'
-        return response
+    def _watch_commands(self) -> None:
+        """Say so when a stream of commands stops; what it told last is held anyway."""
+        timeout = self.settings.command_timeout
+        if not self.stream or not timeout or self.reference.motions:
+            return
+        if self.heard is not None and self.seconds - self.heard > timeout:
+            self.warn('silent', f'no {self.stream} for {timeout:g} s; the last one is held')
+            self.stream, self.silent = '', self.stream
 
-    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self.paused = request.data
-        response.success = not self.simulation.report.failure
-        response.message = 'paused' if self.paused else 'running'
-        if not response.success:
-            response.message = 'diverged: call ~/reset first'
-        return response
+    def _look_for_rivals(self) -> None:
+        """Say once who speaks against whom: commands of several, clocks of several."""
+        topics = sorted(map(self.resolve_topic_name, self._spoken))
+        self._spoken.clear()
+        if self.clock:
+            topics.append('/clock')
+        speakers = {
+            topic: sorted(
+                f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+                for info in self.get_publishers_info_by_topic(topic)
+            )
+            for topic in topics
+        }
+        for topic, nodes in speakers.items():
+            rivals = (topic, *nodes)
+            if len(nodes) > 1 and rivals not in self._rivals_told:
+                self._rivals_told.add(rivals)
+                what = (
+                    'the last message counts'
+                    if topic != '/clock'
+                    else ('start all sims but one with publish_clock:=false')
+                )
+                self.get_logger().warning(
+                    f'{topic} has {len(nodes)} publishers, {", ".join(nodes)}: {what}'
+                )
 
-    def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if not self.paused:
-            response.message = 'not paused: call ~/pause with true first'
-            return response
-        self.advance()
-        response.success = not self.simulation.report.failure
-        response.message = self.simulation.report.failure or f't = {self.simulation.time:g} s'
-        return response
+    def _changed(self, parameters: list[Parameter]) -> tuple[Settings, Scene]:
+        """Return settings and scene with some parameters of other values."""
+        given = {
+            item.name: item.value.tolist() if isinstance(item.value, array) else item.value
+            for item in parameters
+            if item.name in CHANGEABLE
+        }
+        own = flat_fields(self.settings)
+        settings = replace(self.settings, **{n: v for n, v in given.items() if n in own})
+        scene = with_settings(
+            self.simulation.scene, {n: v for n, v in given.items() if n not in own}
+        )
+        return settings, scene
 
     def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        changes = {item.name: item.value for item in parameters if item.name == 'real_time_factor'}
         try:
-            self.settings = replace(self.settings, **changes)
+            _, scene = self._changed(parameters)
+            make_stepper(scene)
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+    def _on_parameters_set(self, parameters: list[Parameter]) -> None:
+        self.settings, scene = self._changed(parameters)
+        if scene != self.simulation.scene:
+            self.simulation.change(scene)
+
+
+def _refuse_vertical(topic: str, reference: JointReference) -> None:
+    """Raise if a reference moves pitch joints, for the planar level."""
+    told = ''
+    if any(motion.angle.c[..., motion.axes % 2 == 1].any() for motion in reference.motions):
+        told = 'a pitch joint is told to move'
+    if is_vertical(reference.angle, reference.rate):
+        told = what_is_told(reference.angle, reference.rate)
+    if told:
+        raise RejectedCommand('pitch', f'{topic}: {told}, but level is planar')
 
 
 def run(node: SimNode, stop: Event) -> None:
     """Advance physics against the wall clock; serve messages in the slack."""
     executor = make_executor(node)
+    node.stop = stop
     node.publish_state()
     due = mark = time.perf_counter()
+    busy = time.process_time()
     advanced = halted = 0.0  # simulated and idle time since the mark
     while not stop.is_set():
         now = time.perf_counter()
         if now - mark >= 1.0:
             if advanced > 0.0:
                 node.reached_factor = advanced / (now - mark - halted)
+            used = time.process_time()
+            node.processor, busy = (used - busy) / (now - mark), used
             mark, advanced, halted = now, 0.0, 0.0
             node.publish_diagnostics()
         if node.halted:

@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from snake_sim_ros.joint_reference import JointReference
+from snake_sim_ros.joint_reference import start_posture
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.posture import joint_angles
 from snake_sim_ros.posture import joint_rates
 from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.simulation import JointReference
 from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.simulation import start_posture
 
 STEPS = 20  # of 1/4000 s in a period of 1/200 s
 PERIOD = 5_000_000  # ns

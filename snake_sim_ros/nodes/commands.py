@@ -1,0 +1,298 @@
+"""
+Commands from messages, as pure functions: what the joints are told after a message.
+
+A message is taken whole or not at all. An angle beyond the joint limit is clamped to it, which is
+said; everything else that is not usable is refused with one sentence.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import difflib
+from functools import cache
+
+import numpy as np
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
+
+from snake_sim_ros.joint_reference import JointReference
+from snake_sim_ros.joint_reference import motion_through
+from snake_sim_ros.nodes.messages import joint_names
+from snake_sim_ros.nodes.messages import seconds_from
+from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import Robot
+
+FARTHEST = 3600.0  # s, how far ahead of simulated time a trajectory may begin
+
+
+class RejectedCommand(ValueError):
+    """A command is not usable; the message says why, `kind` what sort of mistake it is."""
+
+    def __init__(self, kind: str, sentence: str) -> None:
+        super().__init__(sentence)
+        self.kind = kind
+
+
+@dataclass(frozen=True)
+class Command:
+    """
+    What a message tells the joints.
+
+    Attributes
+    ----------
+    reference : JointReference
+        What all joints are told from now on.
+    clamped : str
+        What was beyond the joint limit, as a sentence; empty if nothing was.
+
+    """
+
+    reference: JointReference
+    clamped: str = ''
+
+
+def joint_command(message: JointState, last: JointReference, robot: Robot, now: float) -> Command:
+    """
+    Take a command for some joints; those that it does not name keep what they had.
+
+    Parameters
+    ----------
+    message : JointState
+        Joints by name, with positions [rad] and, if any, velocities [rad/s]. Its stamp is the time
+        at which the positions hold; a zero stamp and one of the future, which all stamps of a wall
+        clock are, mean now.
+    last : JointReference
+    robot : Robot
+    now : float
+        Simulated time [s].
+
+    Raises
+    ------
+    RejectedCommand
+
+    """
+    topic, names = 'joint_command', list(message.name)
+    axes = _axes(topic, names, robot)
+    count = len(names)
+    if len(message.position) != count:
+        raise RejectedCommand(
+            'length',
+            f'{topic} must have one position a name: got {len(message.position)} positions for '
+            f'{count} names',
+        )
+    if len(message.velocity) not in (0, count):
+        raise RejectedCommand(
+            'length',
+            f'{topic} must have no velocity or one a name: got {len(message.velocity)} velocities '
+            f'for {count} names',
+        )
+    position = np.array(message.position)
+    velocity = np.array(message.velocity) if message.velocity else np.zeros(count)
+    _check_finite(topic, 'position', names, position)
+    _check_rates(topic, names, velocity, robot.joint_rate_limit)
+
+    stamp = seconds_from(message.header.stamp)
+    if stamp <= 0.0 or stamp > now:
+        stamp = now
+    newest = float(last.stamp.flat[axes].max())
+    if stamp < newest:
+        raise RejectedCommand(
+            'late',
+            f'{topic} is late: stamped {stamp:.4f} s, after one of {newest:.4f} s was taken',
+        )
+    position, clamped = _clamped(topic, names, position, robot.joint_limit)
+    return Command(last.commanded(axes, stamp, position, velocity), clamped)
+
+
+def position_commands(
+    message: Float64MultiArray, last: JointReference, robot: Robot, now: float
+) -> Command:
+    """
+    Take positions of all joints in their order [rad], as a forward_command_controller does.
+
+    Raises
+    ------
+    RejectedCommand
+
+    """
+    topic, names = 'position_commands', joint_names(robot.link_count)
+    position = np.array(message.data)
+    if len(position) != len(names):
+        raise RejectedCommand(
+            'length',
+            f'{topic} must have {len(names)} numbers, {names[0]} to {names[-1]}; '
+            f'got {len(position)}',
+        )
+    _check_finite(topic, 'position', names, position)
+    position, clamped = _clamped(topic, names, position, robot.joint_limit)
+    axes = np.arange(len(names))
+    return Command(last.commanded(axes, now, position, np.zeros(len(names))), clamped)
+
+
+def joint_trajectory(
+    message: JointTrajectory, last: JointReference, robot: Robot, now: float, horizon: float
+) -> Command:
+    """
+    Take a trajectory of some joints, as a joint_trajectory_controller does.
+
+    It begins at the stamp of its header, a zero stamp means now. Until then the joints go on with
+    what they were told; then they move from there through those points that are not in the past:
+    on straight lines if points have positions only, cubic in time if they have velocities.
+    Accelerations and efforts are not used.
+
+    Parameters
+    ----------
+    message : JointTrajectory
+    last : JointReference
+    robot : Robot
+    now : float
+        Simulated time [s].
+    horizon : float
+        How long a command before it is extrapolated [s].
+
+    Raises
+    ------
+    RejectedCommand
+
+    """
+    topic, names = 'joint_trajectory', list(message.joint_names)
+    axes = _axes(topic, names, robot)
+    times, angle, rate = _points(topic, message, robot)
+    begin = seconds_from(message.header.stamp) or now
+    if begin > now + FARTHEST:
+        raise RejectedCommand(
+            'stamp',
+            f'{topic} must begin within an hour of simulated time {now:.4f} s, got a stamp of '
+            f'{begin:.4f} s; zero means now',
+        )
+    times = times + begin
+    if times[-1] < now:
+        raise RejectedCommand(
+            'late', f'{topic} is late: its last point is at {times[-1]:.4f} s, it is {now:.4f} s'
+        )
+    angle, clamped = _clamped(topic, names, angle, robot.joint_limit)
+    begin = max(begin, now)
+    ahead = times >= begin
+    times, angle = times[ahead], angle[ahead]
+    rate = None if rate is None else rate[ahead]
+    if times[0] > begin:
+        start = last.sample(np.array([begin]), horizon, robot.joint_limit)
+        start_angle, start_rate = (part.reshape(1, -1)[:, axes] for part in start)
+        times, angle = np.insert(times, 0, begin), np.vstack([start_angle, angle])
+        rate = None if rate is None else np.vstack([start_rate, rate])
+    _check_speeds(topic, names, times, angle, robot.joint_rate_limit)
+    return Command(last.moved(motion_through(axes, times, angle, rate)), clamped)
+
+
+@cache
+def _axes_by_name(link_count: int) -> dict[str, int]:
+    return {name: axis for axis, name in enumerate(joint_names(link_count))}
+
+
+def _axes(topic: str, given: list[str], robot: Robot) -> Array:
+    """Return which axes some names are, counted along the robot, shape (names,)."""
+    known = _axes_by_name(robot.link_count)
+    names = list(known)
+    if not given:
+        raise RejectedCommand(
+            'no names', f'{topic} names no joints; name some of {names[0]} to {names[-1]}'
+        )
+    for name in given:
+        if name not in known:
+            close = difflib.get_close_matches(name, names, n=1)
+            hint = (
+                f'did you mean {close[0]}?' if close else f'joints are {names[0]} to {names[-1]}'
+            )
+            raise RejectedCommand('name', f'{topic}: unknown joint {name!r}; {hint}')
+    if len(set(given)) < len(given):
+        twice = next(name for name in given if given.count(name) > 1)
+        raise RejectedCommand('twice', f'{topic} names joint {twice} more than once')
+    return np.array([known[name] for name in given])
+
+
+def _points(
+    topic: str, message: JointTrajectory, robot: Robot
+) -> tuple[Array, Array, Array | None]:
+    """Return times from start (points,), angles and rates (points, joints) of a trajectory."""
+    names, points = list(message.joint_names), message.points
+    if not points:
+        raise RejectedCommand('no points', f'{topic} has no points')
+    with_rates = bool(points[0].velocities)
+    for number, point in enumerate(points, start=1):
+        for what, values, wanted in (
+            ('positions', point.positions, len(names)),
+            ('velocities', point.velocities, len(names) if with_rates else 0),
+        ):
+            if len(values) != wanted:
+                raise RejectedCommand(
+                    'length',
+                    f'{topic}: point {number} must have {wanted} {what}, got {len(values)} '
+                    f'(as many as joints; velocities in all points or in none)',
+                )
+    times = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points])
+    angle = np.array([point.positions for point in points])
+    rate = np.array([point.velocities for point in points]) if with_rates else None
+    for number, (before, after) in enumerate(zip([0.0, *times], times, strict=False), start=1):
+        if after < before or (number > 1 and after == before):
+            raise RejectedCommand(
+                'order',
+                f'{topic}: time_from_start must be at least 0 s and increase from point to '
+                f'point, got {after:g} s after {before:g} s at point {number}',
+            )
+    for row in angle:
+        _check_finite(topic, 'position', names, row)
+    if rate is not None:
+        for row in rate:
+            _check_rates(topic, names, row, robot.joint_rate_limit)
+        if rate[-1].any():
+            name = names[int(np.abs(rate[-1]).argmax())]
+            raise RejectedCommand(
+                'end',
+                f'{topic}: velocities of the last point must be 0 rad/s, got '
+                f'{rate[-1][names.index(name)]:.4g} rad/s for {name}',
+            )
+    return times, angle, rate
+
+
+def _check_finite(topic: str, what: str, names: Sequence[str], values: Array) -> None:
+    if not np.isfinite(values).all():
+        bad = int(np.argmin(np.isfinite(values)))
+        raise RejectedCommand(
+            'not finite', f'{topic}: {what} of {names[bad]} must be finite, got {values[bad]}'
+        )
+
+
+def _check_rates(topic: str, names: Sequence[str], values: Array, limit: float) -> None:
+    _check_finite(topic, 'velocity', names, values)
+    if np.abs(values).max() > limit:
+        worst = int(np.abs(values).argmax())
+        raise RejectedCommand(
+            'velocity range',
+            f'{topic}: velocity of {names[worst]} must be within +-{limit:.4g} rad/s, '
+            f'got {values[worst]:.4g} rad/s',
+        )
+
+
+def _check_speeds(
+    topic: str, names: Sequence[str], times: Array, angle: Array, limit: float
+) -> None:
+    """Raise if a joint has to move faster than the limit from one point to the next."""
+    speed = np.abs(np.diff(angle, axis=0)) / np.diff(times)[:, None]
+    if speed.size and speed.max() > limit:
+        piece, worst = np.unravel_index(int(speed.argmax()), speed.shape)
+        raise RejectedCommand(
+            'velocity range',
+            f'{topic}: {names[worst]} would move at {speed[piece, worst]:.4g} rad/s until '
+            f't = {times[piece + 1]:.4f} s; at most {limit:.4g} rad/s',
+        )
+
+
+def _clamped(topic: str, names: Sequence[str], angle: Array, limit: float) -> tuple[Array, str]:
+    """Return angles within the limit, shape (..., joints), and the sentence about the worst."""
+    if np.abs(angle).max() <= limit:
+        return angle, ''
+    worst = np.unravel_index(int(np.abs(angle).argmax()), angle.shape)
+    return np.clip(angle, -limit, limit), (
+        f'{topic}: position of {names[worst[-1]]} is clamped to the joint limit, +-{limit:.4g} '
+        f'rad; got {angle[worst]:.4g} rad'
+    )

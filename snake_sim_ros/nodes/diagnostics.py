@@ -1,0 +1,59 @@
+"""How the simulation is doing, as a message for /diagnostics (REP 107)."""
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import KeyValue
+
+from snake_sim_ros.simulation import Simulation
+from snake_sim_ros.stepping import method_of
+
+
+def values_of(simulation: Simulation) -> dict[str, object]:
+    """Return name -> value of what is known of the steps of a simulation."""
+    report, last = simulation.report, simulation.last
+    return {
+        'level': last.level,
+        'planar_steps': report.planar_steps,
+        'method': method_of(simulation.scene),
+        'steps': report.steps,
+        'residual': f'{last.residual_max:.3g}',
+        'residual_max': f'{report.residual_max:.3g}',
+        'printed_residual_max': f'{report.printed_residual_max:.3g}',
+        'fallbacks': report.fallbacks,
+        'iterations_per_step': f'{report.iterations / max(report.steps, 1):.3g}',
+        'iterations_max': report.iterations_max,
+        'unconverged_steps': report.unconverged,
+        'penetration_max': f'{report.penetration_max:.3g}',
+        'contacts': last.contacts,
+    }
+
+
+def status_of(
+    name: str, failure: str, warning: str, state: str, values: dict[str, object]
+) -> DiagnosticStatus:
+    """
+    Return a status: an error if there is a failure, else a warning if there is one.
+
+    Parameters
+    ----------
+    name : str
+        Of the node.
+    failure, warning : str
+        A sentence each, empty if there is none.
+    state : str
+        The message if all is well.
+    values : dict
+        Name -> value.
+
+    """
+    level = DiagnosticStatus.OK
+    if warning:
+        level = DiagnosticStatus.WARN
+    if failure:
+        level = DiagnosticStatus.ERROR
+    return DiagnosticStatus(
+        level=level,
+        name=f'{name}: physics',
+        hardware_id='simulated',
+        message=failure or warning or state,
+        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+    )

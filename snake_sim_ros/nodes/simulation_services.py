@@ -1,0 +1,160 @@
+"""
+Services that control simulated time: ``~/reset``, ``~/pause`` and ``~/step``, and their standard.
+
+The standard, the package simulation_interfaces, is served as well where it is installed.
+"""
+
+from typing import Any
+from typing import Protocol
+
+from std_srvs.srv import SetBool
+from std_srvs.srv import Trigger
+
+try:
+    from simulation_interfaces import msg as standard
+    from simulation_interfaces import srv as standard_services
+except ImportError:  # not among the packages of ROS 2 on PyPI
+    standard = standard_services = None
+
+STILL_RUNNING = 'not paused: call ~/pause with true first'
+FEATURES = (
+    *('SIMULATION_RESET', 'SIMULATION_RESET_TIME', 'SIMULATION_RESET_STATE'),
+    *('SIMULATION_STATE_GETTING', 'SIMULATION_STATE_SETTING', 'SIMULATION_STATE_PAUSE'),
+    *('STEP_SIMULATION_SINGLE', 'STEP_SIMULATION_MULTIPLE'),
+)
+
+
+class Controllable(Protocol):
+    """What the services act on: a node, and its simulated time."""
+
+    paused: bool
+    failure: str
+    seconds: float
+
+    def create_service(self, kind: Any, name: str, callback: Any) -> Any:
+        """Offer a service."""
+
+    def reset(self, *, state: bool = True, time: bool = False) -> None:
+        """Put the robot back to its start, or time, or both."""
+
+    def step(self, count: int = 1) -> None:
+        """Advance by some publish periods."""
+
+
+class SimulationServices:
+    """The services of a node that anyone can call, from packages of every ROS 2."""
+
+    def __init__(self, node: Controllable) -> None:
+        self.node = node
+        node.create_service(Trigger, '~/reset', self._on_reset)
+        node.create_service(SetBool, '~/pause', self._on_pause)
+        node.create_service(Trigger, '~/step', self._on_step)
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.node.reset()
+        response.success = True
+        response.message = f'robot is at the start of the scene at t = {self.node.seconds:g} s'
+        return response
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self.node.paused = request.data
+        response.success = not self.node.failure
+        response.message = 'paused' if self.node.paused else 'running'
+        if not response.success:
+            response.message = 'diverged: call ~/reset first'
+        return response
+
+    def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self.node.paused:
+            response.message = STILL_RUNNING
+            return response
+        self.node.step()
+        response.success = not self.node.failure
+        response.message = self.node.failure or f't = {self.node.seconds:g} s'
+        return response
+
+
+class StandardServices:
+    """The same by simulation_interfaces; a step is a publish period."""
+
+    def __init__(self, node: Controllable) -> None:
+        self.node, self.stopped = node, False
+        for name, callback in (
+            ('GetSimulatorFeatures', self._on_features),
+            ('GetSimulationState', self._on_get_state),
+            ('SetSimulationState', self._on_set_state),
+            ('ResetSimulation', self._on_reset),
+            ('StepSimulation', self._on_step),
+        ):
+            topic = ''.join('_' + c.lower() if c.isupper() else c for c in name)[1:]
+            node.create_service(getattr(standard_services, name), f'~/{topic}', callback)
+
+    @property
+    def state(self) -> int:
+        """State as the standard numbers them; stopped until it is played, paused or stepped."""
+        states = standard.SimulationState
+        if not self.node.paused and not self.node.failure:
+            return int(states.STATE_PLAYING)
+        stopped = self.stopped and self.node.seconds == 0.0
+        return int(states.STATE_STOPPED if stopped else states.STATE_PAUSED)
+
+    def _on_features(self, _: Any, response: Any) -> Any:
+        features = standard.SimulatorFeatures
+        response.features.features = [getattr(features, name) for name in FEATURES]
+        response.features.custom_info = 'snake_sim_ros: a step is one publish period'
+        return response
+
+    def _on_get_state(self, _: Any, response: Any) -> Any:
+        response.state.state = self.state
+        response.result.result = standard.Result.RESULT_OK
+        return response
+
+    def _on_set_state(self, request: Any, response: Any) -> Any:
+        states, wanted, result = standard.SimulationState, request.state.state, response.result
+        result.result = standard.Result.RESULT_OK
+        if wanted == self.state:
+            result.result = type(response).ALREADY_IN_TARGET_STATE
+        elif wanted == states.STATE_PLAYING and self.node.failure:
+            result.result = type(response).STATE_TRANSITION_ERROR
+            result.error_message = f'diverged, reset first: {self.node.failure}'
+        elif wanted in (states.STATE_PLAYING, states.STATE_PAUSED):
+            self.node.paused, self.stopped = wanted == states.STATE_PAUSED, False
+        elif wanted == states.STATE_STOPPED:
+            self.node.paused = self.stopped = True
+            self.node.reset(state=True, time=True)
+        else:
+            result.result = standard.Result.RESULT_FEATURE_UNSUPPORTED
+            result.error_message = f'state must be 0 (stopped), 1 (playing) or 2, got {wanted}'
+        return response
+
+    def _on_reset(self, request: Any, response: Any) -> Any:
+        kind = type(request)
+        scope = request.scope or kind.SCOPE_ALL
+        time, state = bool(scope & kind.SCOPE_TIME), bool(scope & kind.SCOPE_STATE)
+        response.result.result = standard.Result.RESULT_OK
+        if not time and not state:
+            response.result.result = standard.Result.RESULT_FEATURE_UNSUPPORTED
+            response.result.error_message = f'scope must have bit 1 or 2, got {scope}'
+        else:
+            self.node.reset(state=state, time=time)
+        return response
+
+    def _on_step(self, request: Any, response: Any) -> Any:
+        result = standard.Result
+        response.result.result = result.RESULT_OK
+        if not self.node.paused:
+            response.result.result = result.RESULT_OPERATION_FAILED
+            response.result.error_message = STILL_RUNNING
+            return response
+        self.node.step(request.steps)
+        if self.node.failure:
+            response.result.result = result.RESULT_OPERATION_FAILED
+            response.result.error_message = self.node.failure
+        return response
+
+
+def serve(node: Controllable) -> None:
+    """Offer all services that the installed packages allow."""
+    SimulationServices(node)
+    if standard is not None:
+        StandardServices(node)

@@ -1,0 +1,41 @@
+"""Frames on /tf, where tf2_msgs is installed: where the robot is, not its links."""
+
+from geometry_msgs.msg import TransformStamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy
+from rclpy.qos import QoSProfile
+
+from snake_sim_ros.nodes.messages import WORLD
+
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:  # not among the packages of ROS 2 on PyPI
+    TFMessage = None
+
+
+class Transforms:
+    """
+    What tf2_ros.TransformBroadcaster and its static sister publish: world, odom, base_link.
+
+    The frames of the links are left to a robot_state_publisher, which makes them from
+    ``robot_description`` and ``joint_states``.
+    """
+
+    def __init__(self, node: Node, odom: Odometry) -> None:
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.publisher = node.create_publisher(TFMessage, '/tf', 100)
+        self.static = node.create_publisher(TFMessage, '/tf_static', latched)
+        identity = TransformStamped(child_frame_id=odom.header.frame_id)
+        identity.header.frame_id = WORLD
+        self.static.publish(TFMessage(transforms=[identity]))
+        self.transform = TransformStamped(child_frame_id=odom.child_frame_id)
+        self.message = TFMessage(transforms=[self.transform])
+
+    def publish(self, odom: Odometry) -> None:
+        """Publish where the base of the robot is."""
+        self.transform.header = odom.header
+        position, moved = odom.pose.pose.position, self.transform.transform.translation
+        moved.x, moved.y, moved.z = position.x, position.y, position.z
+        self.transform.transform.rotation = odom.pose.pose.orientation
+        self.publisher.publish(self.message)

@@ -33,6 +33,7 @@ from snake_sim_ros.posture import joint_rates
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.records import quantity
 from snake_sim_ros.records import Record
+from snake_sim_ros.robot_description import element
 from snake_sim_ros.simulation import steps_in
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
@@ -106,43 +107,34 @@ def mjcf(scene: Scene, settings: MujocoSettings) -> str:
             f'{lengths[1].min():g} m and {lengths[2].min():g} m'
         )
     root = ElementTree.Element('mujoco')
-    _element(root, 'compiler', angle='radian', autolimits='true')
+    element(root, 'compiler', angle='radian', autolimits='true')
     option, pair = _contact_model(scene, settings)
-    _element(root, 'option', gravity=scene.gravity, timestep=scene.dt, cone=settings.cone,
+    element(root, 'option', gravity=scene.gravity, timestep=scene.dt, cone=settings.cone,
              integrator=settings.integrator, **option)  # fmt: skip
-    world = _element(root, 'worldbody')
-    _element(world, 'geom', name='floor', type='plane', size=(0, 0, 1), contype=0, conaffinity=0)
-    contact, actuator = _element(root, 'contact'), _element(root, 'actuator')
+    world = element(root, 'worldbody')
+    element(world, 'geom', name='floor', type='plane', size=(0, 0, 1), contype=0, conaffinity=0)
+    contact, actuator = element(root, 'contact'), element(root, 'actuator')
     q, parent = initial_coordinates(scene), world
     inertia = np.column_stack(
         [robot.per_link(f'inertia_{axis}') for axis in ('transversal', 'transversal', 'axial')]
     )
     for i, (length, radius, offset) in enumerate(zip(*lengths, strict=True)):
         if i == 0:
-            parent = _element(parent, 'body', pos=q[0, :3], quat=q[0, 3:])
-            _element(parent, 'freejoint')
+            parent = element(parent, 'body', pos=q[0, :3], quat=q[0, 3:])
+            element(parent, 'freejoint')
         else:
-            parent = _element(parent, 'body', pos=(0, 0, (lengths[0][i - 1] + length) / 2))
+            parent = element(parent, 'body', pos=(0, 0, (lengths[0][i - 1] + length) / 2))
             _joints(parent, actuator, scene, settings.drive, i - 1)
-        _element(parent, 'inertial', pos=(0, 0, 0), mass=robot.per_link('link_mass')[i],
+        element(parent, 'inertial', pos=(0, 0, 0), mass=robot.per_link('link_mass')[i],
                  diaginertia=inertia[i])  # fmt: skip
-        _element(parent, 'geom', name=f'link{i}', type='capsule', size=(radius, offset),
+        element(parent, 'geom', name=f'link{i}', type='capsule', size=(radius, offset),
                  contype=0, conaffinity=0)  # fmt: skip
-        _element(contact, 'pair', geom1='floor', geom2=f'link{i}', condim=3,
+        element(contact, 'pair', geom1='floor', geom2=f'link{i}', condim=3,
                  friction=(scene.friction.longitudinal, scene.friction.transversal),
                  **pair)  # fmt: skip
     start = np.concatenate([q[0], joint_angles(q).ravel()])
-    _element(_element(root, 'keyframe'), 'key', name='start', qpos=start)
+    element(element(root, 'keyframe'), 'key', name='start', qpos=start)
     return ElementTree.tostring(root, encoding='unicode')
-
-
-def _element(parent: ElementTree.Element, tag: str, /, **attributes: Any) -> ElementTree.Element:
-    """Append an element; numbers are written with all their digits."""
-    texts = {
-        key: value if isinstance(value, str) else ' '.join(f'{v:.17g}' for v in np.ravel(value))
-        for key, value in attributes.items()
-    }
-    return ElementTree.SubElement(parent, tag, texts)
 
 
 def _joints(
@@ -156,9 +148,9 @@ def _joints(
     ):
         name = f'{axis}{i}'
         passive = {'stiffness': K_p, 'damping': K_d} if drive == 'spring' else {}
-        _element(body, 'joint', name=name, type='hinge', pos=(0, 0, -half), axis=vector, **passive)
+        element(body, 'joint', name=name, type='hinge', pos=(0, 0, -half), axis=vector, **passive)
         affine = {'biastype': 'affine', 'biasprm': (0, -K_p, -K_d)} if drive == 'position' else {}
-        _element(actuator, 'general', joint=name, **affine)
+        element(actuator, 'general', joint=name, **affine)
 
 
 def _contact_model(

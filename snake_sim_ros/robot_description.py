@@ -1,0 +1,135 @@
+"""
+The robot as a URDF, for viewers and for whatever computes with its kinematics or its masses.
+
+The tree begins at the middle link, whose frame is that of `base_link`. Frames of `link_i` are as
+on the wire: at the center, x along the link toward the next one, y to the left and z up when the
+link lies flat. Joint coordinates are those of the model: the next link is turned against a link by
+``R_z(yaw) R_y(pitch)``. Between link 1 and the base the tree runs backward: there pitch comes
+first, and both axes are turned around.
+
+In a URDF a link has its frame at its joint. A link therefore hangs on a frame `link_i_end`, at the
+joint that leads to it. Between the two axes of a joint is `cross_i`, which has a mass only because
+parsers want one.
+
+Stiffness and damping belong to the controller and are not in it.
+"""
+
+import math
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import Robot
+
+CROSS = 1e-6  # mass and moments of inertia of a cross, over those of the link that hangs on it
+COLORS = {
+    'head': (0.80, 0.25, 0.10, 1.0),
+    'odd': (0.93, 0.69, 0.13, 1.0),
+    'even': (0.25, 0.27, 0.30, 1.0),
+}
+AXES = {'yaw': np.array([0, 0, 1]), 'pitch': np.array([0, 1, 0])}
+ALONG_X = (0.0, math.pi / 2, 0.0)  # roll, pitch and yaw of a cylinder, which is along z
+
+
+def robot_description(robot: Robot) -> str:
+    """
+    Return a robot as a URDF.
+
+    Joints are limited to the angles and rates that references may have. The effort is the largest
+    torque of the controller within these limits: reference and joint are at opposite ones. The
+    model has no limit of the torque.
+    """
+    root = ElementTree.Element('robot', name='snake_robot')
+    for name, color in COLORS.items():
+        element(element(root, 'material', name=name), 'color', rgba=color)
+    middle, half = robot.middle_link, robot.per_link('link_length') / 2
+    element(root, 'link', name='base_link')
+    for i in range(robot.link_count):
+        _add_link(root, robot, i)
+    _join(root, 'base', 'base_link', f'link_{middle + 1}', 0.0)
+    for j in range(robot.link_count - 1):
+        parent, child, sign = (j, j + 1, 1) if j >= middle else (j + 1, j, -1)
+        cross, end = f'cross_{j + 1}', f'link_{child + 1}_end'
+        _add_inertia(element(root, 'link', name=cross), CROSS * _inertia(robot, child))
+        element(root, 'link', name=end)
+        first, second = list(AXES)[::sign]
+        for axis, inner, outer, x in (
+            (first, f'link_{parent + 1}', cross, sign * half[parent]),
+            (second, cross, end, 0.0),
+        ):
+            joint = _join(root, f'joint_{j + 1}_{axis}', inner, outer, x, 'revolute')
+            element(joint, 'axis', xyz=sign * AXES[axis])
+            element(joint, 'limit', **_limits(robot, j, axis))
+        _join(root, end, end, f'link_{child + 1}', sign * half[child])
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding='unicode')
+
+
+def _add_link(root: ElementTree.Element, robot: Robot, i: int) -> None:
+    """Append link i: it looks like a capsule and touches with the spheres at its ends."""
+    link = element(root, 'link', name=f'link_{i + 1}')
+    _add_inertia(link, _inertia(robot, i))
+    radius, offset = robot.per_link('contact_radius')[i], robot.per_link('contact_offset')[i]
+    if not radius:
+        return
+    color = 'head' if i == 0 else ('odd', 'even')[i % 2]
+    for x in (offset, -offset) if offset else (0.0,):
+        for kind in ('visual', 'collision'):
+            element(_add_shape(link, kind, color, x), 'sphere', radius=radius)
+    if offset:
+        geometry = _add_shape(link, 'visual', color, 0.0)
+        element(geometry, 'cylinder', radius=radius, length=2 * offset)
+
+
+def _add_shape(link: ElementTree.Element, kind: str, color: str, x: float) -> ElementTree.Element:
+    """Append a visual or collision element along x of a link; return its geometry."""
+    shape = element(link, kind)
+    element(shape, 'origin', xyz=(x, 0, 0), rpy=ALONG_X)
+    if kind == 'visual':
+        element(shape, 'material', name=color)
+    return element(shape, 'geometry')
+
+
+def _inertia(robot: Robot, i: int) -> Array:
+    """Return mass [kg] and moments of inertia about x, y, z [kg m^2] of link i, shape (4,)."""
+    names = 'link_mass', 'inertia_axial', 'inertia_transversal', 'inertia_transversal'
+    return np.array([robot.per_link(name)[i] for name in names])
+
+
+def _add_inertia(link: ElementTree.Element, inertia: Array) -> None:
+    """Append mass and moments of inertia to a link, as `_inertia` returns them."""
+    mass, ixx, iyy, izz = inertia
+    inertial = element(link, 'inertial')
+    element(inertial, 'mass', value=mass)
+    element(inertial, 'inertia', ixx=ixx, iyy=iyy, izz=izz, ixy=0, ixz=0, iyz=0)
+
+
+def _join(
+    root: ElementTree.Element, name: str, parent: str, child: str, x: float, kind: str = 'fixed'
+) -> ElementTree.Element:
+    """Append a joint whose frame is at x of the parent [m]."""
+    joint = element(root, 'joint', name=name, type=kind)
+    element(joint, 'parent', link=parent)
+    element(joint, 'child', link=child)
+    element(joint, 'origin', xyz=(x, 0, 0))
+    return joint
+
+
+def _limits(robot: Robot, j: int, axis: str) -> dict[str, float]:
+    """Return the limits of an axis of joint j [rad], [rad/s], [N m]."""
+    angle, rate = robot.joint_limit, robot.joint_rate_limit
+    k = list(AXES).index(axis)
+    stiffness, damping = (robot.per_joint(name)[j, k] for name in ('stiffness', 'damping'))
+    effort = 2 * (stiffness * angle + damping * rate)
+    return {'lower': -angle, 'upper': angle, 'velocity': rate, 'effort': effort}
+
+
+def element(parent: ElementTree.Element, tag: str, /, **attributes: Any) -> ElementTree.Element:
+    """Append an element; numbers are written with all their digits."""
+    texts = {
+        key: value if isinstance(value, str) else ' '.join(map(str, np.ravel(value).tolist()))
+        for key, value in attributes.items()
+    }
+    return ElementTree.SubElement(parent, tag, texts)

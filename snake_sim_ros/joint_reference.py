@@ -46,8 +46,8 @@ class Motion:
     def without(self, axes: Array) -> 'Motion':
         """Return the motion of all axes but some."""
         keep = ~np.isin(self.axes, axes)
-        parts = (PPoly(part.c[..., keep], part.x) for part in (self.angle, self.rate))
-        return Motion(self.axes[keep], *parts)
+        angle, rate = (PPoly(part.c[..., keep], part.x) for part in (self.angle, self.rate))
+        return Motion(self.axes[keep], angle, rate)
 
 
 def motion_through(axes: Array, times: Array, angle: Array, rate: Array | None) -> Motion:
@@ -121,7 +121,7 @@ class JointReference:
         for motion in self.motions:
             begun, axes = times >= motion.begin, motion.axes
             at = np.minimum(times, motion.end)[begun]
-            moving = (times <= motion.end)[begun, None]
+            moving = (times < motion.end)[begun, None]
             angle.reshape(len(times), -1)[np.ix_(begun, axes)] = motion.angle(at)
             rate.reshape(len(times), -1)[np.ix_(begun, axes)] = moving * motion.rate(at)
         inside = np.abs(angle) <= limit

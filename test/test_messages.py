@@ -1,20 +1,12 @@
 """Messages from and to physics, without any node."""
 
-from array import array
-import math
-
-from builtin_interfaces.msg import Time
 import numpy as np
 import pytest
 from random_states import random_parameters
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import JointState
 
-from snake_sim_ros.joint_reference import JointReference
 from snake_sim_ros.nodes.messages import command_message
 from snake_sim_ros.nodes.messages import joint_names
-from snake_sim_ros.nodes.messages import reference_from
-from snake_sim_ros.nodes.messages import RejectedCommand
 from snake_sim_ros.nodes.messages import seconds_from
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.messages import StateMessages
@@ -36,8 +28,8 @@ def wire_matrix(orientation):
     return rotation_matrices(np.array([o.w, o.x, o.y, o.z]))
 
 
-def filled(state, robot=ROBOT):
-    messages = StateMessages(robot)
+def filled(state, robot=ROBOT, frame_prefix=''):
+    messages = StateMessages(robot, frame_prefix)
     axes = np.arange(2.0 * (robot.link_count - 1)).reshape(-1, 2)
     messages.fill(stamp_from(5_000_000), state, axes, axes + 100, axes + 200)
     return messages
@@ -92,8 +84,8 @@ def test_twist_is_that_of_the_middle_link_in_its_frame(state):
     assert axes @ [v.x, v.y, v.z] == pytest.approx(state.u[5, :3], abs=4 * ROUNDING)
     # The angular velocity of physics is in frame B.
     assert axes @ [w.x, w.y, w.z] == pytest.approx(R @ state.u[5, 3:], abs=4 * ROUNDING)
-    assert odom.child_frame_id == 'link_6'
-    assert odom.header.frame_id == 'world'
+    assert odom.child_frame_id == 'base_link'
+    assert odom.header.frame_id == 'odom'
 
 
 def test_messages_hold_floats_and_one_stamp(state):
@@ -115,13 +107,20 @@ def test_messages_hold_floats_and_one_stamp(state):
     assert (np.array(positions) == state.q[:, :3]).all()
 
 
+def test_frames_of_one_robot_of_several_have_a_prefix(state):
+    messages = filled(state, frame_prefix='aiko/')
+    assert messages.odom.header.frame_id == 'aiko/odom'
+    assert messages.odom.child_frame_id == 'aiko/base_link'
+    assert messages.link_poses.header.frame_id == 'world'
+
+
 def test_messages_of_a_robot_with_other_links():
     robot = load_scene('slender_undulation').robot
     state = State(np.tile([0.0, 0.0, 0.03, *FLAT], (20, 1)), np.zeros((20, 6)))
     messages = filled(state, robot)
     assert list(messages.joint_states.name) == joint_names(20)
     assert len(messages.link_poses.poses) == 20
-    assert messages.odom.child_frame_id == 'link_11'
+    assert messages.odom.pose.pose == messages.link_poses.poses[10]
 
 
 def test_values_of_links_and_joints_are_lists_to_ros():
@@ -153,153 +152,3 @@ def test_command_has_all_joints():
     assert list(message.position) == angle.ravel().tolist()
     assert list(message.velocity) == (-angle).ravel().tolist()
     assert message.header.stamp == stamp_from(3)
-
-
-@pytest.fixture
-def last():
-    axes = (10, 2)
-    return JointReference(np.full(axes, 4.9), np.full(axes, 0.1), np.full(axes, 0.5))
-
-
-NOW = 5.0  # s
-
-
-def command(names=NAMES, position=None, velocity=None, stamp=0.0):
-    position = [0.2] * len(names) if position is None else position
-    message = JointState(
-        name=list(names), position=array('d', position), velocity=array('d', velocity or [])
-    )
-    message.header.stamp = stamp_from(round(stamp * 1e9))
-    return message
-
-
-def test_command_replaces_only_the_joints_that_it_names(last):
-    names = ['joint_7_pitch', 'joint_2_yaw']
-    taken = reference_from(command(names, [0.3, -0.4], [1.0, -2.0]), last, ROBOT, NOW)
-    expected = np.full((10, 2), 0.1)
-    expected[6, 1], expected[1, 0] = 0.3, -0.4
-    rates = np.full((10, 2), 0.5)
-    rates[6, 1], rates[1, 0] = 1.0, -2.0
-    stamps = np.full((10, 2), 4.9)
-    stamps[6, 1] = stamps[1, 0] = NOW
-    assert (taken.angle == expected).all()
-    assert (taken.rate == rates).all()
-    assert (taken.stamp == stamps).all()
-    # What was there before is another object, as it was.
-    assert (last.angle == 0.1).all()
-
-
-def test_command_without_velocity_stands_still(last):
-    taken = reference_from(command(), last, ROBOT, NOW)
-    assert not taken.rate.any()
-    assert (taken.angle == 0.2).all()
-
-
-@pytest.mark.parametrize(
-    ('stamp', 'meant'),
-    [
-        (0.0, NOW),
-        (4.95, 4.95),
-        (5.0, NOW),
-        (5.2, NOW),  # of the future
-        (1.8e9, NOW),  # of the wall clock
-    ],
-)
-def test_time_of_a_command(last, stamp, meant):
-    taken = reference_from(command(stamp=stamp), last, ROBOT, NOW)
-    assert taken.stamp == pytest.approx(np.full((10, 2), meant), abs=1e-12)
-
-
-def test_negative_stamp_is_of_another_clock(last):
-    message = command()
-    message.header.stamp = Time(sec=-3)
-    assert (reference_from(message, last, ROBOT, NOW).stamp == NOW).all()
-
-
-def test_limits_themselves_are_taken(last):
-    limit, rate = ROBOT.joint_limit, ROBOT.joint_rate_limit
-    taken = reference_from(command(position=[-limit] * 20, velocity=[rate] * 20), last, ROBOT, NOW)
-    assert (taken.angle == -limit).all()
-    assert (taken.rate == rate).all()
-
-
-TWENTY = [0.1] * 20
-REJECTED = {
-    'no names': (
-        command([], TWENTY),
-        'no names',
-        'joint_command names no joints; name some of joint_1_yaw to joint_10_pitch',
-    ),
-    'unknown name': (
-        command(['joint_1_yaw', 'joint_11_yaw']),
-        'name',
-        "joint_command: unknown joint 'joint_11_yaw'; did you mean joint_1_yaw?",
-    ),
-    'strange name': (
-        command(['?']),
-        'name',
-        "joint_command: unknown joint '?'; joints are joint_1_yaw to joint_10_pitch",
-    ),
-    'twice': (
-        command(['joint_3_yaw', 'joint_1_yaw', 'joint_3_yaw']),
-        'twice',
-        'joint_command names joint joint_3_yaw more than once',
-    ),
-    'no positions': (
-        command(position=[], velocity=TWENTY),
-        'length',
-        'joint_command must have one position a name: got 0 positions for 20 names',
-    ),
-    'too many positions': (
-        command(['joint_1_yaw'], TWENTY),
-        'length',
-        'joint_command must have one position a name: got 20 positions for 1 names',
-    ),
-    'too few velocities': (
-        command(velocity=TWENTY[:3]),
-        'length',
-        'joint_command must have no velocity or one a name: got 3 velocities for 20 names',
-    ),
-    'position not a number': (
-        command(position=[*TWENTY[:19], math.nan]),
-        'not finite',
-        'joint_command: position of joint_10_pitch must be finite, got nan',
-    ),
-    'velocity infinite': (
-        command(velocity=[math.inf, *TWENTY[:19]]),
-        'not finite',
-        'joint_command: velocity of joint_1_yaw must be finite, got inf',
-    ),
-    'position out of range': (
-        command(['joint_5_yaw'], [-0.8]),
-        'position range',
-        'joint_command: position of joint_5_yaw must be within +-0.7854 rad, got -0.8 rad',
-    ),
-    'velocity out of range': (
-        command(['joint_5_pitch'], [0.0], [10.5]),
-        'velocity range',
-        'joint_command: velocity of joint_5_pitch must be within +-10 rad/s, got 10.5 rad/s',
-    ),
-    'late': (
-        command(stamp=4.5),
-        'late',
-        'joint_command is late: stamped 4.5000 s, after one of 4.9000 s was taken',
-    ),
-}
-
-
-@pytest.mark.parametrize('title', REJECTED)
-def test_rejected_commands(last, title):
-    message, kind, sentence = REJECTED[title]
-    before = [part.copy() for part in (last.stamp, last.angle, last.rate)]
-    with pytest.raises(RejectedCommand) as error:
-        reference_from(message, last, ROBOT, NOW)
-    assert (error.value.kind, str(error.value)) == (kind, sentence)
-    for part, old in zip((last.stamp, last.angle, last.rate), before, strict=True):
-        assert (part == old).all()
-
-
-def test_late_is_a_matter_of_the_named_joints(last):
-    last.stamp[0] = 4.0
-    taken = reference_from(command(['joint_1_yaw'], stamp=4.5), last, ROBOT, NOW)
-    assert taken.stamp[0, 0] == pytest.approx(4.5, abs=1e-12)

@@ -147,7 +147,9 @@ def topics_in(entry):
     return {entry.partition('.')[0]} if isinstance(entry, str) and entry[:1] == '/' else set()
 
 
-@pytest.mark.parametrize(('name', 'read'), [('aiko.rviz', yaml.safe_load), ('foxglove.json', json.loads)])
+@pytest.mark.parametrize(
+    ('name', 'read'), [('aiko.rviz', yaml.safe_load), ('foxglove.json', json.loads)]
+)
 def test_viewers_are_told_topics_that_exist(name, read):
     entry = read((CONFIG / name).read_text(encoding='utf-8'))
     topics = topics_in(entry)

@@ -282,7 +282,7 @@ def _check_speeds(
         piece, worst = np.unravel_index(int(speed.argmax()), speed.shape)
         raise RejectedCommand(
             'velocity range',
-            f'{topic}: {names[worst]} would move at {speed[piece, worst]:.4g} rad/s until '
+            f'{topic}: {names[int(worst)]} would move at {speed[piece, worst]:.4g} rad/s until '
             f't = {times[piece + 1]:.4f} s; at most {limit:.4g} rad/s',
         )
 
@@ -291,8 +291,8 @@ def _clamped(topic: str, names: Sequence[str], angle: Array, limit: float) -> tu
     """Return angles within the limit, shape (..., joints), and the sentence about the worst."""
     if np.abs(angle).max() <= limit:
         return angle, ''
-    worst = np.unravel_index(int(np.abs(angle).argmax()), angle.shape)
+    worst = int(np.abs(angle).argmax())
     return np.clip(angle, -limit, limit), (
-        f'{topic}: position of {names[worst[-1]]} is clamped to the joint limit, +-{limit:.4g} '
-        f'rad; got {angle[worst]:.4g} rad'
+        f'{topic}: position of {names[worst % len(names)]} is clamped to the joint limit, '
+        f'+-{limit:.4g} rad; got {angle.flat[worst]:.4g} rad'
     )

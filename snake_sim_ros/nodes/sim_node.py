@@ -42,7 +42,6 @@ from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.running import make_executor
 from snake_sim_ros.nodes.running import run_node
 from snake_sim_ros.nodes.simulation_services import serve
-from snake_sim_ros.nodes.transforms import TFMessage
 from snake_sim_ros.nodes.transforms import Transforms
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import with_settings
@@ -149,7 +148,7 @@ class SimNode(Node):
             self.description = self.create_publisher(String, 'robot_description', LATCHED)
             self.description.publish(String(data=robot_description(scene.robot)))
         self.transforms = None
-        if self.settings.publish_tf and TFMessage is not None:
+        if self.settings.publish_tf and Transforms.available:
             self.transforms = Transforms(self, self.messages.odom)
         elif self.settings.publish_tf:
             self.get_logger().info('no /tf: the package tf2_msgs is not installed')
@@ -347,12 +346,8 @@ class SimNode(Node):
             for item in parameters
             if item.name in CHANGEABLE
         }
-        own = flat_fields(self.settings)
-        settings = replace(self.settings, **{n: v for n, v in given.items() if n in own})
-        scene = with_settings(
-            self.simulation.scene, {n: v for n, v in given.items() if n not in own}
-        )
-        return settings, scene
+        own: dict[str, Any] = {n: given.pop(n) for n in flat_fields(self.settings) if n in given}
+        return replace(self.settings, **own), with_settings(self.simulation.scene, given)
 
     def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         try:

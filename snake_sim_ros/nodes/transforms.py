@@ -22,6 +22,8 @@ class Transforms:
     ``robot_description`` and ``joint_states``.
     """
 
+    available = TFMessage is not None
+
     def __init__(self, node: Node, odom: Odometry) -> None:
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.publisher = node.create_publisher(TFMessage, '/tf', 100)

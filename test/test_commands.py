@@ -1,0 +1,419 @@
+"""What the joints are told after a message, without any node."""
+
+from array import array
+import math
+
+from builtin_interfaces.msg import Duration
+from builtin_interfaces.msg import Time
+import numpy as np
+import pytest
+from scipy.interpolate import CubicHermiteSpline
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+from snake_sim_ros.joint_reference import JointReference
+from snake_sim_ros.nodes.commands import joint_command
+from snake_sim_ros.nodes.commands import joint_trajectory
+from snake_sim_ros.nodes.commands import position_commands
+from snake_sim_ros.nodes.commands import RejectedCommand
+from snake_sim_ros.nodes.messages import joint_names
+from snake_sim_ros.nodes.messages import stamp_from
+from snake_sim_ros.parameters import Robot
+
+ROBOT = Robot()
+NAMES = joint_names(11)
+LIMIT = ROBOT.joint_limit
+HORIZON = 0.05  # s
+
+
+@pytest.fixture
+def last():
+    axes = (10, 2)
+    return JointReference(np.full(axes, 4.9), np.full(axes, 0.1), np.full(axes, 0.5))
+
+
+NOW = 5.0  # s
+
+
+def command(names=NAMES, position=None, velocity=None, stamp=0.0):
+    position = [0.2] * len(names) if position is None else position
+    message = JointState(
+        name=list(names), position=array('d', position), velocity=array('d', velocity or [])
+    )
+    message.header.stamp = stamp_from(round(stamp * 1e9))
+    return message
+
+
+def test_command_replaces_only_the_joints_that_it_names(last):
+    names = ['joint_7_pitch', 'joint_2_yaw']
+    taken = joint_command(command(names, [0.3, -0.4], [1.0, -2.0]), last, ROBOT, NOW).reference
+    expected = np.full((10, 2), 0.1)
+    expected[6, 1], expected[1, 0] = 0.3, -0.4
+    rates = np.full((10, 2), 0.5)
+    rates[6, 1], rates[1, 0] = 1.0, -2.0
+    stamps = np.full((10, 2), 4.9)
+    stamps[6, 1] = stamps[1, 0] = NOW
+    assert (taken.angle == expected).all()
+    assert (taken.rate == rates).all()
+    assert (taken.stamp == stamps).all()
+    # What was there before is another object, as it was.
+    assert (last.angle == 0.1).all()
+
+
+def test_command_without_velocity_stands_still(last):
+    taken = joint_command(command(), last, ROBOT, NOW).reference
+    assert not taken.rate.any()
+    assert (taken.angle == 0.2).all()
+
+
+@pytest.mark.parametrize(
+    ('stamp', 'meant'),
+    [
+        (0.0, NOW),
+        (4.95, 4.95),
+        (5.0, NOW),
+        (5.2, NOW),  # of the future
+        (1.8e9, NOW),  # of the wall clock
+    ],
+)
+def test_time_of_a_command(last, stamp, meant):
+    taken = joint_command(command(stamp=stamp), last, ROBOT, NOW).reference
+    assert taken.stamp == pytest.approx(np.full((10, 2), meant), abs=1e-12)
+
+
+def test_negative_stamp_is_of_another_clock(last):
+    message = command()
+    message.header.stamp = Time(sec=-3)
+    assert (joint_command(message, last, ROBOT, NOW).reference.stamp == NOW).all()
+
+
+def test_limits_themselves_are_taken(last):
+    limit, rate = ROBOT.joint_limit, ROBOT.joint_rate_limit
+    taken = joint_command(
+        command(position=[-limit] * 20, velocity=[rate] * 20), last, ROBOT, NOW
+    ).reference
+    assert (taken.angle == -limit).all()
+    assert (taken.rate == rate).all()
+
+
+TWENTY = [0.1] * 20
+REJECTED = {
+    'no names': (
+        command([], TWENTY),
+        'no names',
+        'joint_command names no joints; name some of joint_1_yaw to joint_10_pitch',
+    ),
+    'unknown name': (
+        command(['joint_1_yaw', 'joint_11_yaw']),
+        'name',
+        "joint_command: unknown joint 'joint_11_yaw'; did you mean joint_1_yaw?",
+    ),
+    'strange name': (
+        command(['?']),
+        'name',
+        "joint_command: unknown joint '?'; joints are joint_1_yaw to joint_10_pitch",
+    ),
+    'twice': (
+        command(['joint_3_yaw', 'joint_1_yaw', 'joint_3_yaw']),
+        'twice',
+        'joint_command names joint joint_3_yaw more than once',
+    ),
+    'no positions': (
+        command(position=[], velocity=TWENTY),
+        'length',
+        'joint_command must have one position a name: got 0 positions for 20 names',
+    ),
+    'too many positions': (
+        command(['joint_1_yaw'], TWENTY),
+        'length',
+        'joint_command must have one position a name: got 20 positions for 1 names',
+    ),
+    'too few velocities': (
+        command(velocity=TWENTY[:3]),
+        'length',
+        'joint_command must have no velocity or one a name: got 3 velocities for 20 names',
+    ),
+    'position not a number': (
+        command(position=[*TWENTY[:19], math.nan]),
+        'not finite',
+        'joint_command: position of joint_10_pitch must be finite, got nan',
+    ),
+    'velocity infinite': (
+        command(velocity=[math.inf, *TWENTY[:19]]),
+        'not finite',
+        'joint_command: velocity of joint_1_yaw must be finite, got inf',
+    ),
+    'velocity out of range': (
+        command(['joint_5_pitch'], [0.0], [10.5]),
+        'velocity range',
+        'joint_command: velocity of joint_5_pitch must be within +-10 rad/s, got 10.5 rad/s',
+    ),
+    'late': (
+        command(stamp=4.5),
+        'late',
+        'joint_command is late: stamped 4.5000 s, after one of 4.9000 s was taken',
+    ),
+}
+
+
+@pytest.mark.parametrize('title', REJECTED)
+def test_rejected_commands(last, title):
+    message, kind, sentence = REJECTED[title]
+    before = [part.copy() for part in (last.stamp, last.angle, last.rate)]
+    with pytest.raises(RejectedCommand) as error:
+        joint_command(message, last, ROBOT, NOW)
+    assert (error.value.kind, str(error.value)) == (kind, sentence)
+    for part, old in zip((last.stamp, last.angle, last.rate), before, strict=True):
+        assert (part == old).all()
+
+
+def test_late_is_a_matter_of_the_named_joints(last):
+    last.stamp[0] = 4.0
+    taken = joint_command(command(['joint_1_yaw'], stamp=4.5), last, ROBOT, NOW).reference
+    assert taken.stamp[0, 0] == pytest.approx(4.5, abs=1e-12)
+
+
+def test_position_beyond_the_joint_limit_is_clamped_and_said(last):
+    message = command(['joint_5_yaw', 'joint_6_yaw'], [-0.8, 0.79], [-1.0, 0.0])
+    taken = joint_command(message, last, ROBOT, NOW)
+    assert taken.reference.angle[4:6, 0].tolist() == [-LIMIT, LIMIT]
+    assert taken.clamped == (
+        'joint_command: position of joint_5_yaw is clamped to the joint limit, +-0.7854 rad; '
+        'got -0.8 rad'
+    )
+    assert not joint_command(command(), last, ROBOT, NOW).clamped
+
+
+# ---- position_commands --------------------------------------------------------------------------
+
+
+def test_position_commands_are_of_all_joints_in_order(last):
+    taken = position_commands(Float64MultiArray(data=np.arange(20) / 30), last, ROBOT, NOW)
+    assert (taken.reference.angle.ravel() == np.arange(20) / 30).all()
+    assert not taken.reference.rate.any()
+    assert (taken.reference.stamp == NOW).all()
+    clamped = position_commands(Float64MultiArray(data=[1.0] * 20), last, ROBOT, NOW)
+    assert (clamped.reference.angle == LIMIT).all()
+    assert clamped.clamped.startswith('position_commands: position of joint_1_yaw is clamped')
+
+
+@pytest.mark.parametrize(
+    ('data', 'sentence'),
+    [
+        (TWENTY[:19], 'must have 20 numbers, joint_1_yaw to joint_10_pitch; got 19'),
+        ([], 'must have 20 numbers, joint_1_yaw to joint_10_pitch; got 0'),
+        ([*TWENTY[:19], math.inf], ': position of joint_10_pitch must be finite, got inf'),
+    ],
+)
+def test_rejected_position_commands(last, data, sentence):
+    with pytest.raises(RejectedCommand, match='position_commands') as error:
+        position_commands(Float64MultiArray(data=data), last, ROBOT, NOW)
+    assert sentence in str(error.value)
+
+
+# ---- joint_trajectory ---------------------------------------------------------------------------
+
+
+def trajectory(names, *points, stamp=0.0):
+    """Return a trajectory of points (time from start, positions, velocities or nothing)."""
+    message = JointTrajectory(joint_names=names)
+    message.header.stamp = stamp_from(round(stamp * 1e9))
+    for time, positions, *velocities in points:
+        point = JointTrajectoryPoint(
+            positions=positions, velocities=velocities[0] if velocities else []
+        )
+        whole = math.floor(time)
+        point.time_from_start = Duration(sec=whole, nanosec=round((time - whole) * 1e9))
+        message.points.append(point)
+    return message
+
+
+def taken_trajectory(*arguments, last, now=NOW, stamp=0.0):
+    message = trajectory(*arguments, stamp=stamp)
+    return joint_trajectory(message, last, ROBOT, now, HORIZON).reference
+
+
+YAW = ['joint_1_yaw', 'joint_3_yaw']
+JOINTS = ([0, 2], [0, 0])  # which joints these are, and which axes of them
+
+
+@pytest.fixture
+def still():
+    axes = (10, 2)
+    return JointReference(np.full(axes, 4.9), np.full(axes, 0.1), np.zeros(axes))
+
+
+def sampled(reference, times):
+    return [
+        part[:, JOINTS[0], JOINTS[1]] for part in reference.sample(np.array(times), HORIZON, LIMIT)
+    ]
+
+
+def test_points_without_velocities_are_joined_by_lines(still):
+    points = (1.0, [0.3, -0.1]), (2.0, [0.3, 0.5])
+    reference = taken_trajectory(YAW, *points, last=still)
+    angle, rate = sampled(reference, [NOW, NOW + 0.5, NOW + 1.0, NOW + 1.25, NOW + 2.0, NOW + 9])
+    expected = [[0.1, 0.1], [0.2, 0.0], [0.3, -0.1], [0.3, 0.05], [0.3, 0.5], [0.3, 0.5]]
+    assert angle == pytest.approx(np.array(expected), abs=1e-12)
+    assert rate[[1, 3, 5]] == pytest.approx(np.array([[0.2, -0.2], [0, 0.6], [0, 0]]), abs=1e-12)
+    # The others hold what they had.
+    assert (reference.sample(np.array([NOW + 1.0]), HORIZON, LIMIT)[0][0, 4] == 0.1).all()
+
+
+def test_points_with_velocities_are_joined_by_cubics(last):
+    # It begins with the angle and the rate that the joints are told at that time, 0.1 + 0.05 * 0.5
+    # and, after the horizon, 0.
+    points = (0.5, [0.3, 0.0], [0.4, -0.3]), (1.5, [-0.2, 0.2], [0.0, 0.0])
+    reference = taken_trajectory(YAW, *points, last=last, stamp=NOW + 0.2)
+    knots = NOW + 0.2 + np.array([0.0, 0.5, 1.5])
+    curve = CubicHermiteSpline(
+        knots,
+        [[0.125, 0.125], [0.3, 0.0], [-0.2, 0.2]],
+        [[0, 0], [0.4, -0.3], [0, 0]],
+    )
+    times = np.linspace(knots[0], knots[-1], 61)
+    angle, rate = sampled(reference, times)
+    assert angle == pytest.approx(curve(times), abs=1e-12)
+    assert rate == pytest.approx(curve(times, 1), abs=1e-12)
+    # Until its begin the joints go on with what they were told.
+    before, _ = sampled(reference, [NOW, NOW + 0.19])
+    assert before == pytest.approx(np.array([[0.125] * 2, [0.125] * 2]), abs=1e-12)
+
+
+def test_new_trajectory_replaces_from_its_begin_on_and_only_its_joints(still):
+    first = taken_trajectory(YAW, (2.0, [0.5, 0.5]), last=still)
+    # Later by a second: until then the first one goes on, and joint_3_yaw all the way.
+    second = taken_trajectory(['joint_1_yaw'], (1.0, [0.0]), last=first, stamp=NOW + 1.0)
+    times = NOW + np.array([0.5, 1.0, 1.5, 2.0, 3.0])
+    angle, _ = sampled(second, times)
+    assert angle[:, 0] == pytest.approx([0.2, 0.3, 0.15, 0.0, 0.0], abs=1e-12)
+    assert angle[:, 1] == pytest.approx([0.2, 0.3, 0.4, 0.5, 0.5], abs=1e-12)
+    # A third one that begins before the second makes that one void.
+    third = taken_trajectory(['joint_1_yaw'], (1.0, [0.6]), last=second, now=NOW + 0.5)
+    angle, _ = sampled(third, times)
+    assert angle[:, 0] == pytest.approx([0.2, 0.4, 0.6, 0.6, 0.6], abs=1e-12)
+
+
+def test_points_in_the_past_are_dropped(still):
+    # The stamp is 0.5 s old: from 0.1 now, not through 0.9, to -0.3 at its time.
+    points = (0.2, [0.9, 0.9]), (1.0, [-0.3, 0.5])
+    reference = taken_trajectory(YAW, *points, last=still, stamp=NOW - 0.5)
+    angle, _ = sampled(reference, [NOW, NOW + 0.25, NOW + 0.5])
+    assert angle == pytest.approx(np.array([[0.1, 0.1], [-0.1, 0.3], [-0.3, 0.5]]), abs=1e-12)
+
+
+def test_first_point_at_the_start_is_a_step(still):
+    reference = taken_trajectory(YAW, (0.0, [0.4, 0.3]), last=still)
+    angle, rate = sampled(reference, [NOW, NOW + 0.0005, NOW + 1.0])
+    assert angle == pytest.approx(np.array([[0.4, 0.3]] * 3), abs=1e-12)
+    assert not rate.any()
+
+
+def test_joint_command_takes_its_joints_from_a_trajectory(still):
+    moving = taken_trajectory(YAW, (2.0, [0.5, 0.5]), last=still)
+    message = command(['joint_1_yaw'], [-0.2])
+    reference = joint_command(message, moving, ROBOT, NOW + 1.0).reference
+    angle, _ = sampled(reference, [NOW + 1.5])
+    assert angle[0] == pytest.approx([-0.2, 0.4], abs=1e-12)
+
+
+def test_trajectory_beyond_the_joint_limit_is_clamped(still):
+    message = trajectory(YAW, (1.0, [0.2, -1.5]))
+    taken = joint_trajectory(message, still, ROBOT, NOW, HORIZON)
+    assert taken.clamped == (
+        'joint_trajectory: position of joint_3_yaw is clamped to the joint limit, +-0.7854 rad; '
+        'got -1.5 rad'
+    )
+    assert sampled(taken.reference, [NOW + 2])[0][0] == pytest.approx([0.2, -LIMIT], abs=1e-12)
+
+
+REJECTED_TRAJECTORIES = {
+    'no points': (trajectory(YAW), 'joint_trajectory has no points'),
+    'no names': (trajectory([], (1.0, [])), 'joint_trajectory names no joints; name some of '),
+    'unknown': (
+        trajectory(['joint_1'], (1.0, [0.1])),
+        "joint_trajectory: unknown joint 'joint_1'; did you mean joint_1_yaw?",
+    ),
+    'too few positions': (
+        trajectory(YAW, (1.0, [0.1, 0.2]), (2.0, [0.1])),
+        'joint_trajectory: point 2 must have 2 positions, got 1',
+    ),
+    'velocities missing': (
+        trajectory(YAW, (1.0, [0.1, 0.2], [0.0, 0.0]), (2.0, [0.1, 0.1])),
+        'joint_trajectory: point 2 must have 2 velocities, got 0',
+    ),
+    'velocities too many': (
+        trajectory(YAW, (1.0, [0.1, 0.2]), (2.0, [0.1, 0.1], [0.0, 0.0])),
+        'joint_trajectory: point 2 must have 0 velocities, got 2',
+    ),
+    'not increasing': (
+        trajectory(YAW, (1.0, [0.1, 0.2]), (1.0, [0.1, 0.1])),
+        'increase from point to point, got 1 s after 1 s at point 2',
+    ),
+    'negative time': (
+        trajectory(YAW, (-1.0, [0.1, 0.2])),
+        'must be at least 0 s and increase from point to point, got -1 s after 0 s at point 1',
+    ),
+    'not finite': (
+        trajectory(YAW, (1.0, [0.1, math.nan])),
+        'joint_trajectory: position of joint_3_yaw must be finite, got nan',
+    ),
+    'moving at the end': (
+        trajectory(YAW, (1.0, [0.1, 0.2], [0.0, 0.5])),
+        'velocities of the last point must be 0 rad/s, got 0.5 rad/s for joint_3_yaw',
+    ),
+    'velocity out of range': (
+        trajectory(YAW, (1.0, [0.1, 0.2], [20.0, 0.0]), (2.0, [0.1, 0.2], [0.0, 0.0])),
+        'velocity of joint_1_yaw must be within +-10 rad/s, got 20 rad/s',
+    ),
+    'too fast': (
+        trajectory(YAW, (0.5, [0.1, 0.1]), (0.51, [0.1, 0.4])),
+        'joint_trajectory: joint_3_yaw would move at 30 rad/s until t = 5.5100 s; at most 10',
+    ),
+    'late': (
+        trajectory(YAW, (1.0, [0.1, 0.1]), stamp=3.0),
+        'joint_trajectory is late: its last point is at 4.0000 s, it is 5.0000 s',
+    ),
+    'of the wall clock': (
+        trajectory(YAW, (1.0, [0.1, 0.1]), stamp=1.8e9),
+        'joint_trajectory must begin within an hour of simulated time 5.0000 s, got a stamp of ',
+    ),
+}
+
+
+@pytest.mark.parametrize('title', REJECTED_TRAJECTORIES)
+def test_rejected_trajectories(still, title):
+    message, sentence = REJECTED_TRAJECTORIES[title]
+    with pytest.raises(RejectedCommand) as error:
+        joint_trajectory(message, still, ROBOT, NOW, HORIZON)
+    assert sentence in str(error.value)
+
+
+def test_streamed_trajectories_do_not_pile_up(still):
+    reference = still
+    for k in range(50):
+        now = NOW + 0.01 * k
+        reference = taken_trajectory(YAW, (1.0, [0.3, 0.3]), last=reference, now=now).settled(now)
+    assert len(reference.motions) == 1
+    over = reference.settled(NOW + 2.0)
+    assert not over.motions
+    assert over.angle[JOINTS] == pytest.approx([0.3, 0.3], abs=1e-12)
+
+
+def test_settling_changes_nothing(still):
+    reference = taken_trajectory(YAW, (0.4, [0.5, 0.5]), (0.8, [0.2, 0.6]), last=still)
+    reference = taken_trajectory(['joint_3_yaw'], (0.3, [0.0]), last=reference, stamp=NOW + 0.2)
+    reference = taken_trajectory(['joint_5_pitch'], (0.1, [0.0]), last=reference, stamp=NOW + 0.6)
+    settled = reference
+    for now in NOW + np.arange(0.0, 1.0, 0.05):
+        settled = settled.settled(now)
+        times = now + np.linspace(0.0, 0.05, 5)
+        for part, expected in zip(
+            settled.sample(times, HORIZON, LIMIT),
+            reference.sample(times, HORIZON, LIMIT),
+            strict=True,
+        ):
+            assert (part == expected).all()
+    assert not settled.motions

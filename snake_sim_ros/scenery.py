@@ -126,7 +126,9 @@ def tangents(normal: Array, axis: Array) -> tuple[Array, Array]:
     return e_x, np.cross(normal, e_x)
 
 
-def contact_geometry(scene: Scene, q: Array) -> tuple[Array, Array, Array]:
+def contact_geometry(
+    scene: Scene, q: Array, wanted: Array | None = None
+) -> tuple[Array, Array, Array]:
     """
     Return gaps, levers and frames of all contacts of a scene.
 
@@ -134,11 +136,13 @@ def contact_geometry(scene: Scene, q: Array) -> tuple[Array, Array, Array]:
     ----------
     scene : Scene
     q : ndarray, shape (n, 7)
+    wanted : ndarray of bool, shape (contacts,), optional
+        Contacts to look at, with those of the same sphere on the ground; default: all.
 
     Returns
     -------
     gap : ndarray, shape (contacts,)
-        [m]; infinite where a neighbor is not higher.
+        [m]; infinite where a neighbor is not higher, and of contacts that are not wanted.
     lever : ndarray, shape (contacts, 3)
         Link center to contact point [m, frame I].
     frame : ndarray, shape (contacts, 3, 3)
@@ -148,12 +152,15 @@ def contact_geometry(scene: Scene, q: Array) -> tuple[Array, Array, Array]:
     robot, count = scene.robot, contact_count(scene)
     n, R = robot.link_count, rotation_matrices(q[:, 3:])
     gap, lever, frame = np.full(count, np.inf), np.zeros((count, 3)), np.zeros((count, 3, 3))
+    wanted = np.ones(count, dtype=bool) if wanted is None else wanted
     offset, radius = robot.per_link('contact_offset'), robot.per_link('contact_radius')
     for i in range(n):
         axis = R[i] @ E_Z
         for side, sign in enumerate((1, -1)):
             arm = sign * offset[i] * axis
             slots = (side, *(2 + BESIDE // 2 * side + k for k in range(BESIDE // 2)))
+            if not any(wanted[slot * n + i] for slot in slots if slot * n < first_peg(scene)):
+                continue
             points = nearest_points(scene.ground, q[i, :3] + arm)
             for slot, point in zip(slots, points, strict=True):
                 if point is None:
@@ -167,6 +174,8 @@ def contact_geometry(scene: Scene, q: Array) -> tuple[Array, Array, Array]:
                 frame[a] = normal, *tangents(normal, axis)
         for k, (x, y, peg_radius) in enumerate(scene.pegs.axes):
             a = first_peg(scene) + k * n + i
+            if not wanted[a]:
+                continue
             apart = np.array([x, y]) - q[i, :2]
             square = axis[:2] @ axis[:2]
             along = apart @ axis[:2] / square if square > 1e-12 else 0.0
@@ -177,6 +186,8 @@ def contact_geometry(scene: Scene, q: Array) -> tuple[Array, Array, Array]:
             lever[a] = arm - radius[i] * normal
             frame[a] = normal, np.cross(E_Z, normal), E_Z
     for a, (i, j, s, t) in enumerate(pairs(scene), first_pair(scene)):
+        if not wanted[a]:
+            continue
         arm = s * offset[i] * R[i] @ E_Z
         apart = q[i, :3] + arm - q[j, :3] - t * offset[j] * R[j] @ E_Z
         distance = np.linalg.norm(apart)

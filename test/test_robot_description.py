@@ -1,4 +1,4 @@
-"""The URDF, as an independent parser reads it, against the model; what viewers are told to show."""
+"""The URDF against the model, as an independent parser reads it; and what viewers show."""
 
 import json
 from xml.etree import ElementTree
@@ -130,7 +130,7 @@ def test_a_link_without_contact_radius_has_no_shape():
     assert robot_description(Robot(contact_offset=0.0)).count('cylinder') == 0
 
 
-# ---- what viewers show ---------------------------------------------------------------------------
+# ---- what viewers show --------------------------------------------------------------------------
 
 TOPICS = {
     *('/robot_description', '/link_poses', '/markers', '/odom', '/joint_states', '/diagnostics'),

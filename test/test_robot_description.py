@@ -132,14 +132,12 @@ def test_a_link_without_contact_radius_has_no_shape():
 
 # ---- what viewers show --------------------------------------------------------------------------
 
-TOPICS = {
-    *('/robot_description', '/link_poses', '/markers', '/odom', '/joint_states', '/diagnostics'),
-    *('/cmd_vel', '/tf', '/tf_static'),
-}
+SHOWN = {'/robot_description', '/link_poses', '/markers', '/odom'}
+PLOTTED = {'/joint_states', '/diagnostics', '/cmd_vel'}
 
 
 def topics_in(entry):
-    """Return all texts in a configuration that name a topic, without the path inside it."""
+    """Return the topics that the texts and keys of a configuration name."""
     if isinstance(entry, dict):
         return {name for pair in entry.items() for part in pair for name in topics_in(part)}
     if isinstance(entry, list):
@@ -147,11 +145,20 @@ def topics_in(entry):
     return {entry.partition('.')[0]} if isinstance(entry, str) and entry[:1] == '/' else set()
 
 
-@pytest.mark.parametrize(
-    ('name', 'read'), [('aiko.rviz', yaml.safe_load), ('foxglove.json', json.loads)]
-)
-def test_viewers_are_told_topics_that_exist(name, read):
-    entry = read((CONFIG / name).read_text(encoding='utf-8'))
-    topics = topics_in(entry)
-    assert topics <= TOPICS
-    assert {'/robot_description', '/markers'} <= topics
+def test_rviz_is_told_topics_and_a_frame_that_exist():
+    config = yaml.safe_load((CONFIG / 'aiko.rviz').read_text(encoding='utf-8'))
+    assert topics_in(config) == SHOWN
+    assert config['Visualization Manager']['Global Options']['Fixed Frame'] == 'world'
+
+
+def panels(layout):
+    """Return the names of all panels of a Foxglove layout, from left to right."""
+    if isinstance(layout, str):
+        return [layout]
+    return [*panels(layout['first']), *panels(layout['second'])]
+
+
+def test_foxglove_is_told_topics_that_exist_and_shows_all_panels():
+    config = json.loads((CONFIG / 'foxglove.json').read_text(encoding='utf-8'))
+    assert topics_in(config) == SHOWN | PLOTTED
+    assert sorted(panels(config['layout'])) == sorted(config['configById'])

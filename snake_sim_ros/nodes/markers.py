@@ -1,0 +1,106 @@
+"""
+What viewers draw besides the robot: its contacts, and what it can touch.
+
+Namespace `contacts` has the contact points as spheres (id 0) and the forces on the robot as lines
+from there (id 1), FORCE_SCALE long for each newton. Where there are no contacts both are deleted.
+Namespace `scene` has the ground, as one list of boxes (id 0), and the pegs as cylinders (ids from
+1 on). Everything is in frame `world` and stays until it is replaced: no lifetime.
+"""
+
+from collections.abc import Iterable
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point
+import numpy as np
+from visualization_msgs.msg import Marker
+from visualization_msgs.msg import MarkerArray
+
+from snake_sim_ros.nodes.messages import WORLD
+from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import Ground
+from snake_sim_ros.parameters import Scene
+
+FORCE_SCALE = 0.02  # m/N
+POINT_SIZE = 0.012  # m
+LINE_WIDTH = 0.004  # m
+PEG_HEIGHT = 4.0  # in contact radii: pegs have no end
+FOUNDATION = 0.01  # how far boxes of the ground reach below the lowest of them [m]
+COLORS = {
+    'point': (1.0, 1.0, 1.0, 1.0),
+    'force': (0.1, 0.8, 0.3, 1.0),
+    'ground': (0.55, 0.55, 0.58, 1.0),
+    'peg': (0.35, 0.45, 0.65, 1.0),
+}
+
+
+class SceneMarkers:
+    """
+    The markers of one scene, made once and filled again.
+
+    Attributes
+    ----------
+    message : MarkerArray
+
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.points = _marker('contacts', 0, Marker.SPHERE_LIST, 'point', [POINT_SIZE] * 3)
+        self.forces = _marker('contacts', 1, Marker.LINE_LIST, 'force', [LINE_WIDTH, 0, 0])
+        markers = [self.points, self.forces]
+        if scene.ground.heights:
+            markers.append(_ground(scene.ground))
+        height = PEG_HEIGHT * scene.robot.per_link('contact_radius').max()
+        for k, (x, y, radius) in enumerate(scene.pegs.axes, 1):
+            peg = _marker('scene', k, Marker.CYLINDER, 'peg', [2 * radius, 2 * radius, height])
+            peg.pose.position = _point((x, y, height / 2))
+            markers.append(peg)
+        self.message = MarkerArray(markers=markers)
+
+    def fill(self, stamp: Time, points: Array, forces: Array) -> None:
+        """
+        Fill the message.
+
+        Parameters
+        ----------
+        stamp : Time
+        points, forces : ndarray, shape (k, 3)
+            As `contact_forces` returns them [m], [N].
+
+        """
+        action = Marker.ADD if len(points) else Marker.DELETE
+        ends = np.stack([points, points + FORCE_SCALE * forces], axis=1).reshape(-1, 3)
+        for marker, entries in ((self.points, points), (self.forces, ends)):
+            marker.action = action
+            marker.points = [_point(entry) for entry in entries.tolist()]
+        for marker in self.message.markers:
+            marker.header.stamp = stamp
+
+
+def _ground(ground: Ground) -> Marker:
+    """Return the cells as boxes of one size: a list has no other."""
+    heights = np.array(ground.heights)
+    lowest = min(0.0, heights.min()) - FOUNDATION
+    size = [ground.cell, ground.cell, heights.max() - lowest]
+    marker = _marker('scene', 0, Marker.CUBE_LIST, 'ground', size)
+    rows, columns = np.indices(heights.shape)
+    x, y = (
+        ground.origin[k] + ground.cell * (index + 0.5) for k, index in enumerate((columns, rows))
+    )
+    centers = np.stack([x, y, heights - size[2] / 2], axis=-1).reshape(-1, 3)
+    marker.points = [_point(center) for center in centers.tolist()]
+    return marker
+
+
+def _marker(namespace: str, number: int, kind: int, color: str, scale: Iterable[float]) -> Marker:
+    """Return a marker without points; its scale is in m."""
+    marker = Marker(ns=namespace, id=number, type=kind, action=Marker.ADD)
+    marker.header.frame_id = WORLD
+    marker.scale.x, marker.scale.y, marker.scale.z = map(float, scale)
+    marker.color.r, marker.color.g, marker.color.b, marker.color.a = COLORS[color]
+    return marker
+
+
+def _point(entry: Iterable[float]) -> Point:
+    """Return three numbers as a message."""
+    x, y, z = entry
+    return Point(x=float(x), y=float(y), z=float(z))

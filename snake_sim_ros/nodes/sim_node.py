@@ -9,6 +9,7 @@ from threading import Event
 import time
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray
 from nav_msgs.msg import Odometry
@@ -24,7 +25,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
 
+from snake_sim_ros.contact_forces import contact_forces
 from snake_sim_ros.joint_reference import JointReference
 from snake_sim_ros.joint_reference import start_posture
 from snake_sim_ros.levels import is_vertical
@@ -36,6 +39,7 @@ from snake_sim_ros.nodes.commands import position_commands
 from snake_sim_ros.nodes.commands import RejectedCommand
 from snake_sim_ros.nodes.diagnostics import status_of
 from snake_sim_ros.nodes.diagnostics import values_of
+from snake_sim_ros.nodes.markers import SceneMarkers
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.messages import StateMessages
 from snake_sim_ros.nodes.node_parameters import settle
@@ -58,6 +62,7 @@ from snake_sim_ros.stepping import make_stepper
 
 BACKLOG = 0.2  # s of wall time that the node may be behind before it gives up catching up
 WAIT = 0.1  # s, the longest wait for a message before the node looks up
+MARKER_PERIOD = 1 / 30  # s of wall time, the shortest between two messages for the eye
 WARN_PERIOD = 5.0  # s between two warnings of one kind
 LATEST = QoSProfile(depth=1)  # of commands and the clock: nothing waits in a queue
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -141,6 +146,8 @@ class SimNode(Node):
         )
         self.link_poses = self.create_publisher(PoseArray, 'link_poses', 10)
         self.odom = self.create_publisher(Odometry, 'odom', 10)
+        self.markers = self.create_publisher(MarkerArray, 'markers', 10)
+        self.scene_markers, self._marked = SceneMarkers(scene), 0.0
         self.diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         clock = self.settings.publish_clock
         self.clock = self.create_publisher(Clock, '/clock', LATEST) if clock else None
@@ -252,8 +259,19 @@ class SimNode(Node):
         self.odom.publish(self.messages.odom)
         if self.transforms:
             self.transforms.publish(self.messages.odom)
+        if self.markers.get_subscription_count():
+            self._publish_markers(stamp)
         if self.clock:
             self.clock.publish(Clock(clock=stamp))
+
+    def _publish_markers(self, stamp: Time) -> None:
+        """Publish contacts and obstacles, for whoever looks."""
+        now, simulation = time.monotonic(), self.simulation
+        if now - self._marked >= MARKER_PERIOD:
+            self._marked = now
+            touched = contact_forces(simulation.scene, simulation.state, simulation.history)
+            self.scene_markers.fill(stamp, *touched)
+            self.markers.publish(self.scene_markers.message)
 
     def publish_diagnostics(self) -> None:
         """Publish how the simulation is doing."""

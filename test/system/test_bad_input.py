@@ -60,10 +60,6 @@ MISTAKES = [
         'joint_command: position of joint_2_pitch must be finite, got nan',
     ),
     (
-        changed(position={'joint_4_yaw': -0.9}),
-        'joint_command: position of joint_4_yaw must be within +-0.7854 rad, got -0.9 rad',
-    ),
-    (
         changed(velocity={'joint_10_pitch': 12.5}),
         'joint_command: velocity of joint_10_pitch must be within +-10 rad/s, got 12.5 rad/s',
     ),
@@ -209,7 +205,7 @@ def test_real_time_factor_changes_while_running(sims):
         assert get_parameters(sim, 'real_time_factor')[0].double_value == 0.5
 
 
-@pytest.mark.parametrize('name', ['friction.longitudinal', 'dt', 'publish_rate'])
+@pytest.mark.parametrize('name', ['robot.link_mass', 'dt', 'publish_rate'])
 def test_what_needs_a_restart_is_read_only(sims, name):
     before = get_parameters(sims[1], name)[0].double_value
     result = set_parameter(sims[1], name, 0.01)

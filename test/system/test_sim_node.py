@@ -190,8 +190,8 @@ def test_links_lie_on_the_ground(curled, scene):
 
 def test_odom_is_the_middle_link_with_its_twist_in_its_frame(lockstep, script_offline):
     for (_, link_poses, odom, _), sample in zip(lockstep[0][0], script_offline, strict=True):
-        assert odom.header.frame_id == 'world'
-        assert odom.child_frame_id == 'link_6'
+        assert odom.header.frame_id == 'odom'
+        assert odom.child_frame_id == 'base_link'
         assert odom.pose.pose == link_poses.poses[5]
         axes, velocity = sample.axes[5], sample.velocity[5]
         v, w = odom.twist.twist.linear, odom.twist.twist.angular

@@ -8,6 +8,7 @@ from typing import Any
 from typing import TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange
+from rcl_interfaces.msg import IntegerRange
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
@@ -41,12 +42,17 @@ def declare(node: Node, name: str, value: Any, limits: Mapping[str, Any], read_o
         dynamic_typing=True,
         additional_constraints=', '.join(limits['choices']),
     )
-    low = max(limits['minimum'], limits['above'])
-    if isinstance(value, float) and (math.isfinite(low) or math.isfinite(limits['maximum'])):
+    low, high = max(limits['minimum'], limits['above']), limits['maximum']
+    if isinstance(value, float) and (math.isfinite(low) or math.isfinite(high)):
         largest = sys.float_info.max
         descriptor.floating_point_range = [
-            FloatingPointRange(
-                from_value=max(low, -largest), to_value=min(limits['maximum'], largest)
+            FloatingPointRange(from_value=max(low, -largest), to_value=min(high, largest))
+        ]
+    elif type(value) is int:
+        largest = 2**63 - 1
+        descriptor.integer_range = [
+            IntegerRange(
+                from_value=int(max(low, -largest)), to_value=int(min(high, largest)), step=1
             )
         ]
     if isinstance(value, tuple):

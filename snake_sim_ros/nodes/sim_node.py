@@ -428,7 +428,7 @@ def run(node: SimNode, stop: Event) -> None:
             executor.spin_once(timeout_sec=0)
         if left < -BACKLOG:
             node.overruns += 1
-            node.warn('late', f'cannot keep up with real-time factor {factor:g}; time slips')
+            node.warn('overrun', f'cannot keep up with real-time factor {factor:g}; time slips')
             due = time.perf_counter()
 
 

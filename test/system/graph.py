@@ -201,4 +201,4 @@ class Graph:
 
 
 def _as_arguments(item: str) -> list[str]:
-    return ['-p', item] if ':=' in item else item.split()
+    return item.split() if item.startswith('-') else ['-p', item]

@@ -13,24 +13,29 @@ from std_srvs.srv import Trigger
 
 
 class SimClient:
-    """One sim node with its parameters, in a domain of its own."""
+    """One sim node with its parameters, in a domain of its own and, maybe, a namespace."""
 
-    def __init__(self, graph, *parameters):
-        self.graph = graph
-        self.joint_states = graph.record(JointState, 'joint_states')
-        self.link_poses = graph.record(PoseArray, 'link_poses')
-        self.odom = graph.record(Odometry, 'odom')
+    def __init__(self, graph, *parameters, namespace=''):
+        self.graph, self.namespace = graph, f'/{namespace}'.rstrip('/')
+        self.joint_states = graph.record(JointState, f'{self.namespace}/joint_states')
+        self.link_poses = graph.record(PoseArray, f'{self.namespace}/link_poses')
+        self.odom = graph.record(Odometry, f'{self.namespace}/odom')
         self.clock = graph.record(Clock, '/clock')
         self.diagnostics = graph.record(DiagnosticArray, '/diagnostics')
         self.commands = graph.node.create_publisher(
-            JointState, 'joint_command', QoSProfile(depth=1)
+            JointState, f'{self.namespace}/joint_command', QoSProfile(depth=1)
         )
         self.process = graph.start('sim', *parameters)
 
     @property
     def states(self):
         """The lists of messages that every state is published in, the clock last."""
-        return [self.joint_states, self.link_poses, self.odom, self.clock]
+        states = [self.joint_states, self.link_poses, self.odom]
+        return states if 'publish_clock:=false' in self.process.name else [*states, self.clock]
+
+    def service(self, name):
+        """Return the whole name of a service of the node."""
+        return f'{self.namespace}/sim/{name}'
 
     def wait_until_connected(self):
         """Wait until messages pass in both directions."""
@@ -65,16 +70,16 @@ class SimClient:
 
     def reset(self):
         """Call ~/reset."""
-        return self.graph.call(Trigger, 'sim/reset')
+        return self.graph.call(Trigger, self.service('reset'))
 
     def pause(self, data):
         """Call ~/pause."""
-        return self.graph.call(SetBool, 'sim/pause', SetBool.Request(data=data))
+        return self.graph.call(SetBool, self.service('pause'), SetBool.Request(data=data))
 
     def step(self):
         """Advance a paused node by one period; return its four messages."""
         counts = [len(messages) for messages in self.states]
-        response = self.graph.call(Trigger, 'sim/step')
+        response = self.graph.call(Trigger, self.service('step'))
         assert response.success, response.message
         self.graph.until(
             lambda: all(len(m) > n for m, n in zip(self.states, counts, strict=True)),

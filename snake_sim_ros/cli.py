@@ -15,6 +15,7 @@ from snake_sim_ros.parameters import parse_yaml
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import with_settings
 from snake_sim_ros.records import ParameterError
+from snake_sim_ros.robot_description import robot_description
 from snake_sim_ros.simulation import run
 from snake_sim_ros.simulation import Trajectory
 from snake_sim_ros.stepping import AUTO
@@ -130,6 +131,11 @@ def _parser() -> argparse.ArgumentParser:
         'scene', nargs='*', default=list(SCENES), help=f'default: {", ".join(SCENES)}'
     )
     _add_method(command)
+    _add_scene_options(command)
+
+    command = commands.add_parser('urdf', help='print the robot of a scene as a URDF')
+    command.set_defaults(command=_urdf)
+    command.add_argument('scene', nargs='?', default=CASES[0], help='default: lateral_undulation')
     _add_scene_options(command)
 
     command = commands.add_parser(
@@ -336,6 +342,11 @@ def _levels(options: argparse.Namespace) -> int:
         'the\nmiddle link against the converged path of the spatial level, over the distance '
         'travelled;\nconverged: error of the finer of the two runs that this is extrapolated from'
     )
+    return 0
+
+
+def _urdf(options: argparse.Namespace) -> int:
+    print(robot_description(_scene(options, options.scene).robot))
     return 0
 
 

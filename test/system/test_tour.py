@@ -1,0 +1,160 @@
+"""The README's ten minutes, line by line on one graph, and its tables of topics and services."""
+
+import math
+from pathlib import Path
+import re
+import shlex
+import subprocess
+import sys
+
+from graph import environment
+from offline import nanoseconds
+import pytest
+from rcl_interfaces.srv import GetParameters
+from ros2_line import run_line
+from sim_client import SimClient
+
+from snake_sim_ros.nodes.transforms import Transforms
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / 'README.md').read_text(encoding='utf-8')
+OF_ALL_NODES = {'/parameter_events', '/rosout'}
+
+
+def section(heading):
+    """Return the text of the README from a heading to the next one."""
+    return re.split(r'^#', README.partition(f'{heading}\n')[2], maxsplit=1, flags=re.MULTILINE)[0]
+
+
+LINES = [
+    line
+    for block in re.findall(
+        r'^```sh\n(.*?)^```', section('### Ten minutes'), re.MULTILINE | re.DOTALL
+    )
+    for line in block.splitlines()
+]
+
+
+@pytest.fixture(scope='module')
+def toured(make_graph):
+    return Tour(make_graph())
+
+
+class Tour:
+    """What happens on the graph while the lines are run one after the other."""
+
+    def __init__(self, graph):
+        self.graph = graph
+        self.sim = self.gait = None
+
+    def node(self, line):
+        """Start what `ros2 run` starts."""
+        name, *arguments = shlex.split(line)[3:]
+        if name == 'sim':
+            self.sim = SimClient(self.graph, 'real_time_factor:=2.0')
+            self.sim.wait_until_connected()
+        else:
+            self.gait = self.graph.start(name, *arguments[2:])
+            self.gait.wait_for('the gait begins')
+
+    def speed(self, seconds=0.5):
+        """Return the mean speed of the middle link over some simulated time [m/s]."""
+        begin, first = self.sim.now, self.sim.odom[-1].pose.pose.position
+        self.sim.advance_to(begin + seconds)
+        last = self.sim.odom[-1].pose.pose.position
+        return math.hypot(last.x - first.x, last.y - first.y) / (self.sim.now - begin)
+
+
+def test_ten_minutes(toured, tmp_path):
+    assert len(LINES) > 12
+    done = [(line, act(toured, line, tmp_path)) for line in LINES]
+    assert all(check for _, check in done), [line for line, check in done if not check]
+
+
+def act(tour, line, folder):
+    """Run a line and return whether it did what the README says."""
+    sim, graph = tour.sim, tour.graph
+    if line.startswith('ros2 run'):
+        tour.node(line)
+        return True
+    if line.startswith('python3'):
+        words = [sys.executable, str(ROOT / shlex.split(line)[1]), *shlex.split(line)[2:]]
+        done = subprocess.run(
+            words, cwd=folder, env=environment(graph.domain), timeout=60, capture_output=True
+        )
+        return done.returncode == 0 and (folder / 'torque.png').stat().st_size > 1000
+    result = run_line(graph, line)
+    if ' echo ' in line:
+        return len(result.position) == 20 if 'joint' in line else result.child_frame_id == BASE
+    if '/joint_command' in line:
+        sim.advance_to(sim.now + 1.0)
+        return abs(sim.joint_states[-1].position[8] - 0.5) < 0.05
+    if 'linear' in line:
+        sim.advance_to(sim.now + 2.0)
+        return tour.speed() > 0.02
+    if '"{}"' in line:
+        sim.advance_to(sim.now + 3.0)
+        return tour.speed() < 0.01
+    if line.startswith('ros2 param'):
+        return result.successful and parameter(graph, *line.split()[3:5]) == float(line.split()[5])
+    return result.success and services(tour, line)
+
+
+BASE = 'base_link'
+
+
+def parameter(graph, node, name):
+    request = GetParameters.Request(names=[name])
+    return graph.call(GetParameters, f'{node}/get_parameters', request).values[0].double_value
+
+
+def services(tour, line):
+    """Return whether time did what a service is for."""
+    sim, graph = tour.sim, tour.graph
+    if 'true' in line or '/step' in line:
+        graph.drain(sim.joint_states)
+        stamp = nanoseconds(sim.joint_states[-1])
+        graph.spin(0.2)
+        return nanoseconds(sim.joint_states[-1]) == stamp
+    sim.advance_to(sim.now + 0.1)
+    if '/reset' in line:
+        pose = sim.odom[-1].pose.pose.position
+        return math.hypot(pose.x, pose.y) < 0.1
+    return True
+
+
+# ---- the tables ---------------------------------------------------------------------------------
+
+
+def table(heading):
+    """Return direction, name and type of every row of the table in a section."""
+    rows = re.findall(r'^\| (in|out|service) \| (.+?) \| (\S+) \|', section(heading), re.MULTILINE)
+    return {
+        (way, name, kind) for way, names, kind in rows for name in re.findall('`(.+?)`', names)
+    }
+
+
+def found(node, name):
+    """Return the same of a running node, without what every node has."""
+    rows = set()
+    for direction, entries in (
+        ('in', node.get_subscriber_names_and_types_by_node(name, '/')),
+        ('out', node.get_publisher_names_and_types_by_node(name, '/')),
+        ('service', node.get_service_names_and_types_by_node(name, '/')),
+    ):
+        for topic, (kind,) in entries:
+            package, _, short = kind.split('/')
+            own = package != 'rcl_interfaces' and 'type_description' not in package
+            if own and topic not in OF_ALL_NODES and topic not in ('/clock',) * (name == 'gait'):
+                rows.add((direction, topic.replace(f'/{name}/', '~/'), f'{package}/{short}'))
+    return rows
+
+
+@pytest.mark.parametrize('name', ['sim', 'gait'])
+def test_tables_are_what_the_nodes_have(toured, name):
+    said = table(f'### Interface of `{name}`')
+    if not Transforms.available:
+        said = {row for row in said if not row[2].startswith('tf2_msgs')}
+    absolute = ('/', '~')
+    said = {(d, n if n.startswith(absolute) else f'/{n}', k) for d, n, k in said}
+    assert found(toured.graph.node, name) == said

@@ -23,7 +23,9 @@ import numpy as np
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Robot
 
-CROSS = 1e-6  # mass and moments of inertia of a cross, over those of the link that hangs on it
+# Mass and moments of inertia of a cross, over those of the link that hangs on it: parsers take
+# moments above 1e-14 kg m^2, which is little for 200 links of 7 mm.
+CROSS = np.array([1e-6, 1e-5, 1e-5, 1e-5])
 COLORS = {
     'head': (0.80, 0.25, 0.10, 1.0),
     'odd': (0.93, 0.69, 0.13, 1.0),

@@ -150,7 +150,7 @@ def contact_geometry(
 
     """
     robot, count = scene.robot, contact_count(scene)
-    n, R = robot.link_count, rotation_matrices(q[:, 3:])
+    n, R, first = robot.link_count, rotation_matrices(q[:, 3:]), first_peg(scene)
     gap, lever, frame = np.full(count, np.inf), np.zeros((count, 3)), np.zeros((count, 3, 3))
     wanted = np.ones(count, dtype=bool) if wanted is None else wanted
     offset, radius = robot.per_link('contact_offset'), robot.per_link('contact_radius')
@@ -159,7 +159,7 @@ def contact_geometry(
         for side, sign in enumerate((1, -1)):
             arm = sign * offset[i] * axis
             slots = (side, *(2 + BESIDE // 2 * side + k for k in range(BESIDE // 2)))
-            if not any(wanted[slot * n + i] for slot in slots if slot * n < first_peg(scene)):
+            if not any(wanted[slot * n + i] for slot in slots if slot * n < first):
                 continue
             points = nearest_points(scene.ground, q[i, :3] + arm)
             for slot, point in zip(slots, points, strict=True):
@@ -173,7 +173,7 @@ def contact_geometry(
                 lever[a] = arm - radius[i] * normal
                 frame[a] = normal, *tangents(normal, axis)
         for k, (x, y, peg_radius) in enumerate(scene.pegs.axes):
-            a = first_peg(scene) + k * n + i
+            a = first + k * n + i
             if not wanted[a]:
                 continue
             apart = np.array([x, y]) - q[i, :2]

@@ -34,7 +34,7 @@ setup(
     license='Apache-2.0',
     python_requires='>=3.10',
     packages=[package_name, f'{package_name}.nodes'],
-    package_data={package_name: ['config/*.yaml', 'config/*.npz']},
+    package_data={package_name: ['config/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),

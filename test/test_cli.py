@@ -13,7 +13,9 @@ import pytest
 
 from snake_sim_ros.charts import path_figure
 from snake_sim_ros.cli import main
+from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import scene_from_text
+from snake_sim_ros.robot_description import robot_description
 
 ROOT = Path(__file__).parents[1]
 ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT)}
@@ -171,6 +173,12 @@ def test_path_figure(tmp_path, samples):
     path = tmp_path / 'path.png'
     path_figure(path, 'title', np.arange(samples) * 0.1, rng.random((samples, 11, 3)), 5)
     assert path.read_bytes().startswith(PNG)
+
+
+def test_robot_of_a_scene_is_printed_as_a_urdf(capsys):
+    assert main(['urdf', 'slender_undulation']) == 0
+    robot = load_scene('slender_undulation').robot
+    assert capsys.readouterr().out == robot_description(robot) + '\n'
 
 
 def test_missing_scene_ends_the_launchers_with_a_sentence():

@@ -293,6 +293,8 @@ class SimNode(Node):
         message = DiagnosticArray(status=[status_of(name, self.failure, warning, state, values)])
         message.header.stamp = stamp_from(self.nanoseconds)
         self.diagnostics.publish(message)
+        if self.halted and self.markers.get_subscription_count():
+            self._publish_markers(message.header.stamp)
         self._look_for_rivals()
 
     def warn(self, kind: str, sentence: str) -> None:

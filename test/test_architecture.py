@@ -92,6 +92,21 @@ def test_physics_does_not_know_what_runs_it(path):
     assert path.stem in SHELL or not siblings(path) & SHELL
 
 
+def test_the_gait_node_does_not_know_the_simulator():
+    found, new = set(), {'nodes.gait_node'}
+    while new:
+        name = new.pop()
+        found.add(name)
+        imports = imported(PACKAGE / f'{name.replace(".", "/")}.py')
+        inner = {item.removeprefix('snake_sim_ros.') for item in imports if 'snake_sim' in item}
+        # A module, or a name of a module: all imports are of names.
+        new |= {item.rpartition('.')[0] or item for item in inner} - found
+    nodes = {
+        f'nodes.{name}' for name in ('gait_node', 'command_messages', 'node_parameters', 'running')
+    }
+    assert found == nodes | {'blending', 'gait', 'parameters', 'records', 'steering'}
+
+
 def test_physics_imports_without_ros_and_matplotlib():
     names = [f'snake_sim_ros.{path.stem}' for path in MODULES if path.stem not in DRAWING]
     script = (

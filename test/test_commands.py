@@ -14,11 +14,11 @@ from trajectory_msgs.msg import JointTrajectory
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from snake_sim_ros.joint_reference import JointReference
+from snake_sim_ros.nodes.command_messages import joint_names
 from snake_sim_ros.nodes.commands import joint_command
 from snake_sim_ros.nodes.commands import joint_trajectory
 from snake_sim_ros.nodes.commands import position_commands
 from snake_sim_ros.nodes.commands import RejectedCommand
-from snake_sim_ros.nodes.messages import joint_names
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.parameters import Robot
 

@@ -5,8 +5,8 @@ import pytest
 from random_states import random_parameters
 from rclpy.parameter import Parameter
 
-from snake_sim_ros.nodes.messages import command_message
-from snake_sim_ros.nodes.messages import joint_names
+from snake_sim_ros.nodes.command_messages import command_message
+from snake_sim_ros.nodes.command_messages import joint_names
 from snake_sim_ros.nodes.messages import seconds_from
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.messages import StateMessages

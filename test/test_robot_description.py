@@ -8,8 +8,8 @@ import pytest
 from random_states import random_robot
 import yaml
 
+from snake_sim_ros.nodes.command_messages import joint_names
 from snake_sim_ros.nodes.messages import B_TO_WIRE
-from snake_sim_ros.nodes.messages import joint_names
 from snake_sim_ros.parameters import CONFIG
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import Robot

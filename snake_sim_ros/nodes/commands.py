@@ -17,7 +17,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from snake_sim_ros.joint_reference import JointReference
 from snake_sim_ros.joint_reference import motion_through
-from snake_sim_ros.nodes.messages import joint_names
+from snake_sim_ros.nodes.command_messages import joint_names
 from snake_sim_ros.nodes.messages import seconds_from
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Robot

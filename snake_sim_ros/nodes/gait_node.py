@@ -1,29 +1,52 @@
 """
 The `gait` node: generates joint references and publishes them as commands.
 
-It knows joint names and a clock, nothing of the simulator: any robot that takes `joint_command`
-can follow it.
+It knows joint names, limits of the joints and a clock, nothing of the simulator: any robot that
+takes `joint_command`, or one of the other forms of `command_messages`, can follow it. Every number
+of the gait may change while it runs, and `cmd_vel` steers it, without a jump in the commands;
+another soft start counts when the gait begins again. From the first cmd_vel until ~/restart the
+frequency and the yaw offset are those that `steering` finds; only linear.x and angular.z count.
 """
 
 from dataclasses import dataclass
+from dataclasses import replace
+import math
 import sys
 from threading import Event
+import time
 
+from geometry_msgs.msg import Twist
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
-from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from snake_sim_ros import gait
-from snake_sim_ros.nodes.messages import command_message
-from snake_sim_ros.nodes.messages import joint_names
+from snake_sim_ros.blending import Blend
+from snake_sim_ros.blending import check_limits
+from snake_sim_ros.blending import largest_values
+from snake_sim_ros.blending import shortest_blend
+from snake_sim_ros.nodes.command_messages import COMMAND_TYPES
+from snake_sim_ros.nodes.command_messages import joint_names
+from snake_sim_ros.nodes.node_parameters import declare
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.running import run_node
+from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.parameters import with_settings
+from snake_sim_ros.records import flat_fields
+from snake_sim_ros.records import ParameterError
 from snake_sim_ros.records import quantity
 from snake_sim_ros.records import Record
+from snake_sim_ros.steering import Steering
 
-OF_SCENE = ('gait.', 'robot.link_count')  # what the node takes of a scene
+# What the node takes of a scene: the gait, and what it must know of the robot.
+ROBOT = ('link_count', 'link_length', 'joint_limit', 'joint_rate_limit')
+OF_SCENE = ('gait.', *(f'robot.{name}' for name in ROBOT))
+GAIT = tuple(f'gait.{name}' for name in flat_fields(Scene().gait))
+CHANGEABLE = ('scene', 'stride', 'cmd_vel_timeout')
+WARN_PERIOD = 5.0  # s between two warnings of one kind
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,9 +54,28 @@ class Settings(Record):
     """Parameters of the node besides those of the gait."""
 
     scene: str = quantity(
-        'lateral_undulation', '', 'where gait and number of links come from: a YAML file or a name'
+        'lateral_undulation',
+        '',
+        'where the gait comes from, at the start the robot as well: a YAML file or a name',
     )
     publish_rate: float = quantity(200.0, 'Hz', 'commands a second', minimum=1, maximum=1000)
+    command_type: str = quantity(
+        'joint_state', '', 'form of the commands', choices=tuple(COMMAND_TYPES)
+    )
+    blend_time: float = quantity(
+        1.0, 's', 'how long a change of the gait takes', above=0, maximum=60
+    )
+    stride: float = quantity(
+        0.546,
+        'm',
+        'distance a cycle of the gait moves the robot, for cmd_vel; the default was measured in '
+        'simulated lateral undulation (case A), sidewinding has 0.473 and goes sideways',
+        minimum=1e-3,
+        maximum=100,
+    )
+    cmd_vel_timeout: float = quantity(
+        0.0, 's', 'stop when no cmd_vel comes for so long; 0 is never', minimum=0, maximum=3600
+    )
 
 
 class GaitNode(Node):
@@ -41,14 +83,28 @@ class GaitNode(Node):
 
     def __init__(self) -> None:
         super().__init__('gait', automatically_declare_parameters_from_overrides=True)
-        settings, scene = settle(self, Settings, OF_SCENE)
-        self.gait = scene.gait
-        self.names = joint_names(scene.robot.link_count)
+        self.settings, scene = settle(self, Settings, OF_SCENE, (*CHANGEABLE, *GAIT))
+        self.gait, self.robot = scene.gait, scene.robot
+        self._check_start()
+        self._describe_ranges()
+        self.add_pre_set_parameters_callback(self._with_gait_of_scene)
+        self.add_on_set_parameters_callback(self._on_set_parameters)
+        self.add_post_set_parameters_callback(self._on_parameters_set)
+
+        self.names = joint_names(self.robot.link_count)
+        self.period = 1.0 / self.settings.publish_rate
         self.begin: int | None = None
-        self.commands = self.create_publisher(JointState, 'joint_command', QoSProfile(depth=1))
+        self.target = self.gait
+        self.blend = self._beginning()
+        self.steering: Steering | None = None
+        self.heard = 0
+        self._warned: dict[str, float] = {}
+        self.form = COMMAND_TYPES[self.settings.command_type]
+        self.commands = self.create_publisher(self.form.kind, self.form.topic, QoSProfile(depth=1))
+        self.create_subscription(Twist, 'cmd_vel', self._on_twist, QoSProfile(depth=1))
         self.create_service(Trigger, '~/restart', self._on_restart)
-        self.create_timer(1.0 / settings.publish_rate, self.publish)
-        self.get_logger().info('waiting for a robot that listens to joint_command')
+        self.create_timer(self.period, self.publish)
+        self.get_logger().info(f'waiting for a robot that listens to {self.form.topic}')
 
     def publish(self) -> None:
         """Publish the command of now, once there is a clock and someone who listens."""
@@ -59,16 +115,123 @@ class GaitNode(Node):
             return
         if self.begin is None or now.nanoseconds < self.begin:
             self.begin = now.nanoseconds
+            self.heard = min(self.heard, self.begin)
+            self.blend = self._beginning()
             self.get_logger().info(f'the gait begins at t = {1e-9 * self.begin:.9f} s')
+        self._stop_unsteered(now.nanoseconds)
         seconds = 1e-9 * (now.nanoseconds - self.begin)
-        angle, rate = gait.reference(self.gait, seconds, len(self.names) // 2)
-        self.commands.publish(command_message(self.names, now.to_msg(), angle, rate))
+        if self.target != self.blend.gait:
+            self.blend = self.blend.changed(seconds, self.target)
+        angle, rate = self.blend.reference(seconds + self.form.ahead * self.period)
+        period = round(1e9 * self.period)
+        self.commands.publish(self.form.message(self.names, now.to_msg(), angle, rate, period))
+
+    def warn(self, kind: str, sentence: str) -> None:
+        """Log a warning, but one of a kind at most every few seconds."""
+        now = time.monotonic()
+        if now - self._warned.get(kind, -WARN_PERIOD) >= WARN_PERIOD:
+            self._warned[kind] = now
+            self.get_logger().warning(sentence)
+
+    def _beginning(self) -> Blend:
+        return Blend.of(self.target, self.robot.link_count - 1, self.settings.blend_time)
+
+    def _stop_unsteered(self, now: int) -> None:
+        timeout = self.settings.cmd_vel_timeout
+        silence, stopped = 1e-9 * (now - self.heard), Steering(0.0, 0.0)
+        if self.steering in (None, stopped) or not 0.0 < timeout < silence:
+            return
+        self.get_logger().warning(f'no cmd_vel for {timeout:g} s: the gait stops')
+        self.steering = stopped
+        self._aim()
+
+    def _aim(self) -> None:
+        """Find the gait that steering and parameters ask for."""
+        self.target = self.gait
+        if self.steering:
+            stride = self.settings.stride
+            self.target, remarks = self.steering.gait(self.gait, self.robot, stride)
+            for kind, sentence in remarks.items():
+                self.warn(kind, sentence)
+
+    def _on_twist(self, message: Twist) -> None:
+        for part in ('linear', 'angular'):
+            for axis in ('x', 'y', 'z'):
+                value = getattr(getattr(message, part), axis)
+                if not math.isfinite(value):
+                    self.warn(
+                        'not finite',
+                        f'cmd_vel: {part}.{axis} must be finite, got {value}; '
+                        f'the last good cmd_vel holds',
+                    )
+                    return
+        self.heard = self.get_clock().now().nanoseconds
+        steering = Steering(message.linear.x, message.angular.z)
+        if steering != self.steering:
+            self.steering = steering
+            self._aim()
 
     def _on_restart(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self.begin = None
+        self.begin = self.steering = None
+        self._aim()
         response.success = True
         response.message = 'the gait begins again'
         return response
+
+    # ---- parameters -----------------------------------------------------------------------------
+
+    def _check_start(self) -> None:
+        check_limits(self.gait, self.robot)
+        shortest = shortest_blend(self.robot)
+        if self.settings.blend_time < shortest:
+            raise ParameterError(
+                f'blend_time must be at least {shortest:.4g} s, which the joint limit and the '
+                f'joint rate limit allow, got {self.settings.blend_time:g} s'
+            )
+
+    def _describe_ranges(self) -> None:
+        """Declare the numbers of the waves again with the ranges that this robot gives them."""
+        ranges = largest_values(self.robot)
+        for name, (value, limits) in flat_fields(self.gait, 'gait.').items():
+            largest = ranges.get(name.rpartition('.')[2])
+            if largest is not None:
+                symmetric = {**limits, 'minimum': -largest, 'maximum': largest}
+                declare(self, name, value, symmetric, read_only=False)
+
+    def _with_gait_of_scene(self, parameters: list[Parameter]) -> list[Parameter]:
+        """Add the gait of a new scene to the parameters that are set with it."""
+        given = {item.name: item.value for item in parameters}
+        if not isinstance(given.get('scene'), str):
+            return parameters
+        try:
+            fields = flat_fields(load_scene(given['scene']).gait, 'gait.')
+        except ParameterError:
+            return parameters  # `_on_set_parameters` says why
+        own = [Parameter(name, value=value) for name, (value, _) in fields.items()]
+        return [*parameters, *(item for item in own if item.name not in given)]
+
+    def _changed(self, parameters: list[Parameter]) -> tuple[Settings, Scene]:
+        """Return settings and a scene with the gait as parameters that are set want them."""
+        values = {item.name: item.value for item in parameters}
+        own = {name: value for name, value in values.items() if name in CHANGEABLE}
+        waves = {name: value for name, value in values.items() if name in GAIT}
+        settings = replace(self.settings, **own)
+        if 'scene' in own:
+            load_scene(settings.scene)
+        return settings, with_settings(Scene(gait=self.gait), waves)
+
+    def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            _, scene = self._changed(parameters)
+            check_limits(scene.gait, self.robot)
+        except ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _on_parameters_set(self, parameters: list[Parameter]) -> None:
+        self.settings, scene = self._changed(parameters)
+        self.gait = scene.gait
+        self._aim()
 
 
 def run(node: GaitNode, stop: Event) -> None:

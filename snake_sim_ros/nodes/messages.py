@@ -18,6 +18,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import JointState
 
+from snake_sim_ros.nodes.command_messages import joint_names
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Robot
 from snake_sim_ros.rotations import product
@@ -28,11 +29,6 @@ B_TO_WIRE = np.array(
     [0.5, -0.5, -0.5, -0.5]
 )  # columns e_z, e_x, e_y: the inverse of rotations.FLAT
 WIRE_AXES = [2, 0, 1]  # components of a vector in B along x, y, z of the wire frame
-
-
-def joint_names(link_count: int) -> list[str]:
-    """Return the names of all joint axes in their fixed order."""
-    return [f'joint_{i}_{axis}' for i in range(1, link_count) for axis in ('yaw', 'pitch')]
 
 
 def stamp_from(nanoseconds: int) -> Time:
@@ -98,15 +94,6 @@ class StateMessages:
         velocity = _in_frame(quaternion[self.middle], u[:3]).tolist()
         twist.linear.x, twist.linear.y, twist.linear.z = velocity
         twist.angular.x, twist.angular.y, twist.angular.z = u[3:][WIRE_AXES].tolist()
-
-
-def command_message(names: list[str], stamp: Time, angle: Array, rate: Array) -> JointState:
-    """Return a joint command for all joints."""
-    message = JointState(name=names)
-    message.header.stamp = stamp
-    message.position = array('d', np.ascontiguousarray(angle).tobytes())
-    message.velocity = array('d', np.ascontiguousarray(rate).tobytes())
-    return message
 
 
 def _in_frame(quaternion: Array, vector: Array) -> Array:

@@ -1,7 +1,12 @@
 """The gait node before a plain listener, under a clock of the test, and with the sim node."""
 
+from dataclasses import replace
+from itertools import pairwise
+import math
 import signal
 
+from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Vector3
 import numpy as np
 from offline import NAMES
 from offline import nanoseconds
@@ -9,29 +14,146 @@ from offline import Offline
 from offline import PERIOD
 from offline import positions
 import pytest
+from rcl_interfaces.srv import DescribeParameters
+from rcl_interfaces.srv import GetParameters
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from sim_client import SimClient
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
 
 from snake_sim_ros import gait
+from snake_sim_ros.blending import Blend
+from snake_sim_ros.blending import largest_values
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import Robot
+from snake_sim_ros.steering import Steering
 
 SCENES = ('lateral_undulation', 'sidewinding')
+BLEND_TIME = 0.5  # s
+STRIDE = 0.546  # m, the default
 
 
 @pytest.fixture(scope='module')
 def started(make_graph):
-    """All nodes of this module, started together, in four domains."""
+    """All nodes of this module, started together, in domains of their own."""
     lone = {scene: make_graph() for scene in SCENES}
     for scene, graph in lone.items():
         graph.start('gait', f'scene:={scene}')
     clocked, live = make_graph(), make_graph()
     clocked.start('gait', 'use_sim_time:=true')
     live.start('gait', 'use_sim_time:=true')
-    return lone, clocked, live, SimClient(live, 'start_paused:=true')
+    tuned, forms = make_graph(), make_graph()
+    tuned.start('gait', 'use_sim_time:=true', f'blend_time:={BLEND_TIME}')
+    for form in ('multi_array', 'trajectory'):
+        forms.start('gait', f'command_type:={form}')
+    return lone, clocked, live, SimClient(live, 'start_paused:=true'), tuned, forms
+
+
+class Follower:
+    """A gait node under a clock of the test, and the commands that it should give."""
+
+    def __init__(self, graph):
+        self.graph, (self.process,) = graph, graph.processes
+        self.messages = graph.record(JointState, 'joint_command')
+        self.clock = graph.node.create_publisher(Clock, '/clock', QoSProfile(depth=1))
+        self.twists = graph.node.create_publisher(Twist, 'cmd_vel', QoSProfile(depth=1))
+        self.now = 10_000_000_000
+        graph.until(self.clock.get_subscription_count, 'a reader of /clock')
+        graph.until(self.twists.get_subscription_count, 'a reader of cmd_vel')
+        self.gait = load_scene('lateral_undulation').gait
+        self.begin_again()
+
+    def tick(self):
+        self.now += PERIOD
+        self.clock.publish(Clock(clock=stamp_from(self.now)))
+
+    def begin_again(self):
+        """Restart the gait and find the time at which it begins."""
+        self.graph.until(lambda: self.tick() or self.messages, 'the first command')
+        assert self.graph.call(Trigger, 'gait/restart').success
+        del self.messages[:]
+        scene = load_scene('lateral_undulation')
+        self.graph.until(
+            lambda: self.tick() or beginning(self.messages, scene) is not None, 'the beginning'
+        )
+        self.begin = beginning(self.messages, scene)
+        self.blend = Blend.of(self.gait, 10, BLEND_TIME)
+        self.seen = 0
+
+    def wait(self, ticks):
+        """Let time pass until all commands of it are heard."""
+        end = self.now + ticks * PERIOD
+        self.graph.until(
+            lambda: self.tick() or nanoseconds(self.messages[-1]) >= end, 'all commands'
+        )
+
+    def seconds(self, message):
+        return 1e-9 * (nanoseconds(message) - self.begin)
+
+    def error(self, blend, message):
+        """Return by how much a command is not that of a blend [rad], [rad/s]."""
+        pairs = zip(
+            blend.reference(self.seconds(message)),
+            (message.position, message.velocity),
+            strict=True,
+        )
+        return max(np.abs(value.ravel() - told).max() for value, told in pairs)
+
+    def expect(self, target, ticks=20):
+        """Let time pass; assert that the commands begin to blend into a gait, at a tick."""
+        count = len(self.messages)
+        self.wait(ticks)
+        new = self.messages[self.seen :]
+        assert len(self.messages) - count > ticks / 2
+        old = next((k for k, m in enumerate(new) if self.error(self.blend, m) > 1e-9), len(new))
+        begins = {self.seconds(message) for message in new[max(old - 1, 0) : old + 1]}
+        if target == self.blend.gait:
+            assert old == len(new)
+        else:
+            assert old < len(new), 'no command differs'
+            # A command that was not heard may have been the first one.
+            first, last = min(begins), max(begins)
+            blends = [
+                self.blend.changed(first + 1e-9 * PERIOD * k, target)
+                for k in range(round((last - first) * 200) + 1)
+            ]
+            self.blend = min(blends, key=lambda blend: self.error(blend, new[old]))
+            assert max(self.error(self.blend, m) for m in new[old:]) < 1e-9
+        self.seen = len(self.messages) - 1
+
+    def set(self, **values):
+        """Set parameters at once, with __ for a dot; return the result."""
+        request = SetParametersAtomically.Request()
+        for name, value in values.items():
+            item = Parameter(name.replace('__', '.'), value=value)
+            request.parameters.append(item.to_parameter_msg())
+        return self.graph.call(
+            SetParametersAtomically, 'gait/set_parameters_atomically', request
+        ).result
+
+    def get(self, *names):
+        request = GetParameters.Request(names=names)
+        response = self.graph.call(GetParameters, 'gait/get_parameters', request)
+        return [item.double_value for item in response.values]
+
+    def twist(self, speed, turning):
+        linear, angular = Vector3(x=speed), Vector3(z=turning)
+        self.twists.publish(Twist(linear=linear, angular=angular))
+        self.graph.spin(0.05)
+
+    def steered(self, speed, turning):
+        return Steering(speed, turning).gait(self.gait, Robot(), STRIDE)[0]
+
+
+@pytest.fixture(scope='module')
+def follower(started):
+    return Follower(started[4])
 
 
 def assert_reference(messages, scene, begin):
@@ -95,7 +217,6 @@ def test_gait_follows_a_clock_of_others_and_pauses_with_it(started):
         nonlocal now
         now += PERIOD
         clock.publish(Clock(clock=stamp_from(now)))
-        graph.spin(0.005)
         return messages
 
     graph.until(tick, 'the first command')
@@ -126,7 +247,7 @@ def test_gait_follows_a_clock_of_others_and_pauses_with_it(started):
 
 
 def test_sim_and_gait_get_as_far_as_the_offline_run(started):
-    *_, graph, live = started
+    _, _, graph, live, *_ = started
     commands = graph.record(JointState, 'joint_command')
     live.wait_until_connected()
     graph.until(lambda: graph.node.count_publishers('joint_command') > 1, 'the gait node')
@@ -151,3 +272,107 @@ def test_sim_and_gait_get_as_far_as_the_offline_run(started):
     assert moved == pytest.approx(distance, rel=0.05)
     assert int(live.values()['rejected_commands']) == 0
     assert all(nanoseconds(message) % PERIOD == 0 for message in commands)
+
+
+def test_numbers_change_while_the_gait_runs(follower):
+    yaw = replace(follower.gait.yaw, amplitude=0.3, angular_frequency=3.0)
+    follower.gait = replace(follower.gait, yaw=yaw)
+    assert follower.set(gait__yaw__amplitude=0.3, gait__yaw__angular_frequency=3.0).successful
+    follower.expect(follower.gait)
+    # In the middle of that blend: another gait, with one number of its own.
+    scene = load_scene('sinus_lifting')
+    follower.gait = replace(scene.gait, yaw=replace(scene.gait.yaw, offset=0.1))
+    assert follower.set(scene='sinus_lifting', gait__yaw__offset=0.1).successful
+    follower.expect(follower.gait)
+    names = [f'gait.{name}' for name in ('yaw.amplitude', 'yaw.offset', 'pitch.amplitude')]
+    assert follower.get(*names) == [scene.gait.yaw.amplitude, 0.1, scene.gait.pitch.amplitude]
+    # No step is longer than the fastest joint allows; the rest is checked against the formula.
+    heard = [(nanoseconds(m), np.array(m.position)) for m in follower.messages]
+    for (t, angle), (later, next_angle) in pairwise(heard):
+        assert np.abs(next_angle - angle).max() <= 10.0 * 1e-9 * (later - t) + 1e-9
+
+
+def test_changes_that_joints_cannot_follow_are_refused_whole(follower):
+    names = ('gait.yaw.amplitude', 'gait.yaw.offset')
+    before = follower.get(*names)
+    for values, reason in (
+        ({'gait__yaw__angular_frequency': 100.0}, 'out of range'),
+        ({'gait__pitch__phase': math.nan}, 'out of range'),
+        ({'gait__yaw__offset': 0.5}, 'amplitude plus offset of gait.yaw must be within the joint'),
+        ({'gait__yaw__phase': 'left'}, "phase must be a number, got 'left'"),
+        ({'scene': 'sinus_liftin'}, 'no file sinus_liftin; the scenes that come with'),
+        ({'blend_time': 2.0}, 'read-only'),
+    ):
+        result = follower.set(gait__yaw__amplitude=0.4, **values)
+        assert not result.successful
+        assert reason in result.reason
+    assert follower.get(*names) == before
+    follower.expect(follower.gait)
+
+
+def test_every_number_has_a_range_and_a_description(follower):
+    largest = largest_values(Robot())
+    names = [f'gait.{axis}.{name}' for axis in ('yaw', 'pitch') for name in largest]
+    names += ['gait.soft_start', 'stride', 'blend_time', 'publish_rate', 'cmd_vel_timeout']
+    request = DescribeParameters.Request(names=names)
+    response = follower.graph.call(DescribeParameters, 'gait/describe_parameters', request)
+    for item in response.descriptors:
+        assert item.description
+        (span,) = item.floating_point_range
+        if item.name.count('.') == 2:
+            bound = largest[item.name.rpartition('.')[2]]
+            assert (span.from_value, span.to_value) == (-bound, bound)
+
+
+def test_cmd_vel_steers_and_stops(follower):
+    process = follower.process
+    follower.twist(0.1, 0.05)
+    follower.expect(follower.steered(0.1, 0.05))
+    follower.twist(math.nan, 0.0)
+    process.wait_for('cmd_vel: linear.x must be finite, got nan; the last good cmd_vel holds')
+    follower.twist(-0.2, -0.3)
+    follower.expect(follower.steered(-0.2, -0.3))
+    follower.twist(0.0, 0.0)
+    follower.expect(follower.steered(0.0, 0.0), ticks=110)
+    still = follower.messages[-1]
+    assert not np.any(still.position)
+    assert not np.any(still.velocity)
+    follower.twist(0.0, 0.4)
+    process.wait_for('cmd_vel: angular.z 0.4 rad/s needs a linear.x that is not 0')
+    follower.expect(follower.blend.gait)
+    follower.twist(5.0, 0.0)
+    process.wait_for('cmd_vel: linear.x 5 m/s is more than')
+    assert follower.set(cmd_vel_timeout=0.25).successful
+    follower.expect(follower.steered(5.0, 0.0))
+    follower.wait(160)
+    process.wait_for('no cmd_vel for 0.25 s: the gait stops')
+    assert not np.any(follower.messages[-1].position)
+    for text in ('no cmd_vel', 'must be finite', 'needs a linear.x'):
+        assert process.count(text) == 1
+
+
+def assert_wave(positions):
+    """Assert that positions are those of case A at some time."""
+    wave = load_scene('lateral_undulation').gait.yaw
+    yaw, pitch = np.reshape(positions, (10, 2)).T / wave.amplitude
+    # sin(p + lag) = sin p cos lag + cos p sin lag for the second joint
+    cosine = (yaw[1] - yaw[0] * math.cos(wave.phase_lag)) / math.sin(wave.phase_lag)
+    phase = math.atan2(yaw[0], cosine)
+    assert np.abs(yaw - np.sin(phase + wave.phase_lag * np.arange(10))).max() < 1e-9
+    assert not np.any(pitch)
+
+
+def test_commands_in_other_forms(started):
+    graph = started[5]
+    arrays = graph.record(Float64MultiArray, 'position_commands')
+    trajectories = graph.record(JointTrajectory, 'joint_trajectory')
+    graph.until(lambda: len(arrays) > 5 and len(trajectories) > 5, 'commands of both forms')
+    for message in arrays:
+        assert_wave(message.data)
+    for message in trajectories:
+        (point,) = message.points
+        assert message.joint_names == NAMES
+        assert nanoseconds(message) == 0
+        assert (point.time_from_start.sec, point.time_from_start.nanosec) == (0, PERIOD)
+        assert not (point.velocities or point.accelerations)
+        assert_wave(point.positions)

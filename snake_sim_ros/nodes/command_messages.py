@@ -1,0 +1,82 @@
+"""
+Joint commands in the three forms that robots take, as pure functions.
+
+- `joint_state`: sensor_msgs/JointState by name with positions and velocities, as `sim` and
+  joint_state_topic_hardware_interface take it;
+- `multi_array`: std_msgs/Float64MultiArray, the positions of all joints in order, as
+  forward_command_controller takes it;
+- `trajectory`: trajectory_msgs/JointTrajectory, the positions one period ahead, as
+  joint_trajectory_controller takes it. It has no velocities, for that controller refuses a
+  trajectory that does not end at rest, and a stamp of 0, which means from now on: a stamp that
+  arrives later than the point is due would be refused.
+"""
+
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from builtin_interfaces.msg import Duration
+from builtin_interfaces.msg import Time
+import numpy as np
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+from snake_sim_ros.parameters import Array
+
+
+@dataclass(frozen=True)
+class CommandType:
+    """Message and topic of a form of commands, and how many periods ahead it tells the joints."""
+
+    kind: Any
+    topic: str
+    ahead: int
+    message: Callable[[list[str], Time, Array, Array, int], Any]
+
+
+def joint_names(link_count: int) -> list[str]:
+    """Return the names of all joint axes in their fixed order."""
+    return [f'joint_{i}_{axis}' for i in range(1, link_count) for axis in ('yaw', 'pitch')]
+
+
+def command_message(
+    names: list[str], stamp: Time, angle: Array, rate: Array, _: int = 0
+) -> JointState:
+    """Return a joint command for all joints; angle [rad] and rate [rad/s] have shape (n-1, 2)."""
+    message = JointState(name=names)
+    message.header.stamp = stamp
+    message.position = _doubles(angle)
+    message.velocity = _doubles(rate)
+    return message
+
+
+def positions_message(
+    _names: list[str], _stamp: Time, angle: Array, _rate: Array, _: int
+) -> Float64MultiArray:
+    """Return the positions of all joints in order."""
+    return Float64MultiArray(data=_doubles(angle))
+
+
+def trajectory_message(
+    names: list[str], _stamp: Time, angle: Array, _rate: Array, period: int
+) -> JointTrajectory:
+    """Return a trajectory of one point, a period [ns] from now."""
+    sec, nanosec = divmod(period, 1_000_000_000)
+    point = JointTrajectoryPoint(
+        positions=_doubles(angle), time_from_start=Duration(sec=sec, nanosec=nanosec)
+    )
+    return JointTrajectory(joint_names=names, points=[point])
+
+
+COMMAND_TYPES = {
+    'joint_state': CommandType(JointState, 'joint_command', 0, command_message),
+    'multi_array': CommandType(Float64MultiArray, 'position_commands', 0, positions_message),
+    'trajectory': CommandType(JointTrajectory, 'joint_trajectory', 1, trajectory_message),
+}
+
+
+def _doubles(values: Array) -> 'array[float]':
+    return array('d', np.ascontiguousarray(values, dtype=float).tobytes())

@@ -1,0 +1,233 @@
+"""Gaits that change while they run: no jumps, exact rates, limits kept, phases kept."""
+
+from dataclasses import replace
+from itertools import pairwise
+import math
+
+import numpy as np
+import pytest
+from random_states import EPS
+
+from snake_sim_ros import gait
+from snake_sim_ros.blending import Blend
+from snake_sim_ros.blending import check_limits
+from snake_sim_ros.blending import largest_values
+from snake_sim_ros.blending import shortest_blend
+from snake_sim_ros.parameters import Gait
+from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import Robot
+from snake_sim_ros.parameters import Wave
+from snake_sim_ros.records import ParameterError
+
+ROBOT = Robot()
+JOINTS = 10
+LARGEST = largest_values(ROBOT)
+# Angles up to 1 rad from phases up to 200 rad, whose rounding the sine passes on.
+ROUNDING = 400 * EPS
+SCENES = [
+    *('hyper_redundant', 'lateral_undulation', 'lateral_undulation_isotropic', 'obstacle_aided'),
+    *('sidewinding', 'sinus_lifting', 'slender_undulation', 'step'),
+]
+UNDULATION, SIDEWINDING, SINUS_LIFTING = (
+    load_scene(name).gait for name in ('lateral_undulation', 'sidewinding', 'sinus_lifting')
+)
+
+
+def random_gait(rng):
+    """Return a gait within the limits, often at their edge."""
+
+    def wave():
+        values = {name: rng.uniform(-1, 1) * largest for name, largest in LARGEST.items()}
+        values['angular_frequency'] = LARGEST['angular_frequency'] * rng.choice([-1, 0, 0.3, 1])
+        values['amplitude'] = LARGEST['amplitude'] * rng.choice([-1, 0, 0.5, 1])
+        values['offset'] *= 1 - abs(values['amplitude']) / ROBOT.joint_limit
+        return Wave(**values)
+
+    made = Gait(yaw=wave(), pitch=wave())
+    check_limits(made, ROBOT)
+    return made
+
+
+def random_changes(seed):
+    """Return the blends of some changes at random times, as [(time it holds from, blend)]."""
+    rng = np.random.default_rng(seed)
+    duration = shortest_blend(ROBOT) * rng.choice([1.0, 2.0])
+    blends = [(0.0, Blend.of(random_gait(rng), JOINTS, duration))]
+    for _ in range(8):
+        time = blends[-1][0] + duration * rng.choice([0.0, 0.05, 0.4, 1.0, 1.7])
+        blends.append((time, blends[-1][1].changed(time, random_gait(rng))))
+    return blends
+
+
+@pytest.mark.parametrize('name', SCENES)
+def test_without_a_change_it_is_the_gait(name):
+    scene = load_scene(name)
+    check_limits(scene.gait, scene.robot)
+    times = np.linspace(0.0, 60.0, 500)
+    for values, expected in zip(
+        Blend.of(scene.gait, JOINTS, 1.0).reference(times),
+        gait.reference(scene.gait, times, JOINTS),
+        strict=True,
+    ):
+        assert np.abs(values - expected).max() < ROUNDING
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_no_change_makes_a_jump(seed):
+    blends = random_changes(seed)
+    for (_, before), (time, after) in pairwise(blends):
+        for old, new in zip(before.reference(time), after.reference(time), strict=True):
+            # Rates up to 10 rad/s, with phases that are added up in another order.
+            assert np.abs(new - old).max() < 10 * ROUNDING
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_rates_are_the_derivatives_of_the_angles(seed):
+    h, Omega, L = 1e-5, LARGEST['angular_frequency'], ROBOT.joint_limit
+    blends = random_changes(seed)
+    ends = [time for time, _ in blends[1:]] + [blends[-1][0] + 3.0]
+    for (begin, blend), end in zip(blends, ends, strict=True):
+        if end == begin:
+            continue
+        times = np.linspace(begin + h, end - h, 200)
+        T, m = blend.duration, len(blend.begins)
+        # The second derivative jumps where a blend ends.
+        kinks = np.append(blend.begins + T, blend.begins)
+        times = times[(np.abs(times[:, None] - kinks) > 2 * h).all(axis=1)]
+        (later, _), (sooner, _) = (blend.reference(times + sign * h) for sign in (1, -1))
+        _, rate = blend.reference(times)
+        # Central difference: h^2/6 |alpha'''|, with alpha = Im(z c) + psi, c = exp(i phi). Here
+        # |z| + |psi| <= L w, and |w'|, |w''|, |w'''| <= 2m times those of s: 3/2T, 6/T^2, 12/T^3;
+        # the frequency w Omega likewise.
+        w = [1.0, 3 * m / T, 12 * m / T**2, 24 * m / T**3]
+        omega = [Omega * value for value in w]
+        c = [
+            1.0,
+            omega[0],
+            omega[0] ** 2 + omega[1],
+            omega[0] ** 3 + 3 * omega[0] * omega[1] + omega[2],
+        ]
+        third = L * sum(math.comb(3, i) * w[i] * c[3 - i] for i in range(4))
+        bound = h**2 / 6 * third + ROUNDING / h
+        assert np.abs(rate - (later - sooner) / (2 * h)).max(initial=0.0) < bound
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_blends_stay_within_the_limits_of_the_joints(seed):
+    for begin, blend in random_changes(seed):
+        angle, rate = blend.reference(np.linspace(begin, begin + 3.0, 500))
+        assert np.abs(angle).max() < ROBOT.joint_limit + ROUNDING
+        assert np.abs(rate).max() < ROBOT.joint_rate_limit + 10 * ROUNDING
+
+
+@pytest.mark.parametrize(
+    'change', [{'amplitude': 0.2}, {'phase_lag': 0.4}, {'phase': 1.0}, {'offset': -0.2}]
+)
+def test_a_change_ends_at_the_gait_of_the_new_numbers(change):
+    later = replace(UNDULATION, yaw=replace(UNDULATION.yaw, **change))
+    blend = Blend.of(UNDULATION, JOINTS, 1.5).changed(4.2, later)
+    times = np.linspace(5.7, 30.0, 100)
+    for values, expected in zip(
+        blend.reference(times), gait.reference(later, times, JOINTS), strict=True
+    ):
+        assert np.abs(values - expected).max() < ROUNDING
+
+
+@pytest.mark.parametrize('axis', ['yaw', 'pitch'])
+def test_another_frequency_keeps_the_phase(axis):
+    old, new, T, begin = 1.4, -3.1, 1.5, 40.0
+    wave = Wave(amplitude=0.4, angular_frequency=old, phase=0.3)
+    blend = Blend.of(Gait(**{axis: wave}), 1, T).changed(
+        begin, Gait(**{axis: replace(wave, angular_frequency=new)})
+    )
+    column = ('yaw', 'pitch').index(axis)
+    for time in (begin + T, begin + T + 7.0):
+        # The frequency is symmetric about its mean in the blend, then the new one.
+        phase = 0.3 + old * begin + (old + new) / 2 * T + new * (time - begin - T)
+        angle, rate = blend.reference(time)
+        assert abs(angle[0, column] - 0.4 * math.sin(phase)) < ROUNDING
+        assert abs(rate[0, column] - 0.4 * new * math.cos(phase)) < 4 * ROUNDING
+
+
+@pytest.mark.parametrize('begin', [0.7, 13.37, 21.0])
+def test_waves_of_another_gait_lie_on_each_other_as_its_phases_say(begin):
+    # Pitch stood still before, and runs at twice the frequency of yaw afterward.
+    blend = Blend.of(SIDEWINDING, JOINTS, 1.0).changed(begin, UNDULATION)
+    blend = blend.changed(begin + 0.4, SINUS_LIFTING).changed(begin + 0.4, SINUS_LIFTING)
+    times = begin + np.linspace(1.4, 9.0, 50)
+    full = replace(SINUS_LIFTING, soft_start=0.0)
+    fade, _ = gait.soft_start(times[:, None, None], SIDEWINDING.soft_start)
+    # Yaw keeps its frequency, hence its time; pitch has joined it.
+    expected, _ = gait.reference(full, times, JOINTS)
+    assert np.abs(blend.reference(times)[0] - fade * expected).max() < ROUNDING
+
+
+def test_frequencies_changed_one_after_the_other_end_as_one_motion():
+    yaw, pitch = (
+        replace(wave, angular_frequency=2.0) for wave in (SIDEWINDING.yaw, SIDEWINDING.pitch)
+    )
+    both = Gait(yaw=yaw, pitch=pitch)
+    blend = Blend.of(replace(SIDEWINDING, soft_start=0.0), JOINTS, 1.0)
+    blend = blend.changed(3.0, replace(SIDEWINDING, yaw=yaw)).changed(7.0, both)
+    times = np.linspace(8.0, 12.0, 50)
+    # 2 t = the yaw phase, which has been running at 2 rad/s since the middle of its blend.
+    late = 3.5 * (1 - SIDEWINDING.yaw.angular_frequency / 2.0)
+    expected, _ = gait.reference(both, times - late, JOINTS)
+    assert np.abs(blend.reference(times)[0] - expected).max() < ROUNDING
+
+
+def test_a_wave_that_stood_still_goes_on_where_it_was():
+    still = Gait(yaw=replace(UNDULATION.yaw, amplitude=0.0, angular_frequency=0.0))
+    blend = Blend.of(UNDULATION, JOINTS, 1.0).changed(5.0, still)
+    angle, rate = blend.reference(6.0)
+    assert np.abs(angle).max() == np.abs(rate).max() == 0.0
+    blend = blend.changed(50.0, UNDULATION)
+    # Half a blend of either kind counts: 5.5 s, and from 50.5 s on.
+    expected, _ = gait.reference(UNDULATION, 60.0 - 50.5 + 5.5, JOINTS)
+    assert np.abs(blend.reference(60.0)[0] - expected).max() < ROUNDING
+
+
+def test_a_soft_start_goes_on_through_a_change():
+    blend = Blend.of(SIDEWINDING, JOINTS, 1.0).changed(1.0, UNDULATION)
+    s, s_dot = gait.soft_start(np.array(3.0), SIDEWINDING.soft_start)
+    angle, rate = gait.reference(UNDULATION, 3.0, JOINTS)
+    expected = s * rate + s_dot * angle
+    assert np.abs(blend.reference(3.0)[0] - s * angle).max() < ROUNDING
+    assert np.abs(blend.reference(3.0)[1] - expected).max() < ROUNDING
+
+
+def test_arrays_and_single_times_agree_and_the_past_is_forgotten():
+    blend = Blend.of(UNDULATION, JOINTS, 1.0)
+    for k in range(1000):
+        blend = blend.changed(0.02 * k, [SIDEWINDING, SINUS_LIFTING][k % 2])
+    assert len(blend.begins) <= 51
+    times = np.array([20.0, 20.4, 33.0])
+    angles, rates = blend.reference(times)
+    assert angles.shape == rates.shape == (3, JOINTS, 2)
+    for k, time in enumerate(times):
+        angle, rate = blend.reference(float(time))
+        assert np.abs(angle - angles[k]).max() < ROUNDING
+        assert np.abs(rate - rates[k]).max() < 4 * ROUNDING
+
+
+@pytest.mark.parametrize(
+    ('axis', 'wave', 'sentence'),
+    [
+        ('yaw', {'amplitude': 0.8}, 'gait.yaw.amplitude must be within +-0.7854 rad, got 0.8 rad'),
+        (
+            'pitch',
+            {'angular_frequency': -7.0},
+            'gait.pitch.angular_frequency must be within +-6.366 rad/s, got -7 rad/s',
+        ),
+        (
+            'yaw',
+            {'amplitude': -0.5, 'offset': 0.3},
+            'amplitude plus offset of gait.yaw must be within the joint limit, 0.7854 rad, '
+            'got 0.8 rad',
+        ),
+    ],
+)
+def test_gaits_that_joints_cannot_follow_are_refused(axis, wave, sentence):
+    with pytest.raises(ParameterError) as refused:
+        check_limits(Gait(**{axis: Wave(**wave)}), ROBOT)
+    assert str(refused.value) == sentence

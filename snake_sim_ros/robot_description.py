@@ -1,11 +1,11 @@
 """
 The robot as a URDF, for viewers and for whatever computes with its kinematics or its masses.
 
-The tree begins at the middle link, whose frame is that of `base_link`. Frames of `link_i` are as
-on the wire: at the center, x along the link toward the next one, y to the left and z up when the
-link lies flat. Joint coordinates are those of the model: the next link is turned against a link by
-``R_z(yaw) R_y(pitch)``. Between link 1 and the base the tree runs backward: there pitch comes
-first, and both axes are turned around.
+The tree begins at `base_link`, the middle link turned around, so that x is forward, toward link 1
+(REP 103). Frames of `link_i` are as on the wire: at the center, x along the link toward the next
+one, y to the left and z up when the link lies flat. Joint coordinates are those of the model: the
+next link is turned against a link by ``R_z(yaw) R_y(pitch)``. Between link 1 and the base the tree
+runs backward: there pitch comes first, and both axes are turned around.
 
 In a URDF a link has its frame at its joint. A link therefore hangs on a frame `link_i_end`, at the
 joint that leads to it. Between the two axes of a joint is `cross_i`, which has a mass only because
@@ -50,7 +50,8 @@ def robot_description(robot: Robot) -> str:
     element(root, 'link', name='base_link')
     for i in range(robot.link_count):
         _add_link(root, robot, i)
-    _join(root, 'base', 'base_link', f'link_{middle + 1}', 0.0)
+    base = _join(root, 'base', 'base_link', f'link_{middle + 1}', 0.0)
+    element(base, 'origin', xyz=(0, 0, 0), rpy=(0.0, 0.0, math.pi))
     for j in range(robot.link_count - 1):
         parent, child, sign = (j, j + 1, 1) if j >= middle else (j + 1, j, -1)
         cross, end = f'cross_{j + 1}', f'link_{child + 1}_end'
@@ -115,7 +116,8 @@ def _join(
     joint = element(root, 'joint', name=name, type=kind)
     element(joint, 'parent', link=parent)
     element(joint, 'child', link=child)
-    element(joint, 'origin', xyz=(x, 0, 0))
+    if x:
+        element(joint, 'origin', xyz=(x, 0, 0))
     return joint
 
 

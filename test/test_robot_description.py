@@ -99,7 +99,8 @@ def test_joint_states_drive_it_to_the_pose_of_the_model(robot):
     mujoco.mj_kinematics(model, data)
     q = chain(robot, angle)
     frames = rotation_matrices(product(q[:, 3:], B_TO_WIRE))
-    position, base = q[:, :3] - q[robot.middle_link, :3], frames[robot.middle_link]
+    position = q[:, :3] - q[robot.middle_link, :3]
+    base = frames[robot.middle_link] * [-1, -1, 1]  # x toward link 1
     assert (data.body('base_link').xpos == 0).all()
     for i, name in enumerate(link_names(robot)):
         body = data.body(name)

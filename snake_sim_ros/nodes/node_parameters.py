@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 import json
 import math
-import sys
 from typing import Any
 from typing import TypeVar
 
@@ -44,10 +43,7 @@ def declare(node: Node, name: str, value: Any, limits: Mapping[str, Any], read_o
     )
     low, high = max(limits['minimum'], limits['above']), limits['maximum']
     if isinstance(value, float) and (math.isfinite(low) or math.isfinite(high)):
-        largest = sys.float_info.max
-        descriptor.floating_point_range = [
-            FloatingPointRange(from_value=max(low, -largest), to_value=min(high, largest))
-        ]
+        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     elif type(value) is int:
         largest = 2**63 - 1
         descriptor.integer_range = [
@@ -56,8 +52,9 @@ def declare(node: Node, name: str, value: Any, limits: Mapping[str, Any], read_o
             )
         ]
     if isinstance(value, tuple):
-        nested = any(isinstance(entry, tuple) for entry in value)
-        value = json.dumps(value) if nested else list(value)  # a parameter has no rows: text
+        # A parameter has no rows, and an empty one has no type: both are text.
+        nested = not value or any(isinstance(entry, tuple) for entry in value)
+        value = json.dumps(value) if nested else list(value)
     if node.has_parameter(name):
         node.undeclare_parameter(name)
     node.declare_parameter(name, value, descriptor, ignore_override=True)

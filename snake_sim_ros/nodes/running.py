@@ -69,7 +69,12 @@ def run_node(
         _on_signals(interrupt)
         _initialize(args)
         _refuse_arguments(remove_ros_args(sys.argv if args is None else args)[1:])
-        node = make()
+        try:
+            node = make()
+        except ValueError as error:
+            if 'PARAMETER_NOT_SET' not in str(error):
+                raise
+            raise ParameterError('a parameter is an empty list; write it as text: "[]"') from None
         _on_signals(lambda number, frame: stop.set())
         run(node, stop)
         node.destroy_node()
@@ -100,6 +105,7 @@ def _initialize(args: list[str] | None) -> None:
 def _refuse_arguments(arguments: list[str]) -> None:
     """End with a usage message if there is anything but arguments of ROS."""
     argparse.ArgumentParser(
+        prog=os.path.basename(sys.argv[0]).removesuffix('_node.py'),
         usage='%(prog)s [--ros-args [-p NAME:=VALUE ...] [--params-file FILE] [-r FROM:=TO ...]]',
         epilog='ros2 param list shows the parameters of a node that runs.',
     ).parse_args(arguments)

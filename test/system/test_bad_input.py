@@ -85,6 +85,8 @@ PARAMS_FILE = """
     scene: sidewinding
     gravity: [0.5, 0.0, -9.8]
     friction.longitudinal: 0.25
+    pegs: {x: '[]', y: '[]'}
+    ground.heights: '[]'
     robot:
       yaw_damping: 0.3
 """
@@ -281,6 +283,7 @@ BAD_STARTS = {
         ['friction.transversal:=much'],
         "friction.transversal must be a number, got 'much'",
     ),
+    'empty list': ('sim', ['pegs.x:=[]'], 'a parameter is an empty list; write it as text: "[]"'),
     'method': ('sim', ['method:=magic'], "unknown method 'magic'; choose from: auto, bdf2, "),
     'gait': (
         'gait',

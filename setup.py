@@ -39,6 +39,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
         (f'share/{package_name}/config', sorted(glob('config/*'))),
+        (f'share/{package_name}/examples', sorted(glob('examples/*.py'))),
         # What `ros2 run` finds after a pip install, which puts console scripts elsewhere.
         (f'lib/{package_name}', ['scripts/gait', 'scripts/sim']),
     ],

@@ -61,7 +61,7 @@ def test_the_selection_rule_is_on_by_default():
 @each_direction
 @pytest.mark.parametrize('compliance', [1e-4, 0.0])
 @pytest.mark.parametrize(
-    ('method', 'seconds'), [('newton', 60), ('newton_dense', 2), ('bdf2', 60)]
+    ('method', 'seconds'), [('newton', 60), ('newton_dense', 1), ('bdf2', 10)]
 )
 def test_nothing_sinks_or_creeps_on_a_slope(method, seconds, compliance, direction):
     robot = OnSlope(method, direction, compliance)
@@ -125,7 +125,8 @@ def test_joints_are_closed_after_every_step(rule, method):
     state = State(start.q, spin)  # fast, so that a step opens the joints
     angle = np.zeros((1, 10, 2))
     drift = 0.0
-    for _ in range(80):
+    # Sweeps take long for all joints of the robot; the others go on while it tears at them.
+    for _ in range(20 if method == 'gauss_seidel' else 80):
         state, history, report = stepper.advance(state, history, angle, angle)
         drift = max(drift, report.joint_gap_max)
         # Centers are sums of lengths up to n L = 1.3 m, 11 roundings: 3e-15; angles alike.

@@ -91,7 +91,7 @@ def test_gaps_and_directions(seed):
 def test_step_agrees_with_the_dense_one(method):
     # Robots curled up in the air and on the floor, with a peg beside some of them.
     touched = 0
-    for seed in range(6):
+    for seed in range(3):
         rng = np.random.default_rng(seed)
         robot = Robot(link_count=7)
         q, _ = curled(robot, gap=-1e-3)
@@ -103,7 +103,7 @@ def test_step_agrees_with_the_dense_one(method):
         )  # fmt: skip
         state = State(q, rng.uniform(-0.1, 0.1, (7, 6)))
         touched += check_agreement(scene, state, rng, method)
-    assert touched > 12
+    assert touched > 6
 
 
 @every_paired

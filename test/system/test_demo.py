@@ -9,6 +9,7 @@ import time
 
 from graph import next_domain
 from graph import Process
+from graph import ROOT
 import pytest
 
 PNG = b'\x89PNG\r\n\x1a\n'
@@ -71,7 +72,9 @@ def assert_no_orphans(process):
 
 
 def test_whole_demonstration(compiled, tmp_path):
-    process = start('--duration', '1.5', '--out', str(tmp_path / 'demo.png'))
+    path = f'PATH={Path(sys.executable).parent}:{os.environ["PATH"]}'
+    command = ['env', path, str(ROOT / 'run'), 'demo', '--duration', '1.5', '--out', 'demo.png']
+    process = Process(command, next_domain(), tmp_path)
     try:
         assert process.wait(60) == 0, process.output
     finally:

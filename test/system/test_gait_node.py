@@ -258,7 +258,7 @@ def test_sim_and_gait_get_as_far_as_the_offline_run(started):
     while nanoseconds(live.joint_states[-1]) < begin + periods * PERIOD:
         # In lock-step: the robot waits for the command of the time that it got to.
         now = nanoseconds(live.joint_states[-1])
-        graph.until(lambda: nanoseconds(commands[-1]) >= now, 'the command of now')
+        graph.until(lambda now=now: nanoseconds(commands[-1]) >= now, 'the command of now')
         path.append(positions(live.step()[1])[5])
     moved = np.linalg.norm((path[-1] - path[0])[:2])
 

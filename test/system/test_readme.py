@@ -29,7 +29,6 @@ COMMANDS = dict.fromkeys(
 # What is added to a command so that it ends soon, or what stands in for a tool that only a ROS 2
 # installation has: `ros2 run` starts the launcher of that name.
 SHORTENED = {
-    './run demo': '--duration 1',
     './run test': '--collect-only -q test/test_gait.py',
     './run bench --quick': 'lateral_undulation --methods newton --dt 0.001 --duration 0.1',
     './run stability --quick': '--maps spin',
@@ -37,6 +36,8 @@ SHORTENED = {
     './run run obstacle_aided': '--duration 0.5',
 }
 ELSEWHERE = {
+    './run demo': 'test_demo.py',
+    './run chart docs/speed_accuracy/bench.csv': 'test_charts.py',
     'colcon build && . install/setup.sh': 'test_installed_layout',
     'ros2 topic echo /joint_states': 'test_sim_node.py',
 }

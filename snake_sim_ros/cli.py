@@ -31,6 +31,7 @@ from snake_sim_ros.tables import TableWriter
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')
 QUICK_CASES = CASES[::2]
 PARTS = ('precision', 'links', 'iterations', 'costs', 'start_up')  # of the bench
+RATES = (50.0, 100.0, 200.0, 500.0)  # Hz, of the pacing
 SCENES = (*CASES, 'slender_undulation', 'obstacle_aided', 'step')
 
 
@@ -149,6 +150,16 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         '--out', type=Path, default=Path('demo.png'), metavar='FILE.png', help='default: demo.png'
     )
+
+    command = commands.add_parser(
+        'pacing', help='measure how the node sim keeps time over ROS 2, and what that costs'
+    )
+    command.set_defaults(command=_pacing)
+    command.add_argument('--duration', type=float, default=5.0, help='of each part [s], default 5')
+    command.add_argument(
+        '--rates', nargs='*', type=float, default=RATES, metavar='HZ',
+        help='publish rates at which it runs as fast as possible, default 50 100 200 500',
+    )  # fmt: skip
     return parser
 
 
@@ -358,6 +369,16 @@ def _demo(options: argparse.Namespace) -> int:
             f'the demo needs ROS 2 ({error}): source a ROS 2 installation, or ./run demo'
         ) from None
     return demo(options.scene, options.duration, options.out)
+
+
+def _pacing(options: argparse.Namespace) -> int:
+    try:
+        from snake_sim_ros.nodes.pacing import pacing
+    except ImportError as error:
+        raise ParameterError(
+            f'pacing needs ROS 2 ({error}): source a ROS 2 installation, or ./run pacing'
+        ) from None
+    return pacing(options.duration, options.rates)
 
 
 if __name__ == '__main__':

@@ -105,6 +105,7 @@ class JointReference:
         Parameters
         ----------
         times : ndarray, shape (m,)
+            Increasing [s].
         horizon : float
             How long a command is extrapolated [s]; then its angle is held and the rate is zero.
         limit : float
@@ -119,12 +120,15 @@ class JointReference:
         angle = self.angle + np.minimum(age, horizon) * self.rate
         rate = np.where(age <= horizon, self.rate, 0.0)
         for motion in self.motions:
-            begun, axes = times >= motion.begin, motion.axes
-            at = np.minimum(times, motion.end)[begun]
-            moving = (times < motion.end)[begun, None]
-            angle.reshape(len(times), -1)[np.ix_(begun, axes)] = motion.angle(at)
-            rate.reshape(len(times), -1)[np.ix_(begun, axes)] = moving * motion.rate(at)
+            begun = slice(int(times.searchsorted(motion.begin)), None)
+            at, end = times[begun], motion.end
+            moving = at[:, None] < end
+            at = np.minimum(at, end)
+            angle.reshape(len(times), -1)[begun, motion.axes] = motion.angle(at)
+            rate.reshape(len(times), -1)[begun, motion.axes] = moving * motion.rate(at)
         inside = np.abs(angle) <= limit
+        if inside.all():
+            return angle, rate
         return np.clip(angle, -limit, limit), np.where(inside, rate, 0.0)
 
     def commanded(self, axes: Array, stamp: float, angle: Array, rate: Array) -> 'JointReference':

@@ -112,7 +112,7 @@ class LevelStepper:
         )
         self.level = planar.level
         self.settle_steps = max(1, round(scene.settling_time / scene.dt))
-        self.cycles = np.zeros(1, np.int64)
+        self.ticks: list[Array] = []  # time stamps of the parts of the last call
         self.reason = ''  # why the last spatial steps were not planar
         self.used: list[Any] = []  # levels that are compiled
         self.compile_seconds = 0.0
@@ -123,7 +123,7 @@ class LevelStepper:
         """Return state, history and report after as many steps as there are references."""
         history, report = history.copy(), Report(level=self.level)
         vertical = is_vertical(angle, rate)
-        start, ticks = 0, [np.zeros(1, np.int64)]
+        start, self.ticks = 0, []
         while start < len(vertical) and not report.failure:
             changes = vertical[start:] != vertical[start]
             part = slice(start, start + int(changes.argmax()) if changes.any() else None)
@@ -145,11 +145,16 @@ class LevelStepper:
             if news.left:
                 history[SETTLING], self.reason = self.settle_steps, news.left
             news.left = self.reason if stepper is self.spatial else ''
-            ticks.append(np.diff(stepper.cycles[: news.steps + 1]))
+            self.ticks.append(stepper.cycles[: news.steps + 1])
             report = report + news if report.steps else news
             start += news.steps
-        self.level, self.cycles = report.level, np.cumsum(np.concatenate(ticks))
+        self.level = report.level
         return state, history, report
+
+    @property
+    def cycles(self) -> Array:
+        """Time stamps between the steps of the last call, from 0 on, without what is between."""
+        return np.cumsum(np.concatenate([[0], *map(np.diff, self.ticks)]))
 
     def compile(
         self, stepper: Any, state: State, history: Array, angle: Array, rate: Array

@@ -36,13 +36,20 @@ def rotation_matrix(p: Array) -> Array:
 
 def rotation_matrices(p: Array) -> Array:
     """Return R^I_B of many unit Euler parameters (..., 4), shape (..., 3, 3)."""
-    e0, e1, e2, e3 = np.moveaxis(p, -1, 0)
-    rows = [
-        [e0 * e0 + e1 * e1 - e2 * e2 - e3 * e3, 2 * (e1 * e2 - e0 * e3), 2 * (e1 * e3 + e0 * e2)],
-        [2 * (e1 * e2 + e0 * e3), e0 * e0 - e1 * e1 + e2 * e2 - e3 * e3, 2 * (e2 * e3 - e0 * e1)],
-        [2 * (e1 * e3 - e0 * e2), 2 * (e2 * e3 + e0 * e1), e0 * e0 - e1 * e1 - e2 * e2 + e3 * e3],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    e0, e1, e2, e3 = p[..., 0], p[..., 1], p[..., 2], p[..., 3]
+    e00, e11, e22, e33 = e0 * e0, e1 * e1, e2 * e2, e3 * e3
+    e01, e02, e03, e12, e13, e23 = e0 * e1, e0 * e2, e0 * e3, e1 * e2, e1 * e3, e2 * e3
+    R = np.empty((*p.shape[:-1], 3, 3))
+    R[..., 0, 0], R[..., 0, 1], R[..., 0, 2] = (
+        e00 + e11 - e22 - e33, 2 * (e12 - e03), 2 * (e13 + e02)
+    )  # fmt: skip
+    R[..., 1, 0], R[..., 1, 1], R[..., 1, 2] = (
+        2 * (e12 + e03), e00 - e11 + e22 - e33, 2 * (e23 - e01)
+    )  # fmt: skip
+    R[..., 2, 0], R[..., 2, 1], R[..., 2, 2] = (
+        2 * (e13 - e02), 2 * (e23 + e01), e00 - e11 - e22 + e33
+    )  # fmt: skip
+    return R
 
 
 def product(a: Array, b: Array) -> Array:

@@ -150,7 +150,9 @@ class Stepper(Protocol):
     """
 
     level: str
-    cycles: Array
+
+    @property
+    def cycles(self) -> Array: ...  # noqa: D102
 
     def advance(
         self, state: State, history: Array, angle: Array, rate: Array

@@ -1,9 +1,16 @@
 """Messages from and to physics, without any node."""
 
+from types import SimpleNamespace
+
+from geometry_msgs.msg import PoseArray
+from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from random_states import random_parameters
 from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
 
 from snake_sim_ros.nodes.command_messages import command_message
 from snake_sim_ros.nodes.command_messages import joint_names
@@ -12,6 +19,8 @@ from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.messages import StateMessages
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import Robot
+from snake_sim_ros.posture import joint_angles
+from snake_sim_ros.posture import joint_rates
 from snake_sim_ros.records import flat_fields
 from snake_sim_ros.rotations import FLAT
 from snake_sim_ros.rotations import rotation_matrices
@@ -30,9 +39,19 @@ def wire_matrix(orientation):
 
 def filled(state, robot=ROBOT, frame_prefix=''):
     messages = StateMessages(robot, frame_prefix)
-    axes = np.arange(2.0 * (robot.link_count - 1)).reshape(-1, 2)
-    messages.fill(stamp_from(5_000_000), state, axes, axes + 100, axes + 200)
-    return messages
+    torque = np.arange(2.0 * (robot.link_count - 1)).reshape(-1, 2)
+    messages.fill(5_000_000, state, torque)
+    return received(messages)
+
+
+def received(messages):
+    """Return the messages as a subscriber gets them."""
+    return SimpleNamespace(
+        joint_states=deserialize_message(bytes(messages.joint_states), JointState),
+        link_poses=deserialize_message(bytes(messages.link_poses), PoseArray),
+        odom=deserialize_message(bytes(messages.odom), Odometry),
+        clock=deserialize_message(bytes(messages.clock), Clock),
+    )
 
 
 @pytest.fixture
@@ -91,9 +110,12 @@ def test_twist_is_that_of_the_middle_link_in_its_frame(state):
 def test_messages_hold_floats_and_one_stamp(state):
     messages = filled(state)
     assert list(messages.joint_states.name) == NAMES
-    for values, first in (('position', 0), ('velocity', 100), ('effort', 200)):
-        numbers = getattr(messages.joint_states, values)
-        assert list(numbers) == list(range(first, first + 20))
+    for numbers, wanted in (
+        (messages.joint_states.position, joint_angles(state.q)),
+        (messages.joint_states.velocity, joint_rates(state.q, state.u)),
+        (messages.joint_states.effort, np.arange(20.0)),
+    ):
+        assert list(numbers) == wanted.ravel().tolist()
         assert all(type(number) is float for number in numbers)
     parts = [part for p in messages.link_poses.poses for part in (p.position, p.orientation)]
     parts += [messages.odom.twist.twist.linear, messages.odom.twist.twist.angular]
@@ -102,6 +124,7 @@ def test_messages_hold_floats_and_one_stamp(state):
             assert type(getattr(part, name)) is float
     for message in (messages.joint_states, messages.link_poses, messages.odom):
         assert message.header.stamp == stamp_from(5_000_000)
+    assert messages.clock.clock == stamp_from(5_000_000)
     assert messages.link_poses.header.frame_id == 'world'
     positions = [[p.position.x, p.position.y, p.position.z] for p in messages.link_poses.poses]
     assert (np.array(positions) == state.q[:, :3]).all()
@@ -135,14 +158,24 @@ def test_values_of_links_and_joints_are_lists_to_ros():
 
 
 def test_messages_are_filled_anew(state):
-    messages = filled(state)
+    kept = StateMessages(ROBOT)
+    kept.fill(5_000_000, state, np.ones((10, 2)))
     other = State(np.tile([1.0, 2.0, 3.0, *FLAT], (11, 1)), np.zeros((11, 6)))
-    zero = np.zeros((10, 2))
-    messages.fill(stamp_from(7), other, zero, zero, zero)
+    kept.fill(7, other, np.zeros((10, 2)))
+    messages = received(kept)
+    assert messages.joint_states.header.stamp == stamp_from(7)
     assert messages.link_poses.poses[5].position.y == 2.0
     assert messages.odom.pose.pose.position.z == 3.0
     assert messages.odom.twist.twist.linear.x == 0.0
     assert not any(messages.joint_states.velocity)
+    assert not any(messages.joint_states.effort)
+
+
+def test_messages_of_a_single_link():
+    state = State(np.array([[0.0, 0.0, 0.03, *FLAT]]), np.zeros((1, 6)))
+    messages = filled(state, Robot(link_count=1))
+    assert len(messages.link_poses.poses) == 1
+    assert list(messages.joint_states.position) == list(messages.joint_states.name) == []
 
 
 def test_command_has_all_joints():

@@ -1,17 +1,8 @@
 """The live demonstration: `sim` and `gait` as two processes, watched over ROS 2 by a third."""
 
-from collections import deque
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from dataclasses import field
 from pathlib import Path
-import re
-import signal
-import subprocess
 import sys
 from threading import Event
-from threading import Thread
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -21,8 +12,13 @@ import rclpy
 from rclpy.node import Node
 
 from snake_sim_ros.nodes.messages import seconds_from
+from snake_sim_ros.nodes.processes import Child
+from snake_sim_ros.nodes.processes import children
+from snake_sim_ros.nodes.processes import Interrupted
+from snake_sim_ros.nodes.processes import interruptible
+from snake_sim_ros.nodes.processes import NodeDied
+from snake_sim_ros.nodes.processes import start
 from snake_sim_ros.nodes.running import make_executor
-from snake_sim_ros.nodes.running import SIGNALS
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.records import ParameterError
 
@@ -32,50 +28,6 @@ SUMMARY = (
     'method', 'real_time_factor', 'residual_max', 'iterations_per_step', 'unconverged_steps',
     'penetration_max', 'rejected_commands', 'overruns',
 )  # fmt: skip
-END_TIMEOUT = 5.0  # s, for a node to end after SIGINT
-
-
-class Interrupted(Exception):
-    """The user or the system asked the demonstration to end."""
-
-
-class NodeDied(Exception):
-    """A node ended, or fell silent, although nobody asked it to."""
-
-
-@dataclass
-class Child:
-    """A node in a process of its own, with the last lines that it printed."""
-
-    name: str
-    process: subprocess.Popen[str]
-    lines: deque[str] = field(default_factory=lambda: deque(maxlen=5))
-    begin: float | None = None  # time at which it said that the gait begins [s]
-
-    def check(self) -> None:
-        """
-        Raise if the process has ended.
-
-        Raises
-        ------
-        NodeDied
-
-        """
-        status = self.process.poll()
-        if status is not None:
-            time.sleep(0.1)  # for its last words
-            words = ' / '.join(self.lines)
-            raise NodeDied(f'{self.name} ended with status {status}: {words}')
-
-    def end(self) -> None:
-        """End the process: by asking, then by force."""
-        if self.process.poll() is None:
-            self.process.send_signal(signal.SIGINT)
-        try:
-            self.process.wait(END_TIMEOUT)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
 
 
 class Watch(Node):
@@ -143,61 +95,12 @@ def demo(source: str, duration: float, out: Path) -> int:
     return status
 
 
-@contextmanager
-def interruptible() -> Iterator[Event]:
-    """Give an event that SIGINT and SIGTERM set; an exception would break off the middleware."""
-    stop = Event()
-    before = {number: signal.signal(number, lambda *_: stop.set()) for number in SIGNALS}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-@contextmanager
-def children() -> Iterator[list[Child]]:
-    """Give a list for the nodes that are started; end them afterwards."""
-    nodes: list[Child] = []
-    try:
-        yield nodes
-    finally:
-        for node in nodes:
-            node.end()
-
-
-def _start(name: str, *parameters: str) -> Child:
-    """Start a node, in a session of its own so that Ctrl-C is ours."""
-    command = [sys.executable, '-m', f'snake_sim_ros.nodes.{name}_node', '--ros-args']
-    for parameter in parameters:
-        command += ['-p', parameter]
-    process = subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
-    )
-    node = Child(name, process)
-    Thread(target=_listen, args=(node,), daemon=True).start()
-    print(f'started {name}, process {process.pid}')
-    return node
-
-
-def _listen(node: Child) -> None:
-    assert node.process.stdout is not None
-    for line in node.process.stdout:
-        node.lines.append(line.rstrip())
-        if said := re.search(r'the gait begins at t = (\S+) s', line):
-            node.begin = float(said[1])
-
-
 def _follow(
     watch: Watch, nodes: list[Child], stop: Event, source: str, duration: float, middle: int
 ) -> None:
     """Start the nodes and show how the robot does until the gait has run for the duration."""
     executor = make_executor(watch)
-    nodes.append(_start('sim', f'scene:={source}'))
+    nodes.append(start('sim', f'scene:={source}'))
     print('compiling the physics (half a minute at the first start ever) ...')
     started = heard = shown = time.monotonic()
     count = 0
@@ -211,8 +114,9 @@ def _follow(
         if len(watch.times) > count:
             count, heard = len(watch.times), now
         if count and len(nodes) == 1:  # the gait comes when its beginning will be seen
-            nodes.append(_start('gait', f'scene:={source}', 'use_sim_time:=true'))
-        watch.begin = nodes[-1].begin
+            nodes.append(start('gait', f'scene:={source}', 'use_sim_time:=true'))
+        if said := nodes[-1].said(r'the gait begins at t = (\S+) s'):
+            watch.begin = float(said[1])
         if watch.begin is None and now - started > START_TIMEOUT:
             raise NodeDied(f'the gait did not begin within {START_TIMEOUT:g} s')
         if count and now - heard > STALL_TIMEOUT:

@@ -36,6 +36,12 @@ def make_executor(node: Node) -> Executor:
     return executor
 
 
+def serve_some(executor: Executor) -> None:
+    """Serve messages that wait, but not so many that the caller would starve."""
+    for _ in range(4):
+        executor.spin_once(timeout_sec=0)
+
+
 def run_node(
     make: Callable[[], N], run: Callable[[N, Event], None], args: list[str] | None = None
 ) -> int:

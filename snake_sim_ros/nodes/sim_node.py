@@ -45,12 +45,11 @@ from snake_sim_ros.nodes.messages import StateMessages
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.running import make_executor
 from snake_sim_ros.nodes.running import run_node
+from snake_sim_ros.nodes.running import serve_some
 from snake_sim_ros.nodes.simulation_services import serve
 from snake_sim_ros.nodes.transforms import Transforms
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import with_settings
-from snake_sim_ros.posture import joint_angles
-from snake_sim_ros.posture import joint_rates
 from snake_sim_ros.records import flat_fields
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.records import quantity
@@ -63,6 +62,7 @@ from snake_sim_ros.stepping import make_stepper
 BACKLOG = 0.2  # s of wall time that the node may be behind before it gives up catching up
 WAIT = 0.1  # s, the longest wait for a message before the node looks up
 MARKER_PERIOD = 1 / 30  # s of wall time, the shortest between two messages for the eye
+SERVICE = 2e-3  # s of wall time between two looks at the messages, as fast as possible
 WARN_PERIOD = 5.0  # s between two warnings of one kind
 LATEST = QoSProfile(depth=1)  # of commands and the clock: nothing waits in a queue
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -156,7 +156,7 @@ class SimNode(Node):
             self.description.publish(String(data=robot_description(scene.robot)))
         self.transforms = None
         if self.settings.publish_tf and Transforms.available:
-            self.transforms = Transforms(self, self.messages.odom)
+            self.transforms = Transforms(self, prefix)
         elif self.settings.publish_tf:
             self.get_logger().info('no /tf: the package tf2_msgs is not installed')
 
@@ -251,18 +251,17 @@ class SimNode(Node):
 
     def publish_state(self) -> None:
         """Publish the state, then the clock."""
-        state, stamp = self.simulation.state, stamp_from(self.nanoseconds)
-        angle, rate = joint_angles(state.q), joint_rates(state.q, state.u)
-        self.messages.fill(stamp, state, angle, rate, self.simulation.last.joint_torque)
-        self.joint_states.publish(self.messages.joint_states)
-        self.link_poses.publish(self.messages.link_poses)
-        self.odom.publish(self.messages.odom)
+        messages, simulation = self.messages, self.simulation
+        messages.fill(self.nanoseconds, simulation.state, simulation.last.joint_torque)
+        self.joint_states.publish(bytes(messages.joint_states))
+        self.link_poses.publish(bytes(messages.link_poses))
+        self.odom.publish(bytes(messages.odom))
         if self.transforms:
-            self.transforms.publish(self.messages.odom)
+            self.transforms.publish(stamp_from(self.nanoseconds), messages.base.tolist())
         if self.markers.get_subscription_count():
-            self._publish_markers(stamp)
+            self._publish_markers(stamp_from(self.nanoseconds))
         if self.clock:
-            self.clock.publish(Clock(clock=stamp))
+            self.clock.publish(bytes(messages.clock))
 
     def _publish_markers(self, stamp: Time) -> None:
         """Publish contacts and obstacles, for whoever looks."""
@@ -399,7 +398,7 @@ def run(node: SimNode, stop: Event) -> None:
     executor = make_executor(node)
     node.stop = stop
     node.publish_state()
-    due = mark = time.perf_counter()
+    due = mark = served = time.perf_counter()
     busy = time.process_time()
     advanced = halted = 0.0  # simulated and idle time since the mark
     while not stop.is_set():
@@ -420,14 +419,18 @@ def run(node: SimNode, stop: Event) -> None:
         advanced += node.period
         factor = node.settings.real_time_factor
         if factor == 0.0:
-            executor.spin_once(timeout_sec=0)
+            if now - served >= SERVICE:
+                served = now
+                serve_some(executor)
             due = time.perf_counter()
             continue
         due += node.period / factor
-        while (left := due - time.perf_counter()) > 0 and not stop.is_set():
+        left = due - time.perf_counter()
+        if left <= 0.0:  # a late node still hears its commands
+            serve_some(executor)
+        while left > 0.0 and not stop.is_set():
             executor.spin_once(timeout_sec=min(left, WAIT))
-        for _ in range(4):  # a late node still hears its commands
-            executor.spin_once(timeout_sec=0)
+            left = due - time.perf_counter()
         if left < -BACKLOG:
             node.overruns += 1
             node.warn('overrun', f'cannot keep up with real-time factor {factor:g}; time slips')

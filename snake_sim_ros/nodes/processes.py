@@ -1,0 +1,113 @@
+"""Nodes in processes of their own, as a command starts, watches and ends them."""
+
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from dataclasses import field
+import re
+import signal
+import subprocess
+import sys
+from threading import Event
+from threading import Thread
+import time
+
+from snake_sim_ros.nodes.running import SIGNALS
+
+LINES = 100  # of what a node printed that are kept
+LAST_WORDS = 5  # lines
+END_TIMEOUT = 5.0  # s, for a node to end after SIGINT
+
+
+class Interrupted(Exception):
+    """The user or the system asked the command to end."""
+
+
+class NodeDied(Exception):
+    """A node ended, or fell silent, although nobody asked it to."""
+
+
+@dataclass
+class Child:
+    """A node in a process of its own, with the last lines that it printed."""
+
+    name: str
+    process: subprocess.Popen[str]
+    lines: deque[str] = field(default_factory=lambda: deque(maxlen=LINES))
+
+    def said(self, pattern: str) -> re.Match[str] | None:
+        """Return the first match of a pattern in what the node printed."""
+        matches = (re.search(pattern, line) for line in list(self.lines))
+        return next((match for match in matches if match), None)
+
+    def check(self) -> None:
+        """
+        Raise if the process has ended.
+
+        Raises
+        ------
+        NodeDied
+
+        """
+        status = self.process.poll()
+        if status is not None:
+            time.sleep(0.1)  # for its last words
+            words = ' / '.join(list(self.lines)[-LAST_WORDS:])
+            raise NodeDied(f'{self.name} ended with status {status}: {words}')
+
+    def end(self) -> None:
+        """End the process: by asking, then by force."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+        try:
+            self.process.wait(END_TIMEOUT)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+
+
+def start(name: str, *parameters: str) -> Child:
+    """Start a node, in a session of its own so that Ctrl-C is ours."""
+    command = [sys.executable, '-m', f'snake_sim_ros.nodes.{name}_node', '--ros-args']
+    for parameter in parameters:
+        command += ['-p', parameter]
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    node = Child(name, process)
+    Thread(target=_listen, args=(node,), daemon=True).start()
+    print(f'started {name}, process {process.pid}')
+    return node
+
+
+def _listen(node: Child) -> None:
+    assert node.process.stdout is not None
+    node.lines.extend(line.rstrip() for line in node.process.stdout)
+
+
+@contextmanager
+def children() -> Iterator[list[Child]]:
+    """Give a list for the nodes that are started; end them afterwards."""
+    nodes: list[Child] = []
+    try:
+        yield nodes
+    finally:
+        for node in nodes:
+            node.end()
+
+
+@contextmanager
+def interruptible() -> Iterator[Event]:
+    """Give an event that SIGINT and SIGTERM set; an exception would break off the middleware."""
+    stop = Event()
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in SIGNALS}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -103,6 +103,9 @@ def test_twist_is_that_of_the_middle_link_in_its_frame(state):
     assert axes @ [v.x, v.y, v.z] == pytest.approx(state.u[5, :3], abs=4 * ROUNDING)
     # The angular velocity of physics is in frame B.
     assert axes @ [w.x, w.y, w.z] == pytest.approx(R @ state.u[5, 3:], abs=4 * ROUNDING)
+    # x forward, toward link 1: against that of the link, which is e_z of frame B.
+    assert axes == pytest.approx(R[:, [2, 0, 1]] * [-1, -1, 1], abs=4 * ROUNDING)
+    assert odom.pose.pose.orientation.w >= 0
     assert odom.child_frame_id == 'base_link'
     assert odom.header.frame_id == 'odom'
 
@@ -143,7 +146,7 @@ def test_messages_of_a_robot_with_other_links():
     messages = filled(state, robot)
     assert list(messages.joint_states.name) == joint_names(20)
     assert len(messages.link_poses.poses) == 20
-    assert messages.odom.pose.pose == messages.link_poses.poses[10]
+    assert messages.odom.pose.pose.position == messages.link_poses.poses[10].position
 
 
 def test_values_of_links_and_joints_are_lists_to_ros():

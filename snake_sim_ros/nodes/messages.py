@@ -2,8 +2,8 @@
 Messages of names, times and states, as pure functions.
 
 Names: ``link_1`` to ``link_n`` along the robot, ``joint_1_yaw``, ``joint_1_pitch``, ... in this
-order. Frames: ``world`` and ``odom`` are the same place, with z up; ``base_link`` is the frame of
-the middle link. A link frame on the wire has x along the link toward the next one, y to the left
+order. Frames: ``world`` and ``odom`` are the same place, with z up; ``base_link`` is the middle
+link turned around, with x forward, toward link 1. A link frame on the wire has x along the link toward the next one, y to the left
 and z up when the link lies flat (REP 103); its axes are e_z, e_x and e_y of the paper's frame B.
 Quaternions on the wire are x y z w, with w >= 0. Joint angles have the paper's signs: yaw positive
 turns the next link left, pitch positive turns it down.
@@ -37,6 +37,7 @@ B_TO_WIRE = np.array(
 # Euler parameters of B, scalar first, times this matrix are the quaternion x y z w on the wire.
 TO_WIRE = product(np.eye(4), B_TO_WIRE)[:, [1, 2, 3, 0]]
 WIRE_AXES = [2, 0, 1]  # components of a vector in B along x, y, z of the wire frame
+TURNED = np.array([-1.0, -1.0, 1.0])  # of such components, in a frame turned around
 ENCAPSULATION = 4  # bytes that tell the encoding of a message
 MARK = math.pi  # a number that is found again in the bytes of a message
 
@@ -100,7 +101,7 @@ class StateMessages:
     ----------
     joint_states, link_poses, odom, clock : Imprint
     base : ndarray, shape (7,)
-        Pose of the middle link: position [m, frame world], quaternion x y z w.
+        Pose of ``base_link``: position [m, frame world], quaternion x y z w.
 
     """
 
@@ -151,7 +152,10 @@ class StateMessages:
         self.poses[:, :3] = state.q[:, :3]
         self.poses[:, 3:] = np.where(quaternion[:, 3:] < 0.0, -quaternion, quaternion)
 
-        self.base[:] = self.poses[self.middle]
+        # The middle link turned around: its quaternion times that of half a turn about z.
+        x, y, z, w = quaternion[self.middle]
+        self.base[:3] = self.poses[self.middle, :3]
+        self.base[3:] = (y, -x, w, -z) if z <= 0.0 else (-y, x, -w, z)
         u = state.u[self.middle]
-        self.twist[:3] = (u[:3] @ R[self.middle])[WIRE_AXES]
-        self.twist[3:] = u[3:][WIRE_AXES]
+        self.twist[:3] = (u[:3] @ R[self.middle])[WIRE_AXES] * TURNED
+        self.twist[3:] = u[3:][WIRE_AXES] * TURNED

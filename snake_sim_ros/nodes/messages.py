@@ -3,10 +3,10 @@ Messages of names, times and states, as pure functions.
 
 Names: ``link_1`` to ``link_n`` along the robot, ``joint_1_yaw``, ``joint_1_pitch``, ... in this
 order. Frames: ``world`` and ``odom`` are the same place, with z up; ``base_link`` is the middle
-link turned around, with x forward, toward link 1. A link frame on the wire has x along the link toward the next one, y to the left
-and z up when the link lies flat (REP 103); its axes are e_z, e_x and e_y of the paper's frame B.
-Quaternions on the wire are x y z w, with w >= 0. Joint angles have the paper's signs: yaw positive
-turns the next link left, pitch positive turns it down.
+link turned around, with x forward, toward link 1. A link frame on the wire has x along the link
+toward the next one, y to the left and z up when the link lies flat (REP 103); its axes are e_z,
+e_x and e_y of the paper's frame B. Quaternions on the wire are x y z w, with w >= 0. Joint angles
+have the paper's signs: yaw positive turns the next link left, pitch positive turns it down.
 """
 
 import math

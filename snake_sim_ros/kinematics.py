@@ -99,6 +99,15 @@ def joint_coordinates(R, omega, coordinate):
 
 
 @compiled
+def joint_motions(q, u, R, omega, coordinate):
+    """Fill coordinate (m, n-1, 2, 2) as `joint_coordinates` for m states; R, omega are of one."""
+    for k in range(len(q)):
+        link_frames(q[k, :, 3:], R)
+        rates_in_inertial_frame(R, u[k], omega)
+        joint_coordinates(R, omega, coordinate[k])
+
+
+@compiled
 def chain_geometry(half_length, R, center, axis):
     """
     Fill the link centers from O, the center of the middle link, and the twists of the joint axes.

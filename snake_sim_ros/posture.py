@@ -33,7 +33,11 @@ def joint_angles(q: Array) -> Array:
         Yaw alpha_h about e_y of link i, pitch alpha_v about e_x of link i+1 [rad].
 
     """
-    return cardan_angles(rotation_matrices(q[..., 3:]))
+    R = rotation_matrices(q[..., 3:])
+    R = np.swapaxes(R[..., :-1, :, :], -1, -2) @ R[..., 1:, :, :]
+    yaw = np.arctan2(-R[..., 2, 0], R[..., 0, 0])
+    pitch = np.arctan2(-R[..., 1, 2], R[..., 1, 1])
+    return np.stack([yaw, pitch], axis=-1)
 
 
 def joint_rates(q: Array, u: Array) -> Array:
@@ -47,19 +51,7 @@ def joint_rates(q: Array, u: Array) -> Array:
         Velocity [m/s, frame I] and angular velocity [rad/s, frame B] of every link.
 
     """
-    return cardan_rates(rotation_matrices(q[..., 3:]), u)
-
-
-def cardan_angles(R: Array) -> Array:
-    """Return `joint_angles` of links with rotation matrices R, shape (..., n, 3, 3)."""
-    R = np.swapaxes(R[..., :-1, :, :], -1, -2) @ R[..., 1:, :, :]
-    yaw = np.arctan2(-R[..., 2, 0], R[..., 0, 0])
-    pitch = np.arctan2(-R[..., 1, 2], R[..., 1, 1])
-    return np.stack([yaw, pitch], axis=-1)
-
-
-def cardan_rates(R: Array, u: Array) -> Array:
-    """Return `joint_rates` of links with rotation matrices R, shape (..., n, 3, 3)."""
+    R = rotation_matrices(q[..., 3:])
     omega = np.einsum('...ij,...j->...i', R, u[..., 3:])
     omega = omega[..., 1:, :] - omega[..., :-1, :]
     axes = np.stack([R[..., :-1, :, 1], R[..., 1:, :, 0]], axis=-2)

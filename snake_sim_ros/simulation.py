@@ -10,12 +10,11 @@ import time
 import numpy as np
 
 from snake_sim_ros import gait
+from snake_sim_ros import kinematics
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Gait
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import scene_to_text
-from snake_sim_ros.posture import joint_angles
-from snake_sim_ros.posture import joint_rates
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import make_stepper
@@ -23,6 +22,28 @@ from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
 from snake_sim_ros.stepping import Stepper
+
+
+def joint_motion(q: Array, u: Array) -> tuple[Array, Array]:
+    """
+    Return angles and rates of the joints in some states, as the compiled step has them.
+
+    Parameters
+    ----------
+    q : ndarray, shape (m, n, 7)
+    u : ndarray, shape (m, n, 6)
+        See `stepping.State`.
+
+    Returns
+    -------
+    angle, rate : ndarray, shape (m, n-1, 2)
+        (yaw, pitch) [rad], [rad/s].
+
+    """
+    m, n, _ = q.shape
+    coordinate = np.empty((m, n - 1, 2, 2))
+    kinematics.joint_motions(q, u, np.empty((n, 3, 3)), np.empty((n, 3)), coordinate)
+    return coordinate[..., 0], coordinate[..., 1]
 
 
 def steps_in(period: float, dt: float, name: str) -> int:
@@ -96,6 +117,7 @@ class Simulation:
             steps = [gait.reference(wave, self.midpoints(1), axes)]
         for angle, rate in steps:
             self.stepper.advance(self.state, self.history, angle, rate)
+        joint_motion(self.state.q[None], self.state.u[None])
         return time.perf_counter() - begin
 
     def change(self, scene: Scene) -> None:
@@ -297,13 +319,14 @@ def run(
     except KeyboardInterrupt:
         interrupted = True
     q, u = np.array([state.q for state in states]), np.array([state.u for state in states])
+    joint_angle, joint_velocity = joint_motion(q, u)
     return Trajectory(
         scene=scene,
         time=np.arange(len(states)) * steps * scene.dt,
         position=q[:, :, :3],
         orientation=q[:, :, 3:],
-        joint_angle=joint_angles(q),
-        joint_velocity=joint_rates(q, u),
+        joint_angle=joint_angle,
+        joint_velocity=joint_velocity,
         joint_torque=np.array(torques[: len(states)]),
         level=np.array(levels[:1] + levels) if levels else np.array([simulation.report.level]),
         report=simulation.report,

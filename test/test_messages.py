@@ -19,11 +19,10 @@ from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.messages import StateMessages
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import Robot
-from snake_sim_ros.posture import joint_angles
-from snake_sim_ros.posture import joint_rates
 from snake_sim_ros.records import flat_fields
 from snake_sim_ros.rotations import FLAT
 from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.simulation import joint_motion
 from snake_sim_ros.stepping import State
 
 ROBOT = Robot()
@@ -113,9 +112,10 @@ def test_twist_is_that_of_the_middle_link_in_its_frame(state):
 def test_messages_hold_floats_and_one_stamp(state):
     messages = filled(state)
     assert list(messages.joint_states.name) == NAMES
+    angle, rate = joint_motion(state.q[None], state.u[None])
     for numbers, wanted in (
-        (messages.joint_states.position, joint_angles(state.q)),
-        (messages.joint_states.velocity, joint_rates(state.q, state.u)),
+        (messages.joint_states.position, angle),
+        (messages.joint_states.velocity, rate),
         (messages.joint_states.effort, np.arange(20.0)),
     ):
         assert list(numbers) == wanted.ravel().tolist()

@@ -4,13 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from random_states import random_parameters
 
 from snake_sim_ros.joint_reference import JointReference
 from snake_sim_ros.joint_reference import start_posture
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import scene_from_text
 from snake_sim_ros.parameters import with_settings
+from snake_sim_ros.posture import joint_angles
+from snake_sim_ros.posture import joint_rates
 from snake_sim_ros.records import ParameterError
+from snake_sim_ros.simulation import joint_motion
 from snake_sim_ros.simulation import run
 from snake_sim_ros.simulation import Simulation
 from snake_sim_ros.simulation import steps_in
@@ -45,6 +49,18 @@ def test_reference_is_extrapolated_up_to_the_joint_limit():
     reference = JointReference(np.zeros(axes), np.full(axes, 0.6), np.full(axes, 10.0))
     angles, _ = reference.sample(np.array([0.005, 0.05]), 0.05, 0.7)
     assert angles[:, 0, 0] == pytest.approx([0.65, 0.7], abs=1e-12)
+
+
+def test_joint_motion_is_that_of_the_posture():
+    rng = np.random.default_rng(5)
+    p = random_parameters(rng, 44).reshape(4, 11, 4)
+    q = np.concatenate([rng.uniform(-1, 1, (4, 11, 3)), p], axis=-1)
+    u = rng.uniform(-1, 1, (4, 11, 6))
+    angle, rate = joint_motion(q, u)
+    # Sums of a few products of numbers up to 1; an angle whose sine and cosine are both small
+    # would lose more, and none of these has that.
+    assert np.abs(angle - joint_angles(q)).max() < 1e-13
+    assert np.abs(rate - joint_rates(q, u)).max() < 1e-14
 
 
 def test_start_posture_is_the_gait_at_time_zero(scene):

@@ -9,6 +9,7 @@ e_x and e_y of the paper's frame B. Quaternions on the wire are x y z w, with w 
 have the paper's signs: yaw positive turns the next link left, pitch positive turns it down.
 """
 
+from collections.abc import Sequence
 import math
 from typing import Any
 
@@ -24,10 +25,8 @@ from sensor_msgs.msg import JointState
 from snake_sim_ros.nodes.command_messages import joint_names
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Robot
-from snake_sim_ros.posture import cardan_angles
-from snake_sim_ros.posture import cardan_rates
 from snake_sim_ros.rotations import product
-from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.simulation import joint_motion
 from snake_sim_ros.stepping import State
 
 WORLD, ODOM, BASE = 'world', 'odom', 'base_link'
@@ -37,7 +36,7 @@ B_TO_WIRE = np.array(
 # Euler parameters of B, scalar first, times this matrix are the quaternion x y z w on the wire.
 TO_WIRE = product(np.eye(4), B_TO_WIRE)[:, [1, 2, 3, 0]]
 WIRE_AXES = [2, 0, 1]  # components of a vector in B along x, y, z of the wire frame
-TURNED = np.array([-1.0, -1.0, 1.0])  # of such components, in a frame turned around
+TURNED = np.array([-1.0, -1.0, 1.0])  # signs of such components in a frame turned around
 ENCAPSULATION = 4  # bytes that tell the encoding of a message
 MARK = math.pi  # a number that is found again in the bytes of a message
 
@@ -144,8 +143,7 @@ class StateMessages:
         """
         for imprint in (self.joint_states, self.link_poses, self.odom, self.clock):
             imprint.stamp[:] = divmod(nanoseconds, 1_000_000_000)
-        R = rotation_matrices(state.q[:, 3:])
-        self.angle[:], self.rate[:] = cardan_angles(R), cardan_rates(R, state.u)
+        self.angle[:], self.rate[:] = joint_motion(state.q[None], state.u[None])
         self.torque[:] = torque
 
         quaternion = state.q[:, 3:] @ TO_WIRE
@@ -153,9 +151,17 @@ class StateMessages:
         self.poses[:, 3:] = np.where(quaternion[:, 3:] < 0.0, -quaternion, quaternion)
 
         # The middle link turned around: its quaternion times that of half a turn about z.
-        x, y, z, w = quaternion[self.middle]
-        self.base[:3] = self.poses[self.middle, :3]
-        self.base[3:] = (y, -x, w, -z) if z <= 0.0 else (-y, x, -w, z)
+        x, y, z, w = quaternion[self.middle].tolist()
+        turned = (y, -x, w, -z) if z <= 0.0 else (-y, x, -w, z)
+        self.base[:3], self.base[3:] = self.poses[self.middle, :3], turned
         u = state.u[self.middle]
-        self.twist[:3] = (u[:3] @ R[self.middle])[WIRE_AXES] * TURNED
+        self.twist[:3] = seen_from(turned, u[:3].tolist())
         self.twist[3:] = u[3:][WIRE_AXES] * TURNED
+
+
+def seen_from(quaternion: Sequence[float], vector: Sequence[float]) -> tuple[float, float, float]:
+    """Return a vector of the world in a frame that is turned by a quaternion x y z w."""
+    x, y, z, w = quaternion
+    a, b, c = vector
+    p, q, r = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
+    return a - w * p + y * r - z * q, b - w * q + z * p - x * r, c - w * r + x * q - y * p

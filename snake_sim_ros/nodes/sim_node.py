@@ -62,7 +62,7 @@ from snake_sim_ros.stepping import make_stepper
 BACKLOG = 0.2  # s of wall time that the node may be behind before it gives up catching up
 WAIT = 0.1  # s, the longest wait for a message before the node looks up
 MARKER_PERIOD = 1 / 30  # s of wall time, the shortest between two messages for the eye
-SERVICE = 2e-3  # s of wall time between two looks at the messages, as fast as possible
+SERVICE = 5e-3  # s of wall time between two looks at the messages, as fast as possible
 WARN_PERIOD = 5.0  # s between two warnings of one kind
 LATEST = QoSProfile(depth=1)  # of commands and the clock: nothing waits in a queue
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -8,9 +8,8 @@ from snake_sim_ros.joint_reference import JointReference
 from snake_sim_ros.joint_reference import start_posture
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
-from snake_sim_ros.posture import joint_angles
-from snake_sim_ros.posture import joint_rates
 from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.simulation import joint_motion
 from snake_sim_ros.simulation import Simulation
 
 STEPS = 20  # of 1/4000 s in a period of 1/200 s
@@ -43,13 +42,14 @@ class Offline:
         """Return the state of now."""
         simulation = self.simulation
         q, u = simulation.state.q, simulation.state.u
+        angle, rate = joint_motion(q[None], u[None])
         # The axes x, y, z on the wire are e_z, e_x, e_y of frame B.
         R = rotation_matrices(q[:, 3:])
         axes = R[:, :, [2, 0, 1]]
         return Sample(
             nanoseconds=simulation.step_count * PERIOD // STEPS,
-            angle=joint_angles(q).ravel(),
-            rate=joint_rates(q, u).ravel(),
+            angle=angle.ravel(),
+            rate=rate.ravel(),
             torque=simulation.last.joint_torque.ravel().copy(),
             position=q[:, :3].copy(),
             velocity=np.hstack([u[:, :3], np.einsum('kij,kj->ki', R, u[:, 3:])]),

@@ -85,6 +85,7 @@ def run_node(
                 raise
             raise ParameterError('a parameter is an empty list; write it as text: "[]"') from None
         _on_signals(lambda number, frame: stop.set())
+        gc.freeze()  # what the compiler made stays; to look through it takes 50 ms every time
         run(node, stop)
         node.destroy_node()
         del node

@@ -37,6 +37,7 @@ SHORTENED = {
 }
 ELSEWHERE = {
     './run demo': 'test_demo.py',
+    './run pacing': 'test_pacing.py',
     './run chart docs/speed_accuracy/bench.csv': 'test_charts.py',
     'colcon build && . install/setup.sh': 'test_installed_layout',
     'ros2 topic echo /joint_states': 'test_sim_node.py',

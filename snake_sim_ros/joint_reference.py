@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
-from scipy.interpolate import PPoly
 
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
@@ -18,36 +16,45 @@ INSTANT = 1e-3  # s, the length of a motion that has one point only
 @dataclass(frozen=True)
 class Motion:
     """
-    A trajectory of some joint axes; after its end they hold.
+    A trajectory of some joint axes, cubic in time between its points; after its end they hold.
 
     Attributes
     ----------
     axes : ndarray of int, shape (k,)
         Which axes, counted along the robot, yaw before pitch.
-    angle, rate : PPoly
-        Of time [s], with values of shape (k,) [rad], [rad/s].
+    times : ndarray, shape (points,)
+        [s]
+    coefficients : ndarray, shape (4, points-1, k)
+        Of the powers 0 to 3 of the time since the begin of a piece.
 
     """
 
     axes: Array
-    angle: PPoly
-    rate: PPoly
+    times: Array
+    coefficients: Array
 
     @property
     def begin(self) -> float:
         """Time of the first point [s]."""
-        return float(self.angle.x[0])
+        return float(self.times[0])
 
     @property
     def end(self) -> float:
         """Time of the last point [s]."""
-        return float(self.angle.x[-1])
+        return float(self.times[-1])
+
+    def sample(self, times: Array) -> tuple[Array, Array]:
+        """Return angle [rad] and rate [rad/s], shape (m, k), at times (m,) from the begin on."""
+        piece = np.minimum(self.times.searchsorted(times, 'right'), len(self.times) - 1) - 1
+        s = (np.minimum(times, self.end) - self.times[piece])[:, None]
+        a, b, c, d = self.coefficients[:, piece]
+        moving = (times < self.end)[:, None]
+        return a + s * (b + s * (c + s * d)), moving * (b + s * (2.0 * c + s * (3.0 * d)))
 
     def without(self, axes: Array) -> 'Motion':
         """Return the motion of all axes but some."""
         keep = ~np.isin(self.axes, axes)
-        angle, rate = (PPoly(part.c[..., keep], part.x) for part in (self.angle, self.rate))
-        return Motion(self.axes[keep], angle, rate)
+        return Motion(self.axes[keep], self.times, self.coefficients[..., keep])
 
 
 def motion_through(axes: Array, times: Array, angle: Array, rate: Array | None) -> Motion:
@@ -68,12 +75,11 @@ def motion_through(axes: Array, times: Array, angle: Array, rate: Array | None) 
     if len(times) == 1:
         times, angle = times[0] + np.array([0.0, INSTANT]), np.repeat(angle, 2, axis=0)
         rate = None
-    if rate is None:
-        slope = np.diff(angle, axis=0) / np.diff(times)[:, None]
-        curve = PPoly(np.array([slope, angle[:-1]]), times)
-    else:
-        curve = CubicHermiteSpline(times, angle, rate)
-    return Motion(axes, curve, curve.derivative())
+    span = np.diff(times)[:, None]
+    slope = np.diff(angle, axis=0) / span
+    first, last = (slope, slope) if rate is None else (rate[:-1], rate[1:])
+    square, cube = (3 * slope - 2 * first - last) / span, (first + last - 2 * slope) / span**2
+    return Motion(axes, times, np.array([angle[:-1], first, square, cube]))
 
 
 @dataclass(frozen=True)
@@ -121,11 +127,8 @@ class JointReference:
         rate = np.where(age <= horizon, self.rate, 0.0)
         for motion in self.motions:
             begun = slice(int(times.searchsorted(motion.begin)), None)
-            at, end = times[begun], motion.end
-            moving = at[:, None] < end
-            at = np.minimum(at, end)
-            angle.reshape(len(times), -1)[begun, motion.axes] = motion.angle(at)
-            rate.reshape(len(times), -1)[begun, motion.axes] = moving * motion.rate(at)
+            for values, moved in zip((angle, rate), motion.sample(times[begun]), strict=True):
+                values.reshape(len(times), -1)[begun, motion.axes] = moved
         inside = np.abs(angle) <= limit
         if inside.all():
             return angle, rate
@@ -169,7 +172,7 @@ class JointReference:
             over, *rest = kept
             kept = tuple(rest)
             reference = replace(reference, motions=()).commanded(
-                over.axes, over.end, over.angle(over.end), np.zeros(len(over.axes))
+                over.axes, over.end, *(part[0] for part in over.sample(np.array([over.end])))
             )
         return replace(reference, motions=kept)
 

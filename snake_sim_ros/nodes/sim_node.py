@@ -385,7 +385,7 @@ class SimNode(Node):
 def _refuse_vertical(topic: str, reference: JointReference) -> None:
     """Raise if a reference moves pitch joints, for the planar level."""
     told = ''
-    if any(motion.angle.c[..., motion.axes % 2 == 1].any() for motion in reference.motions):
+    if any(motion.coefficients[..., motion.axes % 2 == 1].any() for motion in reference.motions):
         told = 'a pitch joint is told to move'
     if is_vertical(reference.angle, reference.rate):
         told = what_is_told(reference.angle, reference.rate)

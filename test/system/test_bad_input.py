@@ -1,10 +1,14 @@
 """What the nodes do with input that is not usable: say so in one sentence, and stay sane."""
 
 from array import array
+import json
 import math
+import re
 import signal
+import sys
 
 from builtin_interfaces.msg import Time
+from graph import Process
 import numpy as np
 from offline import held_then_commanded
 from offline import largest_difference
@@ -293,24 +297,45 @@ BAD_STARTS = {
 }
 
 
+# Starts nodes one after the other, as their launchers do; none of them gets to run.
+STARTS = """
+import json
+import sys
+from snake_sim_ros.nodes import gait_node
+from snake_sim_ros.nodes import sim_node
+for name, arguments in json.loads(sys.argv[1]):
+    main = {'sim': sim_node, 'gait': gait_node}[name].main
+    print('ended with', main([name, '--ros-args', *arguments]), flush=True)
+"""
+
+
 @pytest.fixture(scope='module')
 def bad_starts(make_graph, tmp_path_factory):
-    """Processes of all bad starts, at once."""
+    """What every bad start prints, and its exit status."""
     folder = tmp_path_factory.mktemp('scenes')
     (folder / 'misspelt.yaml').write_text(SCENE_WITH_MISSPELT_KEY)
-    graph = make_graph()
-    return {
-        title: graph.start(node, *(item.format(folder=folder) for item in parameters))
-        for title, (node, parameters, _) in BAD_STARTS.items()
-    }
+    cases = [
+        (node, [part for item in parameters for part in ('-p', item.format(folder=folder))])
+        for node, parameters, _ in BAD_STARTS.values()
+    ]
+    process = Process([sys.executable, '-c', STARTS, json.dumps(cases)], make_graph().domain)
+    assert process.wait(60) == 0, process.output
+    outputs = re.findall(r'(.*?)^ended with (\d)$', process.output, re.DOTALL | re.MULTILINE)
+    return dict(zip(BAD_STARTS, outputs, strict=True))
 
 
 @pytest.mark.parametrize('title', BAD_STARTS)
 def test_bad_parameters_end_the_start_with_one_sentence(bad_starts, title):
-    process, sentence = bad_starts[title], BAD_STARTS[title][2]
+    (output, status), sentence = bad_starts[title], BAD_STARTS[title][2]
+    assert status == '2'
+    (line,) = output.strip().split('\n')
+    assert line.startswith('error: ')
+    assert sentence in line
+
+
+def test_bad_parameter_is_the_exit_status_of_a_node(make_graph):
+    process = make_graph().start('sim', 'dt:=0.0003')
     assert process.wait(60) == 2, process.output
-    errors = [line for line in process.lines if 'error' in line.lower()]
-    assert len(errors) == 1, process.output
-    assert errors[0].startswith('error: ')
-    assert sentence in errors[0]
-    assert 'Traceback' not in process.output
+    assert process.lines == [
+        'error: dt must divide the publish period: got dt=0.0003 s, period=0.005 s'
+    ]

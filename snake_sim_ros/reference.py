@@ -14,8 +14,6 @@ from functools import lru_cache
 import math
 
 import numpy as np
-from scipy.linalg import cho_factor
-from scipy.linalg import cho_solve
 
 from snake_sim_ros import posture
 from snake_sim_ros import scenery
@@ -186,7 +184,7 @@ def mean_delassus(robot: Robot) -> float:
     G = W_N.T @ (M_inv * W_N)
     if robot.link_count > 1:
         G_JN = W_J.T @ (M_inv * W_N)
-        G -= G_JN.T @ cho_solve(cho_factor(W_J.T @ (M_inv * W_J)), G_JN)
+        G -= G_JN.T @ np.linalg.solve(W_J.T @ (M_inv * W_J), G_JN)
     return float(np.mean(np.diag(G)))
 
 
@@ -362,7 +360,7 @@ class ReferenceStepper:
         # from u_E joins the mass matrix.
         M_inv = np.linalg.inv(mass_matrix(robot) + dt * (W_tau * damping) @ W_tau.T)
         momentum = mass_matrix(robot) @ u_A + h * dt + W_tau @ torque * dt
-        joint_factor = cho_factor(W_J.T @ M_inv @ W_J, check_finite=False) if n > 1 else None
+        G_J = W_J.T @ M_inv @ W_J
 
         P, iterations, change = impulse[active], 0, math.inf
         fall = -dt * scene.gravity[2]
@@ -378,7 +376,7 @@ class ReferenceStepper:
             S = W_N @ P[:, 0] + W_T @ P[:, 1:3].ravel() + W_V @ P[:, 3:].ravel()  # (76)
             # (84), with both terms negative; the paper's first sign is lost in print.
             right = W_J.T @ M_inv @ (momentum + S)
-            P_J = -cho_solve(joint_factor, right, check_finite=False) if n > 1 else right
+            P_J = -np.linalg.solve(G_J, right)
             u_E = M_inv @ (momentum + S + W_J @ P_J)  # (86)
             gamma_N = (W_N.T @ u_E)[:, None]  # (90)-(92)
             gamma_T, gamma_V = (W_T.T @ u_E).reshape(-1, 2), (W_V.T @ u_E).reshape(-1, 2)

@@ -12,6 +12,8 @@ from graph import Process
 from graph import ROOT
 import pytest
 
+from snake_sim_ros import cli
+
 PNG = b'\x89PNG\r\n\x1a\n'
 RUNNING = 't = '  # of the progress line
 
@@ -126,15 +128,13 @@ def test_death_of_a_node_is_told_in_one_sentence(endless):
     assert_no_orphans(process)
 
 
-def test_unusable_arguments(compiled, tmp_path):
-    no_folder = start('--out', str(tmp_path / 'nowhere' / 'demo.png'))
-    no_scene = start('nowhere')
-    no_time = start('--duration', '0')
-    for process, sentence in (
-        (no_folder, f'--out: no folder {tmp_path}/nowhere'),
-        (no_scene, 'no file nowhere; the scenes that come with the package: '),
-        (no_time, '--duration must be above 0 s, got 0 s'),
+def test_unusable_arguments(capsys, tmp_path):
+    for arguments, sentence in (
+        (('--out', f'{tmp_path}/nowhere/x.png'), f'--out: no folder {tmp_path}/nowhere'),
+        (('nowhere',), 'no file nowhere; the scenes that come with the package: '),
+        (('--duration', '0'), '--duration must be above 0 s, got 0 s'),
     ):
-        assert process.wait() == 2, process.output
-        assert len(process.lines) == 1, process.output
-        assert process.lines[0].startswith(f'snake-sim: {sentence}')
+        assert cli.main(['demo', *arguments]) == 2
+        printed = capsys.readouterr()
+        assert printed.err.count('\n') == 1 and not printed.out
+        assert printed.err.startswith(f'snake-sim: {sentence}')

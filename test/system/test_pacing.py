@@ -7,15 +7,15 @@ from graph import next_domain
 from graph import Process
 import pytest
 
-
-def start(*arguments):
-    return Process(
-        [sys.executable, '-m', 'snake_sim_ros.cli', 'pacing', *arguments], next_domain()
-    )
+from snake_sim_ros import cli
 
 
 def test_measurement(compiled):
-    process = start('--duration', '0.3', '--rates', '200')
+    process = Process(
+        [sys.executable, '-m', 'snake_sim_ros.cli', 'pacing']
+        + ['--duration', '0.3', '--rates', '200'],
+        next_domain(),
+    )
     assert process.wait(60) == 0, process.output
     result = json.loads(process.lines[-1])
     assert [(load['real_time_factor'], load['listeners']) for load in result['loads']] == [
@@ -39,11 +39,12 @@ def test_measurement(compiled):
     assert sum('us a period' in line for line in process.lines) == 5
 
 
-def test_unusable_arguments():
-    for process, sentence in (
-        (start('--duration', '0'), '--duration must be above 0 s, got 0 s'),
-        (start('--rates', '300'), 'dt must divide the publish period'),
+def test_unusable_arguments(capsys):
+    for arguments, sentence in (
+        (('--duration', '0'), '--duration must be above 0 s, got 0 s'),
+        (('--rates', '300'), 'dt must divide the publish period'),
     ):
-        assert process.wait() == 2, process.output
-        assert len(process.lines) == 1, process.output
-        assert process.lines[0].startswith(f'snake-sim: {sentence}')
+        assert cli.main(['pacing', *arguments]) == 2
+        printed = capsys.readouterr()
+        assert printed.err.count('\n') == 1 and not printed.out
+        assert printed.err.startswith(f'snake-sim: {sentence}')

@@ -200,7 +200,12 @@ def _run(options: argparse.Namespace) -> int:
     print('compiling ...', end='\r', file=sys.stderr, flush=True)
     layout = '{percentage:3.0f} %|{bar}| {n:.2f} of {total:g} s, {remaining} left'
     with tqdm(total=scene.duration, bar_format=layout) as bar:
-        trajectory = run(scene, rate=options.rate, progress=bar.update)
+        # Rounding may sum up to more than all, which tqdm would warn of.
+        trajectory = run(
+            scene,
+            rate=options.rate,
+            progress=lambda seconds: bar.update(min(seconds, bar.total - bar.n)),
+        )
     if options.out:
         trajectory.save(options.out)
     report, link = trajectory.report, scene.robot.middle_link

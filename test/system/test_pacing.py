@@ -11,11 +11,8 @@ from snake_sim_ros import cli
 
 
 def test_measurement(compiled):
-    process = Process(
-        [sys.executable, '-m', 'snake_sim_ros.cli', 'pacing']
-        + ['--duration', '0.3', '--rates', '200'],
-        next_domain(),
-    )
+    command = [sys.executable, '-m', 'snake_sim_ros.cli', 'pacing', '--duration', '0.3']
+    process = Process([*command, '--rates', '200'], next_domain())
     assert process.wait(60) == 0, process.output
     result = json.loads(process.lines[-1])
     assert [(load['real_time_factor'], load['listeners']) for load in result['loads']] == [

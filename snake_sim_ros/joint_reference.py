@@ -126,6 +126,8 @@ class JointReference:
         angle = self.angle + np.minimum(age, horizon) * self.rate
         rate = np.where(age <= horizon, self.rate, 0.0)
         for motion in self.motions:
+            if motion.begin > times[-1]:
+                break
             begun = slice(int(times.searchsorted(motion.begin)), None)
             for values, moved in zip((angle, rate), motion.sample(times[begun]), strict=True):
                 values.reshape(len(times), -1)[begun, motion.axes] = moved
@@ -161,20 +163,21 @@ class JointReference:
 
     def settled(self, now: float) -> 'JointReference':
         """Return the same from now on, without motions that are over or covered by others."""
-        if not any(item.end <= now or len(self.motions) > 1 for item in self.motions):
+        begun = [item for item in self.motions if item.begin <= now]
+        if not begun or (len(begun) == 1 and begun[0].end > now):
             return self
         kept: tuple[Motion, ...] = ()
-        for motion in reversed(self.motions):
-            covered = [item.axes for item in kept if item.begin <= now]
+        for motion in reversed(begun):
+            covered = [item.axes for item in kept]
             kept = (*_without((motion,), np.concatenate([[], *covered])), *kept)
-        reference = self
+        waiting, reference = self.motions[len(begun) :], self
         while kept and kept[0].end <= now:
             over, *rest = kept
             kept = tuple(rest)
             reference = replace(reference, motions=()).commanded(
                 over.axes, over.end, *(part[0] for part in over.sample(np.array([over.end])))
             )
-        return replace(reference, motions=kept)
+        return replace(reference, motions=(*kept, *waiting))
 
 
 def _without(motions: tuple[Motion, ...], axes: Array) -> tuple[Motion, ...]:

@@ -402,6 +402,18 @@ def test_streamed_trajectories_do_not_pile_up(still):
     assert over.angle[JOINTS] == pytest.approx([0.3, 0.3], abs=1e-12)
 
 
+def test_trajectories_that_wait_are_not_without_number(still):
+    reference = still
+    for k in range(20):
+        reference = taken_trajectory(YAW, (1.0, [0.2, 0.2]), last=reference, stamp=NOW + 1 + k)
+    with pytest.raises(RejectedCommand, match='20 trajectories that begin earlier still wait'):
+        taken_trajectory(YAW, (1.0, [0.2, 0.2]), last=reference, stamp=NOW + 30)
+    # One that makes others void, and one after the first has begun, are taken.
+    assert len(taken_trajectory(YAW, (1.0, [0.2, 0.2]), last=reference).motions) == 1
+    later = reference.settled(NOW + 1)
+    taken_trajectory(YAW, (1.0, [0.2, 0.2]), last=later, now=NOW + 1, stamp=NOW + 30)
+
+
 def test_settling_changes_nothing(still):
     reference = taken_trajectory(YAW, (0.4, [0.5, 0.5]), (0.8, [0.2, 0.6]), last=still)
     reference = taken_trajectory(['joint_3_yaw'], (0.3, [0.0]), last=reference, stamp=NOW + 0.2)

@@ -23,6 +23,7 @@ from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Robot
 
 FARTHEST = 3600.0  # s, how far ahead of simulated time a trajectory may begin
+WAITING = 20  # trajectories that may wait for their begin: each costs time with every message
 
 
 class RejectedCommand(ValueError):
@@ -164,6 +165,12 @@ def joint_trajectory(
             'stamp',
             f'{topic} must begin within an hour of simulated time {now:.4f} s, got a stamp of '
             f'{begin:.4f} s; zero means now',
+        )
+    if sum(now < motion.begin < begin for motion in last.motions) >= WAITING:
+        raise RejectedCommand(
+            'waiting',
+            f'{topic}: {WAITING} trajectories that begin earlier still wait; one may have as '
+            f'many points as you like',
         )
     times = times + begin
     if times[-1] < now:

@@ -13,7 +13,6 @@ from dataclasses import replace
 import math
 import sys
 from threading import Event
-import time
 
 from geometry_msgs.msg import Twist
 from rcl_interfaces.msg import SetParametersResult
@@ -32,6 +31,7 @@ from snake_sim_ros.nodes.command_messages import joint_names
 from snake_sim_ros.nodes.node_parameters import declare
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.running import run_node
+from snake_sim_ros.nodes.running import Warnings
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import with_settings
@@ -46,7 +46,6 @@ ROBOT = ('link_count', 'link_length', 'joint_limit', 'joint_rate_limit')
 OF_SCENE = ('gait.', *(f'robot.{name}' for name in ROBOT))
 GAIT = tuple(f'gait.{name}' for name in flat_fields(Scene().gait))
 CHANGEABLE = ('scene', 'stride', 'cmd_vel_timeout')
-WARN_PERIOD = 5.0  # s between two warnings of one kind
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +97,7 @@ class GaitNode(Node):
         self.blend = self._beginning()
         self.steering: Steering | None = None
         self.heard = 0
-        self._warned: dict[str, float] = {}
+        self.warn = Warnings(self)
         self.form = COMMAND_TYPES[self.settings.command_type]
         self.commands = self.create_publisher(self.form.kind, self.form.topic, QoSProfile(depth=1))
         self.create_subscription(Twist, 'cmd_vel', self._on_twist, QoSProfile(depth=1))
@@ -125,13 +124,6 @@ class GaitNode(Node):
         angle, rate = self.blend.reference(seconds + self.form.ahead * self.period)
         period = round(1e9 * self.period)
         self.commands.publish(self.form.message(self.names, now.to_msg(), angle, rate, period))
-
-    def warn(self, kind: str, sentence: str) -> None:
-        """Log a warning, but one of a kind at most every few seconds."""
-        now = time.monotonic()
-        if now - self._warned.get(kind, -WARN_PERIOD) >= WARN_PERIOD:
-            self._warned[kind] = now
-            self.get_logger().warning(sentence)
 
     def _beginning(self) -> Blend:
         return Blend.of(self.target, self.robot.link_count - 1, self.settings.blend_time)

@@ -8,6 +8,7 @@ import signal
 import sys
 import tempfile
 from threading import Event
+import time
 from types import FrameType
 from typing import Any
 from typing import NoReturn
@@ -29,6 +30,22 @@ except ImportError:  # a third of the cost per message, but not in every rclpy
 
 N = TypeVar('N', bound=Node)
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+WARN_PERIOD = 5.0  # s between two warnings of one kind
+
+
+class Warnings:
+    """Warnings of a node, of which one of a kind is logged at most every few seconds."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._last: dict[str, float] = {}
+
+    def __call__(self, kind: str, sentence: str) -> None:
+        """Log a warning, unless one of its kind was logged just before."""
+        now = time.monotonic()
+        if now - self._last.get(kind, -WARN_PERIOD) >= WARN_PERIOD:
+            self._last[kind] = now
+            self._node.get_logger().warning(sentence)
 
 
 def make_executor(node: Node) -> Executor:

@@ -46,6 +46,7 @@ from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.running import make_executor
 from snake_sim_ros.nodes.running import run_node
 from snake_sim_ros.nodes.running import serve_some
+from snake_sim_ros.nodes.running import Warnings
 from snake_sim_ros.nodes.simulation_services import serve
 from snake_sim_ros.nodes.transforms import Transforms
 from snake_sim_ros.parameters import Scene
@@ -63,7 +64,6 @@ BACKLOG = 0.2  # s of wall time that the node may be behind before it gives up c
 WAIT = 0.1  # s, the longest wait for a message before the node looks up
 MARKER_PERIOD = 1 / 30  # s of wall time, the shortest between two messages for the eye
 SERVICE = 5e-3  # s of wall time between two looks at the messages, as fast as possible
-WARN_PERIOD = 5.0  # s between two warnings of one kind
 LATEST = QoSProfile(depth=1)  # of commands and the clock: nothing waits in a queue
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 CHANGEABLE = (
@@ -126,7 +126,7 @@ class SimNode(Node):
         self.heard: float | None = None  # simulated time of the last command [s]
         self.stream = ''  # topic on which commands follow each other
         self.silent = ''  # topic of a stream that stopped
-        self._warned: dict[str, float] = {}
+        self.warn = Warnings(self)
         self._rivals_told: set[tuple[str, ...]] = set()
         self._spoken: set[str] = set()  # command topics since the last diagnostics
         self._make_publishers(scene)
@@ -295,13 +295,6 @@ class SimNode(Node):
         if self.halted and self.markers.get_subscription_count():
             self._publish_markers(message.header.stamp)
         self._look_for_rivals()
-
-    def warn(self, kind: str, sentence: str) -> None:
-        """Log a warning, but one of a kind at most every few seconds."""
-        now = time.monotonic()
-        if now - self._warned.get(kind, -WARN_PERIOD) >= WARN_PERIOD:
-            self._warned[kind] = now
-            self.get_logger().warning(sentence)
 
     def _take(self, topic: str, take: Callable[..., Command], message: Any, *more: float) -> None:
         """Take a command, or say why not."""

@@ -424,6 +424,8 @@ def run(node: SimNode, stop: Event) -> None:
         while left > 0.0 and not stop.is_set():
             executor.spin_once(timeout_sec=min(left, WAIT))
             left = due - time.perf_counter()
+            if node.settings.real_time_factor != factor:  # what is left is of another pace
+                due, left = time.perf_counter(), 0.0
         if left < -BACKLOG:
             node.overruns += 1
             node.warn('overrun', f'cannot keep up with real-time factor {factor:g}; time slips')

@@ -309,6 +309,18 @@ def test_every_parameter_is_described(aiko):
     assert 'auto, planar, spatial' in described[3].additional_constraints
 
 
+def test_a_real_time_factor_counts_at_once(aiko):
+    graph = aiko.graph
+    assert set_parameters(aiko, real_time_factor=1e-4).successful  # a period is 50 s long
+    graph.spin(0.1)
+    graph.drain(aiko.joint_states)
+    count = len(aiko.joint_states)
+    graph.spin(0.5)
+    assert len(aiko.joint_states) <= count + 1
+    assert set_parameters(aiko, real_time_factor=1.0).successful
+    graph.until(lambda: len(aiko.joint_states) > count + 20, 'states')
+
+
 # ---- what is published --------------------------------------------------------------------------
 
 

@@ -92,7 +92,8 @@ class GaitNode(Node):
 
         self.names = joint_names(self.robot.link_count)
         self.period = 1.0 / self.settings.publish_rate
-        self.begin: int | None = None
+        self.begin: int | None = None  # time of the clock [ns]
+        self.latest = 0  # time of the last command [ns]
         self.target = self.gait
         self.blend = self._beginning()
         self.steering: Steering | None = None
@@ -112,12 +113,13 @@ class GaitNode(Node):
             return
         if self.begin is None and self.commands.get_subscription_count() == 0:
             return
-        if self.begin is None or now.nanoseconds < self.begin:
+        if self.begin is None or now.nanoseconds < self.latest:
             self.begin = now.nanoseconds
             self.heard = min(self.heard, self.begin)
             self.blend = self._beginning()
             self.get_logger().info(f'the gait begins at t = {1e-9 * self.begin:.9f} s')
-        self._stop_unsteered(now.nanoseconds)
+        self.latest = now.nanoseconds
+        self._stop_unsteered(self.latest)
         seconds = 1e-9 * (now.nanoseconds - self.begin)
         if self.target != self.blend.gait:
             self.blend = self.blend.changed(seconds, self.target)

@@ -243,6 +243,11 @@ def test_gait_follows_a_clock_of_others_and_pauses_with_it(started):
     graph.until(lambda: tick() and len(messages) > count + 20, 'more commands')
     new = [m for m in messages[count:] if nanoseconds(m) < begin]
     assert_reference(new[1:], scene, beginning(new, scene))
+    # Also one that goes back to a time when the gait ran.
+    latest, now = now, now - 5 * PERIOD
+    count = process.count('the gait begins')
+    graph.until(lambda: tick() and process.count('the gait begins') > count, 'another beginning')
+    assert now < latest + 20 * PERIOD
     assert process.stop(signal.SIGTERM) == 0, process.output
 
 

@@ -17,6 +17,7 @@ from snake_sim_ros.posture import chain
 from snake_sim_ros.robot_description import robot_description
 from snake_sim_ros.rotations import product
 from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.steering import Steering
 
 ROBOTS = {
     'aiko': Robot(),
@@ -161,3 +162,21 @@ def test_foxglove_is_told_topics_that_exist_and_shows_all_panels():
     config = json.loads((CONFIG / 'foxglove.json').read_text(encoding='utf-8'))
     assert topics_in(config) == SHOWN | PLOTTED
     assert sorted(panels(config['layout'])) == sorted(config['configById'])
+
+
+def test_buttons_of_foxglove_are_what_the_gait_can_do():
+    config = json.loads((CONFIG / 'foxglove.json').read_text(encoding='utf-8'))
+    gait, moves = load_scene('lateral_undulation').gait, {}
+    for name, panel in config['configById'].items():
+        if name.startswith('Publish!'):
+            twist = json.loads(panel['value'])
+            steering = Steering(twist['linear']['x'], twist['angular']['z'])
+            steered, remarks = steering.gait(gait, Robot(), 0.546)
+            assert not remarks
+            moves[name] = np.sign([steered.yaw.amplitude, -steered.yaw.offset]).tolist()
+    assert moves == {
+        'Publish!left': [1, 1],
+        'Publish!ahead': [1, 0],
+        'Publish!right': [1, -1],
+        'Publish!stop': [0, 0],
+    }

@@ -51,6 +51,24 @@ class Motion:
         moving = (times < self.end)[:, None]
         return a + s * (b + s * (c + s * d)), moving * (b + s * (2.0 * c + s * (3.0 * d)))
 
+    def extremes(self) -> tuple[Array, Array]:
+        """Return largest magnitudes of angle [rad] and rate [rad/s], shape (points-1, k)."""
+        a, b, c, d = self.coefficients
+        span = np.diff(self.times)[:, None]
+        with np.errstate(divide='ignore', invalid='ignore'):
+            root = np.sqrt(c * c - 3 * b * d)
+            # Roots of the rate, in the form that takes no difference of near numbers.
+            half = -(c + np.copysign(root, c))
+            turns = half / (3 * d), b / half
+            bends = -c / (3 * d)
+        moments = [np.zeros_like(a), span + 0.0 * a]
+        for s in (*turns, bends):
+            moments.append(np.where((s > 0) & (s < span), s, 0.0))
+        s = np.array(moments)
+        angle = a + s * (b + s * (c + s * d))
+        rate = b + s * (2.0 * c + s * (3.0 * d))
+        return np.abs(angle).max(axis=0), np.abs(rate).max(axis=0)
+
     def without(self, axes: Array) -> 'Motion':
         """Return the motion of all axes but some."""
         keep = ~np.isin(self.axes, axes)

@@ -329,6 +329,32 @@ def test_trajectory_beyond_the_joint_limit_is_clamped(still):
     assert sampled(taken.reference, [NOW + 2])[0][0] == pytest.approx([0.2, -LIMIT], abs=1e-12)
 
 
+def test_swing_beyond_the_joint_limit_between_points_is_said(still):
+    # From 0.7 rad at 1 rad/s back to 0.7 rad in 1 s: s (1 - s)^2 more, 4/27 at s = 1/3.
+    message = trajectory(
+        YAW,
+        (1.0, [0.7, 0.1], [1.0, 0.0]),
+        (2.0, [0.7, LIMIT], [0.0, 0.0]),
+        (3.0, [0.7, LIMIT], [0.0, 0.0]),
+    )
+    taken = joint_trajectory(message, still, ROBOT, NOW, HORIZON)
+    assert taken.clamped == (
+        'joint_trajectory: joint_1_yaw is clamped to the joint limit, +-0.7854 rad; it would '
+        'swing to 0.8481 rad until t = 7.0000 s'
+    )
+    angle, rate = sampled(taken.reference, [NOW + 4 / 3, NOW + 2.5])
+    assert angle[0, 0] == LIMIT
+    assert rate[0, 0] == 0.0
+
+
+def test_what_is_beyond_the_joint_limit_stands_still_there(last):
+    message = command(['joint_1_yaw', 'joint_3_yaw'], [0.75, -0.75], [2.0, -2.0])
+    reference = joint_command(message, last, ROBOT, NOW).reference
+    angle, rate = sampled(reference, [NOW + 0.01, NOW + 0.03])
+    assert angle == pytest.approx(np.array([[0.77, -0.77], [LIMIT, -LIMIT]]), abs=1e-12)
+    assert rate.tolist() == [[2.0, -2.0], [0.0, 0.0]]
+
+
 REJECTED_TRAJECTORIES = {
     'no points': (trajectory(YAW), 'joint_trajectory has no points'),
     'no names': (trajectory([], (1.0, [])), 'joint_trajectory names no joints; name some of '),
@@ -371,6 +397,11 @@ REJECTED_TRAJECTORIES = {
     'too fast': (
         trajectory(YAW, (0.5, [0.1, 0.1]), (0.51, [0.1, 0.4])),
         'joint_trajectory: joint_3_yaw would move at 30 rad/s until t = 5.5100 s; at most 10',
+    ),
+    'too fast between points': (
+        trajectory(YAW, (0.5, [0.0, 0.1], [-9.0, 0.0]), (0.6, [0.5, 0.1], [0.0, 0.0])),
+        # -9 rad/s + 330^2/(3 1900) rad/s, at -9 + 2 330 s - 3 1900 s^2; 5 rad/s in the mean
+        'joint_trajectory: joint_1_yaw would move at 10.11 rad/s until t = 5.6000 s; at most 10',
     ),
     'late': (
         trajectory(YAW, (1.0, [0.1, 0.1]), stamp=3.0),

@@ -16,6 +16,7 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from snake_sim_ros.joint_reference import JointReference
+from snake_sim_ros.joint_reference import Motion
 from snake_sim_ros.joint_reference import motion_through
 from snake_sim_ros.nodes.command_messages import joint_names
 from snake_sim_ros.nodes.messages import seconds_from
@@ -23,6 +24,7 @@ from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Robot
 
 FARTHEST = 3600.0  # s, how far ahead of simulated time a trajectory may begin
+ROUNDING = 1e-9  # rad, rad/s, by which a motion may be beyond limits at its points
 WAITING = 20  # trajectories that may wait for their begin: each costs time with every message
 
 
@@ -187,8 +189,9 @@ def joint_trajectory(
         start_angle, start_rate = (part.reshape(1, -1)[:, axes] for part in start)
         times, angle = np.insert(times, 0, begin), np.vstack([start_angle, angle])
         rate = None if rate is None else np.vstack([start_rate, rate])
-    _check_speeds(topic, names, times, angle, robot.joint_rate_limit)
-    return Command(last.moved(motion_through(axes, times, angle, rate)), clamped)
+    motion = motion_through(axes, times, angle, rate)
+    swing = _check_motion(topic, names, motion, robot)
+    return Command(last.moved(motion), clamped or swing)
 
 
 @cache
@@ -280,18 +283,32 @@ def _check_rates(topic: str, names: Sequence[str], values: Array, limit: float) 
         )
 
 
-def _check_speeds(
-    topic: str, names: Sequence[str], times: Array, angle: Array, limit: float
-) -> None:
-    """Raise if a joint has to move faster than the limit from one point to the next."""
-    speed = np.abs(np.diff(angle, axis=0)) / np.diff(times)[:, None]
-    if speed.size and speed.max() > limit:
-        piece, worst = np.unravel_index(int(speed.argmax()), speed.shape)
+def _check_motion(topic: str, names: Sequence[str], motion: Motion, robot: Robot) -> str:
+    """
+    Raise if a joint would move faster than its limit, between points as well as at them.
+
+    Returns
+    -------
+    str
+        What goes beyond the joint limit between two points, as a sentence; empty if nothing does.
+
+    """
+    angle, rate = motion.extremes()
+    if rate.max() > robot.joint_rate_limit + ROUNDING:
+        piece, worst = np.unravel_index(int(rate.argmax()), rate.shape)
         raise RejectedCommand(
             'velocity range',
-            f'{topic}: {names[int(worst)]} would move at {speed[piece, worst]:.4g} rad/s until '
-            f't = {times[piece + 1]:.4f} s; at most {limit:.4g} rad/s',
+            f'{topic}: {names[int(worst)]} would move at {rate[piece, worst]:.4g} rad/s until '
+            f't = {motion.times[piece + 1]:.4f} s; at most {robot.joint_rate_limit:.4g} rad/s',
         )
+    if angle.max() <= robot.joint_limit + ROUNDING:
+        return ''
+    piece, worst = np.unravel_index(int(angle.argmax()), angle.shape)
+    return (
+        f'{topic}: {names[int(worst)]} is clamped to the joint limit, +-{robot.joint_limit:.4g} '
+        f'rad; it would swing to {angle[piece, worst]:.4g} rad until '
+        f't = {motion.times[piece + 1]:.4f} s'
+    )
 
 
 def _clamped(topic: str, names: Sequence[str], angle: Array, limit: float) -> tuple[Array, str]:

@@ -1,5 +1,6 @@
 """What the system tests share: the environment, and physics that is compiled once."""
 
+from importlib.metadata import version
 import os
 from pathlib import Path
 
@@ -18,8 +19,9 @@ def environment(tmp_path_factory):
         patch.setenv('ROS_PYTHON_CHECK_FIELDS', '1')
         patch.setenv('ROS_LOG_DIR', str(tmp_path_factory.mktemp('log')))
         profiles = str(Path(__file__).with_name('fast_discovery.xml'))
-        for name in ('FASTRTPS', 'FASTDDS'):  # of jazzy, of kilted
-            patch.setenv(f'{name}_DEFAULT_PROFILES_FILE', profiles)
+        # kilted knows the name of jazzy, and warns of it in every process.
+        name = 'FASTRTPS' if int(version('rclpy').partition('.')[0]) < 9 else 'FASTDDS'
+        patch.setenv(f'{name}_DEFAULT_PROFILES_FILE', profiles)
         patch.delenv('RMW_IMPLEMENTATION', raising=False)
         patch.delenv('ROS_DOMAIN_ID', raising=False)
         yield os.environ

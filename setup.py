@@ -41,7 +41,7 @@ setup(
         (f'share/{package_name}/config', sorted(glob('config/*'))),
         (f'share/{package_name}/examples', sorted(glob('examples/*.py'))),
         # What `ros2 run` finds after a pip install, which puts console scripts elsewhere.
-        (f'lib/{package_name}', ['scripts/gait', 'scripts/sim']),
+        (f'lib/{package_name}', ['scripts/gait', 'scripts/sim', 'scripts/snake-sim']),
     ],
     zip_safe=False,
     install_requires=[

@@ -181,6 +181,17 @@ def test_robot_of_a_scene_is_printed_as_a_urdf(capsys):
     assert capsys.readouterr().out == robot_description(robot) + '\n'
 
 
+def test_launcher_prints_the_urdf():
+    command = ['sh', 'scripts/snake-sim', 'urdf']
+    folder = Path(sys.executable).parent
+    environment = {**ENVIRONMENT, 'PATH': f'{folder}{os.pathsep}{os.environ["PATH"]}'}
+    done = subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == robot_description(load_scene('lateral_undulation').robot) + '\n'
+
+
 def test_missing_scene_ends_the_launchers_with_a_sentence():
     folder = Path(sys.executable).parent
     environment = {**ENVIRONMENT, 'PATH': f'{folder}{os.pathsep}{os.environ["PATH"]}'}

@@ -136,7 +136,7 @@ def test_installed_layout(tmp_path):
     subprocess.run([*command, '--prefix', str(prefix), str(copy)], check=True, timeout=120)
     assert (prefix / 'share/ament_index/resource_index/packages/snake_sim_ros').is_file()
     assert (prefix / 'share/snake_sim_ros/package.xml').is_file()
-    for name in ('sim', 'gait'):
+    for name in ('sim', 'gait', 'snake-sim'):
         assert os.access(prefix / 'lib/snake_sim_ros' / name, os.X_OK)
         assert os.access(prefix / 'bin' / name, os.X_OK)
     scenes = sorted(path.name for path in (ROOT / 'config').glob('*.yaml'))

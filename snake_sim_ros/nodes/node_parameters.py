@@ -10,6 +10,7 @@ from rcl_interfaces.msg import FloatingPointRange
 from rcl_interfaces.msg import IntegerRange
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import parse_yaml
@@ -103,4 +104,18 @@ def settle(
     fields = flat_fields(scene)
     for name, item in {**flat_fields(settings), **{n: fields[n] for n in names}}.items():
         declare(node, name, *item, read_only=name not in changeable)
+    node.add_pre_set_parameters_callback(lambda parameters: keep_types(node, parameters))
     return settings, scene
+
+
+def keep_types(node: Node, parameters: list[Parameter]) -> list[Parameter]:
+    """Return parameters with whole numbers as floating-point ones where the node has those."""
+    kept = []
+    for item in parameters:
+        wanted = node.get_parameter(item.name).type_ if node.has_parameter(item.name) else None
+        if (item.type_, wanted) == (Parameter.Type.INTEGER, Parameter.Type.DOUBLE):
+            item = Parameter(item.name, wanted, float(item.value))
+        elif (item.type_, wanted) == (Parameter.Type.INTEGER_ARRAY, Parameter.Type.DOUBLE_ARRAY):
+            item = Parameter(item.name, wanted, [float(value) for value in item.value])
+        kept.append(item)
+    return kept

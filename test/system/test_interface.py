@@ -269,6 +269,16 @@ def test_friction_and_gains_change_while_running_as_offline(lockstep):
     assert_same_steps(sim, twin, 5)
 
 
+def test_whole_numbers_stay_floating_point_parameters(lockstep):
+    sim, _ = lockstep
+    assert set_parameters(sim, friction__transversal=1, gravity=[0, 0, -9]).successful
+    request = GetParameters.Request(names=['friction.transversal', 'gravity'])
+    values = sim.graph.call(GetParameters, 'sim/get_parameters', request).values
+    assert values[0].double_value == 1.0
+    assert list(values[1].double_array_value) == [0.0, 0.0, -9.0]
+    assert set_parameters(sim, friction__transversal=0.5, gravity=[0.0, 0.0, -9.81]).successful
+
+
 @pytest.mark.parametrize(
     ('changes', 'reason'),
     [

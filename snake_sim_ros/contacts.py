@@ -47,13 +47,14 @@ class Disc(NamedTuple):
 
 def make_disc(column: int, mu_x: float, mu_y: float, proximal: float) -> Disc:
     """Return friction coefficients scaled to a disc, for a compliance [1/kg]."""
+    square = mu_x * mu_x + mu_y * mu_y  # 0 also where nothing is left of the least of friction
     return Disc(
         column=column,
         mu_x=mu_x,
         mu_y=mu_y,
         over_x=1.0 / mu_x if mu_x > 0.0 else 0.0,
         over_y=1.0 / mu_y if mu_y > 0.0 else 0.0,
-        stiffness=2.0 / (proximal * (mu_x**2 + mu_y**2)) if max(mu_x, mu_y) > 0.0 else 0.0,
+        stiffness=2.0 / (proximal * square) if proximal * square > 0.0 else 0.0,
     )
 
 

@@ -33,6 +33,7 @@ Numbers = tuple[float, ...]
 PerLink = float | Numbers
 PerJoint = float | Numbers
 
+STICKY = 1e6  # friction above which nothing slides that pushes back within what is rounded
 CONFIG = Path(__file__).parent / 'config'
 
 INERTIAS = ('as_printed', 'consistent')
@@ -130,9 +131,15 @@ class Robot(Record):
 class Friction(Record):
     """Coefficients of spatial Coulomb friction (an ellipse) and of rolling friction."""
 
-    longitudinal: float = quantity(0.1, '1', 'Coulomb mu_Tx along the link', minimum=0)
-    transversal: float = quantity(0.5, '1', 'Coulomb mu_Ty across the link', minimum=0)
-    rolling: float = quantity(0.0, '1', 'rolling friction mu_V (assumption: none)', minimum=0)
+    longitudinal: float = quantity(
+        0.1, '1', 'Coulomb mu_Tx along the link', minimum=0, maximum=STICKY
+    )
+    transversal: float = quantity(
+        0.5, '1', 'Coulomb mu_Ty across the link', minimum=0, maximum=STICKY
+    )
+    rolling: float = quantity(
+        0.0, '1', 'rolling friction mu_V (assumption: none)', minimum=0, maximum=STICKY
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,7 +149,9 @@ class Pegs(Record):
     x: Numbers = quantity((), 'm', 'x of the peg axes')
     y: Numbers = quantity((), 'm', 'y of the peg axes')
     radius: PerLink = quantity(0.05, 'm', 'radius of all pegs or of each', above=0)
-    friction: float = quantity(0.2, '1', 'Coulomb friction in all directions', minimum=0)
+    friction: float = quantity(
+        0.2, '1', 'Coulomb friction in all directions', minimum=0, maximum=STICKY
+    )
 
     def __post_init__(self) -> None:
         """Check every field, and that there are as many x as y and radii."""
@@ -252,7 +261,7 @@ class Scene(Record):
     pegs: Pegs = Pegs()
     self_contact: bool = quantity(False, '', 'whether links that are not neighbors touch')
     self_contact_friction: float = quantity(
-        0.2, '1', 'Coulomb friction of links on each other', minimum=0
+        0.2, '1', 'Coulomb friction of links on each other', minimum=0, maximum=STICKY
     )
     gait: Gait = Gait()
     solver: Solver = Solver()

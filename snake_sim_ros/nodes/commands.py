@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import difflib
 from functools import cache
+from reprlib import repr as shortened
 
 import numpy as np
 from sensor_msgs.msg import JointState
@@ -47,11 +48,14 @@ class Command:
         What all joints are told from now on.
     clamped : str
         What was beyond the joint limit, as a sentence; empty if nothing was.
+    jump : str
+        What jumps to the first point of a trajectory, as a sentence; empty if nothing does.
 
     """
 
     reference: JointReference
     clamped: str = ''
+    jump: str = ''
 
 
 def joint_command(message: JointState, last: JointReference, robot: Robot, now: float) -> Command:
@@ -97,7 +101,12 @@ def joint_command(message: JointState, last: JointReference, robot: Robot, now: 
     stamp = seconds_from(message.header.stamp)
     if stamp <= 0.0 or stamp > now:
         stamp = now
-    newest = float(last.stamp.flat[axes].max())
+    begun = (
+        motion.begin
+        for motion in last.motions
+        if motion.begin <= now and np.isin(motion.axes, axes).any()
+    )
+    newest = max(float(last.stamp.flat[axes].max()), *begun, -np.inf)
     if stamp < newest:
         raise RejectedCommand(
             'late',
@@ -140,8 +149,9 @@ def joint_trajectory(
 
     It begins at the stamp of its header, a zero stamp means now. Until then the joints go on with
     what they were told; then they move from there through those points that are not in the past:
-    on straight lines if points have positions only, cubic in time if they have velocities.
-    Accelerations and efforts are not used.
+    on straight lines if points have positions only, cubic in time if they have velocities. Joints
+    that would exceed the rate limit on their way to the first point jump to it, as they would with
+    any other command. Accelerations and efforts are not used.
 
     Parameters
     ----------
@@ -184,14 +194,36 @@ def joint_trajectory(
     ahead = times >= begin
     times, angle = times[ahead], angle[ahead]
     rate = None if rate is None else rate[ahead]
+    jump = ''
     if times[0] > begin:
         start = last.sample(np.array([begin]), horizon, robot.joint_limit)
         start_angle, start_rate = (part.reshape(1, -1)[:, axes] for part in start)
         times, angle = np.insert(times, 0, begin), np.vstack([start_angle, angle])
         rate = None if rate is None else np.vstack([start_rate, rate])
+        way = motion_through(axes, times[:2], angle[:2], None if rate is None else rate[:2])
+        (needed,) = way.extremes()[1]
+        too_fast = needed > robot.joint_rate_limit + ROUNDING
+        if too_fast.any():
+            jump = _jump(topic, names, angle[:2], needed, robot.joint_rate_limit)
+            angle[0, too_fast] = angle[1, too_fast]
+            if rate is not None:
+                rate[0, too_fast] = 0.0
     motion = motion_through(axes, times, angle, rate)
     swing = _check_motion(topic, names, motion, robot)
-    return Command(last.moved(motion), clamped or swing)
+    return Command(last.moved(motion), clamped or swing, jump)
+
+
+def extrapolated(reference: JointReference, robot: Robot, now: float, horizon: float) -> str:
+    """Return what goes beyond the joint limit with its velocity by now, as a sentence, or ''."""
+    age = np.minimum(now - reference.stamp, horizon)
+    angle = np.abs(reference.angle + age * reference.rate)
+    if angle.max() <= robot.joint_limit + ROUNDING:
+        return ''
+    worst = joint_names(robot.link_count)[int(angle.argmax())]
+    return (
+        f'joint_command: {worst} is clamped to the joint limit, +-{robot.joint_limit:.4g} rad; '
+        f'with its velocity it would reach {angle.max():.4g} rad'
+    )
 
 
 @cache
@@ -213,11 +245,21 @@ def _axes(topic: str, given: list[str], robot: Robot) -> Array:
             hint = (
                 f'did you mean {close[0]}?' if close else f'joints are {names[0]} to {names[-1]}'
             )
-            raise RejectedCommand('name', f'{topic}: unknown joint {name!r}; {hint}')
+            raise RejectedCommand('name', f'{topic}: unknown joint {shortened(name)}; {hint}')
     if len(set(given)) < len(given):
         twice = next(name for name in given if given.count(name) > 1)
         raise RejectedCommand('twice', f'{topic} names joint {twice} more than once')
     return np.array([known[name] for name in given])
+
+
+def _jump(topic: str, names: Sequence[str], angle: Array, rate: Array, limit: float) -> str:
+    """Return what is said of joints that jump to their first point: angle (2, k), rate (k,)."""
+    worst = int(rate.argmax())
+    start, first = angle[:, worst].tolist()
+    return (
+        f'{topic}: {names[worst]} jumps from {start:.4g} rad to its first point, {first:.4g} rad; '
+        f'{rate[worst]:.4g} rad/s would be needed, at most {limit:.4g} rad/s'
+    )
 
 
 def _points(
@@ -242,33 +284,36 @@ def _points(
     times = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points])
     angle = np.array([point.positions for point in points])
     rate = np.array([point.velocities for point in points]) if with_rates else None
-    for number, (before, after) in enumerate(zip([0.0, *times], times, strict=False), start=1):
-        if after < before or (number > 1 and after == before):
-            raise RejectedCommand(
-                'order',
-                f'{topic}: time_from_start must be at least 0 s and increase from point to '
-                f'point, got {after:g} s after {before:g} s at point {number}',
-            )
-    for row in angle:
-        _check_finite(topic, 'position', names, row)
+    steps = np.diff(times, prepend=0.0)
+    wrong = (steps < 0.0) | ((steps == 0.0) & (np.arange(len(steps)) > 0))
+    if wrong.any():
+        number = int(wrong.argmax())
+        raise RejectedCommand(
+            'order',
+            f'{topic}: time_from_start must be at least 0 s and increase from point to point, '
+            f'got {times[number]:g} s after {times[number] - steps[number]:g} s at point '
+            f'{number + 1}',
+        )
+    _check_finite(topic, 'position', names, angle)
     if rate is not None:
-        for row in rate:
-            _check_rates(topic, names, row, robot.joint_rate_limit)
+        _check_rates(topic, names, rate, robot.joint_rate_limit)
         if rate[-1].any():
-            name = names[int(np.abs(rate[-1]).argmax())]
+            worst = int(np.abs(rate[-1]).argmax())
             raise RejectedCommand(
                 'end',
                 f'{topic}: velocities of the last point must be 0 rad/s, got '
-                f'{rate[-1][names.index(name)]:.4g} rad/s for {name}',
+                f'{rate[-1, worst]:.4g} rad/s for {names[worst]}',
             )
     return times, angle, rate
 
 
 def _check_finite(topic: str, what: str, names: Sequence[str], values: Array) -> None:
+    """Raise if a number is not finite; values have shape (..., joints)."""
     if not np.isfinite(values).all():
         bad = int(np.argmin(np.isfinite(values)))
         raise RejectedCommand(
-            'not finite', f'{topic}: {what} of {names[bad]} must be finite, got {values[bad]}'
+            'not finite',
+            f'{topic}: {what} of {names[bad % len(names)]} must be finite, got {values.flat[bad]}',
         )
 
 
@@ -278,8 +323,8 @@ def _check_rates(topic: str, names: Sequence[str], values: Array, limit: float) 
         worst = int(np.abs(values).argmax())
         raise RejectedCommand(
             'velocity range',
-            f'{topic}: velocity of {names[worst]} must be within +-{limit:.4g} rad/s, '
-            f'got {values[worst]:.4g} rad/s',
+            f'{topic}: velocity of {names[worst % len(names)]} must be within +-{limit:.4g} '
+            f'rad/s, got {values.flat[worst]:.4g} rad/s',
         )
 
 

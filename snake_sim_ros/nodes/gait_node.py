@@ -159,6 +159,9 @@ class GaitNode(Node):
                         f'the last good cmd_vel holds',
                     )
                     return
+        unused = message.linear.y, message.linear.z, message.angular.x, message.angular.y
+        if any(unused):
+            self.warn('unused', 'cmd_vel: only linear.x and angular.z steer; the rest is not used')
         self.heard = self.get_clock().now().nanoseconds
         steering = Steering(message.linear.x, message.angular.z)
         if steering != self.steering:

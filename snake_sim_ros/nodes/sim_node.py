@@ -33,6 +33,7 @@ from snake_sim_ros.joint_reference import start_posture
 from snake_sim_ros.levels import is_vertical
 from snake_sim_ros.levels import what_is_told
 from snake_sim_ros.nodes.commands import Command
+from snake_sim_ros.nodes.commands import extrapolated
 from snake_sim_ros.nodes.commands import joint_command
 from snake_sim_ros.nodes.commands import joint_trajectory
 from snake_sim_ros.nodes.commands import position_commands
@@ -43,6 +44,7 @@ from snake_sim_ros.nodes.markers import SceneMarkers
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.messages import StateMessages
 from snake_sim_ros.nodes.node_parameters import settle
+from snake_sim_ros.nodes.rivals import Rivals
 from snake_sim_ros.nodes.running import make_executor
 from snake_sim_ros.nodes.running import run_node
 from snake_sim_ros.nodes.running import serve_some
@@ -122,12 +124,14 @@ class SimNode(Node):
         self.paused = self.settings.start_paused
         self.stop = Event()
         self.rejected = self.clamped = self.overruns = 0
+        self.refused = ''  # the last sentence about a command since the last diagnostics
         self.reached_factor = self.processor = 0.0
         self.heard: float | None = None  # simulated time of the last command [s]
         self.stream = ''  # topic on which commands follow each other
         self.silent = ''  # topic of a stream that stopped
+        self._limited: JointReference | None = None  # the last one said to be beyond the limit
         self.warn = Warnings(self)
-        self._rivals_told: set[tuple[str, ...]] = set()
+        self._rivals = Rivals(self)
         self._spoken: set[str] = set()  # command topics since the last diagnostics
         self._make_publishers(scene)
         self._make_subscriptions()
@@ -209,11 +213,9 @@ class SimNode(Node):
         level = simulation.last.level
         self.reference = self.reference.settled(simulation.time)
         self._watch_commands()
-        report = simulation.advance(
-            *self.reference.sample(
-                simulation.midpoints(self.steps), self.settings.command_horizon, limit
-            )
-        )
+        times, horizon = simulation.midpoints(self.steps), self.settings.command_horizon
+        report = simulation.advance(*self.reference.sample(times, horizon, limit))
+        self._watch_limit(times[-1])
         if report.level != level:
             why = f': {report.left}' if report.left else ': the robot lies flat'
             self.get_logger().info(f'level {report.level} from t = {simulation.time:g} s on{why}')
@@ -274,11 +276,14 @@ class SimNode(Node):
 
     def publish_diagnostics(self) -> None:
         """Publish how the simulation is doing."""
-        factor, warning = self.settings.real_time_factor, ''
+        factor, warnings = self.settings.real_time_factor, []
+        # What is reached is a whole number of periods.
+        if not self.halted and self.reached_factor + self.period < 0.95 * factor:
+            warnings.append(f'real-time factor {self.reached_factor:.2f} of {factor:g}')
+        if self.refused:
+            warnings.append(self.refused)
         if self.silent:
-            warning = f'no {self.silent} any more; the last one is held'
-        if not self.halted and self.reached_factor < 0.95 * factor:
-            warning = f'real-time factor {self.reached_factor:.2f} of {factor:g}'
+            warnings.append(f'no {self.silent} any more; the last one is held')
         values = {
             'real_time_factor': f'{self.reached_factor:.4g}',
             'processor': f'{self.processor:.3f}',
@@ -289,29 +294,37 @@ class SimNode(Node):
         }
         state = 'paused' if self.paused else 'running'
         name = self.get_fully_qualified_name().lstrip('/')
-        message = DiagnosticArray(status=[status_of(name, self.failure, warning, state, values)])
+        status = status_of(name, self.failure, '; '.join(warnings), state, values)
+        message = DiagnosticArray(status=[status])
         message.header.stamp = stamp_from(self.nanoseconds)
         self.diagnostics.publish(message)
         if self.halted and self.markers.get_subscription_count():
             self._publish_markers(message.header.stamp)
-        self._look_for_rivals()
+        self._rivals.look(self._spoken, clock=self.clock is not None)
+        self._spoken.clear()
+        self.refused = ''
 
     def _take(self, topic: str, take: Callable[..., Command], message: Any, *more: float) -> None:
         """Take a command, or say why not."""
         scene, now = self.simulation.scene, self.simulation.time
         self._spoken.add(topic)
+        if self.clock is None and hasattr(message, 'header'):
+            message.header.stamp = Time()  # of a clock that another node makes: it means now
         try:
             command = take(message, self.reference, scene.robot, now, *more)
             if scene.level == 'planar':
                 _refuse_vertical(topic, command.reference)
         except RejectedCommand as error:
             self.rejected += 1
-            self.warn(error.kind, f'{error}; the last good command is held')
+            self.refused = f'{error}; the last good command is held'
+            self.warn(error.kind, self.refused)
             return
         self.reference = command.reference
         if command.clamped:
             self.clamped += 1
             self.warn('clamped', command.clamped)
+        if command.jump:
+            self.warn('jump', command.jump)
         follows = self.heard is not None and now - self.heard <= self.settings.command_timeout
         self.stream = topic if follows else ''
         self.heard, self.silent = now, ''
@@ -325,31 +338,18 @@ class SimNode(Node):
             self.warn('silent', f'no {self.stream} for {timeout:g} s; the last one is held')
             self.stream, self.silent = '', self.stream
 
-    def _look_for_rivals(self) -> None:
-        """Say once who speaks against whom: commands of several, clocks of several."""
-        topics = sorted(map(self.resolve_topic_name, self._spoken))
-        self._spoken.clear()
-        if self.clock:
-            topics.append('/clock')
-        speakers = {
-            topic: sorted(
-                f'{info.node_namespace.rstrip("/")}/{info.node_name}'
-                for info in self.get_publishers_info_by_topic(topic)
-            )
-            for topic in topics
-        }
-        for topic, nodes in speakers.items():
-            rivals = (topic, *nodes)
-            if len(nodes) > 1 and rivals not in self._rivals_told:
-                self._rivals_told.add(rivals)
-                what = (
-                    'the last message counts'
-                    if topic != '/clock'
-                    else ('start all sims but one with publish_clock:=false')
-                )
-                self.get_logger().warning(
-                    f'{topic} has {len(nodes)} publishers, {", ".join(nodes)}: {what}'
-                )
+    def _watch_limit(self, now: float) -> None:
+        """Say so when a command goes beyond the joint limit with its velocity."""
+        reference = self.reference
+        if reference is self._limited or reference.motions:
+            return
+        clamped = extrapolated(
+            reference, self.simulation.scene.robot, now, self.settings.command_horizon
+        )
+        if clamped:
+            self._limited = reference
+            self.clamped += 1
+            self.warn('clamped', clamped)
 
     def _changed(self, parameters: list[Parameter]) -> tuple[Settings, Scene]:
         """Return settings and scene with some parameters of other values."""
@@ -392,12 +392,12 @@ def run(node: SimNode, stop: Event) -> None:
     node.stop = stop
     node.publish_state()
     due = mark = served = time.perf_counter()
-    busy = time.process_time()
+    busy, factor = time.process_time(), node.settings.real_time_factor
     advanced = halted = 0.0  # simulated and idle time since the mark
     while not stop.is_set():
         now = time.perf_counter()
         if now - mark >= 1.0:
-            if advanced > 0.0:
+            if now - mark - halted > WAIT:
                 node.reached_factor = advanced / (now - mark - halted)
             used = time.process_time()
             node.processor, busy = (used - busy) / (now - mark), used
@@ -408,25 +408,24 @@ def run(node: SimNode, stop: Event) -> None:
             due = time.perf_counter()
             halted += due - now
             continue
+        if factor != node.settings.real_time_factor:  # what is left to wait is of another pace
+            factor, due = node.settings.real_time_factor, now
+            mark, busy, advanced, halted = now, time.process_time(), 0.0, 0.0
+        if now < due:
+            executor.spin_once(timeout_sec=min(due - now, WAIT))
+            continue
         node.advance()
         advanced += node.period
-        factor = node.settings.real_time_factor
         if factor == 0.0:
             if now - served >= SERVICE:
                 served = now
                 serve_some(executor)
-            due = time.perf_counter()
             continue
         due += node.period / factor
-        left = due - time.perf_counter()
-        if left <= 0.0:  # a late node still hears its commands
+        late = time.perf_counter() - due
+        if late >= 0.0:  # a late node still hears its commands
             serve_some(executor)
-        while left > 0.0 and not stop.is_set():
-            executor.spin_once(timeout_sec=min(left, WAIT))
-            left = due - time.perf_counter()
-            if node.settings.real_time_factor != factor:  # what is left is of another pace
-                due, left = time.perf_counter(), 0.0
-        if left < -BACKLOG:
+        if late > BACKLOG:
             node.overruns += 1
             node.warn('overrun', f'cannot keep up with real-time factor {factor:g}; time slips')
             due = time.perf_counter()

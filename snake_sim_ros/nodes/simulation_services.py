@@ -16,6 +16,7 @@ try:
 except ImportError:  # not among the packages of ROS 2 on PyPI
     standard = standard_services = None
 
+DIVERGED = 'diverged: call ~/reset first'
 STILL_RUNNING = 'not paused: call ~/pause with true first'
 FEATURES = (
     *('SIMULATION_RESET', 'SIMULATION_RESET_TIME', 'SIMULATION_RESET_STATE'),
@@ -57,16 +58,16 @@ class SimulationServices:
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self.node.paused = request.data
-        response.success = not self.node.failure
-        response.message = 'paused' if self.node.paused else 'running'
-        if not response.success:
-            response.message = 'diverged: call ~/reset first'
+        if self.node.failure and not request.data:
+            response.message = DIVERGED
+            return response
+        self.node.paused, response.success = request.data, True
+        response.message = 'paused' if request.data else 'running'
         return response
 
     def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self.node.paused:
-            response.message = STILL_RUNNING
+            response.message = DIVERGED if self.node.failure else STILL_RUNNING
             return response
         self.node.step()
         response.success = not self.node.failure

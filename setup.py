@@ -70,8 +70,8 @@ setup(
     },
     entry_points={
         'console_scripts': [
-            f'gait = {package_name}.nodes.gait_node:main',
-            f'sim = {package_name}.nodes.sim_node:main',
+            f'gait = {package_name}.nodes.__main__:gait',
+            f'sim = {package_name}.nodes.__main__:sim',
             f'snake-sim = {package_name}.cli:main',
         ],
     },

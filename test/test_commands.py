@@ -15,6 +15,7 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 
 from snake_sim_ros.joint_reference import JointReference
 from snake_sim_ros.nodes.command_messages import joint_names
+from snake_sim_ros.nodes.commands import extrapolated
 from snake_sim_ros.nodes.commands import joint_command
 from snake_sim_ros.nodes.commands import joint_trajectory
 from snake_sim_ros.nodes.commands import position_commands
@@ -420,6 +421,48 @@ def test_rejected_trajectories(still, title):
     with pytest.raises(RejectedCommand) as error:
         joint_trajectory(message, still, ROBOT, NOW, HORIZON)
     assert sentence in str(error.value)
+
+
+@pytest.mark.parametrize('moving', [False, True])
+def test_too_fast_a_way_to_the_first_point_is_a_jump(still, moving):
+    points = [(0.02, [0.4, 0.1]), (1.0, [0.5, 0.2])]
+    if moving:
+        points = [(*points[0], [0.5, -0.5]), (*points[1], [0.0, 0.0])]
+    message = trajectory(YAW, *points)
+    taken = joint_trajectory(message, still, ROBOT, NOW, HORIZON)
+    start = float(still.angle[JOINTS][0])
+    assert taken.jump.startswith(
+        f'joint_trajectory: joint_1_yaw jumps from {start:.4g} rad to its first point, 0.4 rad; '
+    )
+    times = np.linspace(NOW, NOW + 1.0, 101)
+    angle, rate = taken.reference.sample(times, HORIZON, LIMIT)
+    assert np.abs(rate).max() <= ROBOT.joint_rate_limit
+    # The first one is at its first point at once, or on a short swing that ends there.
+    assert np.abs(angle[:3, 0, 0] - 0.4).max() < 4 / 27 * 0.5 * 0.02 + 1e-9
+    assert angle[[2, -1]][:, JOINTS[0], JOINTS[1]] == pytest.approx(
+        np.array([[0.4, 0.1], [0.5, 0.2]]), abs=1e-9
+    )
+    # The second one is near enough to go there, from where it is.
+    assert angle[0][JOINTS][1] == pytest.approx(still.angle[JOINTS][1], abs=1e-9)
+
+
+def test_late_is_what_was_said_before_a_trajectory_began(still):
+    reference = taken_trajectory(YAW, (1.0, [0.3, 0.3]), last=still)
+    late = command(['joint_1_yaw'], [0.0], stamp=NOW - 0.1)
+    with pytest.raises(RejectedCommand, match='is late'):
+        joint_command(late, reference, ROBOT, NOW + 0.5)
+    other = command(['joint_5_pitch'], [0.0], stamp=NOW + 0.1)
+    assert joint_command(other, reference, ROBOT, NOW + 0.5).reference.motions
+
+
+def test_command_that_goes_beyond_the_limit_with_its_velocity_is_told(last):
+    message = command(['joint_2_yaw'], [0.75], [2.0])
+    reference = joint_command(message, last, ROBOT, NOW).reference
+    assert not extrapolated(reference, ROBOT, NOW + 0.01, HORIZON)
+    assert extrapolated(reference, ROBOT, NOW + 1.0, HORIZON) == (
+        'joint_command: joint_2_yaw is clamped to the joint limit, +-0.7854 rad; '
+        f'with its velocity it would reach {0.75 + 2.0 * HORIZON:.4g} rad'
+    )
 
 
 def test_streamed_trajectories_do_not_pile_up(still):

@@ -69,7 +69,7 @@ class Child:
 
 def start(name: str, *parameters: str) -> Child:
     """Start a node, in a session of its own so that Ctrl-C is ours."""
-    command = [sys.executable, '-m', f'snake_sim_ros.nodes.{name}_node', '--ros-args']
+    command = [sys.executable, '-m', 'snake_sim_ros.nodes', name, '--ros-args']
     for parameter in parameters:
         command += ['-p', parameter]
     process = subprocess.Popen(

@@ -151,7 +151,7 @@ def _initialize(args: list[str] | None) -> None:
 def _refuse_arguments(arguments: list[str]) -> None:
     """End with a usage message if there is anything but arguments of ROS."""
     argparse.ArgumentParser(
-        prog=os.path.basename(sys.argv[0]).removesuffix('_node.py'),
+        prog=os.path.basename(sys.argv[0]),
         usage='%(prog)s [--ros-args [-p NAME:=VALUE ...] [--params-file FILE] [-r FROM:=TO ...]]',
         epilog='ros2 param list shows the parameters of a node that runs.',
     ).parse_args(arguments)

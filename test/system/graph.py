@@ -116,8 +116,8 @@ class Process:
 
 def node_command(name: str, *arguments: str) -> list[str]:
     """Return the command that starts node `sim` or `gait` with ROS arguments."""
-    module = f'snake_sim_ros.nodes.{name}_node'
-    return [sys.executable, '-m', module, *(['--ros-args', *arguments] if arguments else [])]
+    command = [sys.executable, '-m', 'snake_sim_ros.nodes', name]
+    return [*command, *(['--ros-args', *arguments] if arguments else [])]
 
 
 class Graph:

@@ -234,7 +234,8 @@ def test_diverged_sim_pauses_at_the_last_good_state_and_waits_for_reset(sims):
     assert 'would turn by' in status.message
     refused = sim.pause(False)
     assert (refused.success, refused.message) == (False, 'diverged: call ~/reset first')
-    assert not sim.graph.call(Trigger, 'sim/step').success
+    step = sim.graph.call(Trigger, 'sim/step')
+    assert (step.success, step.message) == (False, 'diverged: call ~/reset first')
     assert all(math.isfinite(v) for m in sim.joint_states for v in [*m.position, *m.effort])
     # Reset publishes the start, and the node goes on.
     sim.graph.drain(sim.joint_states)

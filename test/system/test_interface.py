@@ -3,6 +3,7 @@
 import signal
 import time
 
+from builtin_interfaces.msg import Time
 import numpy as np
 from offline import bits
 from offline import HORIZON
@@ -15,6 +16,7 @@ from rcl_interfaces.srv import DescribeParameters
 from rcl_interfaces.srv import GetParameters
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.duration import Duration
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import QoSProfile
@@ -23,6 +25,7 @@ from sensor_msgs.msg import JointState
 from sim_client import SimClient
 from std_msgs.msg import Float64MultiArray
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 from trajectory_msgs.msg import JointTrajectoryPoint
 from visualization_msgs.msg import MarkerArray
@@ -198,6 +201,46 @@ def test_stream_of_commands_that_stops_is_reported(lockstep):
     assert sim.process.count(said) == 1
 
 
+def test_one_command_is_not_a_stream_and_a_reset_ends_one(lockstep):
+    sim, _ = lockstep
+    before = sim.process.count('no joint_command for')
+    sim.send({'joint_1_yaw': 0.1})
+    for _ in range(60):
+        sim.step()
+    for _ in range(3):
+        sim.send({'joint_1_yaw': 0.2})
+        sim.step()
+    sim.reset()
+    for _ in range(60):
+        sim.step()
+    assert sim.process.count('no joint_command for') == before
+
+
+def test_diagnostics_tell_what_was_refused(lockstep):
+    sim, _ = lockstep
+    sim.send({'joint_1_jaw': 0.1})
+    sim.step()
+    sim.values()
+    status = next(
+        message.status[0]
+        for message in reversed(sim.diagnostics)
+        if message.status[0].level == b'\x01'
+    )
+    assert status.message == (
+        "joint_command: unknown joint 'joint_1_jaw'; did you mean joint_1_yaw?; "
+        'the last good command is held'
+    )
+
+
+def test_stamps_mean_now_where_the_clock_is_of_another_node(aiko):
+    graph, before = aiko.graph, aiko.process.count('is late')
+    aiko.send({'joint_2_yaw': 0.3})
+    graph.until(lambda: abs(aiko.joint_states[-1].position[2] - 0.3) < 0.1, 'the first command')
+    aiko.send({'joint_2_yaw': -0.3}, stamp=Time(nanosec=1))
+    graph.until(lambda: abs(aiko.joint_states[-1].position[2] + 0.3) < 0.1, 'the other command')
+    assert aiko.process.count('is late') == before
+
+
 def test_rivals_are_told_once_with_their_names(aiko):
     graph = aiko.graph
     topic = '/aiko/joint_command'
@@ -216,6 +259,25 @@ def test_rivals_are_told_once_with_their_names(aiko):
     assert aiko.process.count('publishers') == 1
 
 
+def test_rivals_on_two_topics_are_told(aiko):
+    graph = aiko.graph
+    other = Node('other', context=graph.context)
+    rival = other.create_publisher(Float64MultiArray, '/aiko/position_commands', 1)
+    graph.until(rival.get_subscription_count, 'the sim')
+    said = (
+        '/aiko/joint_command and /aiko/position_commands have 2 publishers, '
+        f'{graph.node.get_fully_qualified_name()}, /other: the last message counts'
+    )
+    for k in range(100):
+        aiko.send({'joint_1_yaw': 0.1})
+        rival.publish(Float64MultiArray(data=[0.0] * 20))
+        graph.spin(0.05)
+        if aiko.process.count(said) and k > 30:
+            break
+    other.destroy_node()
+    assert aiko.process.count(said) == 1, aiko.process.output
+
+
 def test_flood_of_commands_does_not_starve_physics(aiko):
     graph = aiko.graph
     graph.until(lambda: len(aiko.joint_states) > 10, 'a running sim')
@@ -229,6 +291,24 @@ def test_flood_of_commands_does_not_starve_physics(aiko):
     graph.until(lambda: aiko.now > begin + 1.0, 'physics that goes on', 20)
     assert messages > 1000
     assert 1 <= aiko.process.count("unknown joint 'joint_9_jaw'") <= 5
+
+
+@pytest.mark.parametrize('factor', [0.0, 1000.0])  # as fast as possible, and always late
+def test_flood_of_commands_does_not_starve_services(aiko, factor):
+    graph = aiko.graph
+    assert set_parameters(aiko, real_time_factor=factor).successful
+    reset = graph.node.create_client(Trigger, '/aiko/sim/reset')
+    graph.until(reset.service_is_ready, 'the service')
+    begin, answer = time.monotonic(), None
+    while answer is None or not answer.done():
+        aiko.send({'joint_9_yaw': 0.1})
+        graph.executor.spin_once(timeout_sec=0)
+        if answer is None and time.monotonic() - begin > 1.0:
+            answer = reset.call_async(Trigger.Request())
+        assert time.monotonic() - begin < 5.0, 'no answer in 4 s'
+    count = len(aiko.joint_states)
+    graph.until(lambda: len(aiko.joint_states) > count + 20, 'physics that goes on')
+    assert set_parameters(aiko, real_time_factor=1.0).successful
 
 
 # ---- parameters ---------------------------------------------------------------------------------
@@ -293,6 +373,7 @@ def test_whole_numbers_stay_floating_point_parameters(lockstep):
             'one for each of the 10 joints',
         ),
         ({'friction__rolling': 0.1, 'friction__transversal': -1.0}, 'friction.transversal'),
+        ({'friction__longitudinal': 1e300}, 'friction.longitudinal'),
         ({'level': 'planar'}, 'read-only'),
         ({'robot__link_count': 5}, 'read-only'),
         ({'real_time_factor': -1.0}, 'real_time_factor'),
@@ -327,7 +408,12 @@ def test_a_real_time_factor_counts_at_once(aiko):
     count = len(aiko.joint_states)
     graph.spin(0.5)
     assert len(aiko.joint_states) <= count + 1
+    # Nothing else waits for the end of the period.
+    told = len(aiko.diagnostics)
+    assert aiko.pause(True).success
+    graph.until(lambda: len(aiko.diagnostics) > told + 1, 'diagnostics', 10)
     assert set_parameters(aiko, real_time_factor=1.0).successful
+    assert aiko.pause(False).success
     graph.until(lambda: len(aiko.joint_states) > count + 20, 'states')
 
 

@@ -1,6 +1,9 @@
 """The sim node over ROS: time, states, commands, services."""
 
+from pathlib import Path
+import re
 import signal
+import time
 
 import numpy as np
 from offline import bits
@@ -273,6 +276,18 @@ def test_node_ends_well_on_sigterm_while_it_starts(make_graph):
     process.wait_for('compiling the physics')
     assert process.stop(signal.SIGTERM) == 0, process.output
     assert 'Traceback' not in process.output
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_node_ends_well_while_it_imports(make_graph, number):
+    process = make_graph().start('sim')
+    status, deadline = Path(f'/proc/{process.popen.pid}/status'), time.monotonic() + 10
+    caught = 1 << (signal.SIGTERM - 1)
+    while not int(re.search(r'SigCgt:\s*(\w+)', status.read_text())[1], 16) & caught:
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+    assert process.stop(number) == 0
+    assert not process.output
 
 
 def test_node_as_fast_as_it_can_ends_well_on_sigterm(make_graph):

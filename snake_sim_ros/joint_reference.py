@@ -46,10 +46,13 @@ class Motion:
     def sample(self, times: Array) -> tuple[Array, Array]:
         """Return angle [rad] and rate [rad/s], shape (m, k), at times (m,) from the begin on."""
         piece = np.minimum(self.times.searchsorted(times, 'right'), len(self.times) - 1) - 1
+        if len(piece) and piece[0] == piece[-1]:  # as mostly: nothing is copied for each time
+            piece = piece[0]
         s = (np.minimum(times, self.end) - self.times[piece])[:, None]
         a, b, c, d = self.coefficients[:, piece]
         moving = (times < self.end)[:, None]
-        return a + s * (b + s * (c + s * d)), moving * (b + s * (2.0 * c + s * (3.0 * d)))
+        angle, rate = a + s * (b + s * (c + s * d)), b + s * (2.0 * c + s * (3.0 * d))
+        return angle, rate if moving.all() else moving * rate
 
     def extremes(self) -> tuple[Array, Array]:
         """Return largest magnitudes of angle [rad] and rate [rad/s], shape (points-1, k)."""

@@ -33,6 +33,8 @@ LINK = 20  # number of the link, and of the other one it touches or -1; in conta
 OTHER = 21
 LAW = 22  # first column of `linear_laws`
 
+FRICTIONLESS = 1e-100  # friction of which nothing is left in squares
+
 
 class Disc(NamedTuple):
     """Friction coefficients of one kind, scaled to a disc; see linear_laws."""
@@ -47,14 +49,14 @@ class Disc(NamedTuple):
 
 def make_disc(column: int, mu_x: float, mu_y: float, proximal: float) -> Disc:
     """Return friction coefficients scaled to a disc, for a compliance [1/kg]."""
-    square = mu_x * mu_x + mu_y * mu_y  # 0 also where nothing is left of the least of friction
+    mu_x, mu_y = (mu if mu > FRICTIONLESS else 0.0 for mu in (mu_x, mu_y))
     return Disc(
         column=column,
         mu_x=mu_x,
         mu_y=mu_y,
         over_x=1.0 / mu_x if mu_x > 0.0 else 0.0,
         over_y=1.0 / mu_y if mu_y > 0.0 else 0.0,
-        stiffness=2.0 / (proximal * square) if proximal * square > 0.0 else 0.0,
+        stiffness=2.0 / (proximal * (mu_x**2 + mu_y**2)) if max(mu_x, mu_y) > 0.0 else 0.0,
     )
 
 

@@ -12,11 +12,15 @@ from snake_sim_ros.contact_laws import prox_disc
 from snake_sim_ros.contact_laws import prox_ellipse
 from snake_sim_ros.contact_laws import prox_half_line
 from snake_sim_ros.parameters import Friction
+from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import Robot
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import Solver
+from snake_sim_ros.parameters import STICKY
+from snake_sim_ros.parameters import with_settings
 from snake_sim_ros.posture import chain
 from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.simulation import Simulation
 from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import make_stepper
 from snake_sim_ros.stepping import no_history
@@ -239,3 +243,12 @@ def test_a_solved_step_satisfies_the_scaled_disc_law(method, velocity, delta):
     P_N, gamma_N = history[IMPULSE, :, 0], W_N.T @ end.u.ravel()
     assert (P_N > 0).all()
     assert np.abs(gamma_N + c * P_N).max() < scene.solver.residual_tolerance
+
+
+@pytest.mark.parametrize('mu', [5e-324, 1e-170, STICKY])
+def test_friction_of_any_size_is_usable(mu):
+    friction = {f'friction.{name}': mu for name in ('longitudinal', 'transversal', 'rolling')}
+    simulation = Simulation(with_settings(load_scene('lateral_undulation'), friction))
+    report = simulation.advance(*simulation.gait_reference(40))
+    assert not report.failure
+    assert report.unconverged == 0

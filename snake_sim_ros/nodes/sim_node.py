@@ -133,8 +133,15 @@ class SimNode(Node):
         self.warn = Warnings(self)
         self._rivals = Rivals(self)
         self._spoken: set[str] = set()  # command topics since the last diagnostics
-        self._make_publishers(scene)
-        self._make_subscriptions()
+        overrides = self.get_parameters_by_prefix('qos_overrides')
+        try:
+            self._make_publishers(scene)
+            self._make_subscriptions()
+        except (AssertionError, RuntimeError) as error:
+            if not overrides:
+                raise
+            reason = str(error).partition(', at ')[0] or 'a value is of the wrong type'
+            raise ParameterError(f'qos_overrides of {", ".join(overrides)}: {reason}') from None
         serve(self)
 
     def _make_publishers(self, scene: Scene) -> None:

@@ -257,6 +257,11 @@ BAD_STARTS = {
         ['friction.longitudnal:=0.2'],
         "unknown parameter 'friction.longitudnal'; did you mean 'friction.longitudinal'?",
     ),
+    'quality of service': (
+        'sim',
+        ['qos_overrides./joint_states.publisher.reliability:=bogus'],
+        'qos_overrides of /joint_states.publisher.reliability: Unexpected QoS override for policy',
+    ),
     'misspelt key': (
         'sim',
         ['scene:={folder}/misspelt.yaml'],
@@ -329,7 +334,7 @@ def bad_starts(make_graph, tmp_path_factory):
 def test_bad_parameters_end_the_start_with_one_sentence(bad_starts, title):
     (output, status), sentence = bad_starts[title], BAD_STARTS[title][2]
     assert status == '2'
-    (line,) = output.strip().split('\n')
+    (line,) = (line for line in output.strip().split('\n') if not line.startswith('[INFO]'))
     assert line.startswith('error: ')
     assert sentence in line
 

@@ -5,6 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from snake_sim_ros.interpolation import extrapolate
+from snake_sim_ros.interpolation import hold_within
+from snake_sim_ros.interpolation import move
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.posture import joint_angles
@@ -43,17 +46,6 @@ class Motion:
         """Time of the last point [s]."""
         return float(self.times[-1])
 
-    def sample(self, times: Array) -> tuple[Array, Array]:
-        """Return angle [rad] and rate [rad/s], shape (m, k), at times (m,) from the begin on."""
-        piece = np.minimum(self.times.searchsorted(times, 'right'), len(self.times) - 1) - 1
-        if len(piece) and piece[0] == piece[-1]:  # as mostly: nothing is copied for each time
-            piece = piece[0]
-        s = (np.minimum(times, self.end) - self.times[piece])[:, None]
-        a, b, c, d = self.coefficients[:, piece]
-        moving = (times < self.end)[:, None]
-        angle, rate = a + s * (b + s * (c + s * d)), b + s * (2.0 * c + s * (3.0 * d))
-        return angle, rate if moving.all() else moving * rate
-
     def extremes(self) -> tuple[Array, Array]:
         """Return largest magnitudes of angle [rad] and rate [rad/s], shape (points-1, k)."""
         a, b, c, d = self.coefficients
@@ -75,7 +67,8 @@ class Motion:
     def without(self, axes: Array) -> 'Motion':
         """Return the motion of all axes but some."""
         keep = ~np.isin(self.axes, axes)
-        return Motion(self.axes[keep], self.times, self.coefficients[..., keep])
+        coefficients = np.ascontiguousarray(self.coefficients[..., keep])
+        return Motion(self.axes[keep], self.times, coefficients)
 
 
 def motion_through(axes: Array, times: Array, angle: Array, rate: Array | None) -> Motion:
@@ -143,19 +136,16 @@ class JointReference:
         angle, rate : ndarray, shape (m, n-1, 2)
 
         """
-        age = times[:, None, None] - self.stamp
-        angle = self.angle + np.minimum(age, horizon) * self.rate
-        rate = np.where(age <= horizon, self.rate, 0.0)
+        shape = (len(times), *self.stamp.shape)
+        sampled = np.empty((2, len(times), self.stamp.size))
+        told = self.stamp.ravel(), self.angle.ravel(), self.rate.ravel()
+        extrapolate(times, *told, float(horizon), *sampled)
         for motion in self.motions:
             if motion.begin > times[-1]:
                 break
-            begun = slice(int(times.searchsorted(motion.begin)), None)
-            for values, moved in zip((angle, rate), motion.sample(times[begun]), strict=True):
-                values.reshape(len(times), -1)[begun, motion.axes] = moved
-        inside = np.abs(angle) <= limit
-        if inside.all():
-            return angle, rate
-        return np.clip(angle, -limit, limit), np.where(inside, rate, 0.0)
+            move(times, motion.axes, motion.times, motion.coefficients, *sampled)
+        hold_within(float(limit), *sampled)
+        return sampled[0].reshape(shape), sampled[1].reshape(shape)
 
     def commanded(self, axes: Array, stamp: float, angle: Array, rate: Array) -> 'JointReference':
         """
@@ -195,9 +185,10 @@ class JointReference:
         while kept and kept[0].end <= now:
             over, *rest = kept
             kept = tuple(rest)
-            reference = replace(reference, motions=()).commanded(
-                over.axes, over.end, *(part[0] for part in over.sample(np.array([over.end])))
-            )
+            sampled = np.empty((2, 1, self.stamp.size))
+            move(np.array([over.end]), over.axes, over.times, over.coefficients, *sampled)
+            told = sampled[:, 0, over.axes]
+            reference = replace(reference, motions=()).commanded(over.axes, over.end, *told)
         return replace(reference, motions=(*kept, *waiting))
 
 
@@ -211,3 +202,9 @@ def start_posture(scene: Scene, now: float = 0.0) -> JointReference:
     """Return the reference that holds the initial posture of a scene."""
     angle = joint_angles(initial_state(scene).q)
     return JointReference(np.full(angle.shape, now), angle, np.zeros(angle.shape))
+
+
+def compile_sampling(scene: Scene) -> None:
+    """Compile what samples references, also with motions, or load it from the cache."""
+    still = motion_through(np.array([0]), np.zeros(1), np.zeros((1, 1)), None)
+    start_posture(scene).moved(still).sample(np.zeros(1), 0.0, 1.0)

@@ -159,6 +159,7 @@ HOT = {
     'delassus',
     'gauss_seidel',
     'hinge_chain',
+    'interpolation',
     'kinematics',
     'linear_laws',
     'minimal_coordinates',

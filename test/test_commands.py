@@ -13,6 +13,10 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 from trajectory_msgs.msg import JointTrajectoryPoint
 
+from snake_sim_ros.interpolation import extrapolate
+from snake_sim_ros.interpolation import hold_within
+from snake_sim_ros.interpolation import move
+from snake_sim_ros.joint_reference import compile_sampling
 from snake_sim_ros.joint_reference import JointReference
 from snake_sim_ros.nodes.command_messages import joint_names
 from snake_sim_ros.nodes.commands import extrapolated
@@ -22,6 +26,7 @@ from snake_sim_ros.nodes.commands import position_commands
 from snake_sim_ros.nodes.commands import RejectedCommand
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.parameters import Robot
+from snake_sim_ros.parameters import Scene
 
 ROBOT = Robot()
 NAMES = joint_names(11)
@@ -486,6 +491,17 @@ def test_trajectories_that_wait_are_not_without_number(still):
     assert len(taken_trajectory(YAW, (1.0, [0.2, 0.2]), last=reference).motions) == 1
     later = reference.settled(NOW + 1)
     taken_trajectory(YAW, (1.0, [0.2, 0.2]), last=later, now=NOW + 1, stamp=NOW + 30)
+
+
+def test_sampling_is_compiled_once_for_commands_of_all_kinds(still):
+    compile_sampling(Scene())
+    reference = taken_trajectory(YAW, (0.4, [0.5, 0.5]), (0.8, [0.2, 0.6]), last=still)
+    reference = taken_trajectory(YAW, (1.0, [0.0, 0.0], [0.0, 0.0]), last=reference)
+    reference = joint_command(command(['joint_1_yaw']), reference, ROBOT, NOW).reference
+    reference.settled(NOW + 0.1).settled(NOW + 2.0)
+    reference.sample(NOW + np.arange(5.0), HORIZON, np.inf)
+    for kernel in (extrapolate, hold_within, move):
+        assert len(kernel.signatures) == 1
 
 
 def test_settling_changes_nothing(still):

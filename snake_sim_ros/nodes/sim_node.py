@@ -28,6 +28,7 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros.contact_forces import contact_forces
+from snake_sim_ros.joint_reference import compile_sampling
 from snake_sim_ros.joint_reference import JointReference
 from snake_sim_ros.joint_reference import start_posture
 from snake_sim_ros.levels import is_vertical
@@ -119,6 +120,7 @@ class SimNode(Node):
         self.steps = steps_in(self.period, scene.dt, 'publish period')
         self.simulation = Simulation(scene)
         self.get_logger().info('compiling the physics (half a minute at the first start ever) ...')
+        compile_sampling(scene)
         self.get_logger().info(f'physics ready after {self.simulation.compile():.1f} s')
         self.reference = start_posture(scene)
         self.paused = self.settings.start_paused

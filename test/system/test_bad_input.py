@@ -228,7 +228,11 @@ def test_diverged_sim_pauses_at_the_last_good_state_and_waits_for_reset(sims):
     said = 'diverged, paused at the last good state; call ~/reset: t = '
     assert sim.process.count(said) == 1, sim.process.output
     assert sim.process.count('rad in one step of 0.00025 s') == 1, sim.process.output
-    sim.graph.until(lambda: sim.diagnostics[-1].status[0].message[:3] == 't =', 'diagnostics', 10)
+    sim.graph.until(
+        lambda: sim.diagnostics and sim.diagnostics[-1].status[0].message[:3] == 't =',
+        'diagnostics',
+        10,
+    )
     status = sim.diagnostics[-1].status[0]
     assert status.level == b'\x02'
     assert 'would turn by' in status.message

@@ -30,12 +30,12 @@ def move(times, axes, knots, coefficients, angle, rate):
             continue
         if knots[piece + 1] <= times[i]:
             piece = min(np.searchsorted(knots, times[i], 'right'), last) - 1
+        moving = times[i] < knots[last]
         s = min(times[i], knots[last]) - knots[piece]
         for k in range(len(axes)):
             a, b = coefficients[0, piece, k], coefficients[1, piece, k]
             c, d = coefficients[2, piece, k], coefficients[3, piece, k]
             angle[i, axes[k]] = a + s * (b + s * (c + s * d))
-            moving = times[i] < knots[last]
             rate[i, axes[k]] = b + s * (2.0 * c + s * (3.0 * d)) if moving else 0.0
 
 

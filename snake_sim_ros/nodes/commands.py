@@ -106,7 +106,7 @@ def joint_command(message: JointState, last: JointReference, robot: Robot, now: 
         for motion in last.motions
         if motion.begin <= now and np.isin(motion.axes, axes).any()
     )
-    newest = max(float(last.stamp.flat[axes].max()), *begun, -np.inf)
+    newest = max([float(last.stamp.flat[axes].max()), *begun])
     if stamp < newest:
         raise RejectedCommand(
             'late',

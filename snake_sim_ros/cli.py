@@ -17,7 +17,6 @@ from snake_sim_ros.parameters import with_settings
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.robot_description import robot_description
 from snake_sim_ros.simulation import run
-from snake_sim_ros.simulation import Trajectory
 from snake_sim_ros.stepping import AUTO
 from snake_sim_ros.stepping import make_stepper
 from snake_sim_ros.stepping import method_of
@@ -27,6 +26,7 @@ from snake_sim_ros.tables import plain
 from snake_sim_ros.tables import read_table
 from snake_sim_ros.tables import records_of
 from snake_sim_ros.tables import TableWriter
+from snake_sim_ros.trajectory import Trajectory
 
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')
 QUICK_CASES = CASES[::2]
@@ -200,11 +200,11 @@ def _run(options: argparse.Namespace) -> int:
     print('compiling ...', end='\r', file=sys.stderr, flush=True)
     layout = '{percentage:3.0f} %|{bar}| {n:.2f} of {total:g} s, {remaining} left'
     with tqdm(total=scene.duration, bar_format=layout) as bar:
-        # Rounding may sum up to more than all, which tqdm would warn of.
+        # Rounding may lead to more than all, which tqdm would warn of.
         trajectory = run(
             scene,
             rate=options.rate,
-            progress=lambda seconds: bar.update(min(seconds, bar.total - bar.n)),
+            observe=lambda simulation: bar.update(min(simulation.time, bar.total) - bar.n),
         )
     if options.out:
         trajectory.save(options.out)

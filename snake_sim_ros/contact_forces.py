@@ -38,7 +38,7 @@ def contact_forces(scene: Scene, state: State, history: Array) -> tuple[Array, A
         [m, frame I], [N, frame I]
 
     """
-    loaded = np.flatnonzero(history[IMPULSE, :, 0] > 0.0)
+    loaded = loaded_contacts(history)
     q, span = where_impulses_acted(scene, state, history)
     ground = loaded[loaded < 2 * scene.robot.link_count]
     others = loaded[len(ground) :]
@@ -51,6 +51,11 @@ def contact_forces(scene: Scene, state: State, history: Array) -> tuple[Array, A
         frames = np.concatenate([frames, frame[others]])
     impulses = history[IMPULSE, loaded, :3]
     return points, np.einsum('ak,aki->ai', impulses, frames) / span
+
+
+def loaded_contacts(history: Array) -> Array:
+    """Return the numbers of the contacts that carried load, in the order of `contact_forces`."""
+    return np.flatnonzero(history[IMPULSE, :, 0] > 0.0)
 
 
 def where_impulses_acted(scene: Scene, state: State, history: Array) -> tuple[Array, float]:

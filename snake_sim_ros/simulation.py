@@ -2,19 +2,17 @@
 
 from collections.abc import Callable
 from collections.abc import Sequence
-from dataclasses import dataclass
-from io import BytesIO
-from pathlib import Path
 import time
 
 import numpy as np
 
 from snake_sim_ros import gait
 from snake_sim_ros import kinematics
+from snake_sim_ros.contact_forces import contact_forces
+from snake_sim_ros.contact_forces import loaded_contacts
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Gait
 from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import scene_to_text
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import make_stepper
@@ -22,6 +20,7 @@ from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
 from snake_sim_ros.stepping import Stepper
+from snake_sim_ros.trajectory import Trajectory
 
 
 def joint_motion(q: Array, u: Array) -> tuple[Array, Array]:
@@ -211,63 +210,8 @@ class Simulation:
         return self.last
 
 
-@dataclass(frozen=True)
-class Trajectory:
-    """
-    A recorded run.
-
-    Attributes
-    ----------
-    scene : Scene
-    time : ndarray, shape (m,)
-        [s]
-    position : ndarray, shape (m, n, 3)
-        Link centers [m, frame I].
-    orientation : ndarray, shape (m, n, 4)
-        Euler parameters of the link frames B, scalar first.
-    joint_angle, joint_velocity, joint_torque : ndarray, shape (m, n-1, 2)
-        (yaw, pitch) [rad], [rad/s], [N m]; the torque is that of the step before, 0 at the start.
-    level : ndarray of str, shape (m,)
-        Model level of the step before, that of the first one at the start.
-    report : Report
-    seconds : float
-        Wall time of all steps, without compiling.
-    interrupted : bool
-        Whether it was ended from the keyboard.
-
-    """
-
-    scene: Scene
-    time: Array
-    position: Array
-    orientation: Array
-    joint_angle: Array
-    joint_velocity: Array
-    joint_torque: Array
-    level: Array
-    report: Report
-    seconds: float
-    interrupted: bool
-
-    def save(self, path: Path) -> None:
-        """Write the arrays and the scene as an npz file, whole or not at all."""
-        buffer = BytesIO()
-        np.savez_compressed(
-            buffer,
-            time=self.time,
-            position=self.position,
-            orientation=self.orientation,
-            joint_angle=self.joint_angle,
-            joint_velocity=self.joint_velocity,
-            joint_torque=self.joint_torque,
-            level=self.level,
-            scene=scene_to_text(self.scene),
-        )
-        path.write_bytes(buffer.getvalue())
-
-
 def run(
-    scene: Scene, *, rate: float = 100.0, progress: Callable[[float], object] | None = None
+    scene: Scene, *, rate: float = 100.0, observe: Callable[[Simulation], object] | None = None
 ) -> Trajectory:
     """
     Run a scene with its gait and return what it did.
@@ -277,9 +221,9 @@ def run(
     scene : Scene
     rate : float, optional
         Samples a second [Hz].
-    progress : callable, optional
-        Called after every sample with the time that passed since the one before [s]. An
-        interruption from the keyboard ends the run early; what was recorded is returned.
+    observe : callable, optional
+        Called at every sample, the start included. An interruption from the keyboard ends the run
+        early; what was recorded is returned.
 
     Raises
     ------
@@ -299,9 +243,11 @@ def run(
     simulation = Simulation(scene)
     simulation.compile(scene.gait)
     states, torques, seconds = [simulation.state], [simulation.report.joint_torque], 0.0
-    levels = []
+    levels, contacts = [], [_contacts(simulation)]
     interrupted = False
     try:
+        if observe:
+            observe(simulation)
         for _ in range(samples):
             begin = time.perf_counter()
             reference = simulation.gait_reference(steps)
@@ -311,25 +257,40 @@ def run(
             seconds += time.perf_counter() - begin - compiled
             if report.failure:
                 break
-            states.append(simulation.state)
+            contacts.append(_contacts(simulation))
             torques.append(report.joint_torque)
             levels.append(report.level)
-            if progress:
-                progress(steps * scene.dt)
+            states.append(simulation.state)
+            if observe:
+                observe(simulation)
     except KeyboardInterrupt:
         interrupted = True
     q, u = np.array([state.q for state in states]), np.array([state.u for state in states])
     joint_angle, joint_velocity = joint_motion(q, u)
+    # An interruption may have come between two of the lists.
+    m = len(states)
+    number, point, force = (np.concatenate(parts) for parts in zip(*contacts[:m], strict=True))
+    levels = levels[: m - 1]
     return Trajectory(
         scene=scene,
-        time=np.arange(len(states)) * steps * scene.dt,
+        time=np.arange(m) * steps * scene.dt,
         position=q[:, :, :3],
         orientation=q[:, :, 3:],
         joint_angle=joint_angle,
         joint_velocity=joint_velocity,
-        joint_torque=np.array(torques[: len(states)]),
+        joint_torque=np.array(torques[:m]),
+        contact_sample=np.repeat(np.arange(m), [len(part[0]) for part in contacts[:m]]),
+        contact_number=number,
+        contact_point=point,
+        contact_force=force,
         level=np.array(levels[:1] + levels) if levels else np.array([simulation.report.level]),
         report=simulation.report,
         seconds=seconds,
         interrupted=interrupted,
     )
+
+
+def _contacts(simulation: Simulation) -> tuple[Array, Array, Array]:
+    """Return numbers, points and forces of the contacts that carried load in the last step."""
+    scene, state, history = simulation.scene, simulation.state, simulation.history
+    return loaded_contacts(history), *contact_forces(scene, state, history)

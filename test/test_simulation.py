@@ -102,8 +102,17 @@ def test_recording_has_all_samples_and_its_scene(scene, tmp_path):
         'joint_angle': (m, n - 1, 2),
         'joint_velocity': (m, n - 1, 2),
         'joint_torque': (m, n - 1, 2),
+        # 22 contacts at every sample but the first one.
+        'contact_sample': (110,),
+        'contact_number': (110,),
+        'contact_point': (110, 3),
+        'contact_force': (110, 3),
         'level': (m,),
+        'format': (),
         'scene': (),
+        'report': (),
+        'seconds': (),
+        'interrupted': (),
     }
     assert time == pytest.approx(np.arange(m) * 0.01, abs=1e-15)
     assert np.abs(np.linalg.norm(quaternion, axis=-1) - 1).max() < 1e-12
@@ -180,14 +189,14 @@ def test_diverged_simulation_waits_for_reset(scene):
 
 
 def test_interruption_returns_what_was_recorded(scene):
-    calls = []
+    times = []
 
-    def progress(seconds):
-        calls.append(seconds)
-        if len(calls) == 3:
+    def observe(simulation):
+        times.append(simulation.time)
+        if len(times) == 4:
             raise KeyboardInterrupt
 
-    trajectory = run(scene, progress=progress)
+    trajectory = run(scene, observe=observe)
     assert len(trajectory.time) == 4
-    assert calls == pytest.approx([0.01] * 3)
+    assert times == pytest.approx([0.0, 0.01, 0.02, 0.03])
     assert len(trajectory.position) == len(trajectory.joint_torque) == 4

@@ -1,0 +1,115 @@
+"""Recorded runs: what is kept of them, in which files, and what is said of files of others."""
+
+import csv
+from dataclasses import fields
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.records import ParameterError
+from snake_sim_ros.simulation import run
+from snake_sim_ros.trajectory import ARRAYS
+from snake_sim_ros.trajectory import Trajectory
+
+
+@pytest.fixture(scope='module')
+def trajectory():
+    return run(replace(load_scene('lateral_undulation'), duration=0.1))
+
+
+@pytest.fixture(scope='module')
+def saved(trajectory, tmp_path_factory):
+    path = tmp_path_factory.mktemp('runs') / 'run.npz'
+    trajectory.save(path)
+    return path
+
+
+def test_contacts_carry_the_weight_and_rub_within_the_cone(trajectory):
+    scene, m = trajectory.scene, len(trajectory.time)
+    weight = 9.81 * scene.robot.per_link('link_mass').sum()
+    assert not len(trajectory.contacts(0)[0])  # no step has been
+    for k in range(1, m):
+        point, force = trajectory.contacts(k)
+        # Flat and without vertical motion: the loads of 22 spheres at z = 0, equal to the weight
+        # to the tolerance of the equilibrium.
+        assert len(point) == 22
+        assert np.abs(point[:, 2]).max() < 1e-6
+        assert force[:, 2].sum() == pytest.approx(weight, rel=1e-6)
+        slip = np.hypot(force[:, 0], force[:, 1]) / force[:, 2]
+        assert slip.max() <= scene.friction.transversal * (1 + 1e-9)
+    assert (trajectory.contact_number.reshape(m - 1, 22) == np.arange(22)).all()
+
+
+def test_what_is_loaded_is_what_was_saved(trajectory, saved):
+    loaded = Trajectory.load(saved)
+    for name in ARRAYS:
+        assert np.array_equal(getattr(loaded, name), getattr(trajectory, name)), name
+    for item in fields(trajectory.report):
+        ours, theirs = (getattr(each.report, item.name) for each in (trajectory, loaded))
+        assert np.array_equal(ours, theirs), item.name
+    assert (loaded.scene, loaded.seconds, loaded.interrupted) == (
+        trajectory.scene,
+        trajectory.seconds,
+        trajectory.interrupted,
+    )
+
+
+def write(saved, path, **changes):
+    with np.load(saved) as file:
+        data = {**{name: file[name] for name in file.files}, **changes}
+    np.savez(path, **{name: value for name, value in data.items() if value is not None})
+
+
+@pytest.mark.parametrize(
+    ('changes', 'sentence'),
+    [
+        ({'format': 3}, r'is a run in format 3, of another version .*; this one reads format 2'),
+        ({'format': None}, r'is a run in format 1, of another version'),
+        ({'position': None}, 'is not a recorded run: it has no scene or no position'),
+        ({'time': None}, "is not a whole run: 'time'"),
+        ({'report': '{"stepz": 1, "joint_torque": []}'}, 'is not a whole run: .*stepz'),
+        ({'scene': 'frictoin: {}'}, "is not a whole run: scene: unknown key 'frictoin'"),
+    ],
+)
+def test_files_of_others(saved, tmp_path, changes, sentence):
+    path = tmp_path / 'other.npz'
+    write(saved, path, **changes)
+    with pytest.raises(ParameterError, match=sentence) as error:
+        Trajectory.load(path)
+    assert str(error.value).startswith(str(path))
+
+
+@pytest.mark.parametrize('keep', [0, 7, 1000, -30])
+def test_files_that_are_not_whole(saved, tmp_path, keep):
+    path = tmp_path / 'half.npz'
+    path.write_bytes(saved.read_bytes()[:keep])
+    with pytest.raises(ParameterError, match='is not a whole npz file'):
+        Trajectory.load(path)
+    path.write_text('no run')
+    with pytest.raises(ParameterError, match='is not a whole npz file'):
+        Trajectory.load(path)
+
+
+def test_no_file(tmp_path):
+    with pytest.raises(ParameterError, match=r'no file .*none\.npz'):
+        Trajectory.load(tmp_path / 'none.npz')
+
+
+def test_csv_has_a_row_for_each_sample(trajectory, tmp_path):
+    path = tmp_path / 'run.csv'
+    trajectory.save_csv(path)
+    with path.open(encoding='utf-8', newline='') as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(trajectory.time) == 11
+    # time, 7 numbers a link, 3 a joint axis, 3 of the force, level
+    assert len(rows[0]) == 1 + 7 * 11 + 3 * 20 + 3 + 1
+    last = rows[-1]
+    assert float(last['time [s]']) == trajectory.time[-1]
+    assert float(last['link_6 x [m]']) == trajectory.position[-1, 5, 0]
+    assert float(last['link_11 e3']) == trajectory.orientation[-1, 10, 3]
+    assert float(last['joint_10_pitch angle [rad]']) == trajectory.joint_angle[-1, 9, 1]
+    assert float(last['joint_1_yaw torque [N m]']) == trajectory.joint_torque[-1, 0, 0]
+    assert float(last['contact force z [N]']) == pytest.approx(73.575, rel=1e-6)
+    assert last['level'] == 'planar'

@@ -22,6 +22,7 @@ import numpy as np
 
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Robot
+from snake_sim_ros.records import ParameterError
 
 # Mass and moments of inertia of a cross, over those of the link that hangs on it: parsers take
 # moments above 1e-14 kg m^2, which is little for 200 links of 7 mm.
@@ -68,6 +69,72 @@ def robot_description(robot: Robot) -> str:
         _join(root, end, end, f'link_{child + 1}', sign * half[child])
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding='unicode')
+
+
+def robot_of(urdf: str) -> Robot:
+    """
+    Return the robot that a URDF of `robot_description` describes; gains are defaults.
+
+    Raises
+    ------
+    ParameterError
+        If it is not such a URDF.
+
+    """
+    try:
+        root = ElementTree.fromstring(urdf)
+        links = {link.get('name', ''): link for link in root.iter('link')}
+        n = sum(name.startswith('link_') and not name.endswith('_end') for name in links)
+        joints = {joint.get('name', ''): joint for joint in root.iter('joint')}
+        limit = _child(joints['joint_1_yaw'], 'limit')
+        rows = [_robot_link(links[f'link_{i + 1}'], joints) for i in range(n)]
+    except (ElementTree.ParseError, KeyError, ValueError) as error:
+        raise ParameterError(
+            f'robot_description must be a URDF as snake-sim urdf prints it, with links link_1, '
+            f'link_2, ... in a chain; {type(error).__name__}: {error}'
+        ) from None
+    columns = {name: tuple(row[name] for row in rows) for name in rows[0]}
+    values: dict[str, Any] = {
+        name: column[0] if len(set(column)) == 1 else column for name, column in columns.items()
+    }
+    rate = float(limit['velocity'])
+    return Robot(link_count=n, joint_limit=float(limit['upper']), joint_rate_limit=rate, **values)
+
+
+def _robot_link(
+    link: ElementTree.Element, joints: dict[str, ElementTree.Element]
+) -> dict[str, float]:
+    """Return what a link adds to the lists of a robot."""
+    name = link.get('name', '')
+    # The joint at an end of it: what it hangs on; the middle link hangs on none, but carries two.
+    on_it = [item for item in joints.values() if _child(item, 'parent')['link'] == name]
+    joint = joints.get(f'{name}_end', on_it[0] if on_it else None)
+    if joint is None:
+        raise KeyError(f'a joint of {name}')
+    spheres = [shape for shape in link.iter('visual') if shape.find('geometry/sphere') is not None]
+    radii = [float(_child(shape, 'geometry/sphere')['radius']) for shape in spheres]
+    inertia = _child(link, 'inertial/inertia')
+    return {
+        'link_length': 2 * abs(_x(joint)),
+        'link_mass': float(_child(link, 'inertial/mass')['value']),
+        'inertia_axial': float(inertia['ixx']),
+        'inertia_transversal': float(inertia['iyy']),
+        'contact_radius': max(radii, default=0.0),
+        'contact_offset': max((_x(shape) for shape in spheres), default=0.0),
+    }
+
+
+def _x(part: ElementTree.Element) -> float:
+    """Return x of the origin of a part [m]."""
+    return float(_child(part, 'origin')['xyz'].split()[0])
+
+
+def _child(parent: ElementTree.Element, path: str) -> dict[str, str]:
+    """Return the attributes of the element at a path."""
+    found = parent.find(path)
+    if found is None:
+        raise KeyError(f'{path} of {parent.get("name", parent.tag)}')
+    return found.attrib
 
 
 def _add_link(root: ElementTree.Element, robot: Robot, i: int) -> None:

@@ -9,7 +9,6 @@ from random_states import random_robot
 import yaml
 
 from snake_sim_ros.nodes.command_messages import joint_names
-from snake_sim_ros.nodes.messages import B_TO_WIRE
 from snake_sim_ros.parameters import CONFIG
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import Robot
@@ -18,6 +17,7 @@ from snake_sim_ros.robot_description import robot_description
 from snake_sim_ros.rotations import product
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.steering import Steering
+from snake_sim_ros.wire import B_TO_WIRE
 
 ROBOTS = {
     'aiko': Robot(),

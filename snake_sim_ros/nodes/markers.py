@@ -19,8 +19,8 @@ from snake_sim_ros.nodes.messages import WORLD
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Ground
 from snake_sim_ros.parameters import Scene
+from snake_sim_ros.wire import FORCE_SCALE
 
-FORCE_SCALE = 0.02  # m/N
 POINT_SIZE = 0.012  # m
 LINE_WIDTH = 0.004  # m
 PEG_HEIGHT = 4.0  # in contact radii: pegs have no end

@@ -25,16 +25,11 @@ from sensor_msgs.msg import JointState
 from snake_sim_ros.nodes.command_messages import joint_names
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Robot
-from snake_sim_ros.rotations import product
 from snake_sim_ros.simulation import joint_motion
 from snake_sim_ros.stepping import State
+from snake_sim_ros.wire import TO_WIRE
 
 WORLD, ODOM, BASE = 'world', 'odom', 'base_link'
-B_TO_WIRE = np.array(
-    [0.5, -0.5, -0.5, -0.5]
-)  # columns e_z, e_x, e_y: the inverse of rotations.FLAT
-# Euler parameters of B, scalar first, times this matrix are the quaternion x y z w on the wire.
-TO_WIRE = product(np.eye(4), B_TO_WIRE)[:, [1, 2, 3, 0]]
 WIRE_AXES = [2, 0, 1]  # components of a vector in B along x, y, z of the wire frame
 TURNED = np.array([-1.0, -1.0, 1.0])  # signs of such components in a frame turned around
 ENCAPSULATION = 4  # bytes that tell the encoding of a message

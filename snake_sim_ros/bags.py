@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from os import SEEK_END
 from pathlib import Path
-import struct
 from typing import Any
 from typing import BinaryIO
 
@@ -148,7 +147,6 @@ def _files(path: Path) -> list[Path]:
 def _read(path: Path, found: dict[str, Raw], others: dict[str, str]) -> str:
     """Add the messages and topics of a file in the order of their times; return its scene."""
     try:
-        from mcap.exceptions import McapError
         from mcap.reader import make_reader
     except ImportError:
         raise ParameterError(
@@ -171,8 +169,10 @@ def _read(path: Path, found: dict[str, Raw], others: dict[str, str]) -> str:
             scene = [r.metadata['scene'] for r in reader.iter_metadata() if r.name == METADATA]
             for topic, *raw in _decoded(reader, others):
                 found.setdefault(topic, []).append(tuple(raw))
-        except (McapError, ValueError, KeyError, IndexError, struct.error) as error:
-            raise ParameterError(f'{path} cannot be read as a bag of ROS 2: {error}') from None
+        except Exception as error:  # broken data makes decoders raise whatever they like
+            raise ParameterError(
+                f'{path} cannot be read as a bag of ROS 2: {type(error).__name__}: {error}'
+            ) from None
     return scene[-1] if scene else ''
 
 
@@ -229,7 +229,7 @@ def _joints(messages: Messages, part: str, stamp: Array, count: int) -> Array:
 def _latest(messages: Messages, stamp: Array) -> Array:
     """Return the index of the last message up to each time, -1 where there is none."""
     times = np.maximum.accumulate([time for time, _ in messages]) if messages else np.zeros(0)
-    return np.searchsorted(times, np.maximum.accumulate(stamp) + 1e-9) - 1
+    return np.searchsorted(times, np.maximum.accumulate(stamp), side='right') - 1
 
 
 def _contacts(messages: Messages, stamp: Array) -> tuple[Array, Array, Array]:

@@ -2,7 +2,6 @@
 
 import argparse
 from dataclasses import replace
-import json
 from pathlib import Path
 import sys
 from typing import Any
@@ -10,23 +9,19 @@ from typing import Any
 from tqdm import tqdm
 
 from snake_sim_ros import __version__
+from snake_sim_ros import recordings
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import parse_yaml
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import with_settings
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.robot_description import robot_description
-from snake_sim_ros.simulation import run
 from snake_sim_ros.stepping import AUTO
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import method_of
 from snake_sim_ros.stepping import METHODS
-from snake_sim_ros.stepping import Status
 from snake_sim_ros.tables import plain
 from snake_sim_ros.tables import read_table
 from snake_sim_ros.tables import records_of
 from snake_sim_ros.tables import TableWriter
-from snake_sim_ros.trajectory import Trajectory
 
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')
 QUICK_CASES = CASES[::2]
@@ -63,10 +58,40 @@ def _parser() -> argparse.ArgumentParser:
     command = commands.add_parser('run', help='run a scene and record it')
     command.set_defaults(command=_run)
     command.add_argument('scene', help='YAML file, or the name of a scene in config/')
-    command.add_argument('--out', type=Path, metavar='FILE.npz', help='where the recording goes')
-    command.add_argument('--rate', type=float, default=100.0, help='samples a second [Hz]')
+    recordings.add_outputs(command, bag=True)
+    command.add_argument('--rate', type=float, help='samples a second [Hz], default 100')
     _add_method(command)
     _add_scene_options(command)
+
+    command = commands.add_parser('export', help='convert a recorded run')
+    command.set_defaults(command=recordings.export)
+    command.add_argument('run', type=Path, help='npz file, MCAP file, or folder of a bag')
+    _add_namespace(command)
+    recordings.add_outputs(command, bag=False)
+
+    command = commands.add_parser('record', help='record all topics of a live robot as a bag')
+    command.set_defaults(command=_record)
+    command.add_argument('file', type=Path, metavar='FILE.mcap')
+
+    command = commands.add_parser(
+        'view', help='show a robot in the browser: a live one, a scene run live, or a recording'
+    )
+    command.set_defaults(command=_view)
+    command.add_argument(
+        'source', nargs='?', metavar='RECORDING|SCENE',
+        help='npz file, MCAP file, folder of a bag, or a scene that is run live; default: the '
+        'robot on the topics',
+    )  # fmt: skip
+    command.add_argument('--host', default='127.0.0.1', help='default: 127.0.0.1, this machine')
+    command.add_argument('--port', type=int, default=8080, help='default: 8080; 0 is any free one')
+    command.add_argument('--no-browser', action='store_true', help='only print the address')
+    _add_namespace(command)
+
+    command = commands.add_parser('figures', help="draw the paper's figures anew")
+    command.set_defaults(command=_figures)
+    command.add_argument(
+        '--out', type=Path, default=Path(), metavar='FOLDER', help='default: this folder'
+    )
 
     command = commands.add_parser(
         'bench', help='measure error, time and much else of all methods: a CSV file'
@@ -163,6 +188,12 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _add_namespace(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        '--namespace', metavar='NAME', help='of the robot, where a bag has several'
+    )
+
+
 def _add_method(command: argparse.ArgumentParser) -> None:
     names = ', '.join([AUTO, *METHODS])
     command.add_argument('--method', help=f'instead of that of the scene: {names}')
@@ -193,53 +224,46 @@ def _scene(options: argparse.Namespace, source: str) -> Scene:
 
 
 def _run(options: argparse.Namespace) -> int:
-    scene = _scene(options, options.scene)
-    make_stepper(scene)
-    if options.out and not options.out.absolute().parent.is_dir():
-        raise ParameterError(f'--out: no folder {options.out.absolute().parent}')
-    print('compiling ...', end='\r', file=sys.stderr, flush=True)
-    layout = '{percentage:3.0f} %|{bar}| {n:.2f} of {total:g} s, {remaining} left'
-    with tqdm(total=scene.duration, bar_format=layout) as bar:
-        # Rounding may lead to more than all, which tqdm would warn of.
-        trajectory = run(
-            scene,
-            rate=options.rate,
-            observe=lambda simulation: bar.update(min(simulation.time, bar.total) - bar.n),
-        )
-    if options.out:
-        trajectory.save(options.out)
-    report, link = trajectory.report, scene.robot.middle_link
-    x, y, z = trajectory.position[-1, link]
-    print(f'link {link + 1} at ({x:.4f}, {y:.4f}, {z:.4f}) m after {trajectory.time[-1]:g} s')
-    if report.failure:
-        print(f'diverged: {report.failure}', file=sys.stderr)
-    if options.out:
-        print(f'{len(trajectory.time)} samples in {options.out}')
-    print(json.dumps(_summary(trajectory)))
-    if report.status is Status.DIVERGED:
-        return 1
-    return 130 if trajectory.interrupted else 0
+    return recordings.run_scene(_scene(options, options.scene), options)
 
 
-def _summary(trajectory: Trajectory) -> dict[str, Any]:
-    scene, report = trajectory.scene, trajectory.report
-    return {
-        'method': method_of(scene),
-        'level': report.level,
-        'planar_steps': report.planar_steps,
-        'status': report.status.value,
-        'steps': report.steps,
-        'us_per_step': 1e6 * trajectory.seconds / max(report.steps, 1),
-        'real_time_factor': report.steps * scene.dt / max(trajectory.seconds, 1e-9),
-        'iterations_per_step': report.iterations / max(report.steps, 1),
-        'residual_max': report.residual_max,
-        'printed_residual_max': report.printed_residual_max,
-        'fallbacks': report.fallbacks,
-        'unconverged_steps': report.unconverged,
-        'penetration_max': report.penetration_max,
-        'joint_gap_max': report.joint_gap_max,
-        'joint_twist_max': report.joint_twist_max,
-    }
+def _record(options: argparse.Namespace) -> int:
+    if options.file.suffix != '.mcap':
+        raise ParameterError(f'the file of a bag must end in .mcap, got {options.file}')
+    try:
+        from snake_sim_ros.nodes.recorder import record
+    except ImportError as error:
+        raise ParameterError(
+            f'record needs ROS 2 and mcap ({error}): source a ROS 2 installation, or ./run '
+            f"record, and pip install 'snake_sim_ros[bags]'"
+        ) from None
+    return record(options.file)
+
+
+def _view(options: argparse.Namespace) -> int:
+    place = options.host, options.port, not options.no_browser
+    if options.source and recordings.is_recording(options.source):
+        from snake_sim_ros.playback import play
+
+        source = Path(options.source)
+        return play(recordings.load(source, options.namespace), source.name, *place)
+    try:
+        from snake_sim_ros.nodes.live import view
+    except ImportError as error:
+        raise ParameterError(
+            f'a live view needs ROS 2 ({error}): source a ROS 2 installation, or ./run view'
+        ) from None
+    return view(options.source, *place)
+
+
+def _figures(options: argparse.Namespace) -> int:
+    from snake_sim_ros.figures import draw_figures
+
+    if not options.out.is_dir():
+        raise ParameterError(f'--out: no folder {options.out}')
+    for file in draw_figures(options.out):
+        print(file)
+    return 0
 
 
 def _bench(options: argparse.Namespace) -> int:

@@ -67,8 +67,8 @@ class Child:
             self.process.wait()
 
 
-def start(name: str, *parameters: str) -> Child:
-    """Start a node, in a session of its own so that Ctrl-C is ours."""
+def start(name: str, *parameters: str, echo: bool = False) -> Child:
+    """Start a node, in a session of its own so that Ctrl-C is ours; echo what it prints."""
     command = [sys.executable, '-m', 'snake_sim_ros.nodes', name, '--ros-args']
     for parameter in parameters:
         command += ['-p', parameter]
@@ -80,14 +80,17 @@ def start(name: str, *parameters: str) -> Child:
         start_new_session=True,
     )
     node = Child(name, process)
-    Thread(target=_listen, args=(node,), daemon=True).start()
+    Thread(target=_listen, args=(node, echo), daemon=True).start()
     print(f'started {name}, process {process.pid}')
     return node
 
 
-def _listen(node: Child) -> None:
+def _listen(node: Child, echo: bool) -> None:
     assert node.process.stdout is not None
-    node.lines.extend(line.rstrip() for line in node.process.stdout)
+    for line in node.process.stdout:
+        node.lines.append(line.rstrip())
+        if echo:
+            print(line, end='', flush=True)
 
 
 @contextmanager

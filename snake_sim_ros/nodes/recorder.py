@@ -5,7 +5,6 @@ from importlib import import_module
 from pathlib import Path
 import sys
 import time
-from typing import Any
 
 import rclpy
 from rclpy.node import Node

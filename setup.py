@@ -24,6 +24,12 @@ ros_wheels = {
 plots = ['matplotlib>=3.5,<4']
 # MuJoCo without its viewers, which need a display; it came apart from them in version 4.
 peers = 'mujoco-core>=4,<5'
+# MCAP files and the messages in them, in Python alone, by those who define the format.
+bags = 'mcap-ros2-support>=0.5,<1'
+# A page with 3-D, plots and controls that call back, served from one wheel of 4 MB.
+viewer = 'viser>=1.1,<2'
+# ffmpeg as a wheel of 30 MB; later versions have one of 70 MB.
+video = 'imageio-ffmpeg>=0.4.9,<0.7'
 
 setup(
     name=package_name,
@@ -41,7 +47,7 @@ setup(
         (f'share/{package_name}/config', sorted(glob('config/*'))),
         (f'share/{package_name}/examples', sorted(glob('examples/*.py'))),
         # What `ros2 run` finds after a pip install, which puts console scripts elsewhere.
-        (f'lib/{package_name}', ['scripts/gait', 'scripts/sim', 'scripts/snake-sim']),
+        (f'lib/{package_name}', sorted(glob('scripts/*'))),
     ],
     zip_safe=False,
     install_requires=[
@@ -56,6 +62,9 @@ setup(
         **ros_wheels,
         'plots': plots,
         'peers': [peers],
+        'bags': [bags],
+        'viewer': [viewer],
+        'video': [video],
         'test': [
             'pytest>=7',
             'pytest-xdist',
@@ -64,7 +73,11 @@ setup(
             'mypy',
             'types-PyYAML',
             'wheel',
+            'rosbags',  # another reader of bags
             *plots,
+            bags,
+            viewer,
+            video,
             f'{peers}; python_version >= "3.11"',  # the first one it supports
         ],
     },
@@ -73,6 +86,7 @@ setup(
             f'gait = {package_name}.nodes.__main__:gait',
             f'sim = {package_name}.nodes.__main__:sim',
             f'snake-sim = {package_name}.cli:main',
+            f'viewer = {package_name}.nodes.__main__:viewer',
         ],
     },
 )

@@ -1,0 +1,137 @@
+"""`snake-sim record` and `snake-sim run --bag`: a live graph and a run that nobody watched."""
+
+import signal
+import sys
+import time
+
+from graph import Process
+import numpy as np
+import pytest
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import get_typestore
+from rosbags.typesys import Stores
+from sensor_msgs.msg import JointState
+
+from snake_sim_ros.bags import read_bag
+from snake_sim_ros.cli import main
+
+TYPES = get_typestore(Stores.ROS2_JAZZY)
+OF_ALL_NODES = {'/parameter_events', '/rosout'}
+OF_TF = {'/tf', '/tf_static'}  # only where tf2_msgs is installed
+DURATION = 3.0  # s
+
+
+def snake_sim(*arguments):
+    return [sys.executable, '-m', 'snake_sim_ros.cli', *map(str, arguments)]
+
+
+def messages_of(path):
+    """Return topic -> (type, messages); bytes that are left over in a message are an error."""
+    with Reader(path) as reader:
+        return {
+            connection.topic: (
+                connection.msgtype,
+                [
+                    TYPES.deserialize_cdr(data, connection.msgtype)
+                    for _, _, data in reader.messages([connection])
+                ],
+            )
+            for connection in reader.connections
+        }
+
+
+@pytest.fixture(scope='module')
+def recorded(make_graph, tmp_path_factory):
+    """Record sim and gait for a while; Ctrl-C goes to all three at once, as from a keyboard."""
+    path = tmp_path_factory.mktemp('bags') / 'live.mcap'
+    graph = make_graph()
+    recorder = Process(snake_sim('record', path), graph.domain)
+    recorder.wait_for('recording all topics')
+    graph.start('sim')
+    graph.start('gait', '-p use_sim_time:=true')
+    states = graph.record(JointState, 'joint_states')
+    graph.until(lambda: states and states[-1].header.stamp.sec >= DURATION, 'three seconds')
+    for process in (*graph.processes, recorder):
+        process.popen.send_signal(signal.SIGINT)
+    assert recorder.wait() == 0, recorder.output
+    for process in graph.processes:
+        process.wait()
+    graph.drain(states)
+    graph.processes.clear()
+    return path, recorder, states
+
+
+def test_nothing_is_lost(recorded):
+    path, recorder, states = recorded
+    found = messages_of(path)
+    total = sum(len(messages) for _, messages in found.values())
+    assert recorder.count(f'{total} messages of {len(found)} topics in {path}') == 1
+    stamps = {
+        topic: [item.header.stamp.sec * 10**9 + item.header.stamp.nanosec for item in messages]
+        for topic, (_, messages) in found.items()
+        if topic in ('/joint_states', '/link_poses', '/odom')
+    }
+    # Every state from the first one on, up to the last one that another reader has.
+    last = states[-1].header.stamp
+    for topic, times in stamps.items():
+        assert (np.diff(times) == 5_000_000).all(), topic
+        assert times[0] < 2_000_000_000, topic
+        assert times[-1] >= last.sec * 10**9 + last.nanosec - 5_000_000, topic
+
+
+def test_it_is_a_run(recorded):
+    trajectory = read_bag(recorded[0])
+    assert trajectory.scene.robot.link_count == 11
+    assert {'planar'} <= set(trajectory.level) <= {'', 'planar'}
+    moved = np.abs(trajectory.joint_angle[-1] - trajectory.joint_angle[0]).max()
+    assert moved > 0.1
+    _, force = trajectory.contacts(len(trajectory.time) - 1)
+    assert force[:, 2].sum() == pytest.approx(73.575, rel=1e-6)
+
+
+def test_a_run_that_nobody_watched_has_the_same_topics(recorded, tmp_path):
+    path = tmp_path / 'run.mcap'
+    assert main(['run', 'lateral_undulation', '--duration', '1', '--bag', str(path)]) == 0
+    live, offline = messages_of(recorded[0]), messages_of(path)
+    ours = {topic: kind for topic, (kind, _) in offline.items()}
+    theirs = {topic: kind for topic, (kind, _) in live.items()}
+    assert ours.keys() - OF_TF == theirs.keys() - OF_ALL_NODES - OF_TF
+    assert all(theirs[topic] == kind for topic, kind in ours.items())
+    for topic in ('/joint_states', '/joint_command', '/link_poses', '/odom'):
+        one, other = (found[topic][1][-1] for found in (live, offline))
+        assert one.header.frame_id == other.header.frame_id
+        assert getattr(one, 'name', None) == getattr(other, 'name', None)
+    urdf = [found['/robot_description'][1][0].data for found in (live, offline)]
+    assert urdf[0] == urdf[1]
+
+
+def test_ctrl_c_keeps_the_bag_of_a_run(tmp_path):
+    path = tmp_path / 'run.mcap'
+    arguments = ('run', 'sidewinding', '--duration', '10000', '--bag', path, '--out', 'run.npz')
+    process = Process(snake_sim(*arguments), 1, cwd=tmp_path)
+    try:
+        process.wait_for('compiling', 60)
+        while not path.is_file() or path.stat().st_size < 100_000:
+            assert process.popen.poll() is None, process.output
+            time.sleep(0.05)
+        assert process.stop() == 130, process.output
+    finally:
+        process.kill()
+    trajectory = read_bag(path)
+    assert np.diff(trajectory.time) == pytest.approx(0.005, abs=1e-9)
+    assert process.count(f'{len(trajectory.time)} samples in {path}') == 1
+
+
+@pytest.mark.parametrize(
+    ('name', 'sentence'),
+    [
+        ('run.bag', 'the file of a bag must end in .mcap, got'),
+        ('there.mcap', 'exists; remove it, or choose another name'),
+        ('nowhere/run.mcap', 'no folder'),
+    ],
+)
+def test_files_that_cannot_be_recorded_to(name, sentence, tmp_path, capsys):
+    (tmp_path / 'there.mcap').write_bytes(b'something of value')
+    assert main(['record', str(tmp_path / name)]) == 2
+    assert sentence in capsys.readouterr().err
+    assert (tmp_path / 'there.mcap').read_bytes() == b'something of value'

@@ -38,6 +38,9 @@ from snake_sim_ros.nodes.diagnostics import values_of
 from snake_sim_ros.nodes.markers import SceneMarkers
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.messages import StateMessages
+from snake_sim_ros.nodes.transforms import LATCHED
+from snake_sim_ros.nodes.transforms import TFMessage
+from snake_sim_ros.nodes.transforms import TransformMessages
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import scene_to_text
 from snake_sim_ros.robot_description import robot_description
@@ -49,7 +52,6 @@ MARKER_PERIOD = 1 / 30  # s, as the node publishes them
 DIAGNOSTICS_PERIOD = 1.0  # s
 # Bytes by which rclpy makes a message too long that ends with an empty sequence of numbers.
 SURPLUS = 4
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STATES = QoSProfile(depth=10)
 
 
@@ -209,6 +211,11 @@ class RunBag:
         ):
             bag.add_topic(topic, kind, qos)
         self._write('/robot_description', 0, String(data=robot_description(scene.robot)))
+        self._transforms = TransformMessages() if TransformMessages.available else None
+        if self._transforms:
+            bag.add_topic('/tf', TFMessage, QoSProfile(depth=100))
+            bag.add_topic('/tf_static', TFMessage, LATCHED)
+            self._write('/tf_static', 0, self._transforms.fixed)
 
     def observe(self, simulation: Simulation) -> None:
         """Write the state of the simulation, then the clock."""
@@ -221,6 +228,9 @@ class RunBag:
         self._bag.write('/joint_states', now, bytes(messages.joint_states))
         self._bag.write('/link_poses', now, bytes(messages.link_poses))
         self._bag.write('/odom', now, bytes(messages.odom))
+        if self._transforms:
+            self._transforms.fill(stamp_from(now), messages.base.tolist())
+            self._write('/tf', now, self._transforms.moving)
         if self._is_due('/markers', simulation.time, MARKER_PERIOD):
             state, history = simulation.state, simulation.history
             self._markers.fill(stamp_from(now), *contact_forces(self._scene, state, history))

@@ -17,7 +17,6 @@ import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock
@@ -51,6 +50,8 @@ from snake_sim_ros.nodes.running import run_node
 from snake_sim_ros.nodes.running import serve_some
 from snake_sim_ros.nodes.running import Warnings
 from snake_sim_ros.nodes.simulation_services import serve
+from snake_sim_ros.nodes.transforms import LATCHED
+from snake_sim_ros.nodes.transforms import TransformMessages
 from snake_sim_ros.nodes.transforms import Transforms
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import with_settings
@@ -68,7 +69,6 @@ WAIT = 0.1  # s, the longest wait for a message before the node looks up
 MARKER_PERIOD = 1 / 30  # s of wall time, the shortest between two messages for the eye
 SERVICE = 5e-3  # s of wall time between two looks at the messages, as fast as possible
 LATEST = QoSProfile(depth=1)  # of commands and the clock: nothing waits in a queue
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 CHANGEABLE = (
     *('real_time_factor', 'command_horizon', 'command_timeout'),
     *('friction.longitudinal', 'friction.transversal', 'friction.rolling', 'pegs.friction'),
@@ -168,7 +168,7 @@ class SimNode(Node):
             self.description = self.create_publisher(String, 'robot_description', LATCHED)
             self.description.publish(String(data=robot_description(scene.robot)))
         self.transforms = None
-        if self.settings.publish_tf and Transforms.available:
+        if self.settings.publish_tf and TransformMessages.available:
             self.transforms = Transforms(self, prefix)
         elif self.settings.publish_tf:
             self.get_logger().info('no /tf: the package tf2_msgs is not installed')

@@ -15,31 +15,51 @@ try:
 except ImportError:  # not among the packages of ROS 2 on PyPI
     TFMessage = None
 
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
-class Transforms:
+
+class TransformMessages:
     """
     What tf2_ros.TransformBroadcaster and its static sister publish: world, odom, base_link.
 
     The frames of the links are left to a robot_state_publisher, which makes them from
     ``robot_description`` and ``joint_states``.
+
+    Attributes
+    ----------
+    fixed, moving : TFMessage
+        For /tf_static and /tf.
+
     """
 
     available = TFMessage is not None
 
-    def __init__(self, node: Node, frame_prefix: str) -> None:
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.publisher = node.create_publisher(TFMessage, '/tf', 100)
-        self.static = node.create_publisher(TFMessage, '/tf_static', latched)
+    def __init__(self, frame_prefix: str = '') -> None:
         identity = TransformStamped(child_frame_id=frame_prefix + ODOM)
         identity.header.frame_id = WORLD
-        self.static.publish(TFMessage(transforms=[identity]))
-        self.transform = TransformStamped(child_frame_id=frame_prefix + BASE)
-        self.transform.header.frame_id = frame_prefix + ODOM
-        self.message = TFMessage(transforms=[self.transform])
+        self.fixed = TFMessage(transforms=[identity])
+        self._transform = TransformStamped(child_frame_id=frame_prefix + BASE)
+        self._transform.header.frame_id = frame_prefix + ODOM
+        self.moving = TFMessage(transforms=[self._transform])
+
+    def fill(self, stamp: Time, pose: list[float]) -> None:
+        """Fill the moving one with the pose of the base: position, quaternion x y z w."""
+        transform = self._transform.transform
+        self._transform.header.stamp = stamp
+        moved, turned = transform.translation, transform.rotation
+        moved.x, moved.y, moved.z, turned.x, turned.y, turned.z, turned.w = pose
+
+
+class Transforms:
+    """The publishers of these messages."""
+
+    def __init__(self, node: Node, frame_prefix: str) -> None:
+        self.messages = TransformMessages(frame_prefix)
+        self.publisher = node.create_publisher(TFMessage, '/tf', QoSProfile(depth=100))
+        self.static = node.create_publisher(TFMessage, '/tf_static', LATCHED)
+        self.static.publish(self.messages.fixed)
 
     def publish(self, stamp: Time, pose: list[float]) -> None:
         """Publish where the base of the robot is: position, quaternion x y z w."""
-        self.transform.header.stamp = stamp
-        moved, turned = self.transform.transform.translation, self.transform.transform.rotation
-        moved.x, moved.y, moved.z, turned.x, turned.y, turned.z, turned.w = pose
-        self.publisher.publish(self.message)
+        self.messages.fill(stamp, pose)
+        self.publisher.publish(self.messages.moving)

@@ -14,7 +14,7 @@ from rcl_interfaces.srv import GetParameters
 from ros2_line import run_line
 from sim_client import SimClient
 
-from snake_sim_ros.nodes.transforms import Transforms
+from snake_sim_ros.nodes.transforms import TransformMessages
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / 'README.md').read_text(encoding='utf-8')
@@ -152,7 +152,7 @@ def found(node, name):
 @pytest.mark.parametrize('name', ['sim', 'gait'])
 def test_tables_are_what_the_nodes_have(toured, name):
     said = table(f'### Interface of `{name}`')
-    if not Transforms.available:
+    if not TransformMessages.available:
         said = {row for row in said if not row[2].startswith('tf2_msgs')}
     absolute = ('/', '~')
     said = {(d, n if n.startswith(absolute) else f'/{n}', k) for d, n, k in said}

@@ -67,9 +67,11 @@ def contact_velocities(robot: Robot, q: Array, u: Array) -> Array:
     return np.concatenate(gammas, axis=-2)
 
 
-def balance_error(scene: Scene, q: Array, u: Array, impulse: Array, torque: Array) -> float:
+def work_of_steps(
+    scene: Scene, q: Array, u: Array, impulse: Array, torque: Array
+) -> tuple[Array, Array]:
     """
-    Return how much energy steps lost or made, over the work that the joints did either way.
+    Return the work of the contacts and of the joints in every step, shape (m,) each [J].
 
     Work is that of impulses and torques with the mean velocity of a step, in which the balance
     (75) of a step without joints holds exactly.
@@ -92,6 +94,16 @@ def balance_error(scene: Scene, q: Array, u: Array, impulse: Array, torque: Arra
     gamma = contact_velocities(scene.robot, middle, mean)
     contacts = (impulse * gamma).sum(axis=(1, 2))
     joints = scene.dt * (torque * joint_rates(middle, mean)).sum(axis=(1, 2))
+    return contacts, joints
+
+
+def balance_error(scene: Scene, q: Array, u: Array, impulse: Array, torque: Array) -> float:
+    """
+    Return how much energy steps lost or made, over the work that the joints did either way.
+
+    Parameters are those of `work_of_steps`.
+    """
+    contacts, joints = work_of_steps(scene, q, u, impulse, torque)
     return imbalance(mechanical_energy(scene, q, u), contacts, joints)
 
 

@@ -24,8 +24,9 @@ SHELL = {
     *('simulation', 'nodes', 'cli', 'charts', 'peers'),
     *('artefacts', 'bench', 'contenders', 'pareto', 'stages', 'timing'),
     *('stability', 'stability_scenes', 'stability_maps', 'stability_chart'),
+    *('experiments', 'figures', 'paper_tables'),
 }
-DRAWING = {'charts', 'stability_chart'}
+DRAWING = {'charts', 'figures', 'stability_chart'}
 ROS = {'rclpy', 'std_srvs', 'tf2_ros', 'launch', 'launch_ros', 'ament_index_python'}
 
 each_module = pytest.mark.parametrize('path', MODULES, ids=lambda path: path.stem)

@@ -90,6 +90,9 @@ def _parser() -> argparse.ArgumentParser:
     command = commands.add_parser('figures', help="draw the paper's figures anew")
     command.set_defaults(command=_figures)
     command.add_argument(
+        '--duration', type=float, default=15.0, help="of every case [s], default 15, the paper's"
+    )
+    command.add_argument(
         '--out', type=Path, default=Path(), metavar='FOLDER', help='default: this folder'
     )
 
@@ -259,9 +262,7 @@ def _view(options: argparse.Namespace) -> int:
 def _figures(options: argparse.Namespace) -> int:
     from snake_sim_ros.figures import draw_figures
 
-    if not options.out.is_dir():
-        raise ParameterError(f'--out: no folder {options.out}')
-    for file in draw_figures(options.out):
+    for file in draw_figures(options.out, options.duration):
         print(file)
     return 0
 

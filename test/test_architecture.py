@@ -25,6 +25,7 @@ SHELL = {
     *('artefacts', 'bench', 'contenders', 'pareto', 'stages', 'timing'),
     *('stability', 'stability_scenes', 'stability_maps', 'stability_chart'),
     *('experiments', 'figures', 'paper_tables'),
+    *('recordings',),
 }
 DRAWING = {'charts', 'figures', 'stability_chart'}
 ROS = {'rclpy', 'std_srvs', 'tf2_ros', 'launch', 'launch_ros', 'ament_index_python'}

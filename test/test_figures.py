@@ -13,6 +13,7 @@ import pytest
 from snake_sim_ros import experiments
 from snake_sim_ros import figures
 from snake_sim_ros import paper_tables
+from snake_sim_ros.cli import main
 from snake_sim_ros.energy import work_of_steps
 from snake_sim_ros.experiments import case_scene
 from snake_sim_ros.experiments import mean_velocity
@@ -93,10 +94,11 @@ def test_outlines_are_as_wide_as_links():
     assert width == pytest.approx(np.full(11, 2 * 0.0525))
 
 
-def test_all_is_written(tmp_path, monkeypatch):
+def test_all_is_written(tmp_path, monkeypatch, capsys):
     # Pictures are tested above.
     monkeypatch.setattr(figures, 'all_figures', lambda *_: {'one': Figure(figsize=(9.0, 1.0))})
-    files = figures.draw_figures(tmp_path / 'new', duration=0.1)
+    assert main(['figures', '--out', str(tmp_path / 'new'), '--duration', '0.1']) == 0
+    files = [Path(line) for line in capsys.readouterr().out.splitlines()]
     assert [file.name for file in files] == ['one.png', *(f'{name}.md' for name in TABLES)]
     assert all(file.stat().st_size > 100 for file in files)
     with pytest.raises(ParameterError, match='duration'):

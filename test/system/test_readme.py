@@ -36,15 +36,23 @@ SHORTENED = {
     './run stability --quick': '--maps spin',
     './run levels': 'lateral_undulation --duration 0.1',
     './run run obstacle_aided': '--duration 0.5',
+    './run run sidewinding --out run.npz --csv run.csv --bag run.mcap --gif run.gif': (
+        '--duration 0.5'
+    ),
 }
 # Commands of snake-sim run in this process, which has compiled the steps already, except one.
-OFFLINE = ('run', 'levels', 'bench', 'stability')
+OFFLINE = ('run', 'export', 'levels', 'bench', 'stability')
 BY_LAUNCHER = './run run config/sidewinding.yaml --out run.npz'
 ELSEWHERE = {
     './run demo': 'test_demo.py',
     './run pacing': 'test_pacing.py',
     './run chart docs/speed_accuracy/bench.csv': 'test_charts.py',
     './run artefacts': 'test_artefacts.py',
+    './run view': 'test_viewer.py',
+    './run view sidewinding': 'test_viewer.py',
+    './run view run.mcap': 'test_viewer.py',
+    './run record live.mcap': 'test_record.py',
+    './run figures --out docs/paper': 'test_figures.py',
     'colcon build && . install/setup.sh': 'test_installed_layout',
     'ros2 topic echo /joint_states': 'test_sim_node.py',
 }
@@ -59,12 +67,22 @@ def user_environment():
     return {**kept, 'PATH': f'{folder}:{kept["PATH"]}', 'ROS_DOMAIN_ID': str(next_domain())}
 
 
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    """Return a bag of a run, which others read."""
+    path = tmp_path_factory.mktemp('bag') / 'run.mcap'
+    assert cli.main(['run', 'sidewinding', '--duration', '0.2', '--bag', str(path)]) == 0
+    return path
+
+
 @pytest.mark.parametrize('line', COMMANDS)
-def test_command(line, tmp_path, user_environment, monkeypatch):
+def test_command(line, tmp_path, user_environment, monkeypatch, bag):
     if line in ELSEWHERE:
         return  # named there with the test that stands for it
     for name in ('config', 'docs'):
         (tmp_path / name).symlink_to(ROOT / name)
+    if line.startswith('./run export'):
+        (tmp_path / 'run.mcap').symlink_to(bag)
     words = shlex.split(f'{line} {SHORTENED.get(line, "")}')
     if words[0] == './run' and words[1] in OFFLINE and line != BY_LAUNCHER:
         monkeypatch.chdir(tmp_path)
@@ -76,7 +94,7 @@ def test_command(line, tmp_path, user_environment, monkeypatch):
     else:
         assert words[0] == './run', f'no test for the README command {line!r}'
         words = [str(ROOT / 'run'), *words[1:]]
-    node = any(word in ('sim', 'gait') or '/scripts/' in word for word in words[:2])
+    node = any(word in ('sim', 'gait', 'viewer') or '/scripts/' in word for word in words[:2])
     output = (
         run_node(words, tmp_path, user_environment)
         if node
@@ -102,7 +120,7 @@ def run_node(words, folder, environment):
         )
     deadline = time.monotonic() + 60
     try:
-        while not re.search(r'physics ready|waiting for a robot', output.read_text()):
+        while not re.search(r'physics ready|waiting for a robot|http://', output.read_text()):
             assert process.poll() is None and time.monotonic() < deadline, output.read_text()
             time.sleep(0.05)
         process.send_signal(signal.SIGINT)
@@ -136,7 +154,7 @@ def test_installed_layout(tmp_path):
     subprocess.run([*command, '--prefix', str(prefix), str(copy)], check=True, timeout=120)
     assert (prefix / 'share/ament_index/resource_index/packages/snake_sim_ros').is_file()
     assert (prefix / 'share/snake_sim_ros/package.xml').is_file()
-    for name in ('sim', 'gait', 'snake-sim'):
+    for name in ('sim', 'gait', 'viewer', 'snake-sim'):
         assert os.access(prefix / 'lib/snake_sim_ros' / name, os.X_OK)
         assert os.access(prefix / 'bin' / name, os.X_OK)
     scenes = sorted(path.name for path in (ROOT / 'config').glob('*.yaml'))

@@ -1,5 +1,5 @@
 """
-Pictures; no other modules but `figures` and `stability_chart` import matplotlib.
+Pictures; no other modules but `animation`, `figures` and `stability_chart` import matplotlib.
 
 Colors are those of Okabe and Ito, which people with any kind of color vision tell apart; a method
 has the same color and the same mark everywhere. The planar level is drawn with hollow marks.

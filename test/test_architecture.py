@@ -21,13 +21,13 @@ PACKAGE = ROOT / 'snake_sim_ros'
 MODULES = sorted(PACKAGE.glob('*.py'))
 # Everything else is physics: it does not know who runs it.
 SHELL = {
-    *('simulation', 'nodes', 'cli', 'charts', 'peers'),
+    *('simulation', 'nodes', 'cli', 'charts', 'peers', 'animation', 'orthographic'),
     *('artefacts', 'bench', 'contenders', 'pareto', 'stages', 'timing'),
     *('stability', 'stability_scenes', 'stability_maps', 'stability_chart'),
     *('experiments', 'figures', 'paper_tables'),
     *('recordings',),
 }
-DRAWING = {'charts', 'figures', 'stability_chart'}
+DRAWING = {'animation', 'charts', 'figures', 'stability_chart'}
 ROS = {'rclpy', 'std_srvs', 'tf2_ros', 'launch', 'launch_ros', 'ament_index_python'}
 
 each_module = pytest.mark.parametrize('path', MODULES, ids=lambda path: path.stem)

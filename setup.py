@@ -21,7 +21,7 @@ ros_wheels = {
     ]
     for distro, rclpy, interfaces in [('jazzy', '7.1.6', '5.3.6'), ('kilted', '9.1.2', '5.5.1')]
 }
-plots = ['matplotlib>=3.5,<4']
+plots = ['matplotlib>=3.5,<4', 'Pillow>=9.1']
 # MuJoCo without its viewers, which need a display; it came apart from them in version 4.
 peers = 'mujoco-core>=4,<5'
 # MCAP files and the messages in them, in Python alone, by those who define the format.

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextlib import ExitStack
 import json
+import math
 from pathlib import Path
 import signal
 import sys
@@ -39,6 +40,15 @@ def add_outputs(command: argparse.ArgumentParser, *, bag: bool) -> None:
     for name, suffix in FORMATS.items():
         if bag or name != 'bag':
             command.add_argument(f'--{name}', type=Path, metavar=f'FILE{suffix}', help=texts[name])
+    command.add_argument(
+        '--speed', type=float, default=1.0,
+        help='seconds of the run in a second of an animation, default 1',
+    )  # fmt: skip
+
+
+def title_of(source: str | Path) -> str:
+    """Return the name of a scene or a recording in words."""
+    return Path(source).stem.replace('_', ' ')
 
 
 def outputs(options: argparse.Namespace) -> dict[str, Path]:
@@ -57,21 +67,47 @@ def outputs(options: argparse.Namespace) -> dict[str, Path]:
             raise ParameterError(f'--{name} must end in {FORMATS[name]}, got {path}')
         if not path.absolute().parent.is_dir():
             raise ParameterError(f'--{name}: no folder {path.absolute().parent}')
+    if not 0 < options.speed < math.inf:
+        raise ParameterError(f'--speed must be above 0 and finite, got {options.speed:g}')
+    if {'gif', 'mp4'} & files.keys():
+        animator()
     return files
 
 
-def write(trajectory: Trajectory, files: dict[str, Path]) -> None:
-    """Write a trajectory in every format but that of a bag, which is written as a scene runs."""
+def write(trajectory: Trajectory, files: dict[str, Path], title: str, speed: float) -> None:
+    """
+    Write a trajectory in every format but that of a bag, which is written as a scene runs.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    files : dict
+        As `outputs` returns them.
+    title : str
+        Beside the time in animations.
+    speed : float
+        Of animations: seconds of the run in a second of them.
+
+    """
     if 'out' in files:
         trajectory.save(files['out'])
     if 'csv' in files:
         trajectory.save_csv(files['csv'])
     for name in ('gif', 'mp4'):
         if name in files:
-            _animate()(trajectory, files[name])
+            animator()(trajectory, files[name], title, speed)
 
 
-def _animate() -> Callable[[Trajectory, Path], None]:
+def animator() -> Callable[[Trajectory, Path, str, float], None]:
+    """
+    Return what draws animations.
+
+    Raises
+    ------
+    ParameterError
+        If matplotlib is not installed.
+
+    """
     try:
         from snake_sim_ros.animation import animate
     except ImportError as error:
@@ -101,7 +137,7 @@ def run_scene(scene: Scene, options: argparse.Namespace) -> int:
             bar.update(min(simulation.time, bar.total) - bar.n)
 
         trajectory = run(scene, rate=rate, observe=observe)
-    write(trajectory, files)
+    write(trajectory, files, title_of(options.scene), options.speed)
     report, link = trajectory.report, scene.robot.middle_link
     x, y, z = trajectory.position[-1, link]
     print(f'link {link + 1} at ({x:.4f}, {y:.4f}, {z:.4f}) m after {trajectory.time[-1]:g} s')
@@ -193,7 +229,7 @@ def export(options: argparse.Namespace) -> int:
     if not files:
         raise ParameterError('nothing to write: give one of --out, --csv, --gif and --mp4')
     trajectory = load(options.run, options.namespace)
-    write(trajectory, files)
+    write(trajectory, files, title_of(options.run), options.speed)
     for path in files.values():
         print(f'{len(trajectory.time)} samples in {path}')
     return 0

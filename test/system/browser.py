@@ -1,0 +1,115 @@
+"""A headless Chromium that tests steer over its own protocol; no more is needed than viser needs."""
+
+import base64
+from itertools import count
+import json
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import time
+from typing import Any
+from urllib.request import urlopen
+
+import pytest
+from websockets.sync.client import connect
+
+TIMEOUT = 30.0  # s
+FLAGS = (
+    *('--headless=new', '--no-sandbox', '--no-first-run', '--disable-background-networking'),
+    *('--disable-component-update', '--disable-sync', '--disable-extensions', '--mute-audio'),
+    *('--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader'),
+    *('--disable-dev-shm-usage', '--hide-scrollbars', '--remote-debugging-port=0'),
+    '--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1',  # no name leads anywhere
+)
+NAMES = ('chromium', 'chromium-browser', 'google-chrome')
+
+
+def find() -> str:
+    """Return the path of Chromium; skip the test without one, unless CI is set."""
+    path = next(filter(None, map(shutil.which, NAMES)), None)
+    if path is None:
+        reason = f'none of {", ".join(NAMES)} is installed'
+        (pytest.fail if os.environ.get('CI') else pytest.skip)(reason)
+    return str(path)
+
+
+class Browser:
+    """One page in a Chromium of its own."""
+
+    def __init__(self, folder: Path, size: tuple[int, int] = (1280, 720)) -> None:
+        window = f'--window-size={size[0]},{size[1]}'
+        command = [find(), *FLAGS, window, f'--user-data-dir={folder}', 'about:blank']
+        self.process = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        self.requests: list[str] = []  # all addresses that the page asked for
+        self.errors: list[str] = []
+        self._number = count(1)
+        told = folder / 'DevToolsActivePort'
+        self.until(lambda: told.is_file() and told.read_text().count('\n'), 'Chromium')
+        port = told.read_text().split()[0]
+        with urlopen(f'http://127.0.0.1:{port}/json', timeout=TIMEOUT) as answer:
+            pages = [item for item in json.load(answer) if item['type'] == 'page']
+        self.socket = connect(pages[0]['webSocketDebuggerUrl'], max_size=None)
+        for domain in ('Page', 'Network', 'Runtime'):
+            self.call(f'{domain}.enable')
+        self.call(
+            'Emulation.setDeviceMetricsOverride',
+            width=size[0],
+            height=size[1],
+            deviceScaleFactor=1,
+            mobile=False,
+        )
+
+    def call(self, method: str, **parameters: Any) -> Any:
+        """Return the result of a command of the protocol; note what happens meanwhile."""
+        number = next(self._number)
+        self.socket.send(json.dumps({'id': number, 'method': method, 'params': parameters}))
+        while True:
+            message = json.loads(self.socket.recv(TIMEOUT))
+            if message.get('id') == number:
+                assert 'error' not in message, message
+                return message['result']
+            self._note(message.get('method'), message.get('params', {}))
+
+    def _note(self, event: str | None, parameters: Any) -> None:
+        if event == 'Network.requestWillBeSent':
+            self.requests.append(parameters['request']['url'][:100])
+        elif event == 'Network.webSocketCreated':
+            self.requests.append(parameters['url'][:100])
+        elif event == 'Runtime.exceptionThrown':
+            self.errors.append(str(parameters['exceptionDetails']))
+
+    def open(self, url: str) -> None:
+        """Go to a page."""
+        self.call('Page.navigate', url=url)
+
+    def run(self, script: str) -> Any:
+        """Return the value of an expression in the page."""
+        result = self.call('Runtime.evaluate', expression=script, returnByValue=True)
+        assert 'exceptionDetails' not in result, result
+        return result['result'].get('value')
+
+    @property
+    def text(self) -> str:
+        """All that can be read on the page."""
+        return str(self.run('document.body ? document.body.innerText : ""'))
+
+    def until(self, condition: Any, what: str) -> Any:
+        """Wait for a condition, and return it."""
+        end = time.monotonic() + TIMEOUT
+        while not (value := condition()):
+            assert time.monotonic() < end, f'waited {TIMEOUT} s for {what}'
+            time.sleep(0.05)
+        return value
+
+    def picture(self) -> bytes:
+        """Return a screenshot as PNG."""
+        return base64.b64decode(self.call('Page.captureScreenshot')['data'])
+
+    def close(self) -> None:
+        """End Chromium."""
+        self.socket.close()
+        self.process.terminate()
+        self.process.wait(TIMEOUT)

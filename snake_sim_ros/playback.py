@@ -34,8 +34,6 @@ class Recording:
     def frame(self, k: int) -> Frame:
         """Return the robot at sample k."""
         run = self.run
-        path = run.position[k, self.middle] - run.position[0, self.middle]
-        status = {'distance': f'{np.linalg.norm(path):.3f} m', 'level': str(run.level[k])}
         return Frame(
             float(run.time[k]),
             run.position[k],
@@ -44,8 +42,13 @@ class Recording:
             run.joint_torque[k],
             self.reference[k],
             *run.contacts(k),
-            status,
         )
+
+    def status(self, k: int) -> dict[str, str]:
+        """Return what is to be read at sample k."""
+        run = self.run
+        path = run.position[k, self.middle] - run.position[0, self.middle]
+        return {'distance': f'{np.linalg.norm(path):.3f} m', 'level': str(run.level[k])}
 
     def trace(self, k: int) -> Trace:
         """Return what the robot did until sample k."""
@@ -102,9 +105,7 @@ class Player:
             self.playing, self._wanted = False, self.slider.value
 
 
-def play(
-    trajectory: Trajectory, title: str, host: str, port: int, *, open_browser: bool
-) -> int:
+def play(trajectory: Trajectory, title: str, host: str, port: int, *, open_browser: bool) -> int:
     """
     Serve a recorded run until it is interrupted.
 
@@ -158,6 +159,6 @@ def _serve(page: Page, player: Player, recording: Recording) -> None:
         if (k != written or changed) and now - plotted >= PLOT_PERIOD:
             plotted, written = now, k
             player.mark()
-            page.tell(recording.frame(k))
+            page.tell(recording.frame(k), recording.status(k))
             page.plot(recording.trace(k))
         time.sleep(max(SHOW_PERIOD - (time.monotonic() - now), 0.0))

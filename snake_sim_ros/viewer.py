@@ -6,6 +6,7 @@ now and then. viser calls back in threads of its own; a page only notes there wh
 """
 
 from collections.abc import Callable
+from collections.abc import Mapping
 from contextlib import redirect_stdout
 from errno import EADDRINUSE
 from io import StringIO
@@ -16,8 +17,10 @@ import webbrowser
 
 import numpy as np
 
+from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.records import ParameterError
+from snake_sim_ros.viewer_frames import at_rest
 from snake_sim_ros.viewer_frames import curves
 from snake_sim_ros.viewer_frames import Frame
 from snake_sim_ros.viewer_frames import Trace
@@ -67,7 +70,7 @@ class Page:
         self.gui.configure_theme(show_logo=False, show_share_button=False)
         self.gui.main_panel.dock_right()
         self.gui.main_panel.set_width(PANEL_WIDTH)
-        self._status = self.gui.add_markdown('nothing to show yet')
+        self._status = self.gui.add_markdown('waiting for joint_states ...')
         self.controls = self.gui.add_folder('Control')
         self._add_switches()
         panel = self.gui.add_panel()
@@ -75,9 +78,10 @@ class Page:
         panel.dock_left()
         panel.set_width(PANEL_WIDTH)
         self._stage: Stage | None = None
+        self._joint: Any = None
         self._charts: dict[str, Any] = {}
         self._changed = False
-        self._drawn = 0  # joint in the plots, as `curves` takes it
+        self._drawn: dict[str, list[str]] = {}  # plot -> names of its curves
 
     @property
     def watched(self) -> bool:
@@ -97,6 +101,7 @@ class Page:
             self._scale.content = f'arrows: 1 N is {100 * self._stage.scale:g} cm'
             self._set_camera(scene)
             self._choose_joints(scene)
+            self._stage.show(at_rest(scene.robot))
 
     def show(self, frame: Frame) -> None:
         """Show a frame."""
@@ -113,9 +118,9 @@ class Page:
                 stage.see_through = self._see_through.value
                 stage.set_see_through(stage.see_through)
 
-    def tell(self, frame: Frame) -> None:
-        """Write what is to be read of a frame."""
-        texts = {'time': f'{frame.time:.2f} s', **frame.status}
+    def tell(self, frame: Frame, status: Mapping[str, str]) -> None:
+        """Write the time of a frame, and a status: name -> text."""
+        texts = {'time': f'{frame.time:.2f} s', **status}
         rows = [f'| {name} | **{text}** |' for name, text in texts.items()]
         self._status.content = '\n'.join(['| | |', '|:--|:--|', *rows])
 
@@ -129,13 +134,12 @@ class Page:
             if not len(trace.time):
                 return
             for what in TITLES:
-                values = curves(trace, what, joint)
-                data = (trace.time, *values.values())
-                if joint != self._drawn or what not in self._charts:
-                    self._replace_chart(what, list(values), data)
-                else:
-                    self._charts[what].data = data
-            self._drawn = joint
+                time, values = curves(trace, what, joint)
+                if list(values) != self._drawn.get(what):
+                    self._drawn[what] = list(values)
+                    self._replace_chart(what, time, values)
+                elif values:
+                    self._charts[what].data = (time, *values.values())
 
     def say(self, title: str, sentence: str) -> None:
         """Show a message on top of the page for some seconds."""
@@ -173,10 +177,10 @@ class Page:
     def _choose_joints(self, scene: Scene) -> None:
         for chart in self._charts.values():
             chart.remove()
-        self._charts = {}
+        self._charts, self._drawn = {}, {}
         count = scene.robot.link_count - 1
         names = (*(f'joint {j + 1}' for j in range(count)), *ALL)
-        if hasattr(self, '_joint'):
+        if self._joint is not None:
             self._joint.remove()
         with self._plots:
             self._joint = self.gui.add_dropdown(
@@ -187,22 +191,24 @@ class Page:
     def _joint_of(self, name: str) -> int:
         return ALL[name] if name in ALL else int(name.split()[1]) - 1
 
-    def _replace_chart(self, what: str, names: list[str], data: tuple[Any, ...]) -> None:
+    def _replace_chart(self, what: str, time: Array, values: dict[str, Array]) -> None:
         if what in self._charts:
-            self._charts[what].remove()
+            self._charts.pop(what).remove()
+        if not values:
+            return
         series: list[dict[str, Any]] = [{'label': 't [s]'}]
-        for k, name in enumerate(names):
+        for k, name in enumerate(values):
             told = name.endswith('told')
             color = COLORS[(k % 2 if told else k) % len(COLORS)]
             style = {'dash': [4, 4], 'width': 1.0} if told else {'width': 1.5}
             series.append({'label': name, 'stroke': color, 'points': {'show': False}, **style})
         with self._plots:
             self._charts[what] = self.gui.add_uplot(
-                data,
+                (time, *values.values()),
                 tuple(series),
                 title=TITLES[what],
                 scales={'x': {'time': False}},
-                legend={'show': len(names) <= LEGEND_LIMIT, 'live': False},
+                legend={'show': len(values) <= LEGEND_LIMIT, 'live': False},
                 height=PLOT_HEIGHT,
                 order=1 + list(TITLES).index(what),
             )

@@ -5,7 +5,6 @@ Nothing here knows a browser or ROS. All poses are in frame I, z up; link frames
 """
 
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 
@@ -13,12 +12,19 @@ import numpy as np
 
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Robot
+from snake_sim_ros.posture import chain
+from snake_sim_ros.posture import gaps
+from snake_sim_ros.rotations import about
+from snake_sim_ros.rotations import FLAT
+from snake_sim_ros.rotations import product
+from snake_sim_ros.rotations import rotation_matrices
 
 WINDOW = 10.0  # s that are plotted
 PLOT_PERIOD = 0.025  # s between two samples that are plotted
 PATH_STEP = 0.01  # m between two points of a path
 PATH_LENGTH = 2000  # points
 REACH = 3.0  # weight of the robot as an arrow, in lengths of the robot
+AXES = 'yaw', 'pitch'
 SEGMENTS, RINGS = 24, 6  # of a capsule: around it, and of each of its ends
 
 
@@ -41,8 +47,6 @@ class Frame:
         What the joints are told [rad]; NaN where it is not known.
     points, forces : ndarray, shape (k, 3)
         Of the contacts, as `contact_forces` returns them [m], [N].
-    status : mapping
-        What is to be read beside it: name -> text.
 
     """
 
@@ -54,7 +58,6 @@ class Frame:
     reference: Array
     points: Array
     forces: Array
-    status: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -117,34 +120,80 @@ class Recorder:
         """What was recorded."""
         time = np.array([time for time, _ in self._samples])
         joints = np.array([joints for _, joints in self._samples])
-        joints = joints.reshape(-1, 3, self._joints, 2)
+        joints = joints.reshape(len(time), 3, self._joints, 2)
         angle, reference, torque = np.moveaxis(joints, 1, 0)
         return Trace(time, angle, reference, torque, np.array(self._path).reshape(-1, 3))
 
 
-def curves(trace: Trace, what: str, joint: int) -> dict[str, Array]:
+def placed(robot: Robot, angle: Array, base: tuple[Array, Array] | None) -> Array:
     """
-    Return name -> values of the curves of a plot, shape (m,) each.
+    Return the coordinates of a robot of which joint angles are known, shape (n, 7).
+
+    Parameters
+    ----------
+    robot : Robot
+    angle : ndarray, shape (n-1, 2)
+        (yaw, pitch) [rad]
+    base : tuple of ndarray, optional
+        Position [m] and Euler parameters of `base_link`, the middle link turned around, with x
+        forward and z up. Without it the robot lies on the floor around the origin, along x.
+
+    """
+    q = chain(robot, angle)
+    middle, center = q[robot.middle_link].copy(), q[:, :3].mean(axis=0)
+    if base is None:
+        along = q[-1, :2] - q[0, :2]
+        turn, place, fixed = about(2, -math.atan2(along[1], along[0])), np.zeros(3), center
+    else:
+        inverse = middle[3:] * [1.0, -1.0, -1.0, -1.0]
+        turn = product(product(product(base[1], about(2, math.pi)), FLAT), inverse)
+        place, fixed = base[0], middle[:3]
+    q[:, :3] = place + (q[:, :3] - fixed) @ rotation_matrices(turn).T
+    q[:, 3:] = product(turn, q[:, 3:])
+    if base is None:
+        q[:, 2] -= gaps(robot, q).min()
+    return q
+
+
+def at_rest(robot: Robot) -> Frame:
+    """Return a robot of which nothing is known yet: straight, on the floor."""
+    q = placed(robot, np.zeros((robot.link_count - 1, 2)), None)
+    unknown, none = np.full((robot.link_count - 1, 2), math.nan), np.zeros((0, 3))
+    return Frame(0.0, q[:, :3], q[:, 3:], unknown, unknown, unknown, none, none)
+
+
+def curves(trace: Trace, what: str, joint: int) -> tuple[Array, dict[str, Array]]:
+    """
+    Return the curves of a plot, from the time on at which all that is known is known.
 
     Parameters
     ----------
     trace : Trace
     what : str
-        ``angle`` [deg], with the references where they are known, or ``torque`` [N m].
+        ``angle`` [deg], with what the joint is told where that is known, or ``torque`` [N m].
     joint : int
         Index of a joint, for both its axes; -1 is yaw of all joints, -2 pitch of all joints.
 
+    Returns
+    -------
+    time : ndarray, shape (m,)
+        [s]
+    curves : dict
+        Name -> values, shape (m,).
+
     """
-    angle, reference = np.degrees(trace.joint_angle), np.degrees(trace.reference)
-    shown = angle if what == 'angle' else trace.joint_torque
+    values = np.degrees(trace.joint_angle) if what == 'angle' else trace.joint_torque
     if joint < 0:
-        axis = -1 - joint
-        return {f'joint {j + 1}': shown[:, j, axis] for j in range(shown.shape[1])}
-    named = {name: shown[:, joint, k] for k, name in enumerate(('yaw', 'pitch'))}
-    if what == 'angle':
-        for k, name in enumerate(('yaw', 'pitch')):
-            named[f'{name}, told'] = reference[:, joint, k]
-    return named
+        named = {f'joint {j + 1}': values[:, j, -1 - joint] for j in range(values.shape[1])}
+    else:
+        named = {name: values[:, joint, k] for k, name in enumerate(AXES)}
+        if what == 'angle':
+            told = np.degrees(trace.reference[:, joint])
+            named |= {f'{name}, told': told[:, k] for k, name in enumerate(AXES)}
+    named = {name: curve for name, curve in named.items() if np.isfinite(curve[-1:]).all()}
+    missing = np.isnan(list(named.values())).any(axis=0)
+    first = int(np.flatnonzero(missing)[-1]) + 1 if missing.any() else 0
+    return trace.time[first:], {name: curve[first:] for name, curve in named.items()}
 
 
 def force_scale(robot: Robot) -> float:

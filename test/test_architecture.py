@@ -26,6 +26,7 @@ SHELL = {
     *('stability', 'stability_scenes', 'stability_maps', 'stability_chart'),
     *('experiments', 'figures', 'paper_tables'),
     *('recordings',),
+    *('playback', 'viewer', 'viewer_frames', 'viewer_stage'),
 }
 DRAWING = {'animation', 'charts', 'figures', 'stability_chart'}
 ROS = {'rclpy', 'std_srvs', 'tf2_ros', 'launch', 'launch_ros', 'ament_index_python'}
@@ -90,6 +91,11 @@ def test_only_charts_know_matplotlib(path):
 
 
 @each_module
+def test_only_the_page_knows_viser(path):
+    assert ('viser' in packages(path)) == (path.stem == 'viewer')
+
+
+@each_module
 def test_physics_does_not_know_what_runs_it(path):
     assert path.stem in SHELL or not siblings(path) & SHELL
 
@@ -113,7 +119,7 @@ def test_physics_imports_without_ros_and_matplotlib():
     names = [f'snake_sim_ros.{path.stem}' for path in MODULES if path.stem not in DRAWING]
     script = (
         'import importlib, sys\n'
-        'sys.modules["rclpy"] = sys.modules["matplotlib"] = None\n'
+        'sys.modules["rclpy"] = sys.modules["matplotlib"] = sys.modules["viser"] = None\n'
         f'for name in {names}: importlib.import_module(name)\n'
         'print("imported")'
     )

@@ -16,6 +16,11 @@ def gait() -> int:
     return _run('gait')
 
 
+def viewer() -> int:
+    """Run the node that shows the robot in a browser."""
+    return _run('viewer')
+
+
 def _run(name: str) -> int:
     # To import what a node needs takes a second or two, and there is nothing to put away.
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -1,4 +1,4 @@
-"""A headless Chromium that tests steer over its own protocol; no more is needed than viser needs."""
+"""A headless Chromium that tests steer over its own protocol: websockets come with viser."""
 
 import base64
 from itertools import count
@@ -22,6 +22,7 @@ FLAGS = (
     *('--disable-dev-shm-usage', '--hide-scrollbars', '--remote-debugging-port=0'),
     '--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1',  # no name leads anywhere
 )
+TEXT = 'input:not([type=hidden]):not([type=checkbox])'
 NAMES = ('chromium', 'chromium-browser', 'google-chrome')
 
 
@@ -95,6 +96,37 @@ class Browser:
     def text(self) -> str:
         """All that can be read on the page."""
         return str(self.run('document.body ? document.body.innerText : ""'))
+
+    def press(self, name: str) -> None:
+        """Press the button of a name, once it can be pressed."""
+        button = f'[...document.querySelectorAll("button")].find(b => b.innerText === "{name}")'
+        self.until(lambda: self.run(f'({button})?.disabled === false'), f'the button {name}')
+        self.run(f'{button}.click()')
+
+    def field(self, label: str) -> str:
+        """Return the expression of the text field of a label."""
+        found = f'[...document.querySelectorAll("label")].find(l => l.innerText === "{label}")'
+        return f'({found})?.parentElement.parentElement.parentElement.querySelector("{TEXT}")'
+
+    def read(self, label: str) -> str:
+        """Return what the field of a label says."""
+        return str(self.run(f'{self.field(label)}?.value'))
+
+    def enter(self, label: str, text: str) -> None:
+        """Write into the field of a label, once it is enabled, as a person does."""
+        self.until(lambda: self.run(f'{self.field(label)}?.disabled === false'), label)
+        self.run(f'{self.field(label)}.focus(), {self.field(label)}.select()')
+        self.call('Input.insertText', text=text)
+        self.run(f'{self.field(label)}.blur()')
+
+    def choose(self, label: str, option: str) -> None:
+        """Choose an option of the list of a label."""
+        self.until(lambda: self.run(f'{self.field(label)}?.disabled === false'), label)
+        self.run(f'{self.field(label)}.click()')
+        items = '[...document.querySelectorAll("[role=option]")]'
+        items += f'.find(o => o.innerText === "{option}")'
+        self.until(lambda: self.run(f'!!({items})'), option)
+        self.run(f'{items}.click()')
 
     def until(self, condition: Any, what: str) -> Any:
         """Wait for a condition, and return it."""

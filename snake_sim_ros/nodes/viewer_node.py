@@ -1,0 +1,265 @@
+"""
+The `viewer` node: the robot in a browser, from the topics that anyone can hear.
+
+It knows no simulator: joint_states of any robot with our joint names are enough. The posture is
+that of link_poses or else of the joint angles, at the place that odom tells or else at the origin.
+
+Messages come up to a thousand times a second. They are not served as they come but looked for
+thirty times a second, or ten while no browser is there: of each topic only the last one waits.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+import sys
+from threading import Event
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseArray
+from nav_msgs.msg import Odometry
+import numpy as np
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy
+from rclpy.qos import QoSProfile
+from rclpy.qos import ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
+
+from snake_sim_ros import wire
+from snake_sim_ros.nodes.messages import seconds_from
+from snake_sim_ros.nodes.node_parameters import settle
+from snake_sim_ros.nodes.running import run_node
+from snake_sim_ros.nodes.running import Warnings
+from snake_sim_ros.nodes.viewer_controls import Controls
+from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.records import ParameterError
+from snake_sim_ros.records import quantity
+from snake_sim_ros.records import Record
+from snake_sim_ros.viewer import announce
+from snake_sim_ros.viewer import Page
+from snake_sim_ros.viewer import PLOT_PERIOD
+from snake_sim_ros.viewer import SHOW_PERIOD
+from snake_sim_ros.viewer_frames import Frame
+from snake_sim_ros.viewer_frames import placed
+from snake_sim_ros.viewer_frames import Recorder
+
+UNWATCHED_PERIOD = 0.1  # s between two looks at the messages while no browser is there
+CALLBACKS = 50  # that are served in a row at most
+EPOCH = 1e8  # s; a later stamp is of a wall clock, and time is counted from the first one
+LAST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+NO_POINTS = np.zeros((0, 3))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(Record):
+    """Parameters of the node."""
+
+    host: str = quantity('127.0.0.1', '', 'address of this machine to serve the page at')
+    port: int = quantity(
+        8080, '1', 'port of the page; 0 is any free one', minimum=0, maximum=65535
+    )
+    scene: str = quantity(
+        'lateral_undulation', '', 'scene whose robot is shown while there is no robot_description'
+    )
+    open_browser: bool = quantity(False, '', 'open the page in a browser')
+
+
+class ViewerNode(Node):
+    """Topics on one side, a page on the other."""
+
+    def __init__(self) -> None:
+        super().__init__('viewer', automatically_declare_parameters_from_overrides=True)
+        settings, scene = settle(self, Settings, ())
+        self.page = Page('snake robot', settings.host, settings.port)
+        self.warn = Warnings(self)
+        self.latest: dict[str, Any] = {}  # topic -> last message
+        self.served = 0  # callbacks
+        self.status: dict[str, str] = {}
+        self.obstacles: list[Any] = []
+        self.origin: float | None = None  # stamp at which time begins [s]
+        self.plotted = -math.inf  # wall time [s]
+        self.frame: Frame | None = None
+        self.was_watched = False
+        self.new = False  # whether the robot told something since it was looked at
+        self._build(Scene(robot=scene.robot))
+        for kind, topic in (
+            (JointState, 'joint_states'),
+            (PoseArray, 'link_poses'),
+            (Odometry, 'odom'),
+            (JointState, 'joint_command'),
+        ):
+            self._listen(kind, topic, LAST)
+        self._listen(MarkerArray, 'markers', QoSProfile(depth=1), self._on_markers)
+        self._listen(String, 'robot_description', LATCHED, self._on_description)
+        self._listen(DiagnosticArray, '/diagnostics', QoSProfile(depth=10), self._on_diagnostics)
+        self.controls = Controls(self, self.page, self._begin_again)
+        announce(self.page, settings.open_browser)
+
+    def update(self) -> None:
+        """Bring the page up to date with the messages that came."""
+        changed, now = self.page.changed(), time.monotonic()
+        if self.new:
+            self.new = False
+            self.frame = self._frame()
+            self.recorder.add(self.frame)
+            changed = True
+        frame = self.frame if self.page.watched else None
+        if frame is not None and (changed or not self.was_watched):
+            self.page.show(frame)
+        self.was_watched = frame is not None
+        if now - self.plotted >= PLOT_PERIOD:
+            self.plotted = now
+            self.controls.act()
+            if frame is not None:
+                distance = f'{self.recorder.distance(frame):.3f} m'
+                self.page.tell(frame, {'distance': distance, **self.status})
+                self.page.plot(self.recorder.trace)
+
+    def _listen(
+        self,
+        kind: Any,
+        topic: str,
+        qos: QoSProfile,
+        then: Callable[[Any], None] = lambda message: None,
+    ) -> None:
+        def take(message: Any) -> None:
+            self.served += 1
+            self.new = self.new or topic in ('joint_states', 'link_poses')
+            self.latest[topic] = message
+            then(message)
+
+        self.create_subscription(kind, topic, take, qos)
+
+    # ---- what there is to see -------------------------------------------------------------------
+
+    def _build(self, scene: Scene) -> None:
+        self.scene = scene
+        self.page.build(scene)
+        self._begin_again()
+
+    def _begin_again(self) -> None:
+        """Forget what the robot did."""
+        self.recorder = Recorder(self.scene.robot)
+        self.frame = None
+        self.was_watched = False
+
+    def _on_description(self, _: String) -> None:
+        """Build the page again if it is of another robot, or if there are other obstacles."""
+        markers = self.latest['markers'].markers if 'markers' in self.latest else ()
+        try:
+            scene = wire.scene_of(self.latest['robot_description'].data, markers)
+        except ParameterError as error:
+            self.warn('description', f'robot_description: {error}')
+            return
+        if scene != self.scene:
+            self._build(scene)
+
+    def _on_markers(self, message: MarkerArray) -> None:
+        obstacles = [
+            (item.type, item.action, item.pose, item.scale, len(item.points), item.points[:1])
+            for item in message.markers
+            if item.ns == 'scene'
+        ]
+        if obstacles != self.obstacles and 'robot_description' in self.latest:
+            self.obstacles = obstacles
+            self._on_description(self.latest['robot_description'])
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name.endswith('sim: physics'):
+                values = {item.key: item.value for item in status.values}
+                factor = float(values.get('real_time_factor', 'nan'))
+                self.status = {
+                    'level': values.get('level', '-'),
+                    'real-time factor': f'{factor:.2f}',
+                    'sim': status.message,
+                }
+                self.controls.paused = status.message == 'paused'
+
+    # ---- what the robot does --------------------------------------------------------------------
+
+    def _frame(self) -> Frame:
+        """Return the robot as the last messages tell it."""
+        robot, joints, commands = (
+            self.scene.robot,
+            self.latest.get('joint_states'),
+            self.latest.get('joint_command'),
+        )
+        count = robot.link_count - 1
+        unknown = np.full((count, 2), math.nan)
+        angle = torque = reference = unknown
+        if joints is not None:
+            angle = wire.joint_axes(joints.name, joints.position, count)
+            torque = wire.joint_axes(joints.name, joints.effort, count)
+        if commands is not None:
+            reference = wire.joint_axes(commands.name, commands.position, count)
+        position, orientation = self._poses(angle)
+        markers = self.latest.get('markers')
+        touched = wire.contacts(markers.markers) if markers is not None else None
+        points, forces = touched or (NO_POINTS, NO_POINTS)
+        return Frame(self._time(), position, orientation, angle, torque, reference, points, forces)
+
+    def _poses(self, angle: Array) -> tuple[Array, Array]:
+        """Return position and orientation of all links."""
+        poses, odom = self.latest.get('link_poses'), self.latest.get('odom')
+        if poses is not None and len(poses.poses) == self.scene.robot.link_count:
+            return wire.poses(poses)
+        if poses is not None:
+            self.warn(
+                'links',
+                f'link_poses has {len(poses.poses)} links, the robot that is shown '
+                f'{self.scene.robot.link_count}: give the viewer its scene, or robot_description',
+            )
+        base = None if odom is None else base_of(odom)
+        q = placed(self.scene.robot, np.nan_to_num(angle), base)
+        return q[:, :3], q[:, 3:]
+
+    def _time(self) -> float:
+        """Return the time of the robot [s], from the first message on if it is of a wall clock."""
+        heard = [
+            self.latest[name] for name in ('joint_states', 'link_poses') if name in self.latest
+        ]
+        stamp = max(seconds_from(message.header.stamp) for message in heard)
+        if self.origin is None or stamp < self.origin:
+            self.origin = stamp if stamp > EPOCH else 0.0
+        return stamp - self.origin
+
+
+def base_of(odom: Odometry) -> tuple[Array, Array]:
+    """Return position [m] and Euler parameters, scalar first, of the frame `base_link`."""
+    place, turn = odom.pose.pose.position, odom.pose.pose.orientation
+    return np.array([place.x, place.y, place.z]), np.array([turn.w, turn.x, turn.y, turn.z])
+
+
+def run(node: ViewerNode, stop: Event) -> None:
+    """Look for messages and bring the page up to date, again and again."""
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        while not stop.is_set():
+            begin = time.monotonic()
+            for _ in range(CALLBACKS):
+                served = node.served
+                executor.spin_once(timeout_sec=0)
+                if node.served == served:
+                    break
+            node.update()
+            period = SHOW_PERIOD if node.page.watched else UNWATCHED_PERIOD
+            stop.wait(max(period - (time.monotonic() - begin), 0.0))
+    finally:
+        node.page.close()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until it is told to stop."""
+    return run_node(ViewerNode, run, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

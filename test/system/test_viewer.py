@@ -1,0 +1,167 @@
+"""The viewer in a real browser: a live robot, its controls, and a recorded run."""
+
+from dataclasses import replace
+import re
+import signal
+import socket
+import sys
+import time
+
+from browser import Browser
+from graph import next_domain
+from graph import node_command
+from graph import Process
+import pytest
+from rcl_interfaces.srv import GetParameters
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+
+from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.simulation import run
+
+PNG = b'\x89PNG\r\n\x1a\n'
+SIZE = (860, 400)  # pixels; Chromium draws in software here
+PLAY = (
+    'import sys; from pathlib import Path; from snake_sim_ros.playback import play; '
+    'from snake_sim_ros.trajectory import Trajectory; '
+    'sys.exit(play(Trajectory.load(Path(sys.argv[1])), "a run", "127.0.0.1", 0, '
+    'open_browser=False))'
+)
+
+
+def address(process):
+    """Return where a process serves its page."""
+    process.wait_for('the viewer is at ', 60)
+    return re.search(r'http://127\.0\.0\.1:\d+', process.output)[0]
+
+
+def seconds(browser):
+    """Return the time that the page says, -1 if none."""
+    found = re.search(r'time\s+(\d+\.\d+) s', browser.text)
+    return float(found[1]) if found else -1.0
+
+
+@pytest.fixture(scope='module')
+def graph(make_graph):
+    """Return a live robot with its viewer."""
+    graph = make_graph()
+    graph.start('sim', 'scene:=sidewinding')
+    graph.start('gait', 'scene:=sidewinding', 'use_sim_time:=true')
+    graph.viewer = graph.start('viewer', 'port:=0')
+    graph.clock = graph.record(Clock, '/clock')
+    return graph
+
+
+@pytest.fixture(scope='module')
+def page(graph, tmp_path_factory):
+    """Return a browser that shows the live robot."""
+    browser = Browser(tmp_path_factory.mktemp('live'), SIZE)
+    browser.open(address(graph.viewer))
+    browser.until(lambda: seconds(browser) > 0.0, 'the time on the page')
+    yield browser
+    browser.close()
+
+
+def parameter(graph, node, name):
+    """Return the value of a number of a node."""
+    request = GetParameters.Request(names=[name])
+    return graph.call(GetParameters, f'/{node}/get_parameters', request).values[0].double_value
+
+
+def test_robot_moves_and_nothing_leaves_the_machine(page, graph, tmp_path):
+    before, begin = page.picture(), seconds(page)
+    page.until(lambda: seconds(page) > begin + 0.5, 'half a second')
+    after = page.picture()
+    assert before.startswith(PNG) and before != after
+    (tmp_path / 'live.png').write_bytes(after)
+    for text in ('distance', 'real-time factor', 'joint angles [deg]', 'joint torques [N m]'):
+        assert text in page.text
+    own = address(graph.viewer).replace('http', '')
+    for url in page.requests:
+        assert url.startswith(('data:', f'http{own}', f'ws{own}', f'blob:http{own}')), url
+    assert f'http{own}/' in page.requests
+    assert not page.errors
+
+
+def test_buttons_act_on_the_simulation(page, graph):
+    page.press('pause')
+    page.until(lambda: 'go on' in page.text, 'the pause')
+    graph.drain(graph.clock)
+    paused, count = graph.clock[-1].clock, len(graph.clock)
+    graph.spin(0.3)
+    assert len(graph.clock) == count
+    page.press('step')
+    graph.until(lambda: len(graph.clock) > count, 'a step')
+    step = graph.clock[-1].clock.nanosec - paused.nanosec
+    assert step % 10**9 == 5_000_000  # a publish period
+    page.press('reset')
+    page.until(lambda: re.search(r'distance\s+0\.00', page.text), 'the start of the scene')
+    page.press('go on')
+    graph.until(lambda: len(graph.clock) > count + 20, 'the clock')
+
+
+def test_numbers_are_those_of_the_nodes(page, graph):
+    page.enter('friction across', '0.45')
+    graph.until(
+        lambda: parameter(graph, 'sim', 'friction.transversal') == pytest.approx(0.45), 'friction'
+    )
+    page.enter('frequency [Hz]', '0.3')
+    for wave in ('yaw', 'pitch'):
+        name = f'gait.{wave}.angular_frequency'
+        graph.until(
+            lambda name=name: parameter(graph, 'gait', name) == pytest.approx(1.885, abs=1e-3),
+            name,
+        )
+    item = Parameter('real_time_factor', value=0.5).to_parameter_msg()
+    graph.call(SetParameters, '/sim/set_parameters', SetParameters.Request(parameters=[item]))
+    page.until(lambda: page.read('speed of time') == '0.5', 'what another one changed')
+    page.choose('gait', 'lateral_undulation')
+    graph.until(lambda: parameter(graph, 'gait', 'gait.pitch.amplitude') == 0.0, 'another gait')
+
+
+def test_a_refusal_is_told(page):
+    page.enter('amplitude [deg]', '59')
+    page.until(lambda: 'gait.yaw.amplitude' in page.text, 'the reason')
+    page.until(lambda: page.read('amplitude [deg]') == '30', 'the value of the node')
+
+
+def test_missing_simulation_is_told(page, graph):
+    sim, viewer = graph.processes[0], graph.viewer
+    assert sim.stop() == 0
+    page.until(lambda: 'sim is not running' in page.text, 'the remark')
+    begin = time.monotonic()
+    assert viewer.stop(signal.SIGTERM) == 0
+    assert time.monotonic() - begin < 2.0
+    assert 'Traceback' not in viewer.output
+
+
+def test_recorded_run(compiled, tmp_path):
+    file = tmp_path / 'run.npz'
+    run(replace(load_scene('lateral_undulation'), duration=1.0)).save(file)
+    process = Process([sys.executable, '-c', PLAY, str(file)], next_domain())
+    browser = Browser(tmp_path / 'profile', SIZE)
+    try:
+        browser.open(address(process))
+        browser.until(lambda: seconds(browser) > 0.0, 'the time on the page')
+        browser.press('pause')
+        browser.enter('time [s]', '0.5')
+        browser.until(lambda: seconds(browser) == 0.5, 'the time that was chosen')
+        assert 'play' in browser.text and 'planar' in browser.text
+        browser.press('play')
+        browser.until(lambda: seconds(browser) > 0.5, 'a later time')
+    finally:
+        browser.close()
+        status = process.stop()
+    assert status == 0, process.output
+    assert 'Traceback' not in process.output
+
+
+def test_port_in_use():
+    with socket.create_server(('127.0.0.1', 0)) as server:
+        port = server.getsockname()[1]
+        process = Process(node_command('viewer', '-p', f'port:={port}'), next_domain())
+        assert process.wait() == 2
+    assert process.lines == [
+        f'error: port {port} of 127.0.0.1 is in use; choose another one, or 0 for any free one'
+    ]

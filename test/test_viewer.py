@@ -1,0 +1,171 @@
+"""What the viewer shows, without a browser."""
+
+from dataclasses import replace
+import math
+import socket
+import sys
+
+import numpy as np
+import pytest
+
+from snake_sim_ros import viewer
+from snake_sim_ros.parameters import Robot
+from snake_sim_ros.posture import chain
+from snake_sim_ros.posture import gaps
+from snake_sim_ros.posture import joint_angles
+from snake_sim_ros.records import ParameterError
+from snake_sim_ros.rotations import about
+from snake_sim_ros.rotations import FLAT
+from snake_sim_ros.rotations import product
+from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.viewer_frames import arrows
+from snake_sim_ros.viewer_frames import at_rest
+from snake_sim_ros.viewer_frames import capsule
+from snake_sim_ros.viewer_frames import curves
+from snake_sim_ros.viewer_frames import force_scale
+from snake_sim_ros.viewer_frames import placed
+from snake_sim_ros.viewer_frames import Recorder
+from snake_sim_ros.viewer_frames import WINDOW
+
+ROBOT = Robot()
+
+
+def frame(time, **changes):
+    known = {name: np.full((10, 2), time) for name in ('joint_angle', 'joint_torque')}
+    return replace(at_rest(ROBOT), time=time, **{**known, **changes})
+
+
+def test_posture_of_joint_angles_is_where_odometry_says():
+    rng = np.random.default_rng(7)
+    q = chain(ROBOT, rng.uniform(-0.5, 0.5, (10, 2)))
+    turn = product(about(2, 1.1), about(1, 0.3))
+    q[:, :3] = q[:, :3] @ rotation_matrices(turn).T + [1.0, 2.0, 3.0]
+    q[:, 3:] = product(turn, q[:, 3:])
+    # base_link has x toward link 1, against e_z, and z along e_y of the middle link.
+    middle = q[ROBOT.middle_link]
+    base = product(product(middle[3:], FLAT * [1, -1, -1, -1]), about(2, math.pi))
+    axes = rotation_matrices(base), rotation_matrices(middle[3:])
+    np.testing.assert_allclose(axes[0][:, 0], -axes[1][:, 2], atol=1e-15)
+    np.testing.assert_allclose(axes[0][:, 2], axes[1][:, 1], atol=1e-15)
+    found = placed(ROBOT, joint_angles(q), (middle[:3], base))
+    np.testing.assert_allclose(found[:, :3], q[:, :3], atol=1e-13)
+    R = rotation_matrices(found[:, 3:])
+    np.testing.assert_allclose(R, rotation_matrices(q[:, 3:]), atol=1e-13)
+
+
+def test_posture_without_odometry_is_on_the_floor_along_x():
+    angle = np.tile([0.2, 0.05], (10, 1))
+    q = placed(ROBOT, angle, None)
+    np.testing.assert_allclose(joint_angles(q), angle, atol=1e-13)
+    assert gaps(ROBOT, q).min() == pytest.approx(0.0, abs=1e-15)
+    np.testing.assert_allclose(q[:, :2].mean(axis=0), 0.0, atol=1e-15)
+    assert q[-1, 0] > q[0, 0]
+    assert q[-1, 1] == pytest.approx(q[0, 1], abs=1e-15)
+
+
+def test_recorder_keeps_a_window_and_begins_again():
+    recorder = Recorder(ROBOT)
+    for time in np.arange(0.0, WINDOW + 5.0, 0.05):
+        place = at_rest(ROBOT).position + [time, 0.0, 0.0]
+        recorder.add(frame(time, position=place))
+    trace = recorder.trace
+    assert trace.time[-1] - trace.time[0] == pytest.approx(WINDOW, abs=0.05)
+    assert trace.joint_angle.shape == (len(trace.time), 10, 2)
+    assert trace.path[0, 0] == pytest.approx(0.0, abs=1e-12)  # the path is that of all the time
+    assert recorder.distance(frame(0.0, position=place)) == pytest.approx(14.95)
+    recorder.add(frame(1.0))
+    assert recorder.trace.time.tolist() == [1.0] and len(recorder.trace.path) == 1
+
+
+def test_curves_begin_when_all_of_them_are_known():
+    recorder = Recorder(ROBOT)
+    for k in range(6):
+        told = np.full((10, 2), 0.1 if k >= 2 else math.nan)
+        recorder.add(frame(0.1 * k, reference=told))
+    time, named = curves(recorder.trace, 'angle', 4)
+    np.testing.assert_allclose(time, [0.2, 0.3, 0.4, 0.5])
+    assert list(named) == ['yaw', 'pitch', 'yaw, told', 'pitch, told']
+    np.testing.assert_allclose(named['yaw'], np.degrees(time))
+    np.testing.assert_allclose(named['pitch, told'], math.degrees(0.1))
+    time, named = curves(recorder.trace, 'torque', -2)
+    assert len(time) == 6 and list(named) == [f'joint {j}' for j in range(1, 11)]
+
+
+def test_what_is_not_known_has_no_curve():
+    recorder = Recorder(ROBOT)
+    recorder.add(frame(0.0, joint_torque=np.full((10, 2), math.nan)))
+    assert list(curves(recorder.trace, 'angle', 0)[1]) == ['yaw', 'pitch']
+    assert curves(recorder.trace, 'torque', 0)[1] == {}
+
+
+def test_recorder_of_a_single_link():
+    robot = Robot(link_count=1)
+    recorder = Recorder(robot)
+    recorder.add(at_rest(robot))
+    assert recorder.trace.joint_angle.shape == (1, 0, 2)
+
+
+def test_arrows_split_a_force():
+    point, force = np.array([[1.0, 2.0, 0.0]]), np.array([[3.0, 4.0, 5.0]])
+    along, upward = arrows(point, force, 0.1)
+    np.testing.assert_allclose(along[0], [[1.0, 2.0, 0.0], [1.3, 2.4, 0.0]])
+    np.testing.assert_allclose(upward[0], [[1.0, 2.0, 0.0], [1.0, 2.0, 0.5]])
+    assert force.tolist() == [[3.0, 4.0, 5.0]]
+
+
+def test_scale_of_forces_is_a_round_number():
+    assert force_scale(ROBOT) == pytest.approx(0.05)  # 3 * 1.342 m / 73.6 N = 0.0547 m/N
+    heavy = replace(ROBOT, link_mass=100 * ROBOT.link_mass)
+    assert force_scale(heavy) == pytest.approx(5e-4)
+
+
+def test_capsule_is_closed_and_looks_outward():
+    radius, offset = 0.05, 0.04
+    vertices, faces = capsule(radius, offset)
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    volume = np.einsum('ij,ij->i', a, np.cross(b, c)).sum() / 6
+    exact = math.pi * radius**2 * (2 * offset + 4 / 3 * radius)
+    # A polygon of 24 corners has sin(2 pi/24)/(2 pi/24) = 0.989 of the area of its circle.
+    assert 0.96 * exact < volume < exact
+    beyond = np.maximum(np.abs(vertices[:, 2]) - offset, 0.0)
+    np.testing.assert_allclose(
+        np.hypot(np.hypot(vertices[:, 0], vertices[:, 1]), beyond), radius, atol=1e-15
+    )
+
+
+@pytest.mark.parametrize(
+    ('host', 'port', 'sentence'),
+    [
+        ('127.0.0.1', -1, 'port must be 0 (any free one) to 65535, got -1'),
+        ('nowhere.invalid', 0, "host must be an address of this machine, got 'nowhere.invalid'"),
+        ('192.0.2.1', 0, "host must be an address of this machine, got '192.0.2.1'"),
+    ],
+)
+def test_unusable_address(host, port, sentence):
+    with pytest.raises(
+        ParameterError, match='^' + sentence.replace('(', r'\(').replace(')', r'\)')
+    ):
+        viewer.check_address(host, port)
+
+
+def test_port_in_use():
+    with socket.create_server(('127.0.0.1', 0)) as server:
+        port = server.getsockname()[1]
+        with pytest.raises(ParameterError, match=f'^port {port} of 127.0.0.1 is in use; choose'):
+            viewer.check_address('127.0.0.1', port)
+
+
+def test_no_browser_is_said(monkeypatch, capsys):
+    page = type('Page', (), {'url': 'http://127.0.0.1:1'})()
+    monkeypatch.setattr(viewer.webbrowser, 'open', lambda url: False)
+    viewer.announce(page, open_browser=True)
+    assert capsys.readouterr().out.splitlines() == [
+        'the viewer is at http://127.0.0.1:1',
+        'there is no browser here; open http://127.0.0.1:1 in one yourself',
+    ]
+
+
+def test_viser_that_is_missing_is_said(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'viser', None)
+    with pytest.raises(ParameterError, match=r"viser, .*: pip install 'snake_sim_ros\[viewer\]'$"):
+        viewer.Page('', '127.0.0.1', 0)

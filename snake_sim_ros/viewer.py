@@ -98,7 +98,10 @@ class Page:
         with self._server.atomic():
             self._server.scene.reset()
             self._stage = Stage(self._server.scene, scene)
-            self._scale.content = f'arrows: 1 N is {100 * self._stage.scale:g} cm'
+            self._scale.content = (
+                f'Arrows: 1 N is {100 * self._stage.scale:g} cm. Orange: the horizontal part of '
+                'contact forces, on the floor friction; light blue: the vertical part.'
+            )
             self._set_camera(scene)
             self._choose_joints(scene)
             self._stage.show(at_rest(scene.robot))

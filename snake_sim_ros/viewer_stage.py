@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
@@ -48,8 +49,8 @@ class Stage:
         none, width = np.zeros((0, 2, 3)), PATH_RADIUS * self.size
         thick = {'shaft_radius': width, 'head_radius': 2.5 * width, 'head_length': 5 * width}
         thin = {'shaft_radius': width / 2, 'head_radius': 1.5 * width, 'head_length': 3 * width}
-        self.friction = canvas.add_arrows('/world/friction', none, FRICTION, **thick)
-        self.normal = canvas.add_arrows('/world/normal', none, NORMAL, **thin)
+        self.friction = canvas.add_arrows('/world/friction', none, linear(FRICTION), **thick)
+        self.normal = canvas.add_arrows('/world/normal', none, linear(NORMAL), **thin)
         self.path = canvas.add_line_segments('/world/path', none, PATH, thickness=2 * width)
         self.points = canvas.add_point_cloud(
             '/world/contacts', np.zeros((0, 3)), POINT, point_size=3 * width, point_shape='circle'
@@ -81,10 +82,10 @@ class Stage:
     def _add_lights(self) -> None:
         """Light the robot from the side of the first look at it, whether it is followed or not."""
         self.canvas.configure_default_lights(False)
-        self.canvas.configure_environment_map('warehouse', environment_intensity=0.25)
-        self.canvas.add_light_ambient('/lights/sky', intensity=0.2)
+        self.canvas.configure_environment_map('warehouse', environment_intensity=0.4)
+        self.canvas.add_light_ambient('/lights/sky', intensity=0.7)
         self.canvas.add_light_directional(
-            '/lights/sun', intensity=1.6, cast_shadow=True, position=(-2.0, -1.0, 4.0)
+            '/lights/sun', intensity=2.2, cast_shadow=True, position=(-2.0, -1.0, 4.0)
         )
 
     def _add_floor(self) -> None:
@@ -130,7 +131,7 @@ class Stage:
             np.tile([1.0, 0.0, 0.0, 0.0], (heights.size, 1)),
             centers,
             batched_scales=sizes.reshape(-1, 3),
-            batched_colors=GROUND,
+            batched_colors=linear(GROUND),
             lod='off',
             flat_shading=True,
         )
@@ -151,10 +152,17 @@ class Stage:
                 faces,
                 np.tile([1.0, 0.0, 0.0, 0.0], (len(links), 1)),
                 np.zeros((len(links), 3)),
-                batched_colors=colors[links],
+                batched_colors=linear(colors[links]),
                 lod='off',
             )
             self.links.append((links, mesh))
+
+
+def linear(color: ArrayLike) -> Array:
+    """Return colors up to 255 as viser takes those of batches and arrows: not as a screen does."""
+    part = np.asarray(color) / 255
+    part = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
+    return np.round(255 * part).astype(np.uint8)
 
 
 def color_of(link: int) -> tuple[int, ...]:

@@ -66,7 +66,7 @@ def test_posture_without_odometry_is_on_the_floor_along_x():
 def test_recorder_keeps_a_window_and_begins_again():
     recorder = Recorder(ROBOT)
     for time in np.arange(0.0, WINDOW + 5.0, 0.05):
-        place = at_rest(ROBOT).position + [time, 0.0, 0.0]
+        place = at_rest(ROBOT).position + np.array([time, 0.0, 0.0])
         recorder.add(frame(time, position=place))
     trace = recorder.trace
     assert trace.time[-1] - trace.time[0] == pytest.approx(WINDOW, abs=0.05)

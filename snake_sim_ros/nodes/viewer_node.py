@@ -50,6 +50,7 @@ from snake_sim_ros.viewer_frames import Recorder
 
 UNWATCHED_PERIOD = 0.1  # s between two looks at the messages while no browser is there
 CALLBACKS = 50  # that are served in a row at most
+STALE = 1.0  # s that a pose may be older or younger than the joint angles
 EPOCH = 1e8  # s; a later stamp is of a wall clock, and time is counted from the first one
 LAST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -78,6 +79,7 @@ class ViewerNode(Node):
         settings, scene = settle(self, Settings, ())
         self.page = Page('snake robot', settings.host, settings.port)
         self.warn = Warnings(self)
+        self.physics = f'{self.get_namespace()}/sim: physics'.lstrip('/')
         self.latest: dict[str, Any] = {}  # topic -> last message
         self.served = 0  # callbacks
         self.status: dict[str, str] = {}
@@ -172,7 +174,7 @@ class ViewerNode(Node):
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name.endswith('sim: physics'):
+            if status.name == self.physics:
                 values = {item.key: item.value for item in status.values}
                 factor = float(values.get('real_time_factor', 'nan'))
                 self.status = {
@@ -207,26 +209,35 @@ class ViewerNode(Node):
 
     def _poses(self, angle: Array) -> tuple[Array, Array]:
         """Return position and orientation of all links."""
-        poses, odom = self.latest.get('link_poses'), self.latest.get('odom')
-        if poses is not None and len(poses.poses) == self.scene.robot.link_count:
+        robot, poses, odom = self.scene.robot, self._fresh('link_poses'), self._fresh('odom')
+        if poses is not None and len(poses.poses) == robot.link_count:
             return wire.poses(poses)
         if poses is not None:
             self.warn(
                 'links',
                 f'link_poses has {len(poses.poses)} links, the robot that is shown '
-                f'{self.scene.robot.link_count}: give the viewer its scene, or robot_description',
+                f'{robot.link_count}: robot_description or the parameter scene tells which it is',
             )
-        base = None if odom is None else base_of(odom)
-        q = placed(self.scene.robot, np.nan_to_num(angle), base)
+        q = placed(robot, np.nan_to_num(angle), None if odom is None else base_of(odom))
         return q[:, :3], q[:, 3:]
+
+    def _stamp(self, topic: str) -> float:
+        """Return the stamp of the last message of a topic [s], -inf if there is none."""
+        message = self.latest.get(topic)
+        return -math.inf if message is None else seconds_from(message.header.stamp)
+
+    def _fresh(self, topic: str) -> Any:
+        """Return the last message of a topic, unless the joints speak of another time."""
+        joints = self._stamp('joint_states')
+        old = abs(self._stamp(topic) - joints) > STALE and joints > -math.inf
+        return None if old else self.latest.get(topic)
 
     def _time(self) -> float:
         """Return the time of the robot [s], from the first message on if it is of a wall clock."""
-        heard = [
-            self.latest[name] for name in ('joint_states', 'link_poses') if name in self.latest
-        ]
-        stamp = max(seconds_from(message.header.stamp) for message in heard)
-        if self.origin is None or stamp < self.origin:
+        stamp = self._stamp('joint_states')
+        if stamp == -math.inf:
+            stamp = self._stamp('link_poses')
+        if self.origin is None or not 0.0 <= stamp - self.origin < EPOCH:
             self.origin = stamp if stamp > EPOCH else 0.0
         return stamp - self.origin
 

@@ -15,12 +15,20 @@ import pytest
 from rcl_interfaces.srv import GetParameters
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy
+from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
+from snake_sim_ros.nodes.command_messages import joint_names
 from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import Robot
+from snake_sim_ros.robot_description import robot_description
 from snake_sim_ros.simulation import run
 
 PNG = b'\x89PNG\r\n\x1a\n'
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 SIZE = (860, 400)  # pixels; Chromium draws in software here
 PLAY = (
     'import sys; from pathlib import Path; from snake_sim_ros.playback import play; '
@@ -126,14 +134,34 @@ def test_a_refusal_is_told(page):
     page.until(lambda: page.read('amplitude [deg]') == '30', 'the value of the node')
 
 
-def test_missing_simulation_is_told(page, graph):
-    sim, viewer = graph.processes[0], graph.viewer
-    assert sim.stop() == 0
+def test_simulation_that_ends_is_told(page, graph):
+    assert graph.processes.pop(0).stop() == 0
     page.until(lambda: 'sim is not running' in page.text, 'the remark')
+
+
+def test_real_robot_is_shown_from_its_joints(page, graph):
+    """A robot of five links, on a wall clock, without poses of links."""
+    description = graph.node.create_publisher(String, 'robot_description', LATCHED)
+    joints = graph.node.create_publisher(JointState, 'joint_states', 1)
+    description.publish(String(data=robot_description(Robot(link_count=5))))
+    page.until(lambda: page.read('show') == 'joint 3', 'a robot with four joints')
+    names = joint_names(5)
+    graph.until(joints.get_subscription_count, 'the viewer')
+    message = JointState(name=names, position=[0.2] * len(names))
+    for offset in (0, 3):
+        message.header.stamp.sec = 1_700_000_000 + offset
+        joints.publish(message)
+        page.until(lambda offset=offset: seconds(page) == offset, 'time since the first message')
+    page.until(lambda: 'joint torques' not in page.text, 'no curves of what is not known')
+    assert 'joint angles [deg]' in page.text
+    assert 'Traceback' not in graph.viewer.output
+
+
+def test_viewer_ends_at_once(page, graph):
     begin = time.monotonic()
-    assert viewer.stop(signal.SIGTERM) == 0
+    assert graph.viewer.stop(signal.SIGTERM) == 0
     assert time.monotonic() - begin < 2.0
-    assert 'Traceback' not in viewer.output
+    assert 'Traceback' not in graph.viewer.output
 
 
 def test_recorded_run(compiled, tmp_path):

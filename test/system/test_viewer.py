@@ -164,22 +164,20 @@ def test_viewer_ends_at_once(page, graph):
     assert 'Traceback' not in graph.viewer.output
 
 
-def test_recorded_run(compiled, tmp_path):
+def test_recorded_run(page, tmp_path):
     file = tmp_path / 'run.npz'
     run(replace(load_scene('lateral_undulation'), duration=1.0)).save(file)
     process = Process([sys.executable, '-c', PLAY, str(file)], next_domain())
-    browser = Browser(tmp_path / 'profile', SIZE)
     try:
-        browser.open(address(process))
-        browser.until(lambda: seconds(browser) > 0.0, 'the time on the page')
-        browser.press('pause')
-        browser.enter('time [s]', '0.5')
-        browser.until(lambda: seconds(browser) == 0.5, 'the time that was chosen')
-        assert 'play' in browser.text and 'planar' in browser.text
-        browser.press('play')
-        browser.until(lambda: seconds(browser) > 0.5, 'a later time')
+        page.open(address(process))
+        page.until(lambda: 'again and again' in page.text, 'the controls of a run')
+        page.press('pause')
+        page.enter('time [s]', '0.5')
+        page.until(lambda: seconds(page) == 0.5, 'the time that was chosen')
+        assert 'play' in page.text and 'planar' in page.text
+        page.press('play')
+        page.until(lambda: seconds(page) > 0.5, 'a later time')
     finally:
-        browser.close()
         status = process.stop()
     assert status == 0, process.output
     assert 'Traceback' not in process.output

@@ -24,6 +24,7 @@ from snake_sim_ros.viewer_frames import at_rest
 from snake_sim_ros.viewer_frames import curves
 from snake_sim_ros.viewer_frames import Frame
 from snake_sim_ros.viewer_frames import Trace
+from snake_sim_ros.viewer_frames import UPWARD
 from snake_sim_ros.viewer_stage import Stage
 
 SHOW_PERIOD, PLOT_PERIOD = 1 / 30, 1 / 10  # s of wall time, the shortest between two updates
@@ -98,9 +99,10 @@ class Page:
         with self._server.atomic():
             self._server.scene.reset()
             self._stage = Stage(self._server.scene, scene)
+            along = 100 * self._stage.scale
             self._scale.content = (
-                f'Arrows: 1 N is {100 * self._stage.scale:g} cm. Orange: the horizontal part of '
-                'contact forces, on the floor friction; light blue: the vertical part.'
+                f'Orange: forces along the floor, 1 N is {along:g} cm. '
+                f'Light blue: forces upward, 1 N is {UPWARD * along:g} cm.'
             )
             self._set_camera(scene)
             self._choose_joints(scene)

@@ -24,6 +24,7 @@ PLOT_PERIOD = 0.025  # s between two samples that are plotted
 PATH_STEP = 0.01  # m between two points of a path
 PATH_LENGTH = 2000  # points
 REACH = 3.0  # weight of the robot as an arrow, in lengths of the robot
+UPWARD = 0.2  # scale of vertical forces: they are larger by one over the friction coefficient
 AXES = 'yaw', 'pitch'
 SEGMENTS, RINGS = 24, 6  # of a capsule: around it, and of each of its ends
 
@@ -218,10 +219,10 @@ def arrows(points: Array, forces: Array, scale: float) -> tuple[Array, Array]:
     Returns
     -------
     along, upward : ndarray, shape (k, 2, 3)
-        Of the horizontal and of the vertical part [m].
+        Of the horizontal part, and of the vertical part on a scale of UPWARD times that [m].
 
     """
-    along, upward = scale * forces, scale * forces
+    along, upward = scale * forces, UPWARD * scale * forces
     along[:, 2] = upward[:, :2] = 0.0
     return np.stack([points, points + along], axis=1), np.stack([points, points + upward], axis=1)
 

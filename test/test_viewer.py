@@ -109,7 +109,7 @@ def test_arrows_split_a_force():
     point, force = np.array([[1.0, 2.0, 0.0]]), np.array([[3.0, 4.0, 5.0]])
     along, upward = arrows(point, force, 0.1)
     np.testing.assert_allclose(along[0], [[1.0, 2.0, 0.0], [1.3, 2.4, 0.0]])
-    np.testing.assert_allclose(upward[0], [[1.0, 2.0, 0.0], [1.0, 2.0, 0.5]])
+    np.testing.assert_allclose(upward[0], [[1.0, 2.0, 0.0], [1.0, 2.0, 0.1]])
     assert force.tolist() == [[3.0, 4.0, 5.0]]
 
 

@@ -202,7 +202,8 @@ class Controls:
             number.disabled = value is None
             if value is not None:
                 shown = round(value / knob.unit / knob.step) * knob.step
-                number.value = round(min(max(shown, knob.low), knob.high), 6)
+                number.min, number.max = min(number.min, shown), max(number.max, shown)
+                number.value = round(shown, 6)
 
     # ---- on the nodes ---------------------------------------------------------------------------
 

@@ -105,7 +105,7 @@ class Player:
             self.playing, self._wanted = False, self.slider.value
 
 
-def play(trajectory: Trajectory, title: str, host: str, port: int, *, open_browser: bool) -> int:
+def play(trajectory: Trajectory, title: str, host: str, port: int, open_browser: bool) -> int:
     """
     Serve a recorded run until it is interrupted.
 

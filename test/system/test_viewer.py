@@ -33,8 +33,7 @@ SIZE = (860, 400)  # pixels; Chromium draws in software here
 PLAY = (
     'import sys; from pathlib import Path; from snake_sim_ros.playback import play; '
     'from snake_sim_ros.trajectory import Trajectory; '
-    'sys.exit(play(Trajectory.load(Path(sys.argv[1])), "a run", "127.0.0.1", 0, '
-    'open_browser=False))'
+    'sys.exit(play(Trajectory.load(Path(sys.argv[1])), "a run", "127.0.0.1", 0, False))'
 )
 
 

@@ -39,7 +39,6 @@ from snake_sim_ros.nodes.markers import SceneMarkers
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.messages import StateMessages
 from snake_sim_ros.nodes.transforms import LATCHED
-from snake_sim_ros.nodes.transforms import TFMessage
 from snake_sim_ros.nodes.transforms import TransformMessages
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import scene_to_text
@@ -213,8 +212,8 @@ class RunBag:
         self._write('/robot_description', 0, String(data=robot_description(scene.robot)))
         self._transforms = TransformMessages() if TransformMessages.available else None
         if self._transforms:
-            bag.add_topic('/tf', TFMessage, QoSProfile(depth=100))
-            bag.add_topic('/tf_static', TFMessage, LATCHED)
+            bag.add_topic('/tf', TransformMessages.kind, QoSProfile(depth=100))
+            bag.add_topic('/tf_static', TransformMessages.kind, LATCHED)
             self._write('/tf_static', 0, self._transforms.fixed)
 
     def observe(self, simulation: Simulation) -> None:

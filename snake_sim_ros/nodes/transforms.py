@@ -32,6 +32,7 @@ class TransformMessages:
 
     """
 
+    kind = TFMessage
     available = TFMessage is not None
 
     def __init__(self, frame_prefix: str = '') -> None:

@@ -36,6 +36,9 @@ SHORTENED = {
     './run stability --quick': '--maps spin',
     './run levels': 'lateral_undulation --duration 0.1',
     './run run obstacle_aided': '--duration 0.5',
+    **dict.fromkeys(
+        ('./run view', './run view sidewinding', './run view run.mcap'), '--no-browser --port 0'
+    ),
     './run run sidewinding --out run.npz --csv run.csv --bag run.mcap --gif run.gif': (
         '--duration 0.5'
     ),
@@ -48,10 +51,6 @@ ELSEWHERE = {
     './run pacing': 'test_pacing.py',
     './run chart docs/speed_accuracy/bench.csv': 'test_charts.py',
     './run artefacts': 'test_artefacts.py',
-    './run view': 'test_viewer.py',
-    './run view sidewinding': 'test_viewer.py',
-    './run view run.mcap': 'test_viewer.py',
-    './run record live.mcap': 'test_record.py',
     './run figures --out docs/paper': 'test_figures.py',
     'colcon build && . install/setup.sh': 'test_installed_layout',
     'ros2 topic echo /joint_states': 'test_sim_node.py',
@@ -81,7 +80,7 @@ def test_command(line, tmp_path, user_environment, monkeypatch, bag):
         return  # named there with the test that stands for it
     for name in ('config', 'docs'):
         (tmp_path / name).symlink_to(ROOT / name)
-    if line.startswith('./run export'):
+    if 'run.mcap' in line and '--bag' not in line:
         (tmp_path / 'run.mcap').symlink_to(bag)
     words = shlex.split(f'{line} {SHORTENED.get(line, "")}')
     if words[0] == './run' and words[1] in OFFLINE and line != BY_LAUNCHER:
@@ -94,7 +93,10 @@ def test_command(line, tmp_path, user_environment, monkeypatch, bag):
     else:
         assert words[0] == './run', f'no test for the README command {line!r}'
         words = [str(ROOT / 'run'), *words[1:]]
-    node = any(word in ('sim', 'gait', 'viewer') or '/scripts/' in word for word in words[:2])
+    node = any(
+        word in ('sim', 'gait', 'viewer', 'view', 'record') or '/scripts/' in word
+        for word in words[:2]
+    )
     output = (
         run_node(words, tmp_path, user_environment)
         if node
@@ -120,7 +122,9 @@ def run_node(words, folder, environment):
         )
     deadline = time.monotonic() + 60
     try:
-        while not re.search(r'physics ready|waiting for a robot|http://', output.read_text()):
+        while not re.search(
+            r'physics ready|waiting for a robot|http://|recording all', output.read_text()
+        ):
             assert process.poll() is None and time.monotonic() < deadline, output.read_text()
             time.sleep(0.05)
         process.send_signal(signal.SIGINT)

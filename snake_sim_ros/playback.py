@@ -1,6 +1,8 @@
 """Playing a recorded run on a page in the browser, with a time slider."""
 
 import math
+import signal
+from threading import Event
 import time
 
 import numpy as np
@@ -18,6 +20,7 @@ from snake_sim_ros.viewer_frames import PATH_LENGTH
 from snake_sim_ros.viewer_frames import Trace
 from snake_sim_ros.viewer_frames import WINDOW
 
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 SPEEDS = {'1/10': 0.1, '1/4': 0.25, '1/2': 0.5, '1': 1.0, '2': 2.0, '4': 4.0}
 
 
@@ -134,22 +137,24 @@ def play(trajectory: Trajectory, title: str, host: str, port: int, open_browser:
             f'a run to be played must have at least 2 samples, got {len(trajectory.time)}'
         )
     page = Page(title, host, port)
+    stop, recording = Event(), Recording(trajectory)
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in SIGNALS}
     try:
         page.build(trajectory.scene)
         player = Player(page, trajectory.time)
         announce(page, open_browser)
-        _serve(page, player, Recording(trajectory))
-    except KeyboardInterrupt:
-        print()
+        _serve(page, player, recording, stop)
     finally:
         page.close()
+        for number, handler in before.items():
+            signal.signal(number, handler)
     return 0
 
 
-def _serve(page: Page, player: Player, recording: Recording) -> None:
+def _serve(page: Page, player: Player, recording: Recording, stop: Event) -> None:
     """Show what the player wants, again and again."""
     last, plotted, shown, written = time.monotonic(), -math.inf, -1, -1
-    while True:
+    while not stop.is_set():
         now = time.monotonic()
         k = player.advance(now - last)
         last, changed = now, page.changed()
@@ -161,4 +166,4 @@ def _serve(page: Page, player: Player, recording: Recording) -> None:
             player.mark()
             page.tell(recording.frame(k), recording.status(k))
             page.plot(recording.trace(k))
-        time.sleep(max(SHOW_PERIOD - (time.monotonic() - now), 0.0))
+        stop.wait(max(SHOW_PERIOD - (time.monotonic() - now), 0.0))

@@ -36,9 +36,7 @@ SHORTENED = {
     './run stability --quick': '--maps spin',
     './run levels': 'lateral_undulation --duration 0.1',
     './run run obstacle_aided': '--duration 0.5',
-    **dict.fromkeys(
-        ('./run view', './run view sidewinding', './run view run.mcap'), '--no-browser --port 0'
-    ),
+    **dict.fromkeys(('./run view sidewinding', './run view run.mcap'), '--no-browser --port 0'),
     './run run sidewinding --out run.npz --csv run.csv --bag run.mcap --gif run.gif': (
         '--duration 0.5'
     ),

@@ -11,6 +11,7 @@ import time
 import numpy as np
 import pytest
 
+from snake_sim_ros.bags import read_bag
 from snake_sim_ros.charts import path_figure
 from snake_sim_ros.cli import main
 from snake_sim_ros.parameters import load_scene
@@ -133,10 +134,10 @@ def test_run_that_diverges_says_so_and_saves_what_was_good(tmp_path, capsys):
 
 
 def test_ctrl_c_saves_what_was_recorded(tmp_path):
-    path = tmp_path / 'run.npz'
+    path, bag = tmp_path / 'run.npz', tmp_path / 'run.mcap'
     command = [sys.executable, '-u', '-m', 'snake_sim_ros.cli', 'run', 'lateral_undulation']
     process = subprocess.Popen(
-        [*command, '--duration', '10000', '--out', str(path)],
+        [*command, '--duration', '10000', '--out', str(path), '--bag', str(bag)],
         env=ENVIRONMENT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -154,7 +155,9 @@ def test_ctrl_c_saves_what_was_recorded(tmp_path):
         process.kill()
     assert b'Traceback' not in rest
     with np.load(path) as data:
-        assert 2 <= len(data['time']) == len(data['position']) < 1_000_000
+        samples = len(data['time'])
+        assert 2 <= samples == len(data['position']) < 1_000_000
+    assert np.diff(read_bag(bag).time) == pytest.approx(np.full(samples - 1, 0.005), abs=1e-9)
     assert set(json.loads(out.splitlines()[-1])) >= KEYS
     # What the documentation of the command says.
     assert process.returncode == 130

@@ -1,6 +1,5 @@
 """The viewer in a real browser: a live robot, its controls, and a recorded run."""
 
-from dataclasses import replace
 import re
 import signal
 import socket
@@ -21,20 +20,15 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from snake_sim_ros.cli import main
 from snake_sim_ros.nodes.command_messages import joint_names
-from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import Robot
 from snake_sim_ros.robot_description import robot_description
-from snake_sim_ros.simulation import run
 
 PNG = b'\x89PNG\r\n\x1a\n'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 SIZE = (860, 400)  # pixels; Chromium draws in software here
-PLAY = (
-    'import sys; from pathlib import Path; from snake_sim_ros.playback import play; '
-    'from snake_sim_ros.trajectory import Trajectory; '
-    'sys.exit(play(Trajectory.load(Path(sys.argv[1])), "a run", "127.0.0.1", 0, False))'
-)
+VIEW = [sys.executable, '-m', 'snake_sim_ros.cli', 'view', '--port', '0', '--no-browser']
 
 
 def address(process):
@@ -164,18 +158,18 @@ def test_viewer_ends_at_once(page, graph):
 
 
 def test_recorded_run(page, tmp_path):
-    file = tmp_path / 'run.npz'
-    run(replace(load_scene('lateral_undulation'), duration=1.0)).save(file)
-    process = Process([sys.executable, '-c', PLAY, str(file)], next_domain())
+    file = str(tmp_path / 'run.mcap')
+    assert main(['run', 'lateral_undulation', '--duration', '1.1', '--bag', file]) == 0
+    process = Process([*VIEW, file], next_domain())
     try:
         page.open(address(process))
         page.until(lambda: 'again and again' in page.text, 'the controls of a run')
         page.press('pause')
-        page.enter('time [s]', '0.5')
-        page.until(lambda: seconds(page) == 0.5, 'the time that was chosen')
+        page.enter('time [s]', '1.05')
+        page.until(lambda: seconds(page) == 1.05, 'the time that was chosen')
         assert 'play' in page.text and 'planar' in page.text
         page.press('play')
-        page.until(lambda: seconds(page) > 0.5, 'a later time')
+        page.until(lambda: seconds(page) != 1.05, 'another time')
     finally:
         status = process.stop()
     assert status == 0, process.output

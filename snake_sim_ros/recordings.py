@@ -201,7 +201,7 @@ def summary(trajectory: Trajectory) -> dict[str, Any]:
 
 def is_recording(source: str) -> bool:
     """Return whether a source names a recorded run, not a scene."""
-    return Path(source).suffix in ('.npz', '.mcap') or Path(source).is_dir()
+    return Path(source).suffix not in ('', '.yaml', '.yml') or Path(source).is_dir()
 
 
 def load(path: Path, namespace: str | None) -> Trajectory:

@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 import sys
 
+from matplotlib.colors import to_rgb
 import numpy as np
 from PIL import Image
 from PIL import ImageSequence
@@ -12,15 +13,13 @@ import pytest
 from snake_sim_ros import animation
 from snake_sim_ros.animation import animate
 from snake_sim_ros.animation import BAND
-from snake_sim_ros.animation import cameras
+from snake_sim_ros.animation import camera_axes
 from snake_sim_ros.animation import Film
-from snake_sim_ros.animation import FINE
+from snake_sim_ros.animation import FLOOR
 from snake_sim_ros.animation import frame_samples
+from snake_sim_ros.animation import ground_faces
+from snake_sim_ros.animation import SHADE
 from snake_sim_ros.animation import SIZE
-from snake_sim_ros.orthographic import best_camera
-from snake_sim_ros.orthographic import empty_floor
-from snake_sim_ros.orthographic import FLOOR
-from snake_sim_ros.orthographic import SHADE
 from snake_sim_ros.parameters import Ground
 from snake_sim_ros.parameters import Pegs
 from snake_sim_ros.parameters import Robot
@@ -58,18 +57,33 @@ def glide(n=3, samples=51, way=0.3, up=0.0, **scene):
     )
 
 
+def pixels(film, k, points):
+    """Return columns and rows of points in I in the picture of sample k."""
+    return SIZE / 2 + (film.seen(np.array(points)) - film.middle[k]) * film.scale * [1.0, -1.0]
+
+
 def color_at(film, image, k, point):
     """Return the color of the pixel where a point is in the picture of sample k."""
-    column, row = film.cameras[k % len(film.cameras)].pixels(np.array(point)) // FINE
-    return np.array(image.getpixel((int(column), int(row))), dtype=float)
+    return np.array(image.getpixel(tuple(pixels(film, k, point).astype(int))), dtype=float)
 
 
-def looks(color, paint):
-    """Return whether a color is a paint in some light: its hue, not its brightness."""
-    return np.abs(color / color.max() - np.array(paint[:3]) / max(paint[:3])).max() < 0.2
+def changed(before, after):
+    """Return which pixels of two pictures differ."""
+    return np.abs(np.asarray(before, dtype=float) - np.asarray(after)).max(axis=-1) > 20
+
+
+def paint(color):
+    """Return red, green and blue of a color of matplotlib, up to 255."""
+    return 255 * np.array(to_rgb(color))
+
+
+def looks(color, hue):
+    """Return whether a color is another in some light: its hue, not its brightness."""
+    return np.abs(color / color.max() - np.array(hue) / max(hue)).max() < 0.2
 
 
 HEAD, ODD = (0.80, 0.25, 0.10), (0.93, 0.69, 0.13)  # as in the URDF: links 1 and 3
+PEG = (0.43, 0.55, 0.65)
 
 
 # ---- files --------------------------------------------------------------------------------------
@@ -80,7 +94,7 @@ def test_gif(tmp_path):
     animate(glide(), path, title='a run', speed=2.0)
     with Image.open(path) as image:
         frames = [np.array(frame.convert('RGB')) for frame in ImageSequence.Iterator(image)]
-        assert image.size == SIZE
+        assert image.size == tuple(SIZE)
         assert (image.info['duration'], image.info['loop']) == (60, 0)
     # 1 s, which lasts 0.5 s: at 0, 60, ... 480 ms.
     assert len(frames) == 9
@@ -94,10 +108,10 @@ def test_mp4(tmp_path):
     reader = imageio_ffmpeg.read_frames(str(path))
     meta = next(reader)
     frames = [np.frombuffer(frame, dtype=np.uint8) for frame in reader]
-    assert (meta['size'], meta['fps'], meta['codec']) == (SIZE, 40.0, 'h264')
+    assert (meta['size'], meta['fps'], meta['codec']) == (tuple(SIZE), 40.0, 'h264')
     assert len(frames) == 9  # at 0, 25, ... 200 ms
     # A video is not exact, the floor in it is.
-    assert np.abs(np.median(frames[0].reshape(-1, 3), axis=0) - FLOOR).max() <= 4
+    assert np.abs(np.median(frames[0].reshape(-1, 3), axis=0) - paint(FLOOR)).max() <= 4
     assert (frames[0] != frames[-1]).any()
 
 
@@ -147,78 +161,112 @@ def test_links_are_where_they_are_seen_from_the_camera():
     film = Film(glide(), '', 1.0)
     images = [film.frame(k) for k in (0, 50)]
     for k, image in zip((0, 50), images, strict=True):
-        # The points of the head and of link 3 that are nearest to the viewer, along the ray
-        # through their centers.
-        for i, paint in ((0, HEAD), (2, ODD)):
-            center = film.trajectory.position[k, i]
-            assert looks(color_at(film, image, k, center), paint)
+        for i, hue in ((0, HEAD), (2, ODD)):
+            assert looks(color_at(film, image, k, film.trajectory.position[k, i]), hue)
     # Where the head has come to, the floor was.
     ahead = color_at(film, images[0], 0, film.trajectory.position[50, 0] - [0.1, 0.0, 0.0])
-    assert np.abs(ahead - FLOOR).max() < 25
+    assert np.abs(ahead - paint(FLOOR)).max() < 25
 
 
-def test_a_capsule_is_as_wide_as_it_is():
+def test_a_link_is_as_wide_as_it_is():
     film = Film(glide(), '', 1.0)
-    camera = film.cameras[0]
-    picture = film.frame(0)
+    image = film.frame(0)
     center = film.trajectory.position[0, 2]
-    across = np.cross(camera.axes[2], [1.0, 0.0, 0.0])  # in the picture, at right angles to it
+    across = np.cross(film.camera[2], [1.0, 0.0, 0.0])  # in the picture, at right angles to it
     across /= np.linalg.norm(across)
-    edge = 2 / camera.scale * FINE  # m, two pixels
+    edge = 2 / film.scale  # m, two pixels
     for side in (1, -1):
         inside = center + side * (RADIUS - edge) * across
         outside = center + side * (RADIUS + edge) * across
-        assert looks(color_at(film, picture, 0, inside), ODD)
-        assert not looks(color_at(film, picture, 0, outside), ODD)
+        assert looks(color_at(film, image, 0, inside), ODD)
+        assert not looks(color_at(film, image, 0, outside), ODD)
 
 
-def test_the_shadow_of_a_lifted_link_is_apart():
-    film = Film(glide(up=0.1), '', 1.0)
-    camera = film.cameras[0]
-    direction = camera.axes.T @ camera.sun  # in I
+@pytest.mark.parametrize('floor', [0.0, 0.04])
+def test_the_shadow_of_a_lifted_link_is_apart(floor):
+    ground = Ground(heights=((floor,),), cell=4.0, origin=(-2.0, -2.0))
+    film = Film(glide(up=0.1 + floor, ground=ground), '', 1.0)
     center = film.trajectory.position[25, 1]
-    ground = center - direction * center[2] / direction[2]
-    image = film.frame(25)
-    shaded = color_at(film, image, 25, ground)
-    assert np.abs(shaded - (1 - SHADE) * FLOOR).max() < 15  # lines between tiles are darker
+    shaded = center - film.sun * (center[2] - floor) / film.sun[2]
+    assert np.abs(color_at(film, film.frame(25), 25, shaded) - paint(SHADE)).max() < 2
     # The ray through the shadow does not meet the link.
-    off = camera.pixels(ground) - camera.pixels(center)
-    assert np.linalg.norm(off) > RADIUS * camera.scale
+    off = film.seen(shaded) - film.seen(center)
+    assert np.linalg.norm(off) > RADIUS
 
 
-def test_pegs_and_cells_are_drawn():
-    empty = np.asarray(Film(glide(), '', 1.0).frame(0), dtype=float)
-    for scene in (
-        {'pegs': Pegs(x=(-0.1,), y=(0.12,), radius=0.03)},
-        {'ground': Ground(heights=((0.02, -0.05), (0.1, 0.0)), cell=0.15, origin=(-0.2, 0.06))},
-    ):
-        film = Film(glide(**scene), '', 1.0)
-        changed = np.abs(np.asarray(film.frame(0)) - empty).max(axis=-1) > 20
-        column, row = (film.cameras[0].pixels(np.array([-0.1, 0.12, 0.05])) // FINE).astype(int)
-        assert changed[row, column]
-        # Not the whole picture, and not its other end.
-        assert changed.mean() < 0.25
-        assert not changed[:, : SIZE[0] // 4].any() or not changed[:, -SIZE[0] // 4 :].any()
+def test_a_shadow_is_as_wide_as_it_is():
+    # Of the points of a sphere, along the light, on the floor, and across the shadow of the link.
+    film = Film(glide(up=0.1), '', 1.0)
+    film.draw(0)
+    angle = np.linspace(0.0, np.pi, 181)
+    ball = np.stack([np.outer(np.cos(angle), np.cos(2 * angle)),
+                     np.outer(np.cos(angle), np.sin(2 * angle)),
+                     np.outer(np.sin(angle), np.ones(181))], axis=-1)  # fmt: skip
+    ball = RADIUS * np.concatenate([ball, -ball])
+    cast = film.seen(ball - ball[..., 2:] * film.sun / film.sun[2])
+    along = film.seen(np.array([1.0, 0.0, 0.0]))
+    wide = np.ptp(cast @ [-along[1], along[0]]) / np.linalg.norm(along)
+    drawn = film.shadows.get_linewidths()[0] * 100 / 72 / film.scale
+    assert drawn == pytest.approx(wide, rel=1e-3)  # a degree from point to point
+
+
+def test_what_is_nearer_is_drawn_over_what_is_farther():
+    # Pegs on both sides of a straight robot, that touch it.
+    side = RADIUS + 0.03
+    film = Film(glide(pegs=Pegs(x=(0.122, 0.122), y=(side, -side), radius=0.03)), '', 1.0)
+    image, toward = film.frame(0), film.camera[2]
+    near, far = sorted(film.pegs, key=lambda ends: -ends.mean(axis=0) @ toward)
+    assert looks(color_at(film, image, 0, near.mean(axis=0)), PEG)
+    # The foot of the other is hidden, not its top.
+    assert looks(color_at(film, image, 0, far[1]), PEG)
+    assert not looks(color_at(film, image, 0, far[0] - [0.0, 0.0, 0.01]), PEG)
+
+
+def test_cells_are_drawn():
+    empty = Film(glide(), '', 1.0).frame(0)
+    heights = ((0.02, -0.05), (0.1, 0.0))
+    film = Film(glide(ground=Ground(heights=heights, cell=0.15, origin=(-0.2, 0.06))), '', 1.0)
+    different = changed(empty, film.frame(0))
+    column, row = pixels(film, 0, [-0.1, 0.12, 0.02]).astype(int)
+    assert different[row, column]
+    # Not the whole picture, and not its other end.
+    assert different.mean() < 0.25
+    assert not different[:, : SIZE[0] // 4].any() or not different[:, -SIZE[0] // 4 :].any()
+
+
+@pytest.mark.parametrize('azimuth', np.radians([30.0, 120.0, 210.0, 300.0]))
+def test_sides_of_cells_face_the_viewer(azimuth):
+    camera = camera_axes(azimuth)
+    up = np.array([0.0, 0.0, 1.0])
+    faces, colors = ground_faces(Ground(heights=((0.1,),), cell=0.3), camera, up)
+    # Two sides, then the top.
+    assert np.isin(faces[:2, :, 2], [0.0, 0.1]).all()
+    assert (faces[2, :, 2] == 0.1).all()
+    for face in faces[:2]:
+        assert (face[:, :2].mean(axis=0) - 0.15) @ camera[2, :2] > 0.0
+    # A pit: two inner walls of its neighbors, in front of which is its bottom, and a border.
+    faces, colors = ground_faces(Ground(heights=((-0.1,),), cell=0.3), camera, up)
+    assert len(faces) == len(colors) == 9 + 2
+    walls = [face for face in faces if np.ptp(face[:, 2])]
+    assert all((wall[:, :2].mean(axis=0) - 0.15) @ camera[2, :2] < 0.0 for wall in walls)
 
 
 def test_forces_are_drawn_in_their_direction():
     trajectory = glide()
     film = Film(trajectory, '', 1.0)
     none = replace(trajectory, contact_force=np.zeros((51, 3)))
-    without = np.asarray(Film(none, '', 1.0).frame(25), dtype=float)
-    image = film.frame(25)
-    rows, columns = (np.abs(np.asarray(image) - without).max(axis=-1) > 60).nonzero()
-    drawn = FINE * np.array([columns.mean(), rows.mean()])
+    rows, columns = changed(Film(none, '', 1.0).frame(25), film.frame(25)).nonzero()
     foot = np.array([trajectory.position[25, 0, 0], 0.0, 0.0])
-    start, end = film.cameras[0].pixels(np.array([foot, foot + np.array([0.0, 1.0, 0.0])]))
-    off, along = drawn - start, end - start
+    start, end = pixels(film, 25, foot + np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))
+    off, along = np.array([columns.mean(), rows.mean()]) - start, end - start
     assert off @ along > 0.9 * np.linalg.norm(off) * np.linalg.norm(along)
 
 
-@pytest.mark.parametrize('n', [1, 200])
-def test_any_number_of_links(n):
+@pytest.mark.parametrize(('n', 'offset'), [(1, 0.04), (200, 0.04), (1, 0.0)])
+def test_any_number_of_links_and_spheres(n, offset):
     trajectory = glide(n=n, samples=1)
-    film = Film(trajectory, '', 1.0)
+    robot = replace(trajectory.scene.robot, contact_offset=offset)
+    film = Film(replace(trajectory, scene=Scene(robot=robot)), '', 1.0)
     assert looks(color_at(film, film.frame(0), 0, trajectory.position[0, 0]), HEAD)
 
 
@@ -228,26 +276,14 @@ def test_any_number_of_links(n):
 @pytest.mark.parametrize('way', [0.0, 1.0, 30.0])
 def test_all_links_are_in_every_picture(way):
     film = Film(glide(n=11, way=way), '', 1.0)
-    assert len(film.cameras) == (51 if way > 10.0 else 1)
+    assert (len(np.unique(film.middle, axis=0)) > 1) == (way > 10.0)
     for k in range(51):
-        at = film.cameras[k % len(film.cameras)].pixels(film.ends[k].reshape(-1, 3)) / FINE
+        at = pixels(film, k, film.ends[k].reshape(-1, 3))
         assert at.min() >= 0.0
         assert (at <= [SIZE[0], SIZE[1] - BAND]).all()
 
 
 def test_what_goes_ahead_goes_to_the_right():
-    ends = Film(glide(n=11, way=1.0), '', 1.0).ends
-    (camera,) = cameras(ends, RADIUS)
-    first, last = camera.pixels(ends[[0, -1]].mean(axis=(1, 2)))
+    film = Film(glide(n=11, way=1.0), '', 1.0)
+    first, last = pixels(film, 0, film.ends[[0, -1]].mean(axis=(1, 2)))
     assert last[0] > first[0]
-
-
-def test_the_floor_is_at_its_depth():
-    # What is seen at a pixel, put together from its ray and its depth, has z = 0.
-    points = np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 0.3]])
-    camera = best_camera(points, np.array([1.0, 0.0, 0.0]), (64, 36), 0.1, 0)
-    picture = empty_floor(camera)
-    u, v = camera.rays((slice(0, 36), slice(0, 64)))
-    seen = np.stack(np.broadcast_arrays(u, v, picture.depth), axis=-1) @ camera.axes
-    # Single precision of coordinates of some meters.
-    assert np.abs(seen[..., 2]).max() < 8 * np.finfo(np.float32).eps * np.abs(seen).max()

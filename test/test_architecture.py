@@ -21,7 +21,7 @@ PACKAGE = ROOT / 'snake_sim_ros'
 MODULES = sorted(PACKAGE.glob('*.py'))
 # Everything else is physics: it does not know who runs it.
 SHELL = {
-    *('simulation', 'nodes', 'cli', 'charts', 'peers', 'animation', 'orthographic'),
+    *('simulation', 'nodes', 'cli', 'charts', 'peers', 'animation'),
     *('artefacts', 'bench', 'contenders', 'pareto', 'stages', 'timing'),
     *('stability', 'stability_scenes', 'stability_maps', 'stability_chart'),
     *('experiments', 'figures', 'paper_tables'),

@@ -121,6 +121,7 @@ class Controls:
     def __init__(self, node: Node, page: Page, restart: Callable[[], None]) -> None:
         self.page, self.restart, self.paused = page, restart, False
         self.actions: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._shown: dict[str, Any] = {}  # what the page was told of parameters
         names = {'sim': [], 'gait': [SCENE, FREQUENCY[1]]}  # type: dict[str, list[str]]
         for knob in KNOBS:
             names[knob.node].append(knob.parameter)
@@ -192,7 +193,7 @@ class Controls:
         self.buttons['pause'].label = 'go on' if self.paused else 'pause'
         self.gait.disabled = SCENE not in gait.values
         scene = gait.values.get(SCENE)
-        if scene is not None:
+        if scene is not None and self._news(SCENE, scene):
             if scene not in self.gaits:
                 self.gaits.append(scene)
                 self.gait.options = tuple(self.gaits)
@@ -200,10 +201,16 @@ class Controls:
         for knob, number in self.numbers.items():
             value = self.remotes[knob.node].values.get(knob.parameter)
             number.disabled = value is None
-            if value is not None:
+            if value is not None and self._news(knob.label, value):
                 shown = round(value / knob.unit / knob.step) * knob.step
                 number.min, number.max = min(number.min, shown), max(number.max, shown)
                 number.value = round(shown, 6)
+
+    def _news(self, name: str, value: Any) -> bool:
+        """Return whether a value is not shown yet; else a person may be about to change it."""
+        news = self._shown.get(name) != value
+        self._shown[name] = value
+        return news
 
     # ---- on the nodes ---------------------------------------------------------------------------
 
@@ -236,7 +243,9 @@ class Controls:
         self.services[name].call_async(request).add_done_callback(on_response)
 
     def _on_gait(self) -> None:
-        self.remotes['gait'].want(**{SCENE: self.gait.value})
+        remote, wanted = self.remotes['gait'], {SCENE: self.gait.value}
+        remote.values |= wanted
+        remote.want(**wanted)
 
     def _on_number(self, knob: Knob) -> None:
         remote, value = self.remotes[knob.node], float(self.numbers[knob].value) * knob.unit

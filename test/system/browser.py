@@ -115,8 +115,11 @@ class Browser:
     def enter(self, label: str, text: str) -> None:
         """Write into the field of a label, once it is enabled, as a person does."""
         self.until(lambda: self.run(f'{self.field(label)}?.disabled === false'), label)
-        self.run(f'{self.field(label)}.focus(), {self.field(label)}.select()')
-        self.call('Input.insertText', text=text)
+        for _ in range(5):  # a field that is drawn anew meanwhile loses what is written
+            self.run(f'{self.field(label)}.focus(), {self.field(label)}.select()')
+            self.call('Input.insertText', text=text)
+            if self.read(label) == text:
+                break
         self.run(f'{self.field(label)}.blur()')
 
     def choose(self, label: str, option: str) -> None:

@@ -65,7 +65,7 @@ class Tour:
         last = self.sim.odom[-1].pose.pose.position
         return math.hypot(last.x - first.x, last.y - first.y) / (self.sim.now - begin)
 
-    def distance(self, seconds=0.1):
+    def distance(self, seconds):
         """Return the distance of the middle link from the origin, after some time [m]."""
         self.sim.advance_to(self.sim.now + seconds)
         pose = self.sim.odom[-1].pose.pose.position
@@ -123,7 +123,7 @@ def services(tour, line):
         return nanoseconds(sim.joint_states[-1]) == stamp
     sim.advance_to(sim.now + 0.1)
     # States from before the reset may still be on their way.
-    return '/reset' not in line or any(tour.distance() < 0.1 for _ in range(TRIES))
+    return '/reset' not in line or any(tour.distance(0.5) < 0.1 for _ in range(TRIES))
 
 
 # ---- the tables ---------------------------------------------------------------------------------

@@ -26,6 +26,7 @@ from scipy.ndimage import uniform_filter1d
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Ground
 from snake_sim_ros.records import ParameterError
+from snake_sim_ros.robot_description import color_name
 from snake_sim_ros.robot_description import COLORS
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.scenery import cell_of
@@ -214,8 +215,8 @@ class Film:
         ]
         self.pegs = np.stack(ends, axis=1)
         self.radius = np.append(radius, wide)
-        kinds = ['head'] + [('odd', 'even')[i % 2] for i in range(1, robot.link_count)]
-        paints = np.array([COLORS[kind][:3] for kind in kinds] + [PEG] * len(wide))
+        links = [COLORS[color_name(i)][:3] for i in range(robot.link_count)]
+        paints = np.array(links + [PEG] * len(wide))
         self.paints = np.clip(paints[:, None] * LIGHT[:, None], 0.0, 1.0)
         self.path = self.seen(center[:, robot.middle_link] - self.radius[robot.middle_link] * UP)
         friction = np.hypot(*trajectory.contact_force[:, :2].T)

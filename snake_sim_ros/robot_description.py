@@ -137,6 +137,11 @@ def _child(parent: ElementTree.Element, path: str) -> dict[str, str]:
     return found.attrib
 
 
+def color_name(link: int) -> str:
+    """Return the name in COLORS of the color of a link."""
+    return 'head' if link == 0 else ('odd', 'even')[link % 2]
+
+
 def _add_link(root: ElementTree.Element, robot: Robot, i: int) -> None:
     """Append link i: it looks like a capsule and touches with the spheres at its ends."""
     link = element(root, 'link', name=f'link_{i + 1}')
@@ -144,7 +149,7 @@ def _add_link(root: ElementTree.Element, robot: Robot, i: int) -> None:
     radius, offset = robot.per_link('contact_radius')[i], robot.per_link('contact_offset')[i]
     if not radius:
         return
-    color = 'head' if i == 0 else ('odd', 'even')[i % 2]
+    color = color_name(i)
     for x in (offset, -offset) if offset else (0.0,):
         for kind in ('visual', 'collision'):
             element(_add_shape(link, kind, color, x), 'sphere', radius=radius)

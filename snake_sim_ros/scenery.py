@@ -27,6 +27,9 @@ from snake_sim_ros.rotations import rotation_matrices
 
 BESIDE = 6  # slots of the cells beside the two spheres of a link: along x, along y, diagonal
 E_X, E_Y, E_Z = np.eye(3)
+# How pictures show what has no end: pegs so high, in contact radii, and boxes of the ground so far
+# below the lowest of them [m].
+PEG_HEIGHT, FOUNDATION = 4.0, 0.01
 
 
 def is_flat(scene: Scene) -> bool:
@@ -78,6 +81,12 @@ def height(ground: Ground, column: int, row: int) -> float:
     if 0 <= row < len(ground.heights) and 0 <= column < len(ground.heights[0]):
         return ground.heights[row][column]
     return 0.0
+
+
+def cell_centers(ground: Ground) -> Array:
+    """Return x and y of the middle of every cell, shape (rows, columns, 2) [m]."""
+    rows, columns = np.indices(np.shape(ground.heights))
+    return np.asarray(ground.origin + ground.cell * (np.stack([columns, rows], axis=-1) + 0.5))
 
 
 def cell_of(ground: Ground, x: float, y: float) -> tuple[int, int]:

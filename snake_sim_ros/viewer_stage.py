@@ -7,7 +7,11 @@ from numpy.typing import ArrayLike
 
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
+from snake_sim_ros.robot_description import color_name
 from snake_sim_ros.robot_description import COLORS
+from snake_sim_ros.scenery import cell_centers
+from snake_sim_ros.scenery import FOUNDATION
+from snake_sim_ros.scenery import PEG_HEIGHT
 from snake_sim_ros.viewer_frames import arrows
 from snake_sim_ros.viewer_frames import capsule
 from snake_sim_ros.viewer_frames import force_scale
@@ -18,8 +22,6 @@ FRICTION, NORMAL, PATH, POINT = (213, 94, 0), (86, 180, 233), (0, 114, 178), (0,
 FLOOR, LINES, PEG, GROUND = (246, 247, 249), (205, 209, 214), (89, 115, 166), (176, 178, 184)
 FLOOR_SIZE = 60.0  # m
 CLEARANCE = 2e-3  # m, of what lies on the floor
-PEG_HEIGHT = 4.0  # in contact radii, as in RViz: pegs have no end
-FOUNDATION = 0.01  # how far boxes of the ground reach below the lowest of them [m]
 PATH_RADIUS = 0.08  # of lines and arrows, in contact radii
 SEE_THROUGH = 0.35  # opacity
 
@@ -116,12 +118,7 @@ class Stage:
             return
         heights = np.array(ground.heights)
         bottom = min(0.0, float(heights.min())) - FOUNDATION
-        rows, columns = np.indices(heights.shape)
-        x, y = (
-            ground.origin[k] + ground.cell * (index + 0.5)
-            for k, index in enumerate((columns, rows))
-        )
-        centers = np.stack([x, y, (heights + bottom) / 2], axis=-1).reshape(-1, 3)
+        centers = np.dstack([cell_centers(ground), (heights + bottom) / 2]).reshape(-1, 3)
         sizes = np.stack([np.full(heights.shape, ground.cell)] * 2 + [heights - bottom], axis=-1)
         vertices, faces = box()
         self.canvas.add_batched_meshes_simple(
@@ -167,8 +164,7 @@ def linear(color: ArrayLike) -> Array:
 
 def color_of(link: int) -> tuple[int, ...]:
     """Return the color of a link as in its URDF: red, green and blue up to 255."""
-    name = 'head' if link == 0 else ('odd', 'even')[link % 2]
-    return tuple(round(255 * part) for part in COLORS[name][:3])
+    return tuple(round(255 * part) for part in COLORS[color_name(link)][:3])
 
 
 def box() -> tuple[Array, Array]:

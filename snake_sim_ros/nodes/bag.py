@@ -35,6 +35,7 @@ from snake_sim_ros.nodes.command_messages import command_message
 from snake_sim_ros.nodes.command_messages import joint_names
 from snake_sim_ros.nodes.diagnostics import status_of
 from snake_sim_ros.nodes.diagnostics import values_of
+from snake_sim_ros.nodes.markers import MARKER_PERIOD
 from snake_sim_ros.nodes.markers import SceneMarkers
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.messages import StateMessages
@@ -47,7 +48,6 @@ from snake_sim_ros.simulation import Simulation
 
 SEPARATOR = '=' * 80  # between the definitions of a schema
 FOREVER = {'sec': 9223372036, 'nsec': 854775807}
-MARKER_PERIOD = 1 / 30  # s, as the node publishes them
 DIAGNOSTICS_PERIOD = 1.0  # s
 # Bytes by which rclpy makes a message too long that ends with an empty sequence of numbers.
 SURPLUS = 4

@@ -19,12 +19,14 @@ from snake_sim_ros.nodes.messages import WORLD
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Ground
 from snake_sim_ros.parameters import Scene
+from snake_sim_ros.scenery import cell_centers
+from snake_sim_ros.scenery import FOUNDATION
+from snake_sim_ros.scenery import PEG_HEIGHT
 from snake_sim_ros.wire import FORCE_SCALE
 
 POINT_SIZE = 0.012  # m
 LINE_WIDTH = 0.004  # m
-PEG_HEIGHT = 4.0  # in contact radii: pegs have no end
-FOUNDATION = 0.01  # how far boxes of the ground reach below the lowest of them [m]
+MARKER_PERIOD = 1 / 30  # s, the shortest between two messages for the eye
 COLORS = {
     'point': (1.0, 1.0, 1.0, 1.0),
     'force': (0.1, 0.8, 0.3, 1.0),
@@ -82,11 +84,7 @@ def _ground(ground: Ground) -> Marker:
     lowest = min(0.0, heights.min()) - FOUNDATION
     size = [ground.cell, ground.cell, heights.max() - lowest]
     marker = _marker('scene', 0, Marker.CUBE_LIST, 'ground', size)
-    rows, columns = np.indices(heights.shape)
-    x, y = (
-        ground.origin[k] + ground.cell * (index + 0.5) for k, index in enumerate((columns, rows))
-    )
-    centers = np.stack([x, y, heights - size[2] / 2], axis=-1).reshape(-1, 3)
+    centers = np.dstack([cell_centers(ground), heights - size[2] / 2]).reshape(-1, 3)
     marker.points = [_point(center) for center in centers.tolist()]
     return marker
 

@@ -40,6 +40,7 @@ from snake_sim_ros.nodes.commands import position_commands
 from snake_sim_ros.nodes.commands import RejectedCommand
 from snake_sim_ros.nodes.diagnostics import status_of
 from snake_sim_ros.nodes.diagnostics import values_of
+from snake_sim_ros.nodes.markers import MARKER_PERIOD
 from snake_sim_ros.nodes.markers import SceneMarkers
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.messages import StateMessages
@@ -66,7 +67,6 @@ from snake_sim_ros.stepping import make_stepper
 
 BACKLOG = 0.2  # s of wall time that the node may be behind before it gives up catching up
 WAIT = 0.1  # s, the longest wait for a message before the node looks up
-MARKER_PERIOD = 1 / 30  # s of wall time, the shortest between two messages for the eye
 SERVICE = 5e-3  # s of wall time between two looks at the messages, as fast as possible
 LATEST = QoSProfile(depth=1)  # of commands and the clock: nothing waits in a queue
 CHANGEABLE = (

@@ -22,7 +22,6 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy
 from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -34,6 +33,7 @@ from snake_sim_ros.nodes.messages import seconds_from
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.running import run_node
 from snake_sim_ros.nodes.running import Warnings
+from snake_sim_ros.nodes.transforms import LATCHED
 from snake_sim_ros.nodes.viewer_controls import Controls
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
@@ -53,7 +53,6 @@ CALLBACKS = 50  # that are served in a row at most
 STALE = 1.0  # s that a pose may be older or younger than the joint angles
 EPOCH = 1e8  # s; a later stamp is of a wall clock, and time is counted from the first one
 LAST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 NO_POINTS = np.zeros((0, 3))
 
 

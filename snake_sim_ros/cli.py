@@ -253,9 +253,7 @@ def _view(options: argparse.Namespace) -> int:
     try:
         from snake_sim_ros.nodes.live import view
     except ImportError as error:
-        raise ParameterError(
-            f'a live view needs ROS 2 ({error}): source a ROS 2 installation, or ./run view'
-        ) from None
+        raise _needs_ros('a live view', 'view', error) from None
     return view(options.source, *place)
 
 
@@ -391,13 +389,18 @@ def _urdf(options: argparse.Namespace) -> int:
     return 0
 
 
+def _needs_ros(what: str, command: str, error: ImportError) -> ParameterError:
+    """Return what to raise where ROS 2 is missing."""
+    return ParameterError(
+        f'{what} needs ROS 2 ({error}): source a ROS 2 installation, or ./run {command}'
+    )
+
+
 def _demo(options: argparse.Namespace) -> int:
     try:
         from snake_sim_ros.nodes.demo import demo
     except ImportError as error:
-        raise ParameterError(
-            f'the demo needs ROS 2 ({error}): source a ROS 2 installation, or ./run demo'
-        ) from None
+        raise _needs_ros('the demo', 'demo', error) from None
     return demo(options.scene, options.duration, options.out)
 
 
@@ -405,9 +408,7 @@ def _pacing(options: argparse.Namespace) -> int:
     try:
         from snake_sim_ros.nodes.pacing import pacing
     except ImportError as error:
-        raise ParameterError(
-            f'pacing needs ROS 2 ({error}): source a ROS 2 installation, or ./run pacing'
-        ) from None
+        raise _needs_ros('pacing', 'pacing', error) from None
     return pacing(options.duration, options.rates)
 
 

@@ -46,8 +46,8 @@ def write_tables(
     tables = {
         'paths': path_table(undulation, isotropic, sidewinding),
         'checks': check_table(undulation, sidewinding),
-        'choices': choices_table(undulation.scene, sidewinding.scene),
-        'inertia': inertia_table(undulation.scene, sidewinding.scene),
+        'choices': choices_table(undulation, sidewinding),
+        'inertia': inertia_table(undulation, sidewinding),
         'sign': sign_table(undulation.scene),
     }
     files = [folder / f'{name}.md' for name in tables]
@@ -128,23 +128,23 @@ def checks(case: Experiment) -> dict[str, str]:
     }
 
 
-def inertia_table(*scenes: Scene) -> str:
+def inertia_table(*cases: Experiment) -> str:
     """Return what consistent moments of inertia change in the path of link 6."""
-    return comparison([('inertia from the stated radius', consistent)], scenes)
+    return comparison([('inertia from the stated radius', consistent)], cases)
 
 
-def choices_table(*scenes: Scene) -> str:
+def choices_table(*cases: Experiment) -> str:
     """Return what choices of this package change in the path of link 6."""
-    return comparison(CHOICES, scenes)
+    return comparison(CHOICES, cases)
 
 
-def comparison(changes: Sequence[Change], scenes: Sequence[Scene]) -> str:
-    """Return how far paths of link 6 are apart at most with and without some changes."""
+def comparison(changes: Sequence[Change], cases: Sequence[Experiment]) -> str:
+    """Return how far paths of link 6 in A and C are apart at most with and without changes."""
     rows = []
-    for name, scene in zip('AC', scenes, strict=True):
-        path = path_of(scene)[:, :2]
+    for name, case in zip('AC', cases, strict=True):
+        path = case.path[:: round(RATE / PATH_RATE), :2]
         for words, change in changes:
-            changed = path_of(change(scene))[:, :2]
+            changed = path_of(change(case.scene))[:, :2]
             apart = np.linalg.norm(changed - path, axis=1).max()
             share = 100 * apart / np.linalg.norm(path[-1] - path[0])
             ends = [', '.join(millimeters(each[-1] - each[0])) for each in (path, changed)]

@@ -181,7 +181,7 @@ def joint_violation(half_length, q):
         for k in range(3):
             chained = q[j, k] + half_length[j] * a[k] + half_length[j + 1] * b[k]
             gap = max(gap, abs(chained - q[j + 1, k]))
-        twist = max(twist, abs(cross_of_joint(q, j)[0]))
+        twist = max(twist, abs(joint_twist(q, j)))
     return gap, twist
 
 
@@ -190,7 +190,12 @@ def close_joints(rule, half_length, mass, q):
     """
     Remove the joint drift from q, section VII-C: link by link from the first one, which is held.
 
-    Deviation, for CENTER_OF_MASS: afterwards the robot is moved back to its center of mass.
+    Deviation: the paper turns a link about its own e_z until the axes of the joint are at right
+    angles again, which no such turn does where the pitch is 90 degrees, and a flip of the link does
+    beyond. Here it is turned about the common normal of both axes: the smallest turn there is.
+
+    Deviation, for CENTER_OF_MASS: afterwards the robot is moved back to its center of mass. The
+    correction is inside the robot, and so moves it nowhere.
     """
     if rule == NONE:
         return
@@ -198,8 +203,7 @@ def close_joints(rule, half_length, mass, q):
     for i in range(len(q)):
         x, y, z = q[i, 0], q[i, 1], q[i, 2]
         if i > 0:
-            along_x, along_y = cross_of_joint(q, i - 1)
-            turn_about_axis(q, i, -math.atan2(along_x, along_y))
+            square_axes(q, i - 1)
             a, b = axis_z(q, i - 1), axis_z(q, i)
             for k in range(3):
                 q[i, k] = q[i - 1, k] + half_length[i - 1] * a[k] + half_length[i] * b[k]
@@ -215,36 +219,56 @@ def close_joints(rule, half_length, mass, q):
 
 
 @inlined
-def cross_of_joint(q, j):
-    """Return e_y of link j times e_x and e_y of link j+1; the first is g_Jphi, eq. (13)."""
-    e0, e1, e2, e3 = q[j, 3], q[j, 4], q[j, 5], q[j, 6]
-    x = 2.0 * (e1 * e2 - e0 * e3)
-    y = e0 * e0 - e1 * e1 + e2 * e2 - e3 * e3
-    z = 2.0 * (e2 * e3 + e0 * e1)
-    e0, e1, e2, e3 = q[j + 1, 3], q[j + 1, 4], q[j + 1, 5], q[j + 1, 6]
-    along_x = (
-        x * (e0 * e0 + e1 * e1 - e2 * e2 - e3 * e3)
-        + y * 2.0 * (e1 * e2 + e0 * e3)
-        + z * 2.0 * (e1 * e3 - e0 * e2)
+def axis_x(q, i):
+    """Return e_x of link i in I."""
+    e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
+    return (
+        e0 * e0 + e1 * e1 - e2 * e2 - e3 * e3,
+        2.0 * (e1 * e2 + e0 * e3),
+        2.0 * (e1 * e3 - e0 * e2),
     )
-    along_y = (
-        x * 2.0 * (e1 * e2 - e0 * e3)
-        + y * (e0 * e0 - e1 * e1 + e2 * e2 - e3 * e3)
-        + z * 2.0 * (e2 * e3 + e0 * e1)
+
+
+@inlined
+def axis_y(q, i):
+    """Return e_y of link i in I."""
+    e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
+    return (
+        2.0 * (e1 * e2 - e0 * e3),
+        e0 * e0 - e1 * e1 + e2 * e2 - e3 * e3,
+        2.0 * (e2 * e3 + e0 * e1),
     )
-    return along_x, along_y
+
+
+@inlined
+def joint_twist(q, j):
+    """Return e_y of link j times e_x of link j+1: g_Jphi, eq. (13)."""
+    a, b = axis_y(q, j), axis_x(q, j + 1)
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @merged
-def turn_about_axis(q, i, theta):
-    """Turn link i by theta about its own e_z: p_i o (cos theta/2, 0, 0, sin theta/2)."""
-    c, s = math.cos(theta / 2), math.sin(theta / 2)
+def square_axes(q, j):
+    """
+    Turn link j+1 until its e_x is at right angles to e_y of link j.
+
+    About their common normal n = e_y x e_x that is the angle with the sine g_Jphi and the cosine
+    abs(n): half of it is found without angles.
+    """
+    a, b = axis_y(q, j), axis_x(q, j + 1)
+    x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    sine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    cosine = math.sqrt(x * x + y * y + z * z)
+    c = math.sqrt(0.5 * (1.0 + cosine))
+    s = sine / (2.0 * c * cosine)
+    x, y, z = s * x, s * y, s * z
+    i = j + 1
     e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
     q[i, 3], q[i, 4], q[i, 5], q[i, 6] = (
-        c * e0 - s * e3,
-        c * e1 + s * e2,
-        c * e2 - s * e1,
-        c * e3 + s * e0,
+        c * e0 - x * e1 - y * e2 - z * e3,
+        c * e1 + x * e0 + y * e3 - z * e2,
+        c * e2 + y * e0 + z * e1 - x * e3,
+        c * e3 + z * e0 + x * e2 - y * e1,
     )
 
 

@@ -281,7 +281,7 @@ class Scene(Record):
         'average', '', 'where in the step the joint controller acts', choices=PD_SCHEMES
     )
     drift_correction: str = quantity(
-        'paper', '', 'what section VII-C holds fixed', choices=DRIFT_CORRECTIONS
+        'center_of_mass', '', 'what section VII-C holds fixed', choices=DRIFT_CORRECTIONS
     )
 
     def __post_init__(self) -> None:

@@ -28,7 +28,6 @@ from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import PD_SCHEMES
 from snake_sim_ros.parameters import Robot
 from snake_sim_ros.parameters import Scene
-from snake_sim_ros.rotations import about
 from snake_sim_ros.rotations import H_bar
 from snake_sim_ros.rotations import product
 from snake_sim_ros.rotations import rotation_matrices
@@ -249,6 +248,10 @@ def without_drift(robot: Robot, q: Array, rule: str) -> Array:
     """
     Return the coordinates with joints closed, section VII-C: link 1 is held, velocities are kept.
 
+    Deviation: the paper turns link i+1 about its own e_z until its e_x is at right angles to e_y of
+    link i, which no such turn does where the pitch is 90 degrees, and a flip of the link does
+    beyond. Here it is turned about the common normal of both: the smallest turn there is.
+
     Deviation, for the rule ``center_of_mass``: afterwards the robot is moved back so that its
     center of mass is where it was, which section VII-C does not keep.
     """
@@ -260,9 +263,12 @@ def without_drift(robot: Robot, q: Array, rule: str) -> Array:
     half = robot.per_link('link_length') / 2
     for i in range(robot.link_count - 1):
         R_i, R_next = rotation_matrices(q[i : i + 2, 3:])
-        e_y = R_i @ E_Y
-        theta = -math.atan2(e_y @ (R_next @ E_X), e_y @ (R_next @ E_Y))
-        q[i + 1, 3:] = product(q[i + 1, 3:], about(2, theta))
+        normal = np.cross(R_i @ E_Y, R_next @ E_X)
+        cosine = float(np.linalg.norm(normal))
+        theta = math.atan2((R_i @ E_Y) @ (R_next @ E_X), cosine)
+        turn = np.array([math.cos(theta / 2), *(math.sin(theta / 2) / cosine * normal)])
+        q[i + 1, 3:] = product(turn, q[i + 1, 3:])
+        R_next = rotation_matrices(q[i + 1 : i + 2, 3:])[0]
         q[i + 1, :3] = q[i, :3] + half[i] * R_i @ E_Z + half[i + 1] * R_next @ E_Z
     if rule == 'center_of_mass':
         q[:, :3] += center - posture.center_of_mass(robot, q)

@@ -13,6 +13,7 @@ from snake_sim_ros.compilation import compiled
 
 PRESS = 5e-7  # velocity at which the selection rule may press a contact into the floor [m/s]
 REST = 1e-6  # velocity up to which a contact that carries load is at rest [m/s]
+DEPTH = 5e-7  # penetration beyond which the selection rule presses no deeper [m]
 LEAST = 1e-6  # compliance that it is not reduced below, relative to the Delassus operator
 
 

@@ -16,6 +16,7 @@ from typing import NamedTuple
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
 from snake_sim_ros.compilation import merged
+from snake_sim_ros.contact_laws import DEPTH
 from snake_sim_ros.contact_laws import prox_ellipse
 from snake_sim_ros.contact_laws import REST
 
@@ -33,6 +34,7 @@ LINK = 20  # number of the link, and of the other one it touches or -1; in conta
 OTHER = 21
 LAW = 22  # first column of `linear_laws`
 
+TINY = 1e-300  # divides where it is not used
 FRICTIONLESS = 1e-100  # friction of which nothing is left in squares
 
 
@@ -251,11 +253,13 @@ def selected(laws, contact, table, mass, impulse, press, fall):
         if impulse[a, 0] > 0.0:
             slip = max(abs(table[a, GAMMA + 1]), abs(table[a, GAMMA + 2]))
             fastest = max(fastest, abs(table[a, GAMMA]), slip)
-    for a in contact:
-        table[a, CENTER] = impulse[a, 0] if fastest <= REST else 0.0
     compliance = laws.compliance
     if most > 0.0:
         compliance = min(compliance, max(laws.least, press / most))
+    highest = press / compliance if compliance > 0.0 else 0.0
+    for a in contact:
+        depth = min(1.0, max(0.0, -table[a, GAP]) / DEPTH)
+        table[a, CENTER] = impulse[a, 0] if fastest <= REST else depth * highest
     return Laws(
         laws.sliding, laws.rolling, compliance, laws.least, laws.proximal,
         laws.r_N, laws.r_T, laws.r_V, laws.other,

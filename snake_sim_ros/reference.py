@@ -17,6 +17,7 @@ import numpy as np
 
 from snake_sim_ros import posture
 from snake_sim_ros import scenery
+from snake_sim_ros.contact_laws import DEPTH
 from snake_sim_ros.contact_laws import LEAST
 from snake_sim_ros.contact_laws import PRESS
 from snake_sim_ros.contact_laws import prox_disc
@@ -287,14 +288,19 @@ def selection_compliance(compliance: float, least: float, impulses: Array) -> fl
     return min(compliance, max(least, PRESS / most)) if most > 0.0 else compliance
 
 
-def selection_center(P_N: Array, gamma: Array) -> Array:
+def selection_center(P_N: Array, gamma: Array, gap: Array, compliance: float) -> Array:
     """
     Return the normal impulses about which the selection rule is compliant in a step.
 
-    Deviation: zero, but the last ones P_N while all contacts that carry load are at rest, so that
-    nothing sinks or creeps. gamma (m, 3) are normal and sliding velocities at the start.
+    Deviation: those that the rule presses in with PRESS, times the depth of the contact over DEPTH:
+    at most so deep, it goes no deeper. But the last ones P_N while all contacts that carry load are
+    at rest, so that nothing sinks or creeps. gamma (m, 3) are normal and sliding velocities at the
+    start, gap (m,) is that in the middle of the step.
     """
-    return P_N if np.abs(gamma[P_N > 0.0]).max(initial=0.0) <= REST else np.zeros_like(P_N)
+    if np.abs(gamma[P_N > 0.0]).max(initial=0.0) <= REST:
+        return P_N
+    highest = PRESS / compliance if compliance > 0.0 else 0.0
+    return np.asarray(highest * np.clip(-gap / DEPTH, 0.0, 1.0))
 
 
 def contact_prox(
@@ -377,7 +383,7 @@ class ReferenceStepper:
             LEAST * self.size,
             np.append(P[:, 0], stops),
         )
-        center = selection_center(P[:, 0], gamma_A)
+        center = selection_center(P[:, 0], gamma_A, gap[active], compliance)
         while not change < scene.solver.tolerance and iterations < scene.solver.iteration_limit:
             S = W_N @ P[:, 0] + W_T @ P[:, 1:3].ravel() + W_V @ P[:, 3:].ravel()  # (76)
             # (84), with both terms negative; the paper's first sign is lost in print.

@@ -1,5 +1,5 @@
 """
-Second order between contact events: two-step differences in place of the paper's midpoint.
+Second order in time: two-step differences in place of the paper's midpoint.
 
 Deviation: the step of the paper takes its geometry at the middle, but friction, joint rates and
 constraints at the velocity of the end: it is of first order. Here all are taken at the end. With
@@ -11,12 +11,22 @@ where the star is the end as it is predicted, ``u* = 2 u_n - u_(n-1)``. The cont
 they are; they hold for u_E and are solved by Newton's method through the chain.
 
 Deviation: a contact with a gap takes part when it may close in the step, with the law
-``gamma_N + max(g - h gamma_N*, 0)/h + compliance P_N >= 0``: it lands with the gap closed, neither
-late nor inside the floor.
+``gamma_N + max(g - h gamma_N*, 0)/h + compliance P_N >= 0``: the step ends with the gap closed,
+neither open nor inside the floor. That is where an inelastic impact in the step takes the
+configuration, up to dt^2: the impulse moves it as far as the gap asks, whenever in the step it
+acts. The velocity afterwards is that of the impact law, ``gamma_N >= 0``: the contacts that closed
+are solved once more without their gaps.
 
-A landing is an event: velocities jump, and differences over two steps mean nothing. The step is
-then taken again as SUB_STEPS steps of backward Euler (the same equations with ``q_hat = q_n``,
-h = dt/SUB_STEPS), and so is the first step, and the one after a landing.
+The formula never differentiates across an event, a jump of the velocity whatever caused it. A
+contact that lands, however softly, is one; so is a normal impulse beyond what forces make in a
+step (an impact without collision), and a state that is not the one the step before left (a push,
+another scene). The step after an event starts anew:
+
+    u_hat = u_n, h = dt for velocities;    q_hat = q_n + dt/2 F(q_n) u_n, h = dt/2 for coordinates,
+
+which is exact for constant forces, and for others off by dt^2 once an event. If the joints do not
+agree with the velocities of a given state, the first step is itself the impact that makes them
+agree: backward Euler, ``q_hat = q_n`` and h = dt for both, and the next step starts anew.
 
 .. [1] E. Hairer, G. Wanner, "Solving Ordinary Differential Equations II", 1996, ch. V.
 """
@@ -25,11 +35,13 @@ import math
 
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import cycle_counter
+from snake_sim_ros.compilation import inlined
 from snake_sim_ros.compilation import merged
 from snake_sim_ros.contacts import contact_velocities
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import GAP
 from snake_sim_ros.contacts import IMPULSE
+from snake_sim_ros.contacts import LAST
 from snake_sim_ros.contacts import selected
 from snake_sim_ros.contacts import SHIFT
 from snake_sim_ros.contacts import START
@@ -38,6 +50,7 @@ from snake_sim_ros.kinematics import chain_geometry
 from snake_sim_ros.kinematics import end_velocities
 from snake_sim_ros.kinematics import half_rotation
 from snake_sim_ros.kinematics import joint_coordinates
+from snake_sim_ros.kinematics import joint_speed
 from snake_sim_ros.kinematics import link_frames
 from snake_sim_ros.kinematics import rates_in_inertial_frame
 from snake_sim_ros.kinematics import twists
@@ -54,25 +67,82 @@ from snake_sim_ros.spatial import link_inertia
 from snake_sim_ros.spatial import smooth_momentum
 from snake_sim_ros.spatial import turns_are_small
 
-SUB_STEPS = 4
 REACH = 0.3  # a gap takes part if this speed could close it in the step [m/s]
-RESTS = 1e-4  # gap at which a contact that carried load stays on velocity level [m]
+# By its law a contact that carries load has no gap; what gap it has is the error of integration,
+# of third order in dt. Up to RESTS it stays on velocity level, so that the error is not made a
+# velocity; beyond, it is open, and may land.
+RESTS = 1e-4  # [m]
 # Selection: what is small beside an error of first order is not small here. Loads of a flat robot
 # follow the heights of its links through the stiff joints, so these must not sink.
 PRESS = 3e-8  # see contact_laws.PRESS [m/s]
-LANDING = 1e-2  # approach velocity from which a landing is an event [m/s]
+# An impulse is an event if it is so many times the largest before it, or the weight in the step.
+SUDDEN = 10.0
+AGREE = 1e-9  # speed up to which the joints agree with given velocities [m/s]
 
-# What the method keeps in history from PREVIOUS on, for n links: q (7n), u (6n), and then
-SMOOTH, SPAN = 0, 1  # whether q and u count, and the time that the last impulses acted for
+# What the method keeps in history from PREVIOUS on, for n links: q (7n) and u (6n) of the start of
+# the last step, q and u of its end, and then
+PHASE, SPAN = 0, 1  # what is known of the motion; the time that the last impulses acted for
 RATE = 2  # rates of the joint references (2(n-1))
+UNKNOWN, ANEW, SMOOTH = 0.0, 1.0, 2.0  # phases: nothing; it starts here; q and u before it count
 
 
 @merged
-def begin(model, work, h, q, u, history, angle, rate, twice):
+def formula(phase, dt, q, u, earlier, work):
     """
-    Predict the end of the step and fill all that the contact solver needs.
+    Fill q_hat, u_hat and u_star of a step from what is known of the motion before it.
 
-    With `twice`, q_hat and u_hat are those of two steps, else those of backward Euler.
+    Parameters
+    ----------
+    phase : float
+        UNKNOWN (backward Euler), ANEW or SMOOTH.
+    earlier : ndarray
+        q (7n) and u (6n) of the step before, in a row.
+
+    Returns
+    -------
+    h, h_q : float
+        Time over which forces act on the velocity, and the velocity on coordinates [s].
+
+    """
+    n = len(q)
+    hat, u_hat, u_star = work.q_hat, work.u_hat, work.u_star
+    smooth = phase == SMOOTH
+    for i in range(n):
+        for k in range(7):
+            hat[i, k] = (4.0 * q[i, k] - earlier[7 * i + k]) / 3.0 if smooth else q[i, k]
+        for k in range(6):
+            before = earlier[7 * n + 6 * i + k]
+            u_hat[i, k] = (4.0 * u[i, k] - before) / 3.0 if smooth else u[i, k]
+            u_star[i, k] = 2.0 * u[i, k] - before if smooth else u[i, k]
+    if smooth:
+        return 2.0 / 3.0 * dt, 2.0 / 3.0 * dt
+    if phase == UNKNOWN:
+        return dt, dt
+    for i in range(n):
+        p = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
+        e0, e1, e2, e3 = half_rotation(p, (u[i, 3], u[i, 4], u[i, 5]), dt / 4)
+        hat[i, 3], hat[i, 4], hat[i, 5], hat[i, 6] = e0, e1, e2, e3
+        for k in range(3):
+            hat[i, k] += dt / 2 * u[i, k]
+    return dt, dt / 2
+
+
+@merged
+def predicted_frames(h_q, q, earlier, smooth, work):
+    """Fill q_mid with the predicted end of the step, and what follows from it."""
+    star, n = work.q_mid, len(q)
+    for i in range(n):
+        for k in range(7):
+            star[i, k] = 2.0 * q[i, k] - earlier[7 * i + k] if smooth else q[i, k]
+        advance_link(h_q, star, work.q_hat, work.u_star, star, i)
+    link_frames(star[:, 3:], work.R)
+    rates_in_inertial_frame(work.R, work.u_star, work.omega)
+
+
+@merged
+def begin(model, work, h, h_q, history, angle, rate):
+    """
+    Fill all that the contact solver needs, for the predicted end of the step.
 
     Returns
     -------
@@ -82,45 +152,32 @@ def begin(model, work, h, q, u, history, angle, rate, twice):
         Contact laws of this step.
 
     """
-    n = len(q)
-    star, hat, u_star, u_hat = work.q_mid, work.q_hat, work.u_star, work.u_hat
-    previous = history[3:].reshape(history[3:].size)
-    for i in range(n):
-        for k in range(7):
-            earlier = previous[7 * i + k]
-            hat[i, k] = (4.0 * q[i, k] - earlier) / 3.0 if twice else q[i, k]
-            star[i, k] = 2.0 * q[i, k] - earlier if twice else q[i, k]
-        for k in range(6):
-            earlier = previous[7 * n + 6 * i + k]
-            u_hat[i, k] = (4.0 * u[i, k] - earlier) / 3.0 if twice else u[i, k]
-            u_star[i, k] = 2.0 * u[i, k] - earlier if twice else u[i, k]
-        advance_link(h, star, hat, u_star, star, i)
-    link_frames(star[:, 3:], work.R)
-    rates_in_inertial_frame(work.R, u_star, work.omega)
     chain_geometry(model.half_length, work.R, work.center, work.chain.axis)
     joint_coordinates(work.R, work.omega, work.coordinate[1])
-    for j in range(n - 1):
+    for j in range(len(angle)):
         for k in range(2):
             torque, damping = implicit_pd_law(
-                h, work.coordinate[1, j, k, 0], work.coordinate[1, j, k, 1],
+                h_q, work.coordinate[1, j, k, 0], work.coordinate[1, j, k, 1],
                 (angle[j, k], rate[j, k]), model.stiffness[j, k], model.damping[j, k],
             )  # fmt: skip
             work.torque[j, k], work.damping[j, k] = torque * h, damping * h
     axis_loads(work.chain.axis, work.torque, work.damping, work.chain.torque, work.chain.damping)
     link_inertia(model, work.R, work.center, work.chain.bare)
-    smooth_momentum(model, h, u_hat, u_star, work.R, work.center, work.chain.momentum)
+    smooth_momentum(model, h, work.u_hat, work.u_star, work.R, work.center, work.chain.momentum)
 
-    twists(u_star, work.omega, work.center, work.chain.twist)
-    reach = max(model.activation_tolerance, REACH * h)
-    count = contacts_of(model.obstacles, reach, model, work, star)
+    twists(work.u_star, work.omega, work.center, work.chain.twist)
+    reach = max(model.activation_tolerance, REACH * h_q)
+    count = contacts_of(model.obstacles, reach, model, work, work.q_mid)
     contact, table = work.contact[:count], work.table
     contact_velocities(contact, table, work.chain.frame, work.chain.twist)
     for a in contact:
-        table[a, START] = table[a, GAMMA]
-        gap = table[a, GAP] - h * table[a, START]
+        table[a, START], table[a, LAST] = table[a, GAMMA], history[0, a, 0]
+        gap = table[a, GAP] - h_q * table[a, START]
         rests = history[0, a, 0] > 0.0 and table[a, GAP] <= RESTS
-        if not rests and gap > model.activation_tolerance:
-            table[a, SHIFT] = gap / h
+        if gap > model.activation_tolerance and not rests:
+            table[a, SHIFT] = gap / h_q
+        elif gap < 0.0 and not rests:  # what the motion before put inside comes out
+            table[a, SHIFT] = max(gap, (model.dt - h_q) * min(0.0, table[a, START])) / h_q
         table[a, GAMMA] += table[a, SHIFT]
     return count, selected(
         model.laws, contact, table, model.mass, history[0], PRESS, -h * model.gravity[2]
@@ -140,114 +197,146 @@ def advance_link(h, frame, hat, u, q, i):
     q[i, 3], q[i, 4], q[i, 5], q[i, 6] = s * e0, s * e1, s * e2, s * e3
 
 
-@merged
-def one_step(model, work, h, q, u, history, angle, rate, twice, report):
+@inlined
+def events(model, h, contact, table):
     """
-    Take one implicit step, with the reference at its end.
+    Return what the impulses of a step say of its velocities.
 
     Returns
     -------
-    int
-        1 if a contact landed, 0 if none, -1 if the step diverged; then q and u are as before.
+    jumps : bool
+        Whether a contact landed that carried no load before, or an impulse is no force.
+    lands : bool
+        Whether velocities close gaps in the step: they are not those after the impact.
 
     """
-    previous = history[3:].reshape(history[3:].size)
-    scale = h / previous[13 * len(q) + SPAN]
-    for a in range(history.shape[1]):
-        for j in range(5):
-            history[0, a, j] *= scale
-        history[2, a, 0] *= scale
-    previous[13 * len(q) + SPAN] = h
-
-    count, laws = begin(model, work, h, q, u, history, angle, rate, twice)
-    contact, table = work.contact[:count], work.table
-    outcome = solve_contacts(model, laws, contact, table, work.chain, None, history)
-    landed = 0
+    expected = 0.0
+    for i in range(len(model.mass)):
+        expected += model.mass[i] * h * math.sqrt(
+            model.gravity[0] ** 2 + model.gravity[1] ** 2 + model.gravity[2] ** 2
+        )
     for a in contact:
-        if table[a, IMPULSE] > 0.0 and table[a, START] < -LANDING:
-            landed = 1
-    if not turns_are_small(h, work.chain.twist, report):
-        return -1
-    note_outcome(outcome, report)
-    report[CONTACTS] = count
-    applied_torque(work.R, work.chain.twist, work.torque, work.damping, work.applied)
-    end_velocities(work.chain.twist, work.R, work.center, u)
-    for i in range(len(q)):
-        advance_link(h, work.q_mid, work.q_hat, u, q, i)
-    return landed
+        expected = max(expected, table[a, LAST])
+    jumps = lands = False
+    for a in contact:
+        P_N = table[a, IMPULSE]
+        if P_N > 0.0:
+            lands = lands or table[a, SHIFT] != 0.0
+            meets = table[a, LAST] <= 0.0 and table[a, START] < 0.0
+            jumps = jumps or meets or P_N > SUDDEN * expected
+    return jumps or lands, lands
+
+
+@inlined
+def closed_now(contact, table):
+    """Keep the contacts that a step closed, at no gap, in front; return how many they are."""
+    count = 0
+    for a in contact:
+        if table[a, IMPULSE] > 0.0 or table[a, SHIFT] == 0.0:
+            table[a, SHIFT] = 0.0
+            contact[count] = a
+            count += 1
+    return count
 
 
 @merged
 def step(model, work, q, u, history, angle, rate, report):
-    """Advance q, u and history by one step; return whether it did not diverge."""
-    n = len(q)
-    previous = history[3:].reshape(history[3:].size)
-    known = previous[13 * n + SPAN] > 0.0
-    if not known:
-        previous[13 * n + SPAN] = model.dt
-    copy(q, u, history, work.q_start, work.u_start, work.history)
-    parts = 1 if previous[13 * n + SMOOTH] > 0.0 else SUB_STEPS
-    unconverged, fallbacks = report[UNCONVERGED], report[FALLBACKS]
-    part = landed = 0
-    while part < parts:
-        part += 1
-        twice = parts == 1
-        late = model.dt * (part / parts - 0.5)  # the reference is that of the middle of the step
-        for j in range(len(angle)):
-            for axis in range(2):
-                change = rate[j, axis] - previous[13 * n + RATE + 2 * j + axis]
-                acceleration = change / model.dt if known else 0.0
-                work.end_rate[j, axis] = rate[j, axis] + late * acceleration
-                mean = rate[j, axis] + 0.5 * late * acceleration
-                work.end_angle[j, axis] = angle[j, axis] + late * mean
-        h = 2.0 / 3.0 * model.dt if twice else model.dt / parts
-        outcome = one_step(
-            model, work, h, q, u, history, work.end_angle, work.end_rate, twice, report
-        )
-        landed = max(landed, outcome)
-        if outcome < 0 or (outcome > 0 and twice):
-            copy(work.q_start, work.u_start, work.history, q, u, history)
-            if outcome < 0:
-                history[:] = 0.0
-                return False
-            part, parts = 0, SUB_STEPS
-    for i in range(n):
-        for k in range(7):
-            previous[7 * i + k] = work.q_start[i, k]
-        for k in range(6):
-            previous[7 * n + 6 * i + k] = work.u_start[i, k]
-    for j in range(len(angle)):
+    """Advance q, u and history by one step; return whether to go on."""
+    n, dt = len(q), model.dt
+    memory = history[3:].reshape(history[3:].size)
+    notes = memory[26 * n :]
+    known, phase = notes[SPAN] > 0.0, notes[PHASE]
+    h, h_q = formula(phase, dt, q, u, memory, work)
+    predicted_frames(h_q, q, memory, phase == SMOOTH, work)
+    for j in range(n - 1):  # the reference is that of the middle of the step
         for axis in range(2):
-            previous[13 * n + RATE + 2 * j + axis] = rate[j, axis]
-    previous[13 * n + SMOOTH] = 1.0 - landed
-    scale = model.dt / previous[13 * n + SPAN]
-    for j in range(len(work.applied)):
-        work.applied[j, 0] *= scale
-        work.applied[j, 1] *= scale
+            change = rate[j, axis] - notes[RATE + 2 * j + axis] if known else 0.0
+            work.end_rate[j, axis] = rate[j, axis] + 0.5 * change
+            work.end_angle[j, axis] = angle[j, axis] + dt * (0.5 * rate[j, axis] + 0.125 * change)
+            notes[RATE + 2 * j + axis] = rate[j, axis]
+    scale = h / (notes[SPAN] if known else dt)
+    for a in range(history.shape[1]):
+        for j in range(5):
+            history[0, a, j] *= scale
+        history[2, a, 0] *= scale
+
+    count, laws = begin(model, work, h, h_q, history, work.end_angle, work.end_rate)
+    contact, table, chain = work.contact[:count], work.table, work.chain
+    unconverged, fallbacks = report[UNCONVERGED], report[FALLBACKS]
+    note_outcome(solve_contacts(model, laws, contact, table, chain, None, history), report)
+    end_velocities(chain.twist, work.R, work.center, work.u_star)
+    jumps, lands = events(model, h, contact, table)
+    small = turns_are_small(dt, chain.twist, report)
+    if small and lands:
+        contact = contact[: closed_now(contact, table)]
+        note_outcome(solve_contacts(model, laws, contact, table, chain, None, history), report)
+        small = turns_are_small(dt, chain.twist, report)
+    if not small:
+        history[:] = 0.0
+        return False
     report[UNCONVERGED] = min(report[UNCONVERGED], unconverged + 1)  # steps, not parts of them
     report[FALLBACKS] = min(report[FALLBACKS], fallbacks + 1)
-    return finish(model, work.chain.twist, q, u, history, report)
+    report[CONTACTS] = count
+    applied_torque(work.R, chain.twist, work.torque, work.damping, work.applied)
+    for j in range(n - 1):
+        for axis in range(2):
+            work.applied[j, axis] *= dt / h
+
+    for i in range(n):
+        for k in range(7):
+            memory[7 * i + k] = q[i, k]
+        for k in range(6):
+            memory[7 * n + 6 * i + k] = u[i, k]
+        advance_link(h_q, work.q_mid, work.q_hat, work.u_star, q, i)
+    end_velocities(chain.twist, work.R, work.center, u)
+    notes[SPAN] = h
+    notes[PHASE] = ANEW if jumps or phase == UNKNOWN else SMOOTH
+    if jumps:
+        for a in range(history.shape[1]):
+            for j in range(5):
+                history[2, a, j] = 0.0
+    return finish(model, chain.twist, q, u, history, report)
 
 
 @compiled
-def copy(q, u, history, q_to, u_to, history_to):
-    """Fill q_to, u_to and history_to."""
-    for i in range(len(q)):
+def recognize(model, work, q, u, history):
+    """Note in history whether this state is the end of the last step, or one to start from."""
+    n = len(q)
+    memory = history[3:].reshape(history[3:].size)
+    notes = memory[26 * n :]
+    same = notes[PHASE] != UNKNOWN
+    for i in range(n):
         for k in range(7):
-            q_to[i, k] = q[i, k]
+            same = same and memory[13 * n + 7 * i + k] == q[i, k]
         for k in range(6):
-            u_to[i, k] = u[i, k]
-    for slab in range(len(history)):
-        for a in range(history.shape[1]):
-            for j in range(5):
-                history_to[slab, a, j] = history[slab, a, j]
+            same = same and memory[20 * n + 6 * i + k] == u[i, k]
+    if same:
+        return
+    link_frames(q[:, 3:], work.R)
+    rates_in_inertial_frame(work.R, u, work.omega)
+    agrees = joint_speed(model.half_length, work.R, u, work.omega) <= AGREE
+    notes[PHASE] = ANEW if agrees else UNKNOWN
+
+
+@compiled
+def remember(q, u, history):
+    """Keep the end of a step in history."""
+    n = len(q)
+    memory = history[3:].reshape(history[3:].size)
+    for i in range(n):
+        for k in range(7):
+            memory[13 * n + 7 * i + k] = q[i, k]
+        for k in range(6):
+            memory[20 * n + 6 * i + k] = u[i, k]
 
 
 @compiled
 def advance(model, work, q, u, history, angle, rate, report, cycles):
     """Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`."""
+    recognize(model, work, q, u, history)
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
         if not step(model, work, q, u, history, angle[k], rate[k], report):
             break
+    remember(q, u, history)
     cycles[len(angle)] = cycle_counter()

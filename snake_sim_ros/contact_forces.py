@@ -29,7 +29,7 @@ def contact_forces(scene: Scene, state: State, history: Array) -> tuple[Array, A
     scene : Scene
     state : State
         After the step.
-    history : ndarray, shape (5, contacts, 5)
+    history : ndarray, shape (6, contacts, 5)
         After the step; see `stepping.Stepper`.
 
     Returns
@@ -67,7 +67,7 @@ def where_impulses_acted(scene: Scene, state: State, history: Array) -> tuple[Ar
     """
     if method_of(scene) == 'bdf2':
         n, memory = scene.robot.link_count, history[PREVIOUS:].ravel()
-        return state.q, memory[11 * n + 3 if memory[KNOWN] else 13 * n + bdf2.SPAN]
+        return state.q, memory[11 * n + 3 if memory[KNOWN] else 26 * n + bdf2.SPAN]
     q = state.q.copy()
     q[:, :3] -= scene.dt / 2 * state.u[:, :3]
     spin = np.column_stack([np.zeros(len(q)), state.u[:, 3:]])

@@ -32,7 +32,8 @@ START = 18  # normal velocity before the contacts act [m/s]
 CENTER = 19  # normal impulse about which the selection rule is compliant [N s]
 LINK = 20  # number of the link, and of the other one it touches or -1; in contacts with frames
 OTHER = 21
-LAW = 22  # first column of `linear_laws`
+LAST = 22  # normal impulse of the last step [N s]
+LAW = 23  # first column of `linear_laws`
 
 TINY = 1e-300  # divides where it is not used
 FRICTIONLESS = 1e-100  # friction of which nothing is left in squares

@@ -173,6 +173,28 @@ def axis_z(q, i):
 
 
 @inlined
+def joint_speed(half_length, R, u, omega):
+    """
+    Return the fastest rate of joint violations at given velocities [m/s], eqs. (38)-(41).
+
+    Of the twist of a joint, as the speed of a point half a link away.
+    """
+    fastest = 0.0
+    for j in range(len(R) - 1):
+        for k, r, s in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            inner = omega[j, r] * R[j, s, 2] - omega[j, s] * R[j, r, 2]
+            outer = omega[j + 1, r] * R[j + 1, s, 2] - omega[j + 1, s] * R[j + 1, r, 2]
+            chained = u[j, k] + half_length[j] * inner + half_length[j + 1] * outer
+            fastest = max(fastest, abs(u[j + 1, k] - chained))
+        twist = 0.0
+        for k, r, s in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            normal = R[j, r, 1] * R[j + 1, s, 0] - R[j, s, 1] * R[j + 1, r, 0]
+            twist += normal * (omega[j + 1, k] - omega[j, k])
+        fastest = max(fastest, half_length[j] * abs(twist))
+    return fastest
+
+
+@inlined
 def joint_violation(half_length, q):
     """Return the largest violation of a joint in position [m] and angle [1], eqs. (11)-(13)."""
     gap = twist = 0.0

@@ -114,12 +114,9 @@ class Workspace(NamedTuple):
     torque: Array  # (n-1, 2) impulse of the controller, without its implicit part [N m s]
     damping: Array  # (n-1, 2) implicit part of the controller, times dt [N m s^2]
     applied: Array  # (n-1, 2) impulse of the controller with its implicit part [N m s]
-    q_hat: Array  # (n, 7), u_hat, u_star (n, 6), q_start (n, 7), u_start (n, 6),
-    u_hat: Array  # history (5, c, 5), end_angle, end_rate (n-1, 2): see bdf2
+    q_hat: Array  # (n, 7), u_hat, u_star (n, 6), end_angle, end_rate (n-1, 2): see bdf2
+    u_hat: Array
     u_star: Array
-    q_start: Array
-    u_start: Array
-    history: Array
     end_angle: Array
     end_rate: Array
     chain: Chain
@@ -371,9 +368,6 @@ def make_workspace(scene: Scene) -> Workspace:
         q_hat=zeros((n, 7)),
         u_hat=zeros((n, 6)),
         u_star=zeros((n, 6)),
-        q_start=zeros((n, 7)),
-        u_start=zeros((n, 6)),
-        history=zeros((5, count, 5)),
         end_angle=zeros((n - 1, 2)),
         end_rate=zeros((n - 1, 2)),
         chain=Chain(

@@ -163,7 +163,7 @@ class Stepper(Protocol):
         Parameters
         ----------
         state : State
-        history : ndarray, shape (5, contacts, 5)
+        history : ndarray, shape (6, contacts, 5)
             What a step takes over from the one before. Of every contact: IMPULSE, the last one
             (normal, sliding x y, rolling x y) [N s], eq. (93); VELOCITY, relative velocities after
             it [m/s]; CHANGE, by how much the last step changed the normal impulse and the other
@@ -176,7 +176,7 @@ class Stepper(Protocol):
         -------
         state : State
             The last good state if a step diverged.
-        history : ndarray, shape (5, contacts, 5)
+        history : ndarray, shape (6, contacts, 5)
         report : Report
 
         """
@@ -311,5 +311,5 @@ def initial_state(scene: Scene) -> State:
 
 
 def no_history(scene: Scene) -> Array:
-    """Return the history before the first contact: zero, shape (5, contacts, 5)."""
-    return np.zeros((5, contact_count(scene), 5))
+    """Return the history before the first contact: zero, shape (6, contacts, 5)."""
+    return np.zeros((6, contact_count(scene), 5))

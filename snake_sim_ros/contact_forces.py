@@ -67,7 +67,7 @@ def where_impulses_acted(scene: Scene, state: State, history: Array) -> tuple[Ar
     """
     if method_of(scene) == 'bdf2':
         n, memory = scene.robot.link_count, history[PREVIOUS:].ravel()
-        return state.q, memory[11 * n + 3 if memory[KNOWN] else 26 * n + bdf2.SPAN]
+        return state.q, memory[13 * n + 3 if memory[KNOWN] else 26 * n + bdf2.SPAN]
     q = state.q.copy()
     q[:, :3] -= scene.dt / 2 * state.u[:, :3]
     spin = np.column_stack([np.zeros(len(q)), state.u[:, 3:]])

@@ -85,9 +85,10 @@ def recall(half_length, memory, links, velocities, q, u, tilt, made_links, made_
     for i in range(n + 2):
         q[i] = memory[i]
     for i in range(n):
-        u[i, 0], u[i, 1], u[i, 2] = velocities[i, 0], velocities[i, 1], memory[n + 2 + i]
+        for k in range(3):
+            u[i, k] = memory[n + 2 + 3 * i + k]
         for k in range(4):
-            tilt[i, k] = memory[2 * n + 2 + 4 * i + k]
+            tilt[i, k] = memory[4 * n + 2 + 4 * i + k]
     to_space(half_length, q, u, tilt, links[:, 2], made_links, made_velocities)
     for i in range(n):
         for k in range(7):
@@ -168,8 +169,6 @@ def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
         q_hat=np.zeros(n + 2),
         u_hat=np.zeros((n, 3)),
         u_star=np.zeros((n, 3)),
-        q_start=np.zeros(n + 2),
-        u_start=np.zeros((n, 3)),
     )
 
 
@@ -296,6 +295,6 @@ class PlanarStepper:
     def remember(self, history: Array, q: Array, u: Array, tilt: Array) -> None:
         """Fill history with the coordinates."""
         memory = history[PREVIOUS:].reshape(-1)
-        kept = np.concatenate([q, u[:, 2], tilt.ravel()])
+        kept = np.concatenate([q, u.ravel(), tilt.ravel()])
         memory[: len(kept)] = kept
         memory[KNOWN] = 1.0

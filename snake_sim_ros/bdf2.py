@@ -20,13 +20,13 @@ are solved once more without their gaps.
 The formula never differentiates across an event, a jump of the velocity whatever caused it. A
 contact that lands, however softly, is one; so is a normal impulse beyond what forces make in a
 step (an impact without collision), and a state that is not the one the step before left (a push,
-another scene). The step after an event starts anew:
+another scene). The step after an event starts anew, in PARTS equal parts, the first with
 
     u_hat = u_n, h = dt for velocities;    q_hat = q_n + dt/2 F(q_n) u_n, h = dt/2 for coordinates,
 
 which is exact for constant forces, and for others off by dt^2 once an event. If the joints do not
-agree with the velocities of a given state, the first step is itself the impact that makes them
-agree: backward Euler, ``q_hat = q_n`` and h = dt for both, and the next step starts anew.
+agree with the velocities of a given state, the first part is itself the impact that makes them
+agree: backward Euler, ``q_hat = q_n`` and h = dt for both, and the next part starts anew.
 
 .. [1] E. Hairer, G. Wanner, "Solving Ordinary Differential Equations II", 1996, ch. V.
 """
@@ -37,6 +37,7 @@ from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import cycle_counter
 from snake_sim_ros.compilation import inlined
 from snake_sim_ros.compilation import merged
+from snake_sim_ros.contact_laws import IMPACT
 from snake_sim_ros.contacts import contact_velocities
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import GAP
@@ -67,6 +68,7 @@ from snake_sim_ros.spatial import link_inertia
 from snake_sim_ros.spatial import smooth_momentum
 from snake_sim_ros.spatial import turns_are_small
 
+PARTS = 2  # of a step that starts anew
 REACH = 0.3  # a gap takes part if this speed could close it in the step [m/s]
 # By its law a contact that carries load has no gap; what gap it has is the error of integration,
 # of third order in dt. Up to RESTS it stays on velocity level, so that the error is not made a
@@ -75,8 +77,6 @@ RESTS = 1e-4  # [m]
 # Selection: what is small beside an error of first order is not small here. Loads of a flat robot
 # follow the heights of its links through the stiff joints, so these must not sink.
 PRESS = 3e-8  # see contact_laws.PRESS [m/s]
-# An impulse is an event if it is so many times the largest before it, or the weight in the step.
-SUDDEN = 10.0
 AGREE = 1e-9  # speed up to which the joints agree with given velocities [m/s]
 
 # What the method keeps in history from PREVIOUS on, for n links: q (7n) and u (6n) of the start of
@@ -140,9 +140,11 @@ def predicted_frames(h_q, q, earlier, smooth, work):
 
 
 @merged
-def begin(model, work, h, h_q, history, angle, rate):
+def begin(model, work, h, h_q, late, history, angle, rate):
     """
     Fill all that the contact solver needs, for the predicted end of the step.
+
+    Coordinates have moved for `late` [s] before h_q begins.
 
     Returns
     -------
@@ -177,11 +179,12 @@ def begin(model, work, h, h_q, history, angle, rate):
         if gap > model.activation_tolerance and not rests:
             table[a, SHIFT] = gap / h_q
         elif gap < 0.0 and not rests:  # what the motion before put inside comes out
-            table[a, SHIFT] = max(gap, (model.dt - h_q) * min(0.0, table[a, START])) / h_q
+            table[a, SHIFT] = max(gap, late * min(0.0, table[a, START])) / h_q
         table[a, GAMMA] += table[a, SHIFT]
     return count, selected(
-        model.laws, contact, table, model.mass, history[0], PRESS, -h * model.gravity[2]
-    )
+        model.laws, contact, table, model.mass, history[0], PRESS, model.dt,
+        -h * model.gravity[2],
+    )  # fmt: skip
 
 
 @compiled
@@ -210,20 +213,18 @@ def events(model, h, contact, table):
         Whether velocities close gaps in the step: they are not those after the impact.
 
     """
-    expected = 0.0
-    for i in range(len(model.mass)):
-        expected += model.mass[i] * h * math.sqrt(
-            model.gravity[0] ** 2 + model.gravity[1] ** 2 + model.gravity[2] ** 2
-        )
+    weight = largest = 0.0
+    for m in model.mass:
+        weight -= m * h * model.gravity[2]
     for a in contact:
-        expected = max(expected, table[a, LAST])
+        largest = max(largest, table[a, LAST])
     jumps = lands = False
     for a in contact:
         P_N = table[a, IMPULSE]
         if P_N > 0.0:
             lands = lands or table[a, SHIFT] != 0.0
             meets = table[a, LAST] <= 0.0 and table[a, START] < 0.0
-            jumps = jumps or meets or P_N > SUDDEN * expected
+            jumps = jumps or meets or P_N > IMPACT * max(weight, largest)
     return jumps or lands, lands
 
 
@@ -239,30 +240,47 @@ def closed_now(contact, table):
     return count
 
 
+@inlined
+def end_references(dt, part, angle, rate, earlier, known, end_angle, end_rate):
+    """
+    Fill the references at the end of part `part` of PARTS, from those of the middle of the step.
+
+    They go on with the acceleration that they had since the step before, if that is known.
+    """
+    late = dt * (part / PARTS - 0.5)
+    for j in range(len(angle)):
+        for axis in range(2):
+            acceleration = (rate[j, axis] - earlier[2 * j + axis]) / dt if known else 0.0
+            end_rate[j, axis] = rate[j, axis] + late * acceleration
+            mean = rate[j, axis] + 0.5 * late * acceleration
+            end_angle[j, axis] = angle[j, axis] + late * mean
+
+
 @merged
-def step(model, work, q, u, history, angle, rate, report):
-    """Advance q, u and history by one step; return whether to go on."""
-    n, dt = len(q), model.dt
+def one_part(model, work, dt, q, u, history, report):
+    """
+    Advance q, u and history by dt, a step or a part of it, with work.end_angle and work.end_rate.
+
+    Returns
+    -------
+    int
+        1 if there was an event, 0 if not, -1 if the part diverged; then q and u are as before.
+
+    """
+    n = len(q)
     memory = history[3:].reshape(history[3:].size)
     notes = memory[26 * n :]
-    known, phase = notes[SPAN] > 0.0, notes[PHASE]
+    phase = notes[PHASE]
     h, h_q = formula(phase, dt, q, u, memory, work)
     predicted_frames(h_q, q, memory, phase == SMOOTH, work)
-    for j in range(n - 1):  # the reference is that of the middle of the step
-        for axis in range(2):
-            change = rate[j, axis] - notes[RATE + 2 * j + axis] if known else 0.0
-            work.end_rate[j, axis] = rate[j, axis] + 0.5 * change
-            work.end_angle[j, axis] = angle[j, axis] + dt * (0.5 * rate[j, axis] + 0.125 * change)
-            notes[RATE + 2 * j + axis] = rate[j, axis]
-    scale = h / (notes[SPAN] if known else dt)
+    scale = h / (notes[SPAN] if notes[SPAN] > 0.0 else model.dt)
     for a in range(history.shape[1]):
         for j in range(5):
             history[0, a, j] *= scale
         history[2, a, 0] *= scale
 
-    count, laws = begin(model, work, h, h_q, history, work.end_angle, work.end_rate)
+    count, laws = begin(model, work, h, h_q, dt - h_q, history, work.end_angle, work.end_rate)
     contact, table, chain = work.contact[:count], work.table, work.chain
-    unconverged, fallbacks = report[UNCONVERGED], report[FALLBACKS]
     note_outcome(solve_contacts(model, laws, contact, table, chain, None, history), report)
     end_velocities(chain.twist, work.R, work.center, work.u_star)
     jumps, lands = events(model, h, contact, table)
@@ -272,15 +290,16 @@ def step(model, work, q, u, history, angle, rate, report):
         note_outcome(solve_contacts(model, laws, contact, table, chain, None, history), report)
         small = turns_are_small(dt, chain.twist, report)
     if not small:
-        history[:] = 0.0
-        return False
-    report[UNCONVERGED] = min(report[UNCONVERGED], unconverged + 1)  # steps, not parts of them
-    report[FALLBACKS] = min(report[FALLBACKS], fallbacks + 1)
+        return -1
     report[CONTACTS] = count
     applied_torque(work.R, chain.twist, work.torque, work.damping, work.applied)
     for j in range(n - 1):
         for axis in range(2):
-            work.applied[j, axis] *= dt / h
+            work.applied[j, axis] *= model.dt / h
+    if jumps:
+        for a in range(history.shape[1]):
+            for j in range(5):
+                history[2, a, j] = 0.0
 
     for i in range(n):
         for k in range(7):
@@ -291,11 +310,53 @@ def step(model, work, q, u, history, angle, rate, report):
     end_velocities(chain.twist, work.R, work.center, u)
     notes[SPAN] = h
     notes[PHASE] = ANEW if jumps or phase == UNKNOWN else SMOOTH
-    if jumps:
-        for a in range(history.shape[1]):
-            for j in range(5):
-                history[2, a, j] = 0.0
-    return finish(model, chain.twist, q, u, history, report)
+    return 1 if jumps else 0
+
+
+@merged
+def step(model, work, q, u, history, angle, rate, report):
+    """Advance q, u and history by one step; return whether to go on."""
+    n = len(q)
+    memory = history[3:].reshape(history[3:].size)
+    notes = memory[26 * n :]
+    known, smooth = notes[SPAN] > 0.0, notes[PHASE] == SMOOTH
+    parts, event = 1 if smooth else PARTS, notes[PHASE] == UNKNOWN
+    unconverged, fallbacks = report[UNCONVERGED], report[FALLBACKS]
+    keep(q, u, work.q_start, work.u_start)
+    for part in range(PARTS - parts, PARTS):
+        end_references(
+            model.dt, part + 1, angle, rate, notes[RATE:], known,
+            work.end_angle, work.end_rate,
+        )  # fmt: skip
+        outcome = one_part(model, work, model.dt / parts, q, u, history, report)
+        if outcome < 0:
+            keep(work.q_start, work.u_start, q, u)
+            history[:] = 0.0
+            return False
+        event = event or outcome > 0
+    for j in range(n - 1):
+        for axis in range(2):
+            notes[RATE + 2 * j + axis] = rate[j, axis]
+    if not smooth:
+        for i in range(n):
+            for k in range(7):
+                memory[7 * i + k] = work.q_start[i, k]
+            for k in range(6):
+                memory[7 * n + 6 * i + k] = work.u_start[i, k]
+    notes[PHASE] = ANEW if event else SMOOTH
+    report[UNCONVERGED] = min(report[UNCONVERGED], unconverged + 1)  # steps, not parts of them
+    report[FALLBACKS] = min(report[FALLBACKS], fallbacks + 1)
+    return finish(model, work.chain.twist, q, u, history, report)
+
+
+@inlined
+def keep(q, u, q_to, u_to):
+    """Fill q_to and u_to."""
+    for i in range(len(q)):
+        for k in range(7):
+            q_to[i, k] = q[i, k]
+        for k in range(6):
+            u_to[i, k] = u[i, k]
 
 
 @compiled

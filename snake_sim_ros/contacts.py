@@ -17,6 +17,8 @@ from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
 from snake_sim_ros.compilation import merged
 from snake_sim_ros.contact_laws import DEPTH
+from snake_sim_ros.contact_laws import FINE
+from snake_sim_ros.contact_laws import IMPACT
 from snake_sim_ros.contact_laws import prox_ellipse
 from snake_sim_ros.contact_laws import REST
 
@@ -232,11 +234,17 @@ def velocities_in_frames(contact, table, frame, twist):
 
 
 @inlined
-def selected(laws, contact, table, mass, impulse, press, fall):
+def depth_share(table, a):
+    """Return the depth of contact a over DEPTH, 0 if it is not inside."""
+    return max(0.0, -table[a, GAP]) / DEPTH
+
+
+@inlined
+def selected(laws, contact, table, mass, impulse, press, dt, fall):
     """
     Fill CENTER, and return the laws with the compliance that this step selects with.
 
-    GAMMA is of the start of the step, impulse of the last one, and weight adds `fall` [m/s].
+    GAMMA is of the start of a step of dt [s], impulse of the last one, and weight adds `fall` [m/s].
 
     Deviation: the compliance of the selection rule moves a contact into the floor by compliance
     times P_N. It is reduced where that would be more than `press`, for the largest normal impulse
@@ -244,10 +252,13 @@ def selected(laws, contact, table, mass, impulse, press, fall):
     its weight.
 
     Deviation: while all contacts that carry load are at rest, the rule selects the impulses next
-    to the last ones instead of those of least norm, so that nothing sinks or creeps.
+    to the last ones instead of those of least norm, so that nothing sinks or creeps. Beside those
+    of an impact it would make bodies bounce.
     """
     n = len(mass)
-    most = fastest = 0.0
+    most = fastest = heaviest = 0.0
+    for m in mass:
+        heaviest += IMPACT * m * fall
     for a in contact:
         stop = 0.5 * fall - 2.0 * table[a, GAMMA]
         most = max(most, impulse[a, 0], mass[link_of(laws.other, table, n, a)] * stop)
@@ -257,10 +268,17 @@ def selected(laws, contact, table, mass, impulse, press, fall):
     compliance = laws.compliance
     if most > 0.0:
         compliance = min(compliance, max(laws.least, press / most))
-    highest = press / compliance if compliance > 0.0 else 0.0
+    highest = max(press / compliance, most) if compliance > 0.0 else 0.0
+    mean, loaded, own = 0.0, 0, min(1.0, FINE / dt)
     for a in contact:
-        depth = min(1.0, max(0.0, -table[a, GAP]) / DEPTH)
-        table[a, CENTER] = impulse[a, 0] if fastest <= REST else depth * highest
+        if impulse[a, 0] > 0.0:
+            mean += min(1.0, depth_share(table, a))
+            loaded += 1
+    mean /= max(1, loaded)
+    for a in contact:
+        share = min(1.0, max(0.0, mean + own * (depth_share(table, a) - mean)))
+        rests = fastest <= REST
+        table[a, CENTER] = min(impulse[a, 0], heaviest) if rests else share * highest
     return Laws(
         laws.sliding, laws.rolling, compliance, laws.least, laws.proximal,
         laws.r_N, laws.r_T, laws.r_V, laws.other,

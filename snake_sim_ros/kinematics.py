@@ -213,7 +213,7 @@ def close_joints(rule, half_length, mass, q):
     Remove the joint drift from q, section VII-C: link by link from the first one, which is held.
 
     Deviation: the paper turns a link about its own e_z until the axes of the joint are at right
-    angles again, which no such turn does where the pitch is 90 degrees, and a flip of the link does
+    angles again, which no such turn does at a pitch of 90 degrees, and a flip of the link does
     beyond. Here it is turned about the common normal of both axes: the smallest turn there is.
 
     Deviation, for CENTER_OF_MASS: afterwards the robot is moved back to its center of mass. The

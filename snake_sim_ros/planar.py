@@ -94,9 +94,11 @@ class PlanarWorkspace(NamedTuple):
     table: Array  # (c, COLUMNS) see contacts and newton
     twist: Array  # (n, 3) the last twists in the plane
     standing: Array  # (2,) see find_loads
-    q_hat: Array  # (n+2,), u_hat, u_star (n, 3): see planar_bdf2
+    q_hat: Array  # (n+2,), u_hat, u_star, u_start (n, 3), q_start (n+2,): see planar_bdf2
     u_hat: Array
     u_star: Array
+    q_start: Array
+    u_start: Array
 
 
 @inlined

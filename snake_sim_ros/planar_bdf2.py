@@ -9,10 +9,12 @@ import math
 
 from snake_sim_ros.bdf2 import AGREE
 from snake_sim_ros.bdf2 import ANEW
+from snake_sim_ros.bdf2 import PARTS
 from snake_sim_ros.bdf2 import SMOOTH
 from snake_sim_ros.bdf2 import UNKNOWN
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import cycle_counter
+from snake_sim_ros.compilation import inlined
 from snake_sim_ros.compilation import merged
 from snake_sim_ros.joint_control import implicit_pd_law
 from snake_sim_ros.planar import end_velocities
@@ -24,8 +26,10 @@ from snake_sim_ros.planar import place_links
 from snake_sim_ros.planar_newton import BEND
 from snake_sim_ros.planar_newton import solve_contacts
 from snake_sim_ros.report import CONTACTS
+from snake_sim_ros.report import FALLBACKS
 from snake_sim_ros.report import note_outcome
 from snake_sim_ros.report import STEPS
+from snake_sim_ros.report import UNCONVERGED
 
 # What the method keeps in history, from PREVIOUS on and behind the 8n + 2 numbers of
 # `planar_stepper`, for n links: q (n+2) and u (3n) of the start of the last step, rates of the yaw
@@ -34,7 +38,7 @@ from snake_sim_ros.report import STEPS
 
 
 @merged
-def formula(model, phase, q, u, earlier, work):
+def formula(model, dt, phase, q, u, earlier, work):
     """
     Fill q_hat, u_hat and u_star of a step, see `bdf2.formula`; q_hat begins with the held point.
 
@@ -44,7 +48,7 @@ def formula(model, phase, q, u, earlier, work):
         Time over which forces act on the velocity, and the velocity on coordinates [s].
 
     """
-    n, dt, hat = len(u), model.dt, work.q_hat
+    n, hat = len(u), work.q_hat
     smooth = phase == SMOOTH
     for i in range(n):
         for k in range(3):
@@ -70,24 +74,27 @@ def formula(model, phase, q, u, earlier, work):
 
 
 @merged
-def begin(model, work, h, h_q, angle, rate, earlier_rate, known):
-    """Fill all that the contact solver needs; the reference is that of the middle of the step."""
-    dt, hat, u_star = model.dt, work.q_hat, work.u_star
+def begin(model, work, h, h_q, late, angle, rate, earlier_rate, known):
+    """
+    Fill all that the contact solver needs.
+
+    The reference is that of the middle of the step, and the part of it ends `late` [s] after that.
+    """
+    hat, u_star = work.q_hat, work.u_star
     for i in range(len(u_star)):
         theta = hat[2 + i] + h_q * u_star[i, 2]
         work.heading[i, 0], work.heading[i, 1] = math.cos(theta), math.sin(theta)
-    place_links(model, work, model.fall * (h / dt))
+    place_links(model, work, model.fall * (h / model.dt))
     for j in range(len(angle)):
         turn = u_star[j + 1, 2] - u_star[j, 2]
         bend = hat[3 + j] - hat[2 + j] + h_q * turn
-        change = rate[j, 0] - earlier_rate[j] if known else 0.0
-        end_angle = angle[j, 0] + dt * (0.5 * rate[j, 0] + 0.125 * change)
+        acceleration = (rate[j, 0] - earlier_rate[j]) / model.dt if known else 0.0
+        end_angle = angle[j, 0] + late * (rate[j, 0] + 0.5 * late * acceleration)
         torque, damping = implicit_pd_law(
-            h_q, bend, turn, (end_angle, rate[j, 0] + 0.5 * change),
+            h_q, bend, turn, (end_angle, rate[j, 0] + late * acceleration),
             model.stiffness[j], model.damping[j],
         )  # fmt: skip
         work.torque[j], work.chain.damping[j] = torque * h, damping * h
-        earlier_rate[j] = rate[j, 0]
     fill_momentum(model, work, work.u_hat, u_star)
 
 
@@ -110,21 +117,18 @@ def starts_anew(model, work, q, u):
 
 
 @merged
-def step(model, work, q, u, history, angle, rate, report):
-    """Advance q, u and history by one step; return whether it was done."""
-    n, dt = len(u), model.dt
-    memory = history[3:].reshape(history[3:].size)[8 * n + 2 :]
+def one_part(model, work, dt, late, known, q, u, history, memory, angle, rate, report):
+    """Advance q, u and history by dt, a step or a part of it; return whether it was done."""
+    n = len(u)
     span, phase = memory[5 * n + 1], memory[5 * n + 2]
-    if phase == UNKNOWN and starts_anew(model, work, q, u):
-        phase = ANEW
-    h, h_q = formula(model, phase, q, u, memory, work)
-    scale = h / (span if span > 0.0 else dt)
+    h, h_q = formula(model, dt, phase, q, u, memory, work)
+    scale = h / (span if span > 0.0 else model.dt)
     for a in work.contact:
         for j in range(3):
             history[0, a, j] *= scale
         history[2, a, 0] *= scale
         history[2, a, BEND] *= scale
-    begin(model, work, h, h_q, angle, rate, memory[4 * n + 2 :], span > 0.0)
+    begin(model, work, h, h_q, late, angle, rate, memory[4 * n + 2 :], known)
     outcome = solve_contacts(model, work, work.contact, None, history)
     memory[5 * n + 1] = h
     if not is_planar(model, work, history, outcome, report):
@@ -141,13 +145,53 @@ def step(model, work, q, u, history, angle, rate, report):
     q[0] -= held_x
     q[1] -= held_y
     for j in range(n - 1):
-        work.applied[j, 0] *= dt / h
-        work.applied[j, 1] *= dt / h
+        work.applied[j, 0] *= model.dt / h
+        work.applied[j, 1] *= model.dt / h
     memory[5 * n + 2] = ANEW if phase == UNKNOWN else SMOOTH
     note_outcome(outcome, report)
+    return True
+
+
+@merged
+def step(model, work, q, u, history, angle, rate, report):
+    """Advance q, u and history by one step; return whether it was done."""
+    n = len(u)
+    memory = history[3:].reshape(history[3:].size)[8 * n + 2 :]
+    known, phase = memory[5 * n + 1] > 0.0, memory[5 * n + 2]
+    if phase == UNKNOWN and starts_anew(model, work, q, u):
+        phase = memory[5 * n + 2] = ANEW
+    parts = 1 if phase == SMOOTH else PARTS
+    unconverged, fallbacks = report[UNCONVERGED], report[FALLBACKS]
+    keep(q, u, work.q_start, work.u_start)
+    for part in range(parts):
+        late, dt = model.dt * ((part + 1) / parts - 0.5), model.dt / parts
+        if not one_part(model, work, dt, late, known, q, u, history, memory, angle, rate, report):
+            keep(work.q_start, work.u_start, q, u)
+            return False
+    if phase != SMOOTH:
+        for i in range(n + 2):
+            memory[i] = work.q_start[i]
+        for i in range(n):
+            for k in range(3):
+                memory[n + 2 + 3 * i + k] = work.u_start[i, k]
+    for j in range(n - 1):
+        memory[4 * n + 2 + j] = rate[j, 0]
+    memory[5 * n + 2] = ANEW if phase == UNKNOWN else SMOOTH
+    report[UNCONVERGED] = min(report[UNCONVERGED], unconverged + 1)  # steps, not parts of them
+    report[FALLBACKS] = min(report[FALLBACKS], fallbacks + 1)
     report[STEPS] += 1
     report[CONTACTS] = 2 * n
     return True
+
+
+@inlined
+def keep(q, u, q_to, u_to):
+    """Fill q_to and u_to."""
+    for i in range(len(q)):
+        q_to[i] = q[i]
+    for i in range(len(u)):
+        for k in range(3):
+            u_to[i, k] = u[i, k]
 
 
 @compiled

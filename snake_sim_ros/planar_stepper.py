@@ -169,6 +169,8 @@ def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
         q_hat=np.zeros(n + 2),
         u_hat=np.zeros((n, 3)),
         u_star=np.zeros((n, 3)),
+        q_start=np.zeros(n + 2),
+        u_start=np.zeros((n, 3)),
     )
 
 

@@ -18,6 +18,8 @@ import numpy as np
 from snake_sim_ros import posture
 from snake_sim_ros import scenery
 from snake_sim_ros.contact_laws import DEPTH
+from snake_sim_ros.contact_laws import FINE
+from snake_sim_ros.contact_laws import IMPACT
 from snake_sim_ros.contact_laws import LEAST
 from snake_sim_ros.contact_laws import PRESS
 from snake_sim_ros.contact_laws import prox_disc
@@ -276,31 +278,50 @@ def without_drift(robot: Robot, q: Array, rule: str) -> Array:
     return q
 
 
-def selection_compliance(compliance: float, least: float, impulses: Array) -> float:
+def selection_compliance(compliance: float, least: float, most: float) -> float:
     """
     Return the compliance of the selection rule in a step [1/kg].
 
     Deviation: it moves a contact into the floor at ``compliance P_N``, and is reduced where that
-    would be more than PRESS for the largest of the normal impulses to be expected, but not below
-    `least`.
+    would be more than PRESS for the largest normal impulse to be expected, but not below `least`.
     """
-    most = float(impulses.max(initial=0.0))
     return min(compliance, max(least, PRESS / most)) if most > 0.0 else compliance
 
 
-def selection_center(P_N: Array, gamma: Array, gap: Array, compliance: float) -> Array:
+def selection_center(
+    dt: float, P_N: Array, gamma: Array, gap: Array, compliance: float, most: float, weight: float
+) -> Array:
     """
     Return the normal impulses about which the selection rule is compliant in a step.
 
-    Deviation: those that the rule presses in with PRESS, times the depth of the contact over DEPTH:
-    at most so deep, it goes no deeper. But the last ones P_N while all contacts that carry load are
-    at rest, so that nothing sinks or creeps. gamma (m, 3) are normal and sliding velocities at the
-    start, gap (m,) is that in the middle of the step.
+    Deviation: those that the rule presses in with PRESS, times depth over DEPTH: at most so deep,
+    contacts go no deeper. The depth is that of the contact for steps up to FINE, and in a share
+    that grows with the step the mean of those that carry load. But the last ones P_N while all
+    contacts that carry load are at rest, so that nothing sinks or creeps; those of an impact would
+    make bodies bounce.
+
+    Parameters
+    ----------
+    dt : float
+        Time step [s].
+    P_N : ndarray, shape (m,)
+        Last normal impulses [N s].
+    gamma : ndarray, shape (m, 3)
+        Normal and sliding velocities at the start of the step [m/s].
+    gap : ndarray, shape (m,)
+        In the middle of the step [m].
+    compliance, most : float
+        That of the step [1/kg], and the largest normal impulse that is to be expected [N s].
+    weight : float
+        Of the robot, times the step [N s].
+
     """
     if np.abs(gamma[P_N > 0.0]).max(initial=0.0) <= REST:
-        return P_N
-    highest = PRESS / compliance if compliance > 0.0 else 0.0
-    return np.asarray(highest * np.clip(-gap / DEPTH, 0.0, 1.0))
+        return np.minimum(P_N, IMPACT * weight)
+    highest = max(PRESS / compliance, most) if compliance > 0.0 else 0.0
+    depth, own = np.maximum(-gap, 0.0) / DEPTH, min(1.0, FINE / dt)
+    mean = np.minimum(depth, 1.0)[P_N > 0.0].mean() if (P_N > 0.0).any() else 0.0
+    return np.asarray(highest * np.clip(mean + own * (depth - mean), 0.0, 1.0))
 
 
 def contact_prox(
@@ -378,12 +399,12 @@ class ReferenceStepper:
         fall = -dt * scene.gravity[2]
         gamma_A = np.column_stack([W_N.T @ u_A, (W_T.T @ u_A).reshape(-1, 2)])
         stops = robot.per_link('link_mass')[links[active, 0]] * (0.5 * fall - 2.0 * gamma_A[:, 0])
+        most = max(0.0, float(np.append(P[:, 0], stops).max(initial=0.0)))
         compliance = selection_compliance(
-            scene.solver.normal_compliance * self.size,
-            LEAST * self.size,
-            np.append(P[:, 0], stops),
+            scene.solver.normal_compliance * self.size, LEAST * self.size, most
         )
-        center = selection_center(P[:, 0], gamma_A, gap[active], compliance)
+        weight = fall * float(robot.per_link('link_mass').sum())
+        center = selection_center(dt, P[:, 0], gamma_A, gap[active], compliance, most, weight)
         while not change < scene.solver.tolerance and iterations < scene.solver.iteration_limit:
             S = W_N @ P[:, 0] + W_T @ P[:, 1:3].ravel() + W_V @ P[:, 3:].ravel()  # (76)
             # (84), with both terms negative; the paper's first sign is lost in print.

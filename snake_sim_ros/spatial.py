@@ -114,9 +114,11 @@ class Workspace(NamedTuple):
     torque: Array  # (n-1, 2) impulse of the controller, without its implicit part [N m s]
     damping: Array  # (n-1, 2) implicit part of the controller, times dt [N m s^2]
     applied: Array  # (n-1, 2) impulse of the controller with its implicit part [N m s]
-    q_hat: Array  # (n, 7), u_hat, u_star (n, 6), end_angle, end_rate (n-1, 2): see bdf2
-    u_hat: Array
+    q_hat: Array  # (n, 7), u_hat, u_star (n, 6), q_start (n, 7), u_start (n, 6),
+    u_hat: Array  # end_angle, end_rate (n-1, 2): see bdf2
     u_star: Array
+    q_start: Array
+    u_start: Array
     end_angle: Array
     end_rate: Array
     chain: Chain
@@ -251,7 +253,14 @@ def begin_step(model, work, q, u, impulse, angle, rate):
     contact = work.contact[:count]
     contact_velocities(contact, work.table, chain.frame, chain.twist)
     return count, selected(
-        model.laws, contact, work.table, model.mass, impulse, PRESS, -model.dt * model.gravity[2]
+        model.laws,
+        contact,
+        work.table,
+        model.mass,
+        impulse,
+        PRESS,
+        model.dt,
+        -model.dt * model.gravity[2],
     )
 
 
@@ -368,6 +377,8 @@ def make_workspace(scene: Scene) -> Workspace:
         q_hat=zeros((n, 7)),
         u_hat=zeros((n, 6)),
         u_star=zeros((n, 6)),
+        q_start=zeros((n, 7)),
+        u_start=zeros((n, 6)),
         end_angle=zeros((n - 1, 2)),
         end_rate=zeros((n - 1, 2)),
         chain=Chain(

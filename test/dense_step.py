@@ -132,8 +132,13 @@ def dense_step(scene: Scene, state: State, history: Array, angle: Array, rate: A
     gamma_A = np.einsum('rkj,r->kj', W[:, :, :3], u_A)
     stop = -dt * scene.gravity[2] / 2 - 2.0 * gamma_A[:, 0]
     last = history[IMPULSE, active, 0]
-    most = np.append(last, robot.per_link('link_mass')[active % n] * stop)
+    expected = np.append(last, robot.per_link('link_mass')[active % n] * stop)
+    most = float(expected.max(initial=0.0))
     size = reference.mean_delassus(robot)
+    compliance = reference.selection_compliance(
+        scene.solver.normal_compliance * size, LEAST * size, most
+    )
+    weight = -dt * scene.gravity[2] * robot.per_link('link_mass').sum()
     return DenseStep(
         scene=scene,
         active=active,
@@ -141,10 +146,10 @@ def dense_step(scene: Scene, state: State, history: Array, angle: Array, rate: A
         M=M + dt * (W_tau * damping) @ W_tau.T,
         W_J=reference.joint_directions(robot, R),
         momentum=M @ u_A + h * dt + W_tau @ torque * dt,
-        compliance=reference.selection_compliance(
-            scene.solver.normal_compliance * size, LEAST * size, most
+        compliance=compliance,
+        center=reference.selection_center(
+            dt, last, gamma_A, gaps(robot, q_M)[active], compliance, most, weight
         ),
-        center=reference.selection_center(last, gamma_A),
     )
 
 

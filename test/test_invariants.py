@@ -138,12 +138,13 @@ def test_contacts_obey_their_laws_and_take_energy_in_every_step(
         before = contact_velocities(scene, q_mid, start.u)[touching, :3]
         stop = -scene.gravity[2] * scene.dt / 2 - 2 * before[:, 0]
         last = impulses[k][touching, 0]
-        c = selection_compliance(
-            solver.normal_compliance * size,
-            LEAST * size,
-            np.append(last, ROBOT.link_mass * stop),
+        most = float(np.append(last, ROBOT.link_mass * stop).max(initial=0.0))
+        c = selection_compliance(solver.normal_compliance * size, LEAST * size, most)
+        gap = gaps(scene.robot, q_mid)[touching]
+        weight = -scene.gravity[2] * scene.dt * scene.robot.per_link('link_mass').sum()
+        gamma_N = gamma[:, 0] + c * (
+            P_N - selection_center(scene.dt, last, before, gap, c, most, weight)
         )
-        gamma_N = gamma[:, 0] + c * (P_N - selection_center(last, before))
         pressed = max(pressed, (c * P_N).max(initial=0.0))
         # Signorini: P_N >= 0; where P_N' > 0, P_N' - P_N = -r gamma; where not, gamma >= -off/r.
         assert (P_N >= 0.0).all()

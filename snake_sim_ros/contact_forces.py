@@ -63,11 +63,12 @@ def where_impulses_acted(scene: Scene, state: State, history: Array) -> tuple[Ar
     Return the coordinates (n, 7) for which the last step had impulses, and how long they act [s].
 
     The step of the paper has them at its middle, for all of it; `bdf2` at its end as it is
-    predicted, for a part of it that is kept in history.
+    predicted, for a part of it that is kept in history, or the whole step if nothing is kept.
     """
     if method_of(scene) == 'bdf2':
         n, memory = scene.robot.link_count, history[PREVIOUS:].ravel()
-        return state.q, memory[11 * n + 3 if memory[KNOWN] else 13 * n + bdf2.SPAN]
+        span = memory[11 * n + 3 if memory[KNOWN] else 13 * n + bdf2.SPAN]
+        return state.q, span or scene.dt  # 0: of steps of another method or with other contacts
     q = state.q.copy()
     q[:, :3] -= scene.dt / 2 * state.u[:, :3]
     spin = np.column_stack([np.zeros(len(q)), state.u[:, 3:]])

@@ -33,6 +33,7 @@ from snake_sim_ros.rotations import H_bar
 from snake_sim_ros.rotations import product
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.rotations import tilde
+from snake_sim_ros.stepping import check_arguments
 from snake_sim_ros.stepping import divergence
 from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import Report
@@ -324,6 +325,8 @@ class ReferenceStepper:
         self, state: State, history: Array, angle: Array, rate: Array
     ) -> tuple[State, Array, Report]:
         """Return state, history and report after as many steps as there are references."""
+        counts = self.scene.robot.link_count, scenery.contact_count(self.scene)
+        check_arguments(*counts, state, history, angle, rate)
         report = Report()
         for step_angle, step_rate in zip(angle, rate, strict=True):
             end, end_history, step_report = self.step(state, history, step_angle, step_rate)

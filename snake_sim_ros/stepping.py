@@ -186,7 +186,7 @@ class Stepper(Protocol):
         ------
         ParameterError
             If an array has not the shape or the type of number that it must have: compiled code
-            does not look where it writes.
+            does not look where it writes. If coordinates or history are not finite.
 
         """
         ...
@@ -203,12 +203,17 @@ def check_state(links: int, contacts: int, state: State, history: Array) -> None
     Raises
     ------
     ParameterError
-        If an array has another shape or other numbers than a `Stepper` takes.
+        If an array has another shape or other numbers than a `Stepper` takes, or the coordinates
+        or the history are not finite. Velocities that are not are a step that diverged.
 
     """
     _check_array('state.q', state.q, (links, 7))
     _check_array('state.u', state.u, (links, 6))
     _check_array('history', history, (5, contacts, 5))
+    for name, array in (('state.q', state.q), ('history', history)):
+        if not np.isfinite(array).all():
+            place = np.argwhere(~np.isfinite(array))[0].tolist()
+            raise ParameterError(f'{name} must be finite, got {array[tuple(place)]} at {place}')
 
 
 def check_arguments(

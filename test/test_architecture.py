@@ -64,7 +64,7 @@ def python(*arguments, folder, **environment):
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=200,
         check=False,
     )
     assert finished.returncode == 0, finished.stderr

@@ -11,6 +11,7 @@ from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.scenery import contact_count
 from snake_sim_ros.scenery import contact_geometry
 from snake_sim_ros.scenery import links
+from snake_sim_ros.stepping import check_state
 from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import method_of
 from snake_sim_ros.stepping import PREVIOUS
@@ -37,7 +38,13 @@ def contact_forces(scene: Scene, state: State, history: Array) -> tuple[Array, A
     points, forces : ndarray, shape (k, 3)
         [m, frame I], [N, frame I]
 
+    Raises
+    ------
+    ParameterError
+        If state or history are those of another scene.
+
     """
+    check_state(scene.robot.link_count, contact_count(scene), state, history)
     loaded = loaded_contacts(history)
     q, span = where_impulses_acted(scene, state, history)
     ground = loaded[loaded < 2 * scene.robot.link_count]

@@ -58,7 +58,8 @@ def pairs(scene: Scene) -> list[tuple[int, int, int, int]]:
 
 def contact_count(scene: Scene) -> int:
     """Return the number of contacts, closed or not: 2n on a flat floor."""
-    return first_pair(scene) + len(pairs(scene))
+    n = scene.robot.link_count
+    return first_pair(scene) + (2 * (n - 1) * (n - 2) if scene.self_contact else 0)
 
 
 def contact_keys(scene: Scene) -> list[tuple[Any, ...]]:

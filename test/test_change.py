@@ -312,6 +312,13 @@ def test_references_that_are_not_finite_say_so(method, level):
     assert (end.q == start.q).all()
 
 
+def test_forces_are_those_of_the_scene_of_the_history():
+    simulation, still = Simulation(scene_of('pegs')), np.zeros((1, 2, 2))
+    simulation.advance(still, still)
+    with pytest.raises(ParameterError, match=r'history must be an array of shape \(5, 24, 5\)'):
+        contact_forces(scene_of('ground'), simulation.state, simulation.history)
+
+
 def test_a_change_that_is_refused_changes_nothing():
     scene = scene_of('pegs', level='spatial')
     simulation, still = Simulation(scene), np.zeros((2, 2, 2))

@@ -171,10 +171,15 @@ def check_walk(scenes):
     simulation.state = State(start.q, np.tile([*V, 0.0, 0.0, 0.0], (ROBOT.link_count, 1)))
     weight = 9.81 * ROBOT.per_link('link_mass').sum()
     for scene in scenes:
-        before = simulation.state
+        before, state = simulation.scene, simulation.state
+        _, forces = contact_forces(before, state, simulation.history)
         simulation.change(scene)
-        assert simulation.state is before
+        assert simulation.state is state
         assert simulation.history.shape == no_history(scene).shape
+        # What carried load still does, whatever the time for which impulses are kept.
+        _, same_forces = contact_forces(scene, state, simulation.history)
+        assert len(same_forces) == len(forces)
+        assert np.abs(same_forces - forces).max(initial=0.0) < 1e-14 * weight
         report = simulation.advance(still, still)
         # Gauss-Seidel stops at its limit of sweeps in the first steps of any run on a floor that
         # holds the robot in more ways than it needs.

@@ -11,6 +11,7 @@ from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.scenery import contact_count
 from snake_sim_ros.scenery import contact_geometry
 from snake_sim_ros.scenery import links
+from snake_sim_ros.stepping import check_state
 from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import method_of
 from snake_sim_ros.stepping import PREVIOUS
@@ -37,7 +38,13 @@ def contact_forces(scene: Scene, state: State, history: Array) -> tuple[Array, A
     points, forces : ndarray, shape (k, 3)
         [m, frame I], [N, frame I]
 
+    Raises
+    ------
+    ParameterError
+        If state or history are those of another scene.
+
     """
+    check_state(scene.robot.link_count, contact_count(scene), state, history)
     loaded = loaded_contacts(history)
     q, span = where_impulses_acted(scene, state, history)
     ground = loaded[loaded < 2 * scene.robot.link_count]
@@ -63,11 +70,12 @@ def where_impulses_acted(scene: Scene, state: State, history: Array) -> tuple[Ar
     Return the coordinates (n, 7) for which the last step had impulses, and how long they act [s].
 
     The step of the paper has them at its middle, for all of it; `bdf2` at its end as it is
-    predicted, for a part of it that is kept in history.
+    predicted, for a part of it that is kept in history, or the whole step if nothing is kept.
     """
     if method_of(scene) == 'bdf2':
         n, memory = scene.robot.link_count, history[PREVIOUS:].ravel()
-        return state.q, memory[13 * n + 3 if memory[KNOWN] else 26 * n + bdf2.SPAN]
+        span = memory[13 * n + 3 if memory[KNOWN] else 26 * n + bdf2.SPAN]
+        return state.q, span or scene.dt  # 0: of steps of another method or of another scene
     q = state.q.copy()
     q[:, :3] -= scene.dt / 2 * state.u[:, :3]
     spin = np.column_stack([np.zeros(len(q)), state.u[:, 3:]])

@@ -244,7 +244,7 @@ def selected(laws, contact, table, mass, impulse, press, dt, fall):
     """
     Fill CENTER, and return the laws with the compliance that this step selects with.
 
-    GAMMA is of the start of a step of dt [s], impulse of the last one, and weight adds `fall` [m/s].
+    GAMMA is of the start of a step of dt [s], impulse of the last one; weight adds `fall` [m/s].
 
     Deviation: the compliance of the selection rule moves a contact into the floor by compliance
     times P_N. It is reduced where that would be more than `press`, for the largest normal impulse

@@ -246,6 +246,8 @@ class Solver(Record):
     r_rolling: float = quantity(0.05, 'kg', 'prox parameter r_V', above=0)
 
 
+# Explicit at the start and the middle of a step, implicit with its mean and its end. The method
+# bdf2 has only the implicit ones, and one law of second order for both.
 PD_SCHEMES = ('start', 'midpoint', 'average', 'end')
 LEVELS = ('auto', 'planar', 'spatial')
 DRIFT_CORRECTIONS = ('paper', 'center_of_mass', 'none')

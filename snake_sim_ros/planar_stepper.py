@@ -26,6 +26,8 @@ from snake_sim_ros.scenery import contact_count
 from snake_sim_ros.scenery import first_peg
 from snake_sim_ros.spatial import COLUMNS
 from snake_sim_ros.spatial import make_model
+from snake_sim_ros.stepping import check_arguments
+from snake_sim_ros.stepping import check_state
 from snake_sim_ros.stepping import PREVIOUS
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import SETTLING
@@ -225,6 +227,8 @@ class PlanarStepper:
         self, state: State, history: Array, angle: Array, rate: Array
     ) -> tuple[State, Array, Report]:
         """Return state, history and report after as many steps as there are references."""
+        counts = len(self.model.mass), len(self.work.contact)
+        check_arguments(*counts, state, history, angle, rate)
         history = history.copy()
         q, u, tilt = self.coordinates(state, history)
         numbers, self.cycles = np.zeros(REPORT_SIZE), np.zeros(len(angle) + 1, np.int64)
@@ -279,6 +283,7 @@ class PlanarStepper:
 
     def goes_on(self, state: State, history: Array) -> bool:
         """Return whether the last step was planar and led to this state."""
+        check_state(len(self.model.mass), len(self.work.contact), state, history)
         memory, made = history[PREVIOUS:].reshape(-1), self.recalled
         same = recall(self.model.half_length, memory, state.q, state.u, *made)
         return bool(same and memory[KNOWN])

@@ -17,15 +17,10 @@ import numpy as np
 
 from snake_sim_ros import posture
 from snake_sim_ros import scenery
-from snake_sim_ros.contact_laws import DEPTH
-from snake_sim_ros.contact_laws import FINE
-from snake_sim_ros.contact_laws import IMPACT
 from snake_sim_ros.contact_laws import LEAST
-from snake_sim_ros.contact_laws import PRESS
 from snake_sim_ros.contact_laws import prox_disc
 from snake_sim_ros.contact_laws import prox_ellipse
 from snake_sim_ros.contact_laws import prox_half_line
-from snake_sim_ros.contact_laws import REST
 from snake_sim_ros.joint_control import pd_law
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import PD_SCHEMES
@@ -35,6 +30,9 @@ from snake_sim_ros.rotations import H_bar
 from snake_sim_ros.rotations import product
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.rotations import tilde
+from snake_sim_ros.selection import selection_center
+from snake_sim_ros.selection import selection_compliance
+from snake_sim_ros.stepping import check_arguments
 from snake_sim_ros.stepping import divergence
 from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import Report
@@ -251,8 +249,8 @@ def without_drift(robot: Robot, q: Array, rule: str) -> Array:
     """
     Return the coordinates with joints closed, section VII-C: link 1 is held, velocities are kept.
 
-    Deviation: the paper turns link i+1 about its own e_z until its e_x is at right angles to e_y of
-    link i, which no such turn does where the pitch is 90 degrees, and a flip of the link does
+    Deviation: the paper turns link i+1 about its own e_z until its e_x is at right angles to e_y
+    of link i, which no such turn does at a pitch of 90 degrees, and a flip of the link does
     beyond. Here it is turned about the common normal of both: the smallest turn there is.
 
     Deviation, for the rule ``center_of_mass``: afterwards the robot is moved back so that its
@@ -276,52 +274,6 @@ def without_drift(robot: Robot, q: Array, rule: str) -> Array:
     if rule == 'center_of_mass':
         q[:, :3] += center - posture.center_of_mass(robot, q)
     return q
-
-
-def selection_compliance(compliance: float, least: float, most: float) -> float:
-    """
-    Return the compliance of the selection rule in a step [1/kg].
-
-    Deviation: it moves a contact into the floor at ``compliance P_N``, and is reduced where that
-    would be more than PRESS for the largest normal impulse to be expected, but not below `least`.
-    """
-    return min(compliance, max(least, PRESS / most)) if most > 0.0 else compliance
-
-
-def selection_center(
-    dt: float, P_N: Array, gamma: Array, gap: Array, compliance: float, most: float, weight: float
-) -> Array:
-    """
-    Return the normal impulses about which the selection rule is compliant in a step.
-
-    Deviation: those that the rule presses in with PRESS, times depth over DEPTH: at most so deep,
-    contacts go no deeper. The depth is that of the contact for steps up to FINE, and in a share
-    that grows with the step the mean of those that carry load. But the last ones P_N while all
-    contacts that carry load are at rest, so that nothing sinks or creeps; those of an impact would
-    make bodies bounce.
-
-    Parameters
-    ----------
-    dt : float
-        Time step [s].
-    P_N : ndarray, shape (m,)
-        Last normal impulses [N s].
-    gamma : ndarray, shape (m, 3)
-        Normal and sliding velocities at the start of the step [m/s].
-    gap : ndarray, shape (m,)
-        In the middle of the step [m].
-    compliance, most : float
-        That of the step [1/kg], and the largest normal impulse that is to be expected [N s].
-    weight : float
-        Of the robot, times the step [N s].
-
-    """
-    if np.abs(gamma[P_N > 0.0]).max(initial=0.0) <= REST:
-        return np.minimum(P_N, IMPACT * weight)
-    highest = max(PRESS / compliance, most) if compliance > 0.0 else 0.0
-    depth, own = np.maximum(-gap, 0.0) / DEPTH, min(1.0, FINE / dt)
-    mean = np.minimum(depth, 1.0)[P_N > 0.0].mean() if (P_N > 0.0).any() else 0.0
-    return np.asarray(highest * np.clip(mean + own * (depth - mean), 0.0, 1.0))
 
 
 def contact_prox(
@@ -357,6 +309,8 @@ class ReferenceStepper:
         self, state: State, history: Array, angle: Array, rate: Array
     ) -> tuple[State, Array, Report]:
         """Return state, history and report after as many steps as there are references."""
+        counts = self.scene.robot.link_count, scenery.contact_count(self.scene)
+        check_arguments(*counts, state, history, angle, rate)
         report = Report()
         for step_angle, step_rate in zip(angle, rate, strict=True):
             end, end_history, step_report = self.step(state, history, step_angle, step_rate)

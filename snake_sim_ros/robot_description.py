@@ -87,6 +87,7 @@ def robot_of(urdf: str) -> Robot:
         n = sum(name.startswith('link_') and not name.endswith('_end') for name in links)
         joints = {joint.get('name', ''): joint for joint in root.iter('joint')}
         limit = _child(joints['joint_1_yaw'], 'limit')
+        limits = {name: float(limit[name]) for name in ('upper', 'velocity')}
         rows = [_robot_link(links[f'link_{i + 1}'], joints) for i in range(n)]
     except (ElementTree.ParseError, KeyError, ValueError) as error:
         raise ParameterError(
@@ -97,8 +98,8 @@ def robot_of(urdf: str) -> Robot:
     values: dict[str, Any] = {
         name: column[0] if len(set(column)) == 1 else column for name, column in columns.items()
     }
-    rate = float(limit['velocity'])
-    return Robot(link_count=n, joint_limit=float(limit['upper']), joint_rate_limit=rate, **values)
+    upper, rate = limits['upper'], limits['velocity']
+    return Robot(link_count=n, joint_limit=upper, joint_rate_limit=rate, **values)
 
 
 def _robot_link(
@@ -126,7 +127,12 @@ def _robot_link(
 
 def _x(part: ElementTree.Element) -> float:
     """Return x of the origin of a part [m]."""
-    return float(_child(part, 'origin')['xyz'].split()[0])
+    numbers = _child(part, 'origin')['xyz'].split()
+    if len(numbers) != 3:
+        raise ValueError(
+            f'xyz of an origin must be three numbers, got {" ".join(numbers) or "nothing"}'
+        )
+    return float(numbers[0])
 
 
 def _child(parent: ElementTree.Element, path: str) -> dict[str, str]:

@@ -16,7 +16,9 @@ A link is in contact with a peg as a capsule, the cylinder around its axis with 
 spheres as its ends, at the height of the nearest point of its axis.
 """
 
+from collections import Counter
 import math
+from typing import Any
 
 import numpy as np
 
@@ -56,7 +58,53 @@ def pairs(scene: Scene) -> list[tuple[int, int, int, int]]:
 
 def contact_count(scene: Scene) -> int:
     """Return the number of contacts, closed or not: 2n on a flat floor."""
-    return first_pair(scene) + len(pairs(scene))
+    n = scene.robot.link_count
+    return first_pair(scene) + (2 * (n - 1) * (n - 2) if scene.self_contact else 0)
+
+
+def contact_keys(scene: Scene) -> list[tuple[Any, ...]]:
+    """
+    Return what touches what in every contact, whatever its number: by it scenes are compared.
+
+    Returns
+    -------
+    list of tuple
+        ('floor', side, link); ('cell', slot, link), of a ground of which nothing more is said;
+        ('peg', x, y, radius, how many of the same come before it, link); ('pair', link, other
+        link, and the signs of their spheres).
+
+    """
+    n, count = scene.robot.link_count, first_peg(scene)
+    keys: list[tuple[Any, ...]] = [
+        ('floor' if slot < 2 else 'cell', slot, i) for slot in range(count // n) for i in range(n)
+    ]
+    before: Counter[tuple[float, ...]] = Counter()
+    for peg in map(tuple, scene.pegs.axes.tolist()):
+        keys += [('peg', *peg, before[peg], i) for i in range(n)]
+        before[peg] += 1
+    return keys + [('pair', *pair) for pair in pairs(scene)]
+
+
+def same_contacts(before: Scene, after: Scene) -> tuple[Array, Array]:
+    """
+    Return the numbers of the contacts that two scenes have in common, in each of them.
+
+    Returns
+    -------
+    old, new : ndarray of int, shape (k,)
+        Contact ``old[k]`` of the first scene is contact ``new[k]`` of the second one. Cells of
+        another ground are others; the spheres on the ground below them are the same.
+
+    """
+    number = {key: a for a, key in enumerate(contact_keys(before))}
+    ground = before.ground == after.ground
+    common = [
+        (number[key], a)
+        for a, key in enumerate(contact_keys(after))
+        if key in number and (ground or key[0] != 'cell')
+    ]
+    old, new = np.array(common, dtype=int).reshape(-1, 2).T
+    return old, new
 
 
 def links(scene: Scene) -> Array:

@@ -10,10 +10,12 @@ from snake_sim_ros import gait
 from snake_sim_ros import kinematics
 from snake_sim_ros.contact_forces import contact_forces
 from snake_sim_ros.contact_forces import loaded_contacts
+from snake_sim_ros.contact_forces import where_impulses_acted
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Gait
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.records import ParameterError
+from snake_sim_ros.stepping import carried
 from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import make_stepper
 from snake_sim_ros.stepping import no_history
@@ -121,7 +123,10 @@ class Simulation:
 
     def change(self, scene: Scene) -> None:
         """
-        Go on with other numbers, such as another gravity: pose, velocities and impulses stay.
+        Go on with other numbers, such as another gravity, other obstacles or another method.
+
+        Pose and velocities stay, and so do the impulses of contacts that both scenes have; see
+        `stepping.carried`.
 
         Raises
         ------
@@ -141,7 +146,11 @@ class Simulation:
         ):
             if old != new:
                 raise ParameterError(f'{name} cannot change while a scene runs: {old} to {new}')
-        self.stepper, self.scene = make_stepper(scene), scene
+        stepper = make_stepper(scene)
+        if scene != self.scene:
+            _, span = where_impulses_acted(self.scene, self.state, self.history)
+            self.history = carried(self.history, self.scene, scene, self.scene.dt / span)
+        self.stepper, self.scene = stepper, scene
 
     def push(self, link: int, impulse: Sequence[float]) -> None:
         """

@@ -69,6 +69,7 @@ from snake_sim_ros.report import TWIST_MAX
 from snake_sim_ros.scenery import contact_count
 from snake_sim_ros.scenery import is_flat
 from snake_sim_ros.scenery import pairs
+from snake_sim_ros.stepping import check_arguments
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import SETTLING
 from snake_sim_ros.stepping import State
@@ -438,6 +439,8 @@ class SpatialStepper:
         self, state: State, history: Array, angle: Array, rate: Array
     ) -> tuple[State, Array, Report]:
         """Return state, history and report after as many steps as there are references."""
+        counts = len(self.model.mass), len(self.work.contact)
+        check_arguments(*counts, state, history, angle, rate)
         q, u, history = state.q.copy(), state.u.copy(), history.copy()
         numbers, self.cycles = np.zeros(REPORT_SIZE), np.zeros(len(angle) + 1, np.int64)
         angle, rate = np.ascontiguousarray(angle), np.ascontiguousarray(rate)

@@ -12,6 +12,7 @@ from dataclasses import fields
 from dataclasses import replace
 from enum import Enum
 from functools import partial
+from typing import Any
 from typing import Protocol
 
 import numpy as np
@@ -21,6 +22,7 @@ from snake_sim_ros.parameters import Scene
 from snake_sim_ros.posture import initial_coordinates
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.scenery import contact_count
+from snake_sim_ros.scenery import same_contacts
 
 
 @dataclass(frozen=True)
@@ -168,7 +170,8 @@ class Stepper(Protocol):
             (normal, sliding x y, rolling x y) [N s], eq. (93); VELOCITY, relative velocities after
             it [m/s]; CHANGE, by how much the last step changed the normal impulse and the other
             velocities. From PREVIOUS on, in a row: what a method of two steps keeps. `no_history`
-            before the first step.
+            before the first step; `carried` where the step before was one of a scene with other
+            contacts, another method or another level.
         angle, rate : ndarray, shape (steps, n-1, 2)
             Joint references [rad], [rad/s] at the middle of every step.
 
@@ -179,12 +182,67 @@ class Stepper(Protocol):
         history : ndarray, shape (6, contacts, 5)
         report : Report
 
+        Raises
+        ------
+        ParameterError
+            If an array has not the shape or the type of number that it must have: compiled code
+            does not look where it writes. If coordinates or history are not finite.
+
         """
         ...
 
 
 IMPULSE, VELOCITY, CHANGE, PREVIOUS = range(4)
+SLABS = 6  # of history, with room for what a method of two steps keeps
 SETTLING = (-1, -1, -1)  # in history: steps that a robot still has to lie flat and still
+
+
+def check_state(links: int, contacts: int, state: State, history: Array) -> None:
+    """
+    Check what a stepper goes on from; `links` and `contacts` are those of its scene.
+
+    Raises
+    ------
+    ParameterError
+        If an array has another shape or other numbers than a `Stepper` takes, or the coordinates
+        or the history are not finite. Velocities that are not are a step that diverged.
+
+    """
+    _check_array('state.q', state.q, (links, 7))
+    _check_array('state.u', state.u, (links, 6))
+    _check_array('history', history, (SLABS, contacts, 5))
+    for name, array in (('state.q', state.q), ('history', history)):
+        if not np.isfinite(array).all():
+            place = np.argwhere(~np.isfinite(array))[0].tolist()
+            raise ParameterError(f'{name} must be finite, got {array[tuple(place)]} at {place}')
+
+
+def check_arguments(
+    links: int, contacts: int, state: State, history: Array, angle: Array, rate: Array
+) -> None:
+    """
+    Check all that `Stepper.advance` takes; `links` and `contacts` are those of its scene.
+
+    Raises
+    ------
+    ParameterError
+        If an array has another shape or other numbers than a `Stepper` takes.
+
+    """
+    check_state(links, contacts, state, history)
+    steps = len(angle) if np.ndim(angle) else 0
+    _check_array('angle', angle, (steps, links - 1, 2))
+    _check_array('rate', rate, (steps, links - 1, 2))
+
+
+def _check_array(name: str, array: Any, shape: tuple[int, ...]) -> None:
+    """Raise if this is not an array of floats of a shape."""
+    if isinstance(array, np.ndarray) and array.shape == shape and array.dtype == np.float64:
+        return
+    got = f'shape {np.shape(array)} of {array.dtype}' if isinstance(array, np.ndarray) else ''
+    raise ParameterError(
+        f'{name} must be an array of shape {shape} of float64, got {got or type(array).__name__}'
+    )
 
 
 def _planar(scene: Scene, loop: Callable[..., None]) -> Stepper:
@@ -221,6 +279,12 @@ def _newton_dense(scene: Scene, level: str = 'spatial') -> Stepper:
 
 
 def _bdf2(scene: Scene, level: str = 'spatial') -> Stepper:
+    if scene.pd_scheme not in IMPLICIT_SCHEMES:
+        raise ParameterError(
+            f'pd_scheme {scene.pd_scheme} is explicit, and method bdf2 takes the controller at '
+            f'the end of a step; choose pd_scheme {" or ".join(IMPLICIT_SCHEMES)}, or method '
+            f'newton'
+        )
     if level == 'planar':
         from snake_sim_ros import planar_bdf2
 
@@ -269,11 +333,16 @@ METHODS: dict[str, Callable[..., Stepper]] = {
 
 AUTO = 'auto'  # in place of a method: the one that docs/speed_accuracy.md finds best for the step
 LARGE_STEP = 1e-3  # s; above it, a method of second order
+# Where the controller may act in a method of second order. It has a law of its own for both: all
+# at the end of the step, linear about the end that is predicted.
+IMPLICIT_SCHEMES = ('average', 'end')
 
 
 def method_of(scene: Scene) -> str:
     """
     Return the method that a scene gets: the one that it names, or the choice of `auto`.
+
+    The choice can do what the scene asks for: `bdf2` has no explicit joint control.
 
     Raises
     ------
@@ -282,7 +351,8 @@ def method_of(scene: Scene) -> str:
 
     """
     if scene.method == AUTO:
-        return 'bdf2' if scene.dt > LARGE_STEP else 'newton'
+        large = scene.dt > LARGE_STEP and scene.pd_scheme in IMPLICIT_SCHEMES
+        return 'bdf2' if large else 'newton'
     if scene.method not in METHODS:
         names = ', '.join(sorted([AUTO, *METHODS]))
         raise ParameterError(f'unknown method {scene.method!r}; choose from: {names}')
@@ -296,7 +366,7 @@ def make_stepper(scene: Scene) -> Stepper:
     Raises
     ------
     ParameterError
-        If the scene names no method, see `method_of`.
+        If the scene names no method, see `method_of`, or one that cannot do what it asks for.
 
     """
     from snake_sim_ros.levels import stepper_of_level
@@ -312,4 +382,36 @@ def initial_state(scene: Scene) -> State:
 
 def no_history(scene: Scene) -> Array:
     """Return the history before the first contact: zero, shape (6, contacts, 5)."""
-    return np.zeros((6, contact_count(scene), 5))
+    return np.zeros((SLABS, contact_count(scene), 5))
+
+
+def carried(history: Array, before: Scene, after: Scene, scale: float) -> Array:
+    """
+    Return what the steps of a scene may take over from those of another one.
+
+    Contacts that both have keep what is known of them, and those that are new have not touched
+    yet. A method remembers nothing: what another method, another level or the same with other
+    contacts left there would be read as something else, and differences over two steps mean
+    nothing where forces jump.
+
+    Parameters
+    ----------
+    history : ndarray, shape (6, contacts, 5)
+        After a step of the scene `before`; left alone.
+    before, after : Scene
+        Of the same robot and time step.
+    scale : float
+        Time step over the time in which the last impulses acted: here they are of a whole step.
+
+    Returns
+    -------
+    ndarray, shape (6, contacts of `after`, 5)
+
+    """
+    old, new = same_contacts(before, after)
+    taken = no_history(after)
+    taken[:PREVIOUS, new] = history[:PREVIOUS, old]
+    taken[IMPULSE] *= scale
+    taken[CHANGE, :, 0] *= scale
+    taken[SETTLING] = history[SETTLING]
+    return taken

@@ -7,7 +7,6 @@ from dataclasses import fields
 from io import BytesIO
 import json
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -16,9 +15,11 @@ from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import scene_from_text
 from snake_sim_ros.parameters import scene_to_text
 from snake_sim_ros.records import ParameterError
+from snake_sim_ros.scenery import contact_count
 from snake_sim_ros.stepping import Report
 
 FORMAT = 2  # of npz files; 1, without contacts, did not say so
+KINDS = {'f': 'floats', 'i': 'integers', 'U': 'text'}  # of numbers in arrays
 
 
 @dataclass(frozen=True)
@@ -97,38 +98,88 @@ class Trajectory:
         Raises
         ------
         ParameterError
-            If the file is not whole, not one of `save`, or of another version.
+            If the file is not whole, not one of `save`, of another version, or if its arrays do
+            not belong together.
 
         """
         try:
             with np.load(path) as file:
-                data = {name: file[name] for name in file.files}
+                data = {name: np.asarray(file[name]) for name in file.files}
+            texts = {name: item.tolist() for name, item in data.items() if item.dtype.kind == 'U'}
         except FileNotFoundError:
             raise ParameterError(f'no file {path}') from None
-        except (BadZipFile, EOFError, ValueError, TypeError, AttributeError):
+        except (IsADirectoryError, PermissionError) as error:
+            raise ParameterError(f'{path} cannot be read: {error.strerror}') from None
+        except Exception:  # broken data makes NumPy, zipfile and zlib raise whatever they like
             raise ParameterError(
                 f'{path} is not a whole npz file; snake-sim run --out writes one'
             ) from None
-        if 'scene' not in data or 'position' not in data:
+        if 'scene' not in texts or 'position' not in data:
             raise ParameterError(f'{path} is not a recorded run: it has no scene or no position')
-        version = int(data['format']) if 'format' in data else 1
+        number = data.get('format', np.array(1))
+        version = int(number) if number.dtype.kind == 'i' and not number.shape else 0
         if version != FORMAT:
             raise ParameterError(
                 f'{path} is a run in format {version}, of another version of snake_sim_ros; this '
                 f'one reads format {FORMAT}: run its scene again'
             )
         try:
-            report = json.loads(str(data['report']))
-            report['joint_torque'] = np.array(report['joint_torque'])
-            return cls(
-                scene=scene_from_text(str(data['scene'])),
+            run = cls(
+                scene=scene_from_text(texts['scene']),
                 **{name: data[name] for name in ARRAYS},
-                report=Report(**report),
+                report=_report(texts['report']),
                 seconds=float(data['seconds']),
                 interrupted=bool(data['interrupted']),
             )
-        except (KeyError, TypeError, ValueError) as error:
+            run.check()
+        except Exception as error:  # and so does broken text
             raise ParameterError(f'{path} is not a whole run: {error}') from None
+        return run
+
+    def check(self) -> None:
+        """
+        Check that all arrays are of one run of the scene.
+
+        Raises
+        ------
+        ParameterError
+            If one has another shape or other values than a run can have.
+
+        """
+        n, m, k = self.scene.robot.link_count, np.size(self.time), np.size(self.contact_sample)
+        for names, kind, shape in (
+            (('time',), 'f', (m,)),
+            (('position',), 'f', (m, n, 3)),
+            (('orientation',), 'f', (m, n, 4)),
+            (('joint_angle', 'joint_velocity', 'joint_torque'), 'f', (m, n - 1, 2)),
+            (('contact_sample', 'contact_number'), 'i', (k,)),
+            (('contact_point', 'contact_force'), 'f', (k, 3)),
+            (('level',), 'U', (m,)),
+        ):
+            for name in names:
+                array = getattr(self, name)
+                if array.shape != shape or array.dtype.kind != kind:
+                    raise ParameterError(
+                        f'{name} must have shape {shape} of {KINDS[kind]}, got {array.shape} of '
+                        f'{array.dtype}'
+                    )
+        if not all(map(str.isprintable, self.level.tolist())):
+            raise ParameterError('level must be printable text')
+        if not m:
+            raise ParameterError('time must have a sample, got none')
+        if not (np.isfinite(self.time).all() and (np.diff(self.time) >= 0.0).all()):
+            raise ParameterError('time must be finite and never go back')
+        count = contact_count(self.scene)
+        for name, array, low, high in (
+            ('contact_sample', self.contact_sample, 0, m - 1),
+            ('contact_number', self.contact_number, -1, count - 1),
+        ):
+            if k and not low <= array.min() <= array.max() <= high:
+                raise ParameterError(
+                    f'{name} must be {low} to {high}, got {array.min()} to {array.max()}'
+                )
+        if (np.diff(self.contact_sample) < 0).any():
+            raise ParameterError('contact_sample must be in the order of the samples')
 
     def save_csv(self, path: Path) -> None:
         """Write a table with a row for each sample: time, links, joints, sum of the forces."""
@@ -151,6 +202,26 @@ class Trajectory:
             writer.writerow([*names, 'level'])
             for row, level in zip(np.column_stack([self.time, *flat]), self.level, strict=True):
                 writer.writerow([*row.tolist(), level])
+
+
+def _report(text: str) -> Report:
+    """
+    Return the report that `Trajectory.save` wrote.
+
+    Raises
+    ------
+    ParameterError
+        If a value is of another kind than that of a report.
+
+    """
+    values = json.loads(text)
+    values['joint_torque'] = np.array(values['joint_torque'], dtype=float)
+    usual, report = Report(), Report(**values)
+    for item in fields(Report):
+        kind, value = type(getattr(usual, item.name)), getattr(report, item.name)
+        if type(value) is not kind:
+            raise ParameterError(f'{item.name} of the report must be {kind.__name__}, got {value}')
+    return report
 
 
 ARRAYS = tuple(item.name for item in fields(Trajectory) if item.type is Array)

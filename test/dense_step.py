@@ -10,6 +10,8 @@ from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.posture import gaps
 from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.selection import selection_center
+from snake_sim_ros.selection import selection_compliance
 from snake_sim_ros.spatial import PROXIMAL
 from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import make_stepper
@@ -135,9 +137,7 @@ def dense_step(scene: Scene, state: State, history: Array, angle: Array, rate: A
     expected = np.append(last, robot.per_link('link_mass')[active % n] * stop)
     most = float(expected.max(initial=0.0))
     size = reference.mean_delassus(robot)
-    compliance = reference.selection_compliance(
-        scene.solver.normal_compliance * size, LEAST * size, most
-    )
+    compliance = selection_compliance(scene.solver.normal_compliance * size, LEAST * size, most)
     weight = -dt * scene.gravity[2] * robot.per_link('link_mass').sum()
     return DenseStep(
         scene=scene,
@@ -147,7 +147,7 @@ def dense_step(scene: Scene, state: State, history: Array, angle: Array, rate: A
         W_J=reference.joint_directions(robot, R),
         momentum=M @ u_A + h * dt + W_tau @ torque * dt,
         compliance=compliance,
-        center=reference.selection_center(
+        center=selection_center(
             dt, last, gamma_A, gaps(robot, q_M)[active], compliance, most, weight
         ),
     )

@@ -64,7 +64,7 @@ def python(*arguments, folder, **environment):
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=200,
         check=False,
     )
     assert finished.returncode == 0, finished.stderr
@@ -148,11 +148,22 @@ def test_physics_runs_without_nodes_and_without_compiler(tmp_path, method, level
     assert np.abs(compiled_history - history).max() < 1e-12
 
 
-def test_contacts_of_links_without_compiler():
+@pytest.mark.parametrize(
+    ('file', 'passed'), [('test_self_contact.py', r'2\d'), ('test_change.py', r'2\d\d')]
+)
+def test_what_is_tested_without_compiler(file, passed):
     # See conftest.py.
-    arguments = ['-m', 'pytest', '-q', '-p', 'no:cacheprovider', 'test/test_self_contact.py']
+    arguments = ['-m', 'pytest', '-q', '-p', 'no:cacheprovider', f'test/{file}']
     printed = python(*arguments, folder=ROOT, NUMBA_DISABLE_JIT='1')
-    assert re.search(r'^2\d passed in', printed, re.MULTILINE), printed
+    assert re.search(rf'^{passed} passed in', printed, re.MULTILINE), printed
+
+
+def test_a_scene_that_changes_stays_in_bounds():
+    # A compiler that looks at every index compiles something else: it has a cache of its own.
+    program = str(ROOT / 'test' / 'test_change.py')
+    cache = f'{numba.config.CACHE_DIR}_in_bounds'
+    printed = python(program, folder=ROOT, NUMBA_BOUNDSCHECK='1', NUMBA_CACHE_DIR=cache)
+    assert printed == 'all in bounds\n'
 
 
 # ---- compilation --------------------------------------------------------------------------------

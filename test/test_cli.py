@@ -99,6 +99,11 @@ def test_numbers_in_settings_are_written_as_usual(capsys):
             "unknown method 'magic'; choose from: auto, bdf2, gauss_seidel, newton, newton_dense, "
             'paper, reference',
         ),
+        (
+            ['lateral_undulation', '--method', 'bdf2', '--set', 'pd_scheme=start'],
+            'pd_scheme start is explicit, and method bdf2 takes the controller at the end of a '
+            'step; choose pd_scheme average or end, or method newton',
+        ),
     ],
 )
 def test_unusable_arguments_of_run(arguments, sentence, capsys, tmp_path, monkeypatch):

@@ -37,13 +37,13 @@ from snake_sim_ros.reference import joint_torque_law
 from snake_sim_ros.reference import mass_matrix
 from snake_sim_ros.reference import mean_delassus
 from snake_sim_ros.reference import middle_coordinates
-from snake_sim_ros.reference import selection_center
-from snake_sim_ros.reference import selection_compliance
 from snake_sim_ros.reference import smooth_forces
 from snake_sim_ros.reference import torque_directions
 from snake_sim_ros.rotations import about
 from snake_sim_ros.rotations import product
 from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.selection import selection_center
+from snake_sim_ros.selection import selection_compliance
 from snake_sim_ros.spatial import PROXIMAL
 from snake_sim_ros.stepping import CHANGE
 from snake_sim_ros.stepping import IMPULSE

@@ -1,10 +1,12 @@
-"""The PD law at the three places in the time step where it may act."""
+"""The PD law at the four places in the time step where it may act, and at a predicted end."""
 
 import numpy as np
 import pytest
 from random_states import EPS
 
+from snake_sim_ros.joint_control import AVERAGE
 from snake_sim_ros.joint_control import END
+from snake_sim_ros.joint_control import implicit_pd_law
 from snake_sim_ros.joint_control import MIDPOINT
 from snake_sim_ros.joint_control import pd_law
 from snake_sim_ros.joint_control import START
@@ -29,9 +31,10 @@ def case(request):
 
 
 def test_names_are_in_the_order_of_the_numbers():
-    assert [PD_SCHEMES[number] for number in (START, MIDPOINT, END)] == [
+    assert [PD_SCHEMES[number] for number in (START, MIDPOINT, AVERAGE, END)] == [
         'start',
         'midpoint',
+        'average',
         'end',
     ]
 
@@ -53,6 +56,45 @@ def test_midpoint(case):
     assert damping == 0.0
 
 
+def test_average(case):
+    dt, start, mid, reference, K_p, K_d = case
+    # The mean of start and end, linear in the rate at the end; the reference is at t_M:
+    # alpha_A = alpha_M - dt/2 alphadot_A, alpha_E = alpha_M + dt/2 alphadot_E.
+    for rate_end in (-3.0, 0.0, 2.0):
+        angle_mean = (mid[0] - dt / 2 * mid[1] + mid[0] + dt / 2 * rate_end) / 2
+        expected = law(K_p, K_d, angle_mean, (mid[1] + rate_end) / 2, *reference)
+        torque, damping = pd_law(AVERAGE, dt, start, mid, reference, K_p, K_d)
+        assert abs(torque - damping * rate_end - expected) < ROUNDING
+    # The configuration at the start has no part in it, but for the rate.
+    assert pd_law(AVERAGE, dt, (99.0, 99.0), mid, reference, K_p, K_d) == (torque, damping)
+
+
+@pytest.mark.parametrize(('scheme', 'share'), [(AVERAGE, 0.5), (END, 1.0)])
+def test_implicit_schemes_take_a_joint_to_where_it_should_be(scheme, share):
+    # A joint without anything else, J (w_E - w_A)/dt = torque - damping w_E: its momentum changes
+    # by the mean of the forces at start and end for `average`, the trapezoidal rule, and by that
+    # at the end for `end`. Angles move with the mean rate of the step.
+    J, K_p, K_d, dt, angle, rate = 5e-4, 40.0, 0.2, 1e-3, 0.1, 2.0
+    mid = angle + dt / 2 * rate
+    torque, damping = pd_law(scheme, dt, (angle, rate), (mid, rate), (0.0, 0.0), K_p, K_d)
+    rate_end = (J * rate + dt * torque) / (J + dt * damping)
+    angle_end = mid + dt / 2 * rate_end
+    force = -K_p * (share * angle_end + (1 - share) * angle)
+    force -= K_d * (share * rate_end + (1 - share) * rate)
+    # Both are sums of a dozen numbers up to 5 N m, each wrong by eps/2.
+    assert abs(J * (rate_end - rate) / dt - force) < 5 * 12 * EPS
+
+
+def test_the_law_at_a_predicted_end(case):
+    dt, (angle, rate), _, reference, K_p, K_d = case
+    # All at the end, of which the angle moves with the rate: alpha = alpha* + h (w - w*). For the
+    # predicted rate itself it is the law as it stands.
+    torque, damping = implicit_pd_law(dt, angle, rate, reference, K_p, K_d)
+    for rate_end in (-3.0, 0.0, 2.0, rate):
+        expected = law(K_p, K_d, angle + dt * (rate_end - rate), rate_end, *reference)
+        assert abs(torque - damping * rate_end - expected) < ROUNDING
+
+
 def test_end(case):
     dt, start, mid, (angle, rate), K_p, K_d = case
     torque, damping = pd_law(END, dt, start, mid, (angle, rate), K_p, K_d)
@@ -72,3 +114,12 @@ def test_a_joint_on_its_reference_feels_nothing(scheme):
     dt, angle, rate = 2.0**-12, 0.25, 0.5
     start, mid = (angle - dt / 2 * rate, rate), (angle, rate)
     assert pd_law(scheme, dt, start, mid, (angle, rate), 800.0, 0.2) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize('scheme', [AVERAGE, END])
+def test_a_joint_that_stays_on_its_reference_feels_nothing(scheme):
+    # The rate at the end, too, is that of the reference.
+    dt, angle, rate = 2.0**-12, 0.25, 0.5
+    start, mid = (angle - dt / 2 * rate, rate), (angle, rate)
+    torque, damping = pd_law(scheme, dt, start, mid, (angle, rate), 800.0, 0.2)
+    assert abs(torque - damping * rate) < ROUNDING

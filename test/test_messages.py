@@ -1,5 +1,6 @@
 """Messages from and to physics, without any node."""
 
+import math
 from types import SimpleNamespace
 
 from geometry_msgs.msg import PoseArray
@@ -14,6 +15,8 @@ from sensor_msgs.msg import JointState
 
 from snake_sim_ros.nodes.command_messages import command_message
 from snake_sim_ros.nodes.command_messages import joint_names
+from snake_sim_ros.nodes.diagnostics import shown
+from snake_sim_ros.nodes.diagnostics import status_of
 from snake_sim_ros.nodes.messages import seconds_from
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.messages import StateMessages
@@ -179,6 +182,32 @@ def test_messages_of_a_single_link():
     messages = filled(state, Robot(link_count=1))
     assert len(messages.link_poses.poses) == 1
     assert list(messages.joint_states.position) == list(messages.joint_states.name) == []
+
+
+@pytest.mark.parametrize(
+    ('told', 'text'),
+    [
+        ({'real_time_factor': '0.998'}, '1.00'),
+        ({'real_time_factor': 'as fast as possible'}, 'as fast as possible'),
+        ({'real_time_factor': ''}, ''),
+        ({}, '-'),
+    ],
+)
+def test_diagnostics_of_anyone_are_shown(told, text):
+    status = status_of('sim', '', '', 'running', {'level': 'planar', **told})
+    assert shown(status) == {'level': 'planar', 'real-time factor': text, 'sim': 'running'}
+
+
+@pytest.mark.parametrize(
+    ('value', 'number'),
+    [(0.5, 0.5), (2, 2), (True, None), ('much', None), ([0.1], None), (math.nan, None)],
+)
+def test_parameters_of_anyone_are_numbers_or_not_shown(value, number):
+    pytest.importorskip('viser')
+    from snake_sim_ros.nodes.viewer_controls import number_in
+
+    assert number_in({'friction.longitudinal': value}, 'friction.longitudinal') == number
+    assert number_in({}, 'friction.longitudinal') is None
 
 
 def test_command_has_all_joints():

@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 
 from snake_sim_ros import gait
+from snake_sim_ros.parameters import LEVELS
 from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import PD_SCHEMES
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import Solver
 from snake_sim_ros.records import ParameterError
+from snake_sim_ros.simulation import Simulation
 from snake_sim_ros.stepping import CHANGE
+from snake_sim_ros.stepping import IMPLICIT_SCHEMES
 from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import make_stepper
@@ -61,6 +65,37 @@ def test_auto_takes_the_method_for_the_step(dt, method):
     loops = [make_stepper(replace(scene, method=name)).loop for name in ('auto', method)]
     taken, named = (getattr(loop, 'func', loop) for loop in loops)  # without what is bound
     assert taken is named
+
+
+@pytest.mark.parametrize('level', LEVELS)
+@pytest.mark.parametrize('scheme', PD_SCHEMES)
+def test_a_method_of_second_order_refuses_explicit_joint_control(scheme, level):
+    scene = Scene(method='bdf2', dt=2e-3, level=level, pd_scheme=scheme)
+    if scheme in IMPLICIT_SCHEMES:
+        assert make_stepper(scene).level in ('planar', 'spatial')
+        return
+    with pytest.raises(ParameterError) as caught:
+        make_stepper(scene)
+    assert str(caught.value) == (
+        f'pd_scheme {scheme} is explicit, and method bdf2 takes the controller at the end of a '
+        f'step; choose pd_scheme average or end, or method newton'
+    )
+    # What the choice of the method can do, and what a running scene is told.
+    assert method_of(replace(scene, method='auto')) == 'newton'
+    simulation = Simulation(replace(scene, pd_scheme='average'))
+    with pytest.raises(ParameterError, match=f'pd_scheme {scheme} is explicit'):
+        simulation.change(scene)
+
+
+def test_both_implicit_schemes_are_one_law_of_second_order():
+    # bdf2 has the controller at the end of a step, for `average`, too: the same bits.
+    scene, ends = replace(load_scene('sidewinding'), method='bdf2', dt=2e-3, level='spatial'), []
+    reference = np.full((2, scene.robot.link_count - 1, 2), 0.1)
+    for scheme in IMPLICIT_SCHEMES:
+        stepper = make_stepper(replace(scene, pd_scheme=scheme))
+        ends.append(stepper.advance(initial_state(scene), no_history(scene), reference, reference))
+    assert (ends[0][0].q == ends[1][0].q).all()
+    assert (ends[0][2].joint_torque == ends[1][2].joint_torque).all()
 
 
 def test_reports_add_up():

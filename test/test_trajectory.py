@@ -3,6 +3,8 @@
 import csv
 from dataclasses import fields
 from dataclasses import replace
+from io import BytesIO
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -79,6 +81,110 @@ def test_files_of_others(saved, tmp_path, changes, sentence):
     with pytest.raises(ParameterError, match=sentence) as error:
         Trajectory.load(path)
     assert str(error.value).startswith(str(path))
+
+
+@pytest.mark.parametrize(
+    ('name', 'change', 'sentence'),
+    [
+        ('time', lambda a: a[1:], r'position must have shape \(10, 11, 3\) of floats'),
+        ('time', lambda a: a[::-1], 'time must be finite and never go back'),
+        ('time', lambda a: a * np.nan, 'time must be finite and never go back'),
+        ('time', lambda a: a[:, None], r'time must have shape \(11,\) of floats, got \(11, 1\)'),
+        ('position', lambda a: a[:, :-1], r'position must have shape \(11, 11, 3\) of floats'),
+        ('position', lambda a: a.astype(int), 'position must have .* of floats, got .* of int64'),
+        ('orientation', lambda a: a[..., :3], r'orientation must have shape \(11, 11, 4\)'),
+        ('joint_angle', lambda a: a[0], r'joint_angle must have .* got \(10, 2\) of float64'),
+        ('joint_velocity', lambda a: a.astype(str), 'joint_velocity must have .* of floats'),
+        ('joint_torque', lambda a: a[:, :, 0], 'joint_torque must have shape'),
+        ('contact_sample', lambda a: a + 1, 'contact_sample must be 0 to 10, got 2 to 11'),
+        ('contact_sample', lambda a: a[::-1], 'contact_sample must be in the order of the sam'),
+        ('contact_sample', lambda a: a[1:], r'contact_number must have shape \(219,\) of integ'),
+        ('contact_number', lambda a: a + 1, 'contact_number must be -1 to 21, got 1 to 22'),
+        ('contact_number', lambda a: a - 2, 'contact_number must be -1 to 21, got -2 to 19'),
+        ('contact_number', lambda a: 1.0 * a, 'contact_number must have .* of integers'),
+        ('contact_force', lambda a: a[1:], r'contact_force must have shape \(220, 3\) of floats'),
+        ('contact_point', lambda a: a[:, :2], 'contact_point must have shape'),
+        ('level', lambda a: a[1:], r'level must have shape \(11,\) of text'),
+        ('level', lambda a: np.char.add(a, '\n'), 'level must be printable text'),
+        ('format', lambda a: np.array([2, 2]), 'is a run in format 0, of another version'),
+    ],
+)
+def test_arrays_that_are_not_of_one_run(saved, trajectory, tmp_path, name, change, sentence):
+    path = tmp_path / 'odd.npz'
+    write(saved, path, **{name: change(np.asarray(getattr(trajectory, name, 2)))})
+    with pytest.raises(ParameterError, match=sentence) as error:
+        Trajectory.load(path)
+    assert str(error.value).startswith(f'{path} is ')
+    assert '\n' not in str(error.value)
+
+
+def test_a_run_without_samples(saved, trajectory, tmp_path):
+    path = tmp_path / 'none.npz'
+    write(saved, path, **{name: getattr(trajectory, name)[:0] for name in ARRAYS})
+    with pytest.raises(ParameterError, match='time must have a sample, got none'):
+        Trajectory.load(path)
+
+
+@pytest.mark.parametrize(
+    ('report', 'sentence'),
+    [
+        ('[]', 'is not a whole run: '),
+        ('[' * 100000, 'is not a whole run: '),
+        ('{"steps": "many", "joint_torque": []}', 'steps of the report must be int, got many'),
+        ('{"joint_torque": [[1], [1, 2]]}', 'is not a whole run: '),
+    ],
+)
+def test_reports_that_are_none(saved, tmp_path, report, sentence):
+    path = tmp_path / 'odd.npz'
+    write(saved, path, report=report)
+    with pytest.raises(ParameterError, match=sentence) as error:
+        Trajectory.load(path)
+    assert str(error.value).startswith(str(path))
+
+
+def load(path, content):
+    """Return whether a file of this content is a run; if not, one sentence says so."""
+    path.write_bytes(content)
+    try:
+        trajectory = Trajectory.load(path)
+    except ParameterError as error:
+        assert str(error).startswith(f'{path} is ')
+        assert '\n' not in str(error)
+        return False
+    trajectory.check()
+    return True
+
+
+@pytest.mark.filterwarnings('ignore')  # of NumPy, on headers that it can read nevertheless
+def test_damaged_files_are_refused_with_a_sentence(saved, trajectory, tmp_path):
+    # Some bytes of a file, then some bytes of the arrays in a file that is whole: their headers,
+    # names of types and texts. What is left is a run, of other numbers.
+    rng, path, content = np.random.default_rng(3), tmp_path / 'odd.npz', saved.read_bytes()
+    for _ in range(200):
+        damaged = bytearray(content)
+        for place in rng.integers(len(content), size=rng.choice([1, 2, 20])):
+            damaged[place] = rng.integers(256)
+        load(path, bytes(damaged))
+    with ZipFile(saved) as file:
+        members = {name: file.read(name) for name in file.namelist()}
+    refused = 0
+    for _ in range(400):
+        damaged = {name: bytearray(member) for name, member in members.items()}
+        member = damaged[rng.choice(list(damaged))]
+        for place in rng.integers(min(len(member), rng.choice([80, 200])), size=2):
+            member[place] = rng.integers(256)
+        buffer = BytesIO()
+        with ZipFile(buffer, 'w') as file:
+            for name, member in damaged.items():
+                file.writestr(name, bytes(member))
+        refused += not load(path, buffer.getvalue())
+    assert refused > 200
+    assert load(path, content)
+
+
+def test_a_folder_is_no_run(tmp_path):
+    with pytest.raises(ParameterError, match='cannot be read: Is a directory'):
+        Trajectory.load(tmp_path)
 
 
 @pytest.mark.parametrize('keep', [0, 7, 1000, -30])

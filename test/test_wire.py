@@ -1,6 +1,7 @@
 """What messages say is what was put into them: robots, poses, joints, contacts, obstacles."""
 
 from dataclasses import replace
+import re
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray
@@ -55,11 +56,21 @@ def test_robot_of_its_description(robot):
 @pytest.mark.parametrize(
     'urdf', ['', 'no xml', '<robot/>', '<robot><link name="a"/></robot>',
              robot_description(Robot()).replace('link_5', 'limb_5'),
-             robot_description(Robot()).replace('radius', 'girth')]
+             robot_description(Robot()).replace('radius', 'girth'),
+             robot_description(Robot()).replace('velocity', 'speed'),
+             re.sub('xyz="[^"]*"', 'xyz=""', robot_description(Robot())),
+             re.sub('xyz="[^"]*"', 'xyz="0 0"', robot_description(Robot()))]
 )  # fmt: skip
 def test_other_descriptions(urdf):
     with pytest.raises(ParameterError, match='robot_description must be a URDF as snake-sim urdf'):
         robot_of(urdf)
+
+
+def test_places_without_numbers_are_named():
+    text = robot_description(Robot()).replace('xyz="0.0393 0.0 0.0"', 'xyz=" "')
+    assert text != robot_description(Robot())
+    with pytest.raises(ParameterError, match='xyz of an origin must be three numbers, got not'):
+        robot_of(text)
 
 
 def test_poses_are_those_of_the_state():

@@ -231,8 +231,8 @@ class RunBag:
             self._transforms.fill(stamp_from(now), messages.base.tolist())
             self._write('/tf', now, self._transforms.moving)
         if self._is_due('/markers', simulation.time, MARKER_PERIOD):
-            state, history = simulation.state, simulation.history
-            self._markers.fill(stamp_from(now), *contact_forces(self._scene, state, history))
+            scene, state, history = simulation.scene, simulation.state, simulation.history
+            self._markers.fill(stamp_from(now), *contact_forces(scene, state, history))
             self._write('/markers', now, self._markers.message)
         if self._is_due('/diagnostics', simulation.time, DIAGNOSTICS_PERIOD):
             status = status_of('sim', simulation.report.failure, '', 'run', values_of(simulation))

@@ -27,6 +27,21 @@ def values_of(simulation: Simulation) -> dict[str, object]:
     }
 
 
+def shown(status: DiagnosticStatus) -> dict[str, str]:
+    """Return name -> text of what the viewer shows of a status, whoever made it."""
+    values = {item.key: item.value for item in status.values}
+    factor = values.get('real_time_factor', '-')
+    try:
+        factor = f'{float(factor):.2f}'
+    except ValueError:  # told in words, or not at all
+        pass
+    return {
+        'level': values.get('level', '-'),
+        'real-time factor': factor,
+        'sim': status.message,
+    }
+
+
 def status_of(
     name: str, failure: str, warning: str, state: str, values: dict[str, object]
 ) -> DiagnosticStatus:

@@ -193,13 +193,13 @@ class Controls:
         self.buttons['pause'].label = 'go on' if self.paused else 'pause'
         self.gait.disabled = SCENE not in gait.values
         scene = gait.values.get(SCENE)
-        if scene is not None and self._news(SCENE, scene):
+        if isinstance(scene, str) and self._news(SCENE, scene):
             if scene not in self.gaits:
                 self.gaits.append(scene)
                 self.gait.options = tuple(self.gaits)
             self.gait.value = scene
         for knob, number in self.numbers.items():
-            value = self.remotes[knob.node].values.get(knob.parameter)
+            value = number_in(self.remotes[knob.node].values, knob.parameter)
             number.disabled = value is None
             if value is not None and self._news(knob.label, value):
                 shown = round(value / knob.unit / knob.step) * knob.step
@@ -250,7 +250,7 @@ class Controls:
     def _on_number(self, knob: Knob) -> None:
         remote, value = self.remotes[knob.node], float(self.numbers[knob].value) * knob.unit
         wanted = {knob.parameter: value}
-        yaw, pitch = (remote.values.get(name) for name in FREQUENCY)
+        yaw, pitch = (number_in(remote.values, name) for name in FREQUENCY)
         if knob.parameter == FREQUENCY[0] and yaw and pitch:
             wanted[FREQUENCY[1]] = value * pitch / yaw
         remote.values |= wanted
@@ -262,6 +262,14 @@ class Controls:
     def _on_event(self, event: ParameterEvent) -> None:
         if event.node in self._of_node:
             self._of_node[event.node].heed(event)
+
+
+def number_in(values: dict[str, Any], name: str) -> float | None:
+    """Return a parameter that is a finite number; another node may have any other there."""
+    value = values.get(name)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    return value if math.isfinite(value) else None
 
 
 def gaits() -> dict[str, Any]:

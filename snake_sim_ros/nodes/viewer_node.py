@@ -29,6 +29,7 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros import wire
+from snake_sim_ros.nodes.diagnostics import shown
 from snake_sim_ros.nodes.messages import seconds_from
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.running import run_node
@@ -174,13 +175,7 @@ class ViewerNode(Node):
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == self.physics:
-                values = {item.key: item.value for item in status.values}
-                factor = float(values.get('real_time_factor', 'nan'))
-                self.status = {
-                    'level': values.get('level', '-'),
-                    'real-time factor': f'{factor:.2f}',
-                    'sim': status.message,
-                }
+                self.status = shown(status)
                 self.controls.paused = status.message == 'paused'
 
     # ---- what the robot does --------------------------------------------------------------------

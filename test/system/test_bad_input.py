@@ -299,6 +299,11 @@ BAD_STARTS = {
     ),
     'empty list': ('sim', ['pegs.x:=[]'], 'a parameter is an empty list; write it as text: "[]"'),
     'method': ('sim', ['method:=magic'], "unknown method 'magic'; choose from: auto, bdf2, "),
+    'scheme': (
+        'sim',
+        ['method:=bdf2', 'pd_scheme:=start'],
+        'pd_scheme start is explicit, and method bdf2 takes the controller at the end of a step; ',
+    ),
     'gait': (
         'gait',
         ['gait.yaw.amplitud:=0.2'],

@@ -40,6 +40,7 @@ from snake_sim_ros.contacts import rolling_disc
 from snake_sim_ros.contacts import SHIFT
 from snake_sim_ros.contacts import sliding_disc
 from snake_sim_ros.delassus import condensed_system
+from snake_sim_ros.delassus import condensed_velocities
 from snake_sim_ros.delassus import eliminate
 from snake_sim_ros.delassus import load_chain
 from snake_sim_ros.delassus import solve_condensed
@@ -301,12 +302,10 @@ def couple_pairs(again, contact, width, table, chain, pairs):
     if not again:
         respond_to_pairs(contact, width, table, chain, pairs)
     contact_velocities(contact, table, chain.frame, chain.twist)
-    solve_pairs(contact, width, table, pairs)
+    solve_left_over(contact, width, table, pairs)
     chain.wrench[:] = 0.0
     add_contact_wrench(contact, table, chain.frame, chain.wrench)
-    for k, a in enumerate(contact):
-        for j in range(width):
-            table[a, IMPULSE + j] += pairs.packed[width * k + j]
+    add_packed(contact, width, table, pairs)
     return correct_chain(chain)
 
 
@@ -337,22 +336,35 @@ def respond_to_pairs(contact, width, table, chain, pairs):
 
 
 @compiled
-def solve_pairs(contact, width, table, pairs):
-    """Fill the impulses with what is to be added, at GAMMA, to those now in pairs.packed."""
+def solve_left_over(contact, width, table, delassus):
+    """
+    Fill the impulses with what the laws leave at GAMMA, answered by G; keep the old ones packed.
+
+    To be added to the old ones. The stiffness of the laws costs as many digits here as in the
+    chain, see `articulated_body.left_over`.
+    """
     rows = width * len(contact)
-    B = pairs.system
+    B, packed = delassus.system, delassus.packed
     for k, a in enumerate(contact):
         for j in range(width):
-            pairs.packed[width * k + j] = table[a, IMPULSE + j]
-    condensed_system(contact, width, table, LAW, pairs)
-    linear_impulses(contact, table, False)
+            packed[width * k + j] = table[a, IMPULSE + j]
+    condensed_system(contact, width, table, LAW, delassus)
+    linear_impulses(contact, table, width > 3)
     for k, a in enumerate(contact):
         for j in range(width):
-            B[width * k + j, rows] = table[a, IMPULSE + j] - pairs.packed[width * k + j]
+            B[width * k + j, rows] = table[a, IMPULSE + j] - packed[width * k + j]
     eliminate(B, rows)
     for k, a in enumerate(contact):
         for j in range(width):
             table[a, IMPULSE + j] = B[width * k + j, rows]
+
+
+@inlined
+def add_packed(contact, width, table, delassus):
+    """Add to the impulses those that `solve_left_over` kept."""
+    for k, a in enumerate(contact):
+        for j in range(width):
+            table[a, IMPULSE + j] += delassus.packed[width * k + j]
 
 
 @inlined
@@ -371,7 +383,13 @@ def linear_step(laws, contact, table, chain, delassus):
     linearize(laws, contact, table)
     rolling = laws.rolling.mu_x > 0.0
     if delassus is not None:
-        return solve_condensed(contact, 5 if rolling else 3, table, LAW, delassus)
+        width = 5 if rolling else 3
+        finite = solve_condensed(contact, width, table, LAW, delassus)
+        if chain.pairs is not None:  # links that are pressed together, stiff where little moves
+            solve_left_over(contact, width, table, delassus)
+            add_packed(contact, width, table, delassus)
+            condensed_velocities(contact, width, table, delassus)
+        return finite
     unload_chain(chain)
     single = contact[: single_count(contact, table, chain.pairs)]
     add_laws(single, table, chain.frame, rolling, chain.wrench, chain.inertia)

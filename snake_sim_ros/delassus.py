@@ -149,9 +149,8 @@ def condensed_system(contact, width, table, law, delassus):
                 S_xN, S_yN = table[a, tangential + 5], table[a, tangential + 6]
                 B[row + j, column] = S_xN * g_N + S_xx * g_x + S_xy * g_y
                 B[row + j + 1, column] = S_yN * g_N + S_xy * g_x + S_yy * g_y
-    for k, a in enumerate(contact):
-        for j in range(width):
-            B[width * k + j, width * k + j] += 1.0
+    for row in range(rows):
+        B[row, row] += 1.0
 
 
 @merged

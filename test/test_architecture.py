@@ -152,7 +152,7 @@ def test_contacts_of_links_without_compiler():
     # See conftest.py.
     arguments = ['-m', 'pytest', '-q', '-p', 'no:cacheprovider', 'test/test_self_contact.py']
     printed = python(*arguments, folder=ROOT, NUMBA_DISABLE_JIT='1')
-    assert re.search(r'^7\d passed in', printed, re.MULTILINE), printed
+    assert re.search(r'^8\d passed in', printed, re.MULTILINE), printed
 
 
 # ---- compilation --------------------------------------------------------------------------------

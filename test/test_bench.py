@@ -250,16 +250,6 @@ def test_a_row_cut_short_is_run_again(tmp_path):
     assert len(read_table(path).rows) == 2
 
 
-def test_rows_of_another_commit_are_refused(tmp_path):
-    path = tmp_path / 'x.csv'
-    write(path, [])
-    lines = path.read_text().splitlines(keepends=True)
-    lines = ['# commit: abc\n' if line.startswith('# commit') else line for line in lines]
-    path.write_text(''.join(lines))
-    with pytest.raises(ParameterError, match="holds rows of commit 'abc', these would be of"):
-        TableWriter(path, 'bench', COLUMNS)
-
-
 def test_rows_of_other_settings_are_refused(tmp_path):
     path = tmp_path / 'x.csv'
     TableWriter(path, 'bench', COLUMNS, ['friction.longitudinal=0.4'])

@@ -15,6 +15,7 @@ from snake_sim_ros.cli import main
 from snake_sim_ros.contenders import all_contenders
 from snake_sim_ros.pareto import fastest
 from snake_sim_ros.pareto import pareto_table
+from snake_sim_ros.seals import sealed
 from snake_sim_ros.stepping import LARGE_STEP
 from snake_sim_ros.tables import read_table
 
@@ -103,6 +104,10 @@ def table(kind, columns, **texts):
     return f'# table: {kind}\n{",".join(columns)}\n' + row * bool(texts)
 
 
+def write(path, text):
+    path.write_text(''.join(f'{line}\n' for line in sealed(text.splitlines())))
+
+
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
@@ -123,7 +128,7 @@ def table(kind, columns, **texts):
 )
 def test_chart_refuses_other_files(tmp_path, capsys, text, message):
     path = tmp_path / 'x.csv'
-    path.write_text(text)
+    write(path, text)
     assert main(['chart', str(path), '--out', str(tmp_path)]) == 2
     assert re.search(message, capsys.readouterr().err)
     assert list(tmp_path.iterdir()) == [path]
@@ -139,7 +144,7 @@ def test_runs_without_errors_are_left_out(tmp_path):
         table('bench', COLUMNS, **runs, case='mixed'),
         table('bench', COLUMNS, **runs, case='mixed', **good),
     ]
-    path.write_text(texts[0] + ''.join(text.splitlines(keepends=True)[-1] for text in texts[1:]))
+    write(path, texts[0] + ''.join(text.splitlines(keepends=True)[-1] for text in texts[1:]))
     assert main(['chart', str(path), '--out', str(tmp_path)]) == 0
     drawing = (tmp_path / 'error_over_dt.svg').read_text(encoding='utf-8')
     assert '>mixed<' in drawing and '>refused<' not in drawing

@@ -20,8 +20,8 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from snake_sim_ros import artefacts
-from snake_sim_ros.bench import Row
-from snake_sim_ros.bench import rows_of
+from snake_sim_ros.bench_rows import Row
+from snake_sim_ros.bench_rows import rows_of
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.pareto import fitted_order
 from snake_sim_ros.pareto import pareto_table

@@ -26,7 +26,8 @@ from snake_sim_ros.tables import TableWriter
 
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')
 QUICK_CASES = CASES[::2]
-PARTS = ('precision', 'links', 'iterations', 'costs', 'start_up')  # of the bench
+# Of the bench.
+PARTS = ('precision', 'links', 'iterations', 'costs', 'start_up', 'agreement', 'soak')
 RATES = (50.0, 100.0, 200.0, 500.0)  # Hz, of the pacing
 SCENES = (*CASES, 'slender_undulation', 'obstacle_aided', 'step')
 
@@ -210,7 +211,7 @@ def _add_namespace(command: argparse.ArgumentParser) -> None:
 def _add_other_sources(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         '--other-sources', action='store_true',
-        help='go on with a file whose rows are of other sources; new rows have a head of their own',
+        help='go on with a file whose rows are of other sources; new rows have their own head',
     )  # fmt: skip
 
 
@@ -284,6 +285,7 @@ def _figures(options: argparse.Namespace) -> int:
 
 def _bench(options: argparse.Namespace) -> int:
     from snake_sim_ros import bench
+    from snake_sim_ros import bench_rows
     from snake_sim_ros import contenders
 
     names = options.scene or (QUICK_CASES if options.quick else CASES)
@@ -303,18 +305,18 @@ def _bench(options: argparse.Namespace) -> int:
     parts = bench.matrix(scenes, rivals, options.limit, quick=options.quick)
     entries = [entry for name in dict.fromkeys(options.parts or usual) for entry in parts[name]]
     writer = TableWriter(
-        options.out, 'bench', bench.COLUMNS, options.set, other_sources=options.other_sources
+        options.out, 'bench', bench_rows.COLUMNS, options.set, other_sources=options.other_sources
     )
     layout = '{percentage:3.0f} %|{bar}| {elapsed}, about {remaining} left'
-    done = {bench.key(row) for row in writer.rows}
+    done = {bench_rows.key(row) for row in writer.rows}
     entries = [entry for entry in entries if not entry.is_in(done)]
     total = sum(entry.guess for entry in entries)
     with tqdm(total=total, bar_format=layout, smoothing=0) as bar:
         for entry in entries:
-            rows = bench.outcome(entry)
+            rows = bench_rows.outcome(entry)
             writer.append(map(plain, rows))
             for row in rows:
-                bar.write(bench.line(row))
+                bar.write(bench_rows.line(row))
             bar.update(entry.guess)
     print(f'{options.out} is complete; snake-sim chart {options.out} draws it')
     return 0

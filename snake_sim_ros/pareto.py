@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from snake_sim_ros.bench import Row
+from snake_sim_ros.bench_rows import Row
 from snake_sim_ros.stepping import METHODS
 
 TARGETS = (0.05, 0.01, 0.001)  # of the distance from start to end

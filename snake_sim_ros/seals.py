@@ -1,11 +1,11 @@
 """
 Seals of CSV files: they tell what the program wrote from what somebody changed.
 
-Every head ends with a seal, a line ``# seal: ...``, and every row with one, in its last column. A
-seal is a digest of the lines since the seal before it, and of that seal. So a line that is changed,
-added, moved or taken out does not fit, nor does anything after it. Rows that miss at the end are no
-such thing: the writing may have been interrupted. Seals are no signatures: they show what was done
-by hand, not what a program forges.
+Every head ends with a seal, a line ``# seal: ...``, and every row with one, in its last column.
+A seal is a digest of the lines since the seal before it, and of that seal. So a line that is
+changed, added, moved or taken out does not fit, nor does anything after it. Rows that miss at the
+end are no such thing: the writing may have been interrupted. Seals are no signatures: they show
+what was done by hand, not what a program forges.
 """
 
 from collections.abc import Iterator

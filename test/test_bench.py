@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 
 from snake_sim_ros import bench
+from snake_sim_ros import bench_rows
 from snake_sim_ros import contenders
 from snake_sim_ros import timing
-from snake_sim_ros.bench import COLUMNS
-from snake_sim_ros.bench import Entry
-from snake_sim_ros.bench import Row
+from snake_sim_ros.bench_rows import COLUMNS
+from snake_sim_ros.bench_rows import Entry
+from snake_sim_ros.bench_rows import Row
 from snake_sim_ros.cli import main
 from snake_sim_ros.contenders import Contender
 from snake_sim_ros.course import Course
@@ -150,7 +151,7 @@ def references(monkeypatch):
 def test_a_known_error_is_in_the_row(references):
     # The speed is 1 + dt instead of 1: at the end 0.3 dt of 0.3 m.
     (only,) = bench.precision(references, [rival()], 10.0)
-    (row,) = bench.outcome(only)
+    (row,) = bench_rows.outcome(only)
     assert row.error_path == pytest.approx(1e-3)
     assert row.error_limit == row.error_path
     assert math.isnan(row.model_error)
@@ -169,7 +170,7 @@ def test_model_error_and_step_error_are_told_apart(references):
     other = rival(run=fast)
     other = replace(other, own_limit=('fast', replace(other, rates=(2000, 4000))))
     (only,) = bench.precision(references, [other], 10.0)
-    (row,) = bench.outcome(only)
+    (row,) = bench_rows.outcome(only)
     assert row.model_error == pytest.approx(0.02)
     assert row.error_limit == pytest.approx(1e-3)
     assert row.error_path == pytest.approx(1.02 * 1.001 - 1)
@@ -178,7 +179,7 @@ def test_model_error_and_step_error_are_told_apart(references):
 def test_a_run_that_diverges_is_a_row_without_errors(references):
     diverging = rival(make=lambda scene: Sliding(scene, failing=-10.0))
     (only,) = bench.precision(references, [diverging], 10.0)
-    (row,) = bench.outcome(only)
+    (row,) = bench_rows.outcome(only)
     assert row.status == 'diverged' and row.error_path == math.inf
     assert 'too far' in row.message
 
@@ -190,7 +191,7 @@ def test_a_run_that_raises_is_a_row(error, status):
     def fail():
         raise error
 
-    (row,) = bench.outcome(entry(fail))
+    (row,) = bench_rows.outcome(entry(fail))
     assert row.status == status
     assert type(error).__name__ in row.message
 
@@ -200,14 +201,14 @@ def test_an_end_from_the_keyboard_is_not_swallowed():
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        bench.outcome(entry(stop))
+        bench_rows.outcome(entry(stop))
 
 
 def test_rows_are_read_as_they_were_written(tmp_path):
     row = Row(part='links', case='a, "b"', method='newton', dt=1 / 3, n=3, residual_max=1e-300)
     writer = TableWriter(tmp_path / 'x.csv', 'bench', COLUMNS)
     writer.append([plain(replace(row, error_path=math.inf, energy_error=math.nan))])
-    assert bench.rows_of(read_table(tmp_path / 'x.csv')) == [row]
+    assert bench_rows.rows_of(read_table(tmp_path / 'x.csv')) == [row]
 
 
 def test_header_says_where_the_numbers_are_from(tmp_path):
@@ -226,14 +227,14 @@ def test_rows_that_are_there_are_not_run_again(tmp_path):
     path = tmp_path / 'x.csv'
     entries = [entry(list, dt=dt) for dt in (0.1, 0.2, 0.3)]
     write(path, [entries[0].keys[0], replace(entries[2].keys[0], status='diverged')])
-    done = set(map(bench.key, TableWriter(path, 'bench', COLUMNS).rows))
+    done = set(map(bench_rows.key, TableWriter(path, 'bench', COLUMNS).rows))
     assert [item.is_in(done) for item in entries] == [True, False, True]
 
 
 def test_a_method_that_chooses_its_steps_is_known_by_its_tolerance(tmp_path):
     chosen = entry(list, dt=math.nan, tolerance=1e-3)
     write(tmp_path / 'x.csv', [replace(chosen.keys[0], dt=0.0123)])
-    done = set(map(bench.key, TableWriter(tmp_path / 'x.csv', 'bench', COLUMNS).rows))
+    done = set(map(bench_rows.key, TableWriter(tmp_path / 'x.csv', 'bench', COLUMNS).rows))
     assert chosen.is_in(done)
     assert not entry(list, dt=math.nan, tolerance=1e-4).is_in(done)
 
@@ -244,7 +245,7 @@ def test_a_row_cut_short_is_run_again(tmp_path):
     write(path, [item.keys[0] for item in entries])
     path.write_bytes(path.read_bytes()[:-1])
     writer = TableWriter(path, 'bench', COLUMNS)
-    done = set(map(bench.key, writer.rows))
+    done = set(map(bench_rows.key, writer.rows))
     assert [item.is_in(done) for item in entries] == [True, False]
     writer.append([plain(entries[1].keys[0])])
     assert len(read_table(path).rows) == 2
@@ -300,7 +301,7 @@ def test_a_file_that_is_no_table_is_named(tmp_path, text, message):
 )
 def test_a_table_that_is_not_of_a_bench_is_refused(table, message):
     with pytest.raises(ParameterError, match=message):
-        bench.rows_of(table)
+        bench_rows.rows_of(table)
 
 
 def test_every_compiled_method_takes_part_at_both_levels():
@@ -384,7 +385,7 @@ def measured(tmp_path_factory):
 
 
 def test_bench_writes_a_row_for_every_run(measured):
-    rows = bench.rows_of(read_table(measured))
+    rows = bench_rows.rows_of(read_table(measured))
     found = {(row.level, row.dt) for row in rows if row.setting == 'default'}
     assert found == {(level, dt) for level in ('spatial', 'planar') for dt in (0.00025, 0.001)}
     for row in rows:
@@ -406,7 +407,7 @@ def test_bench_goes_on_where_it_was_ended(measured, tmp_path, capsys):
     told = [line for line in capsys.readouterr().out.splitlines() if line.startswith('precision')]
     assert len(told) == 1
     keys = [
-        [bench.key(row) for row in read_table(file).rows] for file in (measured, path)
+        [bench_rows.key(row) for row in read_table(file).rows] for file in (measured, path)
     ]  # fmt: skip
     assert keys[0] == keys[1]
 
@@ -469,5 +470,5 @@ for make, plain, stamped in (
 
 
 def test_every_row_says_what_it_was():
-    assert set(bench.KEY) <= set(COLUMNS)
+    assert set(bench_rows.KEY) <= set(COLUMNS)
     assert set(asdict(PRECISION)) == set(COLUMNS)

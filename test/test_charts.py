@@ -7,8 +7,8 @@ import pytest
 
 from snake_sim_ros import artefacts
 from snake_sim_ros import stability
-from snake_sim_ros.bench import COLUMNS
-from snake_sim_ros.bench import rows_of
+from snake_sim_ros.bench_rows import COLUMNS
+from snake_sim_ros.bench_rows import rows_of
 from snake_sim_ros.charts import draw_artefacts
 from snake_sim_ros.charts import STYLES
 from snake_sim_ros.cli import main

@@ -140,7 +140,7 @@ def test_rows_of_other_sources_need_to_be_asked_for(path, measured_at, other):
     before = path.read_text()
     measured_at(*other)
     with pytest.raises(
-        ParameterError, match='these would be of .*, or go on with --other-sources'
+        ParameterError, match=r'these would be of .*, or go on with --other-sources'
     ):
         TableWriter(path, 'things', COLUMNS)
     assert path.read_text() == before

@@ -22,8 +22,11 @@ import numpy as np
 from snake_sim_ros import artefacts
 from snake_sim_ros.bench_rows import Row
 from snake_sim_ros.bench_rows import rows_of
+from snake_sim_ros.bench_tables import agreement_table
+from snake_sim_ros.bench_tables import soak_table
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.pareto import fitted_order
+from snake_sim_ros.pareto import fitted_power
 from snake_sim_ros.pareto import pareto_table
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.tables import records_of
@@ -66,7 +69,7 @@ SMALL = {'font.size': 8.5, 'svg.hashsalt': 'snake_sim_ros', 'svg.fonttype': 'non
 
 def draw_bench(table: Table, folder: Path) -> list[Path]:
     """
-    Draw everything that a bench measured, as SVG and PNG, and write the Pareto table.
+    Draw everything that a bench measured, as SVG and PNG, and write its tables.
 
     Returns
     -------
@@ -99,10 +102,16 @@ def draw_bench(table: Table, folder: Path) -> list[Path]:
         with rc_context(SMALL):
             figure = draw(parts[part] + parts.get('situations', []) * (part == 'stages'))
             drawn += save(figure, folder / name, table.header)
-    if 'precision' in parts:
-        path = folder / 'pareto.md'
-        path.write_text(pareto_table(rows), encoding='utf-8')
-        drawn.append(path)
+    tables = {
+        'pareto': ('precision', pareto_table),
+        'agreement': ('agreement', agreement_table),
+        'soak': ('soak', soak_table),
+    }
+    for name, (part, write) in tables.items():
+        if part in parts:
+            path = folder / f'{name}.md'
+            path.write_text(write(rows), encoding='utf-8')
+            drawn.append(path)
     if not drawn:
         raise ParameterError('nothing to draw: no run of the file has an error or a time')
     return drawn
@@ -291,7 +300,7 @@ def cost_over_links(rows: Sequence[Row]) -> Figure:
                 continue
             n, cost = [row.n or 0 for row in line], [row.median_us for row in line]
             handle = plot_line(axes, n, cost, method, level, main=True)
-            exponent = f', n^{np.polyfit(np.log(n), np.log(cost), 1)[0]:.2f}' * (len(line) > 1)
+            exponent = f', n^{fitted_power(n, cost):.2f}' * (len(line) > 1)
             handle.set_label(STYLES[method][2] + ', planar' * (level == 'planar') + exponent)
     axes.set(xscale='log', yscale='log', xlabel='number of links', ylabel='median step [us]')
     axes.grid(alpha=0.3, which='both')

@@ -15,11 +15,16 @@ import pytest
 from snake_sim_ros import bench
 from snake_sim_ros import bench_rows
 from snake_sim_ros import contenders
+from snake_sim_ros import soak
 from snake_sim_ros import timing
 from snake_sim_ros.bench_rows import COLUMNS
 from snake_sim_ros.bench_rows import Entry
 from snake_sim_ros.bench_rows import Row
+from snake_sim_ros.bench_tables import agreement_table
+from snake_sim_ros.bench_tables import soak_table
+from snake_sim_ros.charts import cost_over_links
 from snake_sim_ros.cli import main
+from snake_sim_ros.cli import PARTS
 from snake_sim_ros.contenders import Contender
 from snake_sim_ros.course import Course
 from snake_sim_ros.course import extrapolated
@@ -29,8 +34,10 @@ from snake_sim_ros.course import SAMPLE
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.pareto import fastest
 from snake_sim_ros.pareto import fitted_order
+from snake_sim_ros.pareto import fitted_power
 from snake_sim_ros.pareto import pareto_table
 from snake_sim_ros.records import ParameterError
+from snake_sim_ros.simulation import Simulation
 from snake_sim_ros.stepping import METHODS
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
@@ -370,6 +377,133 @@ def test_pareto_table_names_method_step_speed_and_error():
     assert '1/100 s | 10 | 0.01 %' in tenth
 
 
+def test_exponent_of_the_cost_over_links_is_that_of_a_power_law():
+    # Drawn are methods of known cost: 0.4 us n^1 at the spatial level, 0.01 us n^2 in the plane.
+    assert fitted_power((5, 10, 40), (3.0, 12.0, 192.0)) == pytest.approx(2.0)
+    cost = {'spatial': lambda n: 0.4 * n, 'planar': lambda n: 0.01 * n**2}
+    rows = [
+        Row(part='links', case='A', method='newton', level=level, n=n, median_us=cost[level](n))
+        for level in cost
+        for n in bench.LINK_COUNTS
+    ]
+    (legend,) = cost_over_links(rows).legends
+    assert [text.get_text() for text in legend.get_texts()] == [
+        'newton, n^1.00', 'newton, planar, n^2.00',
+    ]  # fmt: skip
+
+
+def test_links_are_measured_from_few_to_as_many_as_a_robot_may_have():
+    # An exponent says something over more than a decade.
+    rows = [item.keys[0] for item in bench.links(SCENE, [rival()], bench.LINK_COUNTS, 1.0)]
+    assert [row.n for row in rows] == list(bench.LINK_COUNTS)
+    assert max(bench.LINK_COUNTS) == 200 >= 10 * min(bench.LINK_COUNTS)
+
+
+def test_agreement_is_that_of_paths(monkeypatch):
+    # A speed of 1 + dt for newton, 1 % more for the others: 1 % of the way.
+    def run(scene):
+        course = timing.timed(scene, Sliding)
+        faster = 1.0 if scene.method == 'newton' else 1.01
+        start = course.position[:1]
+        report = replace(course.report, unconverged=3)
+        return replace(course, position=start + faster * (course.position - start), report=report)
+
+    made = []
+
+    def counted(scene):
+        made.append((scene.method, scene.level, scene.solver.tolerance))
+        return run(scene)
+
+    monkeypatch.setattr(bench, 'timed', counted)
+    entries = list(bench.agreement({'A': SCENE}, ['paper', 'newton', 'gauss_seidel', 'mujoco']))
+    rows = [row for item in entries for row in bench_rows.outcome(item)]
+    # newton runs once for both.
+    assert made == [
+        ('newton', 'spatial', 1e-7),
+        ('gauss_seidel', 'spatial', 1e-7),
+        ('paper', 'spatial', 1e-10),
+    ]
+    assert [(row.case, row.method, row.tolerance) for row in rows] == [
+        ('A', 'gauss_seidel', 1e-9),
+        ('A', 'paper', 1e-10),
+    ]
+    for row, item in zip(rows, entries, strict=True):
+        assert row.path_difference == pytest.approx(0.01)
+        assert (row.unconverged, row.status) == (3, 'max_iterations')
+        assert item.is_in({bench_rows.key(asdict(row))})
+    _, _, line, _ = agreement_table(rows).splitlines()
+    assert line == (
+        '| `A` | `gauss_seidel` | `solver.residual_tolerance` 1e-09 m/s | 1.0e-02 | 1200 | 3 |'
+    )
+
+
+def test_soak_looks_at_penetration_and_memory(monkeypatch):
+    monkeypatch.setattr(bench, 'SOAKED', {'lateral_undulation': soak.SOAKED['lateral_undulation']})
+    (only,) = bench.soaks((4, 30))
+    rows = bench_rows.outcome(only)
+    assert [(row.steps, row.duration) for row in rows] == [(4, 0.001), (30, 0.0075)]
+    for row in rows:
+        assert row.status == 'converged' and row.unconverged == 0
+        assert 0.0 <= row.penetration_end <= row.penetration_max
+        assert row.seconds > 0.0
+        assert 1e7 < row.memory_begin and 1e7 < row.memory_end
+    assert only.is_in({bench_rows.key(asdict(row)) for row in rows})
+    assert len(soak_table(rows).splitlines()) == 4
+
+
+def test_soak_among_pegs_begins_anew_after_every_duration(monkeypatch):
+    # Of 1200 steps in calls of 500: 1200, 1200 and 600 steps make 3000.
+    class Counting(Sliding):
+        calls = []  # noqa: RUF012
+
+        def advance(self, state, history, angle, rate):
+            self.calls.append((len(angle), state.q[0, 0] == start))
+            return super().advance(state, history, angle, rate)
+
+    start = Simulation(SCENE, Sliding(SCENE)).state.q[0, 0]
+    monkeypatch.setattr(soak, 'SECOND', 500 * SCENE.dt)
+    monkeypatch.setattr(soak, 'Simulation', lambda scene: Simulation(scene, Counting(scene)))
+    for restarts, steps in (
+        (True, [500, 500, 200, 500, 500, 200, 500, 100]),
+        (False, [500] * 6),
+    ):
+        Counting.calls.clear()
+        (look,) = soak.soak(SCENE, (3000,), restarts=restarts)
+        assert look.report.steps == 3000
+        calls = Counting.calls[2:]  # without those that compile
+        assert [count for count, _ in calls] == steps
+        begins = [k for k, (_, anew) in enumerate(calls) if anew]
+        assert begins == ([0, 3, 6] if restarts else [0])
+
+
+def test_soak_ends_where_the_run_diverges(monkeypatch):
+    # Every other mark says so, too; nobody waits for steps that are not taken.
+    monkeypatch.setattr(
+        soak, 'Simulation', lambda scene: Simulation(scene, Sliding(scene, failing=-10.0))
+    )
+    looks = list(soak.soak(SCENE, (10, 10**7), restarts=False))
+    assert [look.report.status.value for look in looks] == ['diverged', 'diverged']
+
+
+def test_memory_is_unknown_where_the_system_does_not_tell(monkeypatch):
+    assert soak.resident_memory() > 1e7
+
+    def missing(*arguments, **options):
+        raise FileNotFoundError
+
+    monkeypatch.setattr(soak.Path, 'read_text', missing)
+    assert soak.resident_memory() is None
+    assert '| unknown to unknown |' in soak_table([Row(part='soak', case='A', method='newton')])
+
+
+def test_soak_scenes_are_those_of_the_documentation():
+    assert max(soak.MARKS) == 10**7
+    scenes = {name: soak.soaked_scene(name) for name in soak.SOAKED}
+    assert scenes['lateral_undulation'].level == 'spatial'
+    assert scenes['sidewinding'].gait.pitch.amplitude > 0
+    assert scenes['obstacle_aided'].pegs.x
+
+
 SMALL_BENCH = [
     *('bench', 'lateral_undulation', '--methods', 'newton', '--dt', '0.00025', '0.001'),
     *('--duration', '0.3'),
@@ -448,6 +582,7 @@ from functools import partial
 import numpy as np
 from snake_sim_ros import gait, newton, planar_newton, stages
 from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import with_settings
 from snake_sim_ros.planar_stepper import PlanarStepper
 from snake_sim_ros.spatial import SpatialStepper
 from snake_sim_ros.stepping import initial_state, no_history
@@ -467,6 +602,10 @@ for make, plain, stamped in (
 """
     environment = {**os.environ, 'NUMBA_DISABLE_JIT': '1', 'PYTHONPATH': str(ROOT)}
     subprocess.run([sys.executable, '-c', program], env=environment, timeout=100, check=True)
+
+
+def test_parts_can_be_run_alone():
+    assert set(PARTS) == set(bench.matrix({}, [], 1.0, quick=True))
 
 
 def test_every_row_says_what_it_was():

@@ -78,6 +78,46 @@ def test_tables_of_the_page_are_those_of_the_files(rows):
     assert (STORED / 'artefacts.md').read_text(encoding='utf-8') in PAGE
 
 
+@pytest.mark.parametrize('name', ['agreement', 'soak'])
+def test_long_runs_are_tables_of_the_page(name, tmp_path):
+    assert main(['chart', str(STORED / f'{name}.csv'), '--out', str(tmp_path)]) == 0
+    (file,) = tmp_path.iterdir()
+    text = file.read_text(encoding='utf-8')
+    assert text == (STORED / file.name).read_text(encoding='utf-8')
+    assert text in PAGE
+
+
+def test_the_agreement_that_the_front_page_claims_was_measured():
+    text = ' '.join((DOCS.parent / 'README.md').read_text(encoding='utf-8').split())
+    found = re.search(r'at most (\S+) of the distance in A, B and D and (\S+) in C', text)
+    bound = dict(zip(('A, B, D', 'C'), map(float, found.groups()), strict=True))
+    differences = {'A, B, D': [], 'C': []}
+    for row in rows_of(read_table(STORED / 'agreement.csv')):
+        assert row.duration == 15.0
+        which = 'C' if row.case == 'sidewinding' else 'A, B, D'
+        differences[which].append(row.path_difference)
+        assert f'`{row.method}`' in text
+    for which, claimed in bound.items():
+        # Rounded to one digit.
+        assert float(f'{max(differences[which]):.0e}') <= claimed <= 3 * max(differences[which])
+
+
+def test_soaks_of_the_page_are_as_long_as_it_says():
+    rows = [row for row in rows_of(read_table(STORED / 'soak.csv'))]
+    assert {row.case for row in rows if row.steps == 10**7} == {row.case for row in rows}
+    # Flat: no more between the last two looks than a thousandth.
+    ends = {(row.case, row.steps): row.memory_end for row in rows}
+    for case in {row.case for row in rows}:
+        assert ends[case, 10**7] < 1.001 * ends[case, 10**6]
+
+
+def test_files_of_the_page_say_what_is_known_of_them():
+    # Those that were written before there were seals, and the ones that have them.
+    for name in ('bench', 'stability', 'artefacts', 'agreement', 'soak'):
+        header = read_table(STORED / f'{name}.csv').header
+        assert ('provenance' in header) == ('sources' not in header), name
+
+
 def test_artefacts_are_a_table_in_markdown(tmp_path):
     (file,) = draw_artefacts(read_table(STORED / 'artefacts.csv'), tmp_path)
     assert file.read_text() == (STORED / 'artefacts.md').read_text()

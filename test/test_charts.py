@@ -103,7 +103,7 @@ def test_the_agreement_that_the_front_page_claims_was_measured():
 
 
 def test_soaks_of_the_page_are_as_long_as_it_says():
-    rows = [row for row in rows_of(read_table(STORED / 'soak.csv'))]
+    rows = rows_of(read_table(STORED / 'soak.csv'))
     assert {row.case for row in rows if row.steps == 10**7} == {row.case for row in rows}
     # Flat: no more between the last two looks than a thousandth.
     ends = {(row.case, row.steps): row.memory_end for row in rows}

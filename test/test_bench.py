@@ -16,6 +16,7 @@ from snake_sim_ros import bench
 from snake_sim_ros import bench_rows
 from snake_sim_ros import contenders
 from snake_sim_ros import soak
+from snake_sim_ros import tables
 from snake_sim_ros import timing
 from snake_sim_ros.bench_rows import COLUMNS
 from snake_sim_ros.bench_rows import Entry
@@ -546,6 +547,20 @@ def test_bench_goes_on_where_it_was_ended(measured, tmp_path, capsys):
     assert keys[0] == keys[1]
 
 
+def test_bench_goes_on_at_another_commit_if_asked_to(measured, tmp_path, capsys, monkeypatch):
+    path = tmp_path / 'bench.csv'
+    whole = measured.read_text().splitlines(keepends=True)
+    path.write_text(''.join(whole[:-1]))
+    monkeypatch.setattr(tables, '_commit', lambda: 'another')
+    assert main([*SMALL_BENCH, '--out', str(path)]) == 2
+    assert "these would be of 'another'" in capsys.readouterr().err
+    assert path.read_text() == ''.join(whole[:-1])
+    assert main([*SMALL_BENCH, '--other-sources', '--out', str(path)]) == 0
+    table = read_table(path)
+    assert table.header['commit'] == f'{read_table(measured).header["commit"]} and another'
+    assert len(table.rows) == len(read_table(measured).rows)
+
+
 def test_bench_refuses_what_it_does_not_know(tmp_path, capsys):
     out = ['--out', str(tmp_path / 'x.csv')]
     assert main(['bench', '--methods', 'newtn', *out]) == 2
@@ -588,12 +603,12 @@ from snake_sim_ros.spatial import SpatialStepper
 from snake_sim_ros.stepping import initial_state, no_history
 
 scene = load_scene('lateral_undulation')
-reference = gait.reference(scene.gait, scene.dt * (np.arange(3) + 0.5), 10)
+reference = gait.reference(scene.gait, scene.dt * (np.arange(2) + 0.5), 10)
 for make, plain, stamped in (
     (SpatialStepper, partial(newton.advance, None), stages.spatial_stages),
     (PlanarStepper, partial(planar_newton.advance, None), stages.planar_stages),
 ):
-    stamps = np.zeros((3, 5), np.int64)
+    stamps = np.zeros((2, 5), np.int64)
     ends = [
         make(scene, loop).advance(initial_state(scene), no_history(scene), *reference)[0]
         for loop in (plain, lambda *arguments: stamped(*arguments[:-1], stamps))

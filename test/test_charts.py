@@ -3,6 +3,7 @@
 from pathlib import Path
 import re
 
+from matplotlib.figure import Figure
 import pytest
 
 from snake_sim_ros import artefacts
@@ -10,6 +11,7 @@ from snake_sim_ros import stability
 from snake_sim_ros.bench_rows import COLUMNS
 from snake_sim_ros.bench_rows import rows_of
 from snake_sim_ros.charts import draw_artefacts
+from snake_sim_ros.charts import save
 from snake_sim_ros.charts import STYLES
 from snake_sim_ros.cli import main
 from snake_sim_ros.contenders import all_contenders
@@ -66,6 +68,16 @@ def test_axes_have_units_and_figures_say_where_they_are_from(drawn):
         text = (drawn / f'{name}.svg').read_text(encoding='utf-8')
         assert header['commit'] in text and header['processor'] in text
         assert '[s]' in text or '[us]' in text or '[m/s]' in text or 'simulated time' in text
+
+
+def test_figures_say_what_is_not_known_of_their_numbers(tmp_path):
+    header = {'commit': 'a and b', 'processor': 'abacus', 'provenance': 'unknown; found'}
+    for known in (False, True):
+        file, _ = save(Figure(), tmp_path / 'x', header)
+        text = file.read_text(encoding='utf-8')
+        assert 'commit a and b, abacus' in text
+        assert ('provenance unknown' in text) != known
+        header.pop('provenance', None)
 
 
 def test_every_method_has_a_style_of_its_own():

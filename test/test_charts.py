@@ -117,10 +117,10 @@ def test_the_agreement_that_the_front_page_claims_was_measured():
 def test_soaks_of_the_page_are_as_long_as_it_says():
     rows = rows_of(read_table(STORED / 'soak.csv'))
     assert {row.case for row in rows if row.steps == 10**7} == {row.case for row in rows}
-    # Flat: no more between the last two looks than a thousandth.
+    # Flat: between the last two looks, 9e6 steps, no more than 1 %, a quarter of a byte a step.
     ends = {(row.case, row.steps): row.memory_end for row in rows}
     for case in {row.case for row in rows}:
-        assert ends[case, 10**7] < 1.001 * ends[case, 10**6]
+        assert ends[case, 10**7] < 1.01 * ends[case, 10**6]
 
 
 def test_files_of_the_page_say_what_is_known_of_them():

@@ -22,7 +22,8 @@ MODULES = sorted(PACKAGE.glob('*.py'))
 # Everything else is physics: it does not know who runs it.
 SHELL = {
     *('simulation', 'nodes', 'cli', 'charts', 'peers', 'animation'),
-    *('artefacts', 'bench', 'contenders', 'pareto', 'stages', 'timing'),
+    *('artefacts', 'bench', 'bench_rows', 'bench_tables', 'contenders', 'pareto'),
+    *('soak', 'stages', 'timing'),
     *('stability', 'stability_scenes', 'stability_maps', 'stability_chart'),
     *('experiments', 'figures', 'paper_tables'),
     *('recordings',),

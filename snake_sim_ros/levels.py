@@ -3,8 +3,9 @@ Model levels: the smallest model that a scene needs, chosen while it runs.
 
 The planar level is exact for a robot that lies flat and is told nothing vertical. `LevelStepper`
 takes it as long as that holds, goes over to the spatial level at the first step in which it does
-not, and comes back when the robot has been lying flat and still for a while. Both levels have the
-same state and the same history: pose, velocities and impulses are carried over as they are.
+not, and comes back when the robot has been lying flat and still for a while; where rolling was in
+the way, which does not show in that, after a PAUSE. Both levels have the same state and the same
+history: pose, velocities and impulses are carried over as they are.
 """
 
 from collections.abc import Callable
@@ -18,6 +19,8 @@ from snake_sim_ros.kinematics import FLAT_TILT
 from snake_sim_ros.kinematics import STILL
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
+from snake_sim_ros.planar import SLIP
+from snake_sim_ros.planar import WAY
 from snake_sim_ros.planar_stepper import forget
 from snake_sim_ros.planar_stepper import KNOWN
 from snake_sim_ros.planar_stepper import PlanarStepper
@@ -33,6 +36,8 @@ from snake_sim_ros.stepping import State
 from snake_sim_ros.stepping import Stepper
 
 LITTLE = 3e-4  # roll up to which leaving it out is exact enough to be chosen [rad]
+LITTLE_SLIP = 2e-3  # share of the way up to which the slip by rolling is, see planar
+PAUSE = 10.0  # how long a robot that slips more is left to the spatial level [s]
 PATIENCE = 300  # iterations after which a planar step is left to the spatial level
 STRAIGHT = 1e-9  # pitch references up to this are none [rad], [rad/s]
 
@@ -108,10 +113,11 @@ class LevelStepper:
         self.scene, self.planar, self.spatial = scene, planar, spatial
         limit = min(scene.solver.iteration_limit, PATIENCE)
         planar.model = planar.model._replace(
-            most_lean=LITTLE, patient=False, iteration_limit=limit
+            most_lean=LITTLE, most_slip=LITTLE_SLIP, patient=False, iteration_limit=limit
         )
         self.level = planar.level
         self.settle_steps = max(1, round(scene.settling_time / scene.dt))
+        self.pause_steps = round(PAUSE / scene.dt)  # in history besides settle_steps
         self.ticks: list[Array] = []  # time stamps of the parts of the last call
         self.reason = ''  # why the last spatial steps were not planar
         self.used: list[Any] = []  # levels that are compiled
@@ -133,17 +139,24 @@ class LevelStepper:
             elif history[SETTLING] <= 0:
                 reason = what_does_not_lie(self.planar, self.scene, state, history)
             if reason:
-                history[SETTLING], self.reason = self.settle_steps, reason
+                history[SETTLING] = max(history[SETTLING], self.settle_steps)
+                self.reason = reason
             stepper = self.planar if history[SETTLING] <= 0 else self.spatial
+            pause = max(0, int(history[SETTLING]) - self.settle_steps)
             if stepper is self.spatial:
                 if history[PREVIOUS:].reshape(-1)[KNOWN]:
                     forget(history)
-                stepper.watch(0 if vertical[start] else self.settle_steps)
+                stepper.watch(0 if vertical[start] or pause else self.settle_steps)
+                if pause:
+                    part = slice(start, min(start + pause, part.stop or len(vertical)))
             if stepper not in self.used:
                 self.compile(stepper, state, history, angle, rate)
             state, history, news = stepper.advance(state, history, angle[part], rate[part])
+            history[SETTLING] -= min(pause, news.steps)
             if news.left:
                 history[SETTLING], self.reason = self.settle_steps, news.left
+                if self.planar.rolls:
+                    self.pause(history)
             news.left = self.reason if stepper is self.spatial else ''
             self.ticks.append(stepper.cycles[: news.steps + 1])
             report = report + news if report.steps else news
@@ -155,6 +168,11 @@ class LevelStepper:
     def cycles(self) -> Array:
         """Time stamps between the steps of the last call, from 0 on, without what is between."""
         return np.cumsum(np.concatenate([[0], *map(np.diff, self.ticks)]))
+
+    def pause(self, history: Array) -> None:
+        """Leave the robot to the spatial level for a while; what it slipped is done with."""
+        history[SETTLING] += self.pause_steps
+        history[PREVIOUS:].reshape(-1)[[SLIP, WAY]] = 0.0
 
     def compile(
         self, stepper: Any, state: State, history: Array, angle: Array, rate: Array

@@ -155,8 +155,7 @@ class LevelStepper:
             history[SETTLING] -= min(pause, news.steps)
             if news.left:
                 history[SETTLING], self.reason = self.settle_steps, news.left
-                if self.planar.rolls:
-                    self.pause(history)
+                self.note_leaving(history)
             news.left = self.reason if stepper is self.spatial else ''
             self.ticks.append(stepper.cycles[: news.steps + 1])
             report = report + news if report.steps else news
@@ -169,10 +168,19 @@ class LevelStepper:
         """Time stamps between the steps of the last call, from 0 on, without what is between."""
         return np.cumsum(np.concatenate([[0], *map(np.diff, self.ticks)]))
 
-    def pause(self, history: Array) -> None:
-        """Leave the robot to the spatial level for a while; what it slipped is done with."""
-        history[SETTLING] += self.pause_steps
-        history[PREVIOUS:].reshape(-1)[[SLIP, WAY]] = 0.0
+    def note_leaving(self, history: Array) -> None:
+        """
+        Leave a robot that slips too far by rolling to the spatial level for a while.
+
+        What it slipped is then done with. One that leaves the plane for another reason will roll,
+        by what is too much and back, and slip as far; among pegs, which hold it, that is nothing.
+        """
+        memory = history[PREVIOUS:].reshape(-1)
+        if self.planar.rolls:
+            history[SETTLING] += self.pause_steps
+            memory[[SLIP, WAY]] = 0.0
+        elif not self.scene.pegs.x:
+            memory[SLIP] += 2.0 * self.planar.model.radius * LITTLE
 
     def compile(
         self, stepper: Any, state: State, history: Array, angle: Array, rate: Array

@@ -49,7 +49,7 @@ from snake_sim_ros.report import STEPS
 # Share of a contact's stiffness with which the floor holds the robot against rolling: none, but
 # so a straight robot is noticed, that nothing else holds.
 UNHELD = 1e-10
-LEAN = 1e-3  # roll of the robot at which it does not lie flat [rad]
+LEAN = 1e-3  # roll of the robot at which it does not lie flat, and that is always left out [rad]
 SLIPPING = 5e-3  # share of the way up to which the slip by rolling is left out
 FADE = 3.0  # time in which slip and way are forgotten [s]
 
@@ -345,8 +345,8 @@ def rolls_too_far(model, work, history):
     """
     Return whether contacts slip too far by rolling to leave that out; if not, note it in history.
 
-    A robot that rolls and comes back slips by twice its radius times the roll: as much is always
-    left out. Besides that, as much as a share of the way of the center of mass.
+    What a roll of LEAN makes is always left out, as a gait begins with one and no way. Besides that
+    as much is as a share of the way of the center of mass.
     """
     memory = history[3:].reshape(history[3:].size)
     mass = p_x = p_y = 0.0
@@ -360,7 +360,7 @@ def rolls_too_far(model, work, history):
     turn = abs(work.standing[ROLL] - memory[LAST_ROLL])
     slip = left * memory[SLIP] + model.radius * turn
     way = left * memory[WAY] + h * math.sqrt(p_x * p_x + p_y * p_y) / mass
-    if not slip <= 2.0 * model.radius * model.most_lean + model.most_slip * way:
+    if not slip <= model.radius * LEAN + model.most_slip * way:
         return True
     memory[LAST_ROLL], memory[SLIP], memory[WAY] = work.standing[ROLL], slip, way
     return False

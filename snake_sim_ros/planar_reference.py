@@ -20,6 +20,7 @@ from snake_sim_ros.parameters import PD_SCHEMES
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.planar import FADE
 from snake_sim_ros.planar import LAST_ROLL
+from snake_sim_ros.planar import LEAN
 from snake_sim_ros.planar import LEAST
 from snake_sim_ros.planar import PlanarModel
 from snake_sim_ros.planar import PlanarWorkspace
@@ -137,7 +138,7 @@ def slips_too_far(model: PlanarModel, roll: float, u: Array, memory: Array) -> b
     left = 1.0 / (1.0 + model.dt / FADE)
     way = left * memory[WAY] + model.dt * np.linalg.norm(model.mass @ u[:, :2]) / model.mass.sum()
     slip = left * memory[SLIP] + model.radius * abs(roll - memory[LAST_ROLL])
-    if slip > 2.0 * model.radius * model.most_lean + model.most_slip * way:
+    if slip > model.radius * LEAN + model.most_slip * way:
         return True
     memory[[LAST_ROLL, SLIP, WAY]] = roll, slip, way
     return False

@@ -172,14 +172,15 @@ class LevelStepper:
         """
         Leave a robot that slips too far by rolling to the spatial level for a while.
 
-        What it slipped is then done with. One that leaves the plane for another reason will roll,
-        by what is too much and back, and slip as far; among pegs, which hold it, that is nothing.
+        What it slipped is then done with. One that leaves the plane because it leans or lifts off
+        will roll, by what is too much and back, and slip as far; among pegs, which hold it, that is
+        nothing.
         """
         memory = history[PREVIOUS:].reshape(-1)
         if self.planar.rolls:
             history[SETTLING] += self.pause_steps
             memory[[SLIP, WAY]] = 0.0
-        elif not self.scene.pegs.x:
+        elif self.planar.leans and not self.scene.pegs.x:
             memory[SLIP] += 2.0 * self.planar.model.radius * LITTLE
 
     def compile(

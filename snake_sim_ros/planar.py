@@ -82,6 +82,7 @@ class PlanarModel(NamedTuple):
     iteration_limit: int
     most_lean: float  # roll that is too much to be left out [rad]
     most_slip: float  # share of the way of the center of mass up to which its slip is left out
+    held: bool  # whether pitch joints hold the robot; if not, what they let roll is rounding
     patient: bool  # whether steps that do not converge are taken, and counted
     pd_scheme: int
     keeps_center: bool  # whether that is the center of mass, and not link 1
@@ -328,7 +329,7 @@ def is_planar(model, work, history, outcome, report):
     ):
         report[LEFT] = 1.0
         return False
-    if rolls_too_far(model, work, history):
+    if model.held and rolls_too_far(model, work, history):
         work.standing[ROLLS] = report[LEFT] = 1.0
         return False
     for i in range(len(work.twist)):

@@ -197,7 +197,8 @@ def make_loop(scene: Scene) -> Callable[..., None]:
         if not (work.standing[LEAST] > 0.0 and abs(work.standing[ROLL]) <= model.most_lean):
             return False
         u_E = u_E.reshape(n, 3)
-        if slips_too_far(model, roll / dt, u_E, history[PREVIOUS:].reshape(-1)):
+        memory = history[PREVIOUS:].reshape(-1)
+        if model.held and slips_too_far(model, roll / dt, u_E, memory):
             work.standing[ROLLS] = 1.0
             return False
         impulse[:, 0], impulse[:, 1:3] = normal, tangential

@@ -15,6 +15,7 @@ from snake_sim_ros.parameters import PD_SCHEMES
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.planar import LAST_ROLL
 from snake_sim_ros.planar import LEAN
+from snake_sim_ros.planar import LEAST
 from snake_sim_ros.planar import PlanarModel
 from snake_sim_ros.planar import PlanarWorkspace
 from snake_sim_ros.planar import ROLL
@@ -147,6 +148,7 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         iteration_limit=scene.solver.iteration_limit,
         most_lean=LEAN,
         most_slip=SLIPPING,
+        held=bool(pitch.max(initial=0.0) > LIMP),
         patient=True,
         pd_scheme=PD_SCHEMES.index(scene.pd_scheme),
         keeps_center=keeps_center,
@@ -264,7 +266,7 @@ class PlanarStepper:
                 f'rolling would shift the robot by more than {100 * self.model.most_slip:g} % of '
                 'its way'
             )
-        if abs(self.work.standing[ROLL]) <= self.model.most_lean:
+        if not self.leans:
             return 'the contacts in the plane did not converge'
         return 'the robot would roll: its pitch joints do not hold it flat'
 
@@ -272,6 +274,12 @@ class PlanarStepper:
     def rolls(self) -> bool:
         """Whether the last step was refused because of what contacts slip by rolling."""
         return bool(self.work.standing[ROLLS])
+
+    @property
+    def leans(self) -> bool:
+        """Whether the last step was refused because the robot would roll or lift off."""
+        least, roll = self.work.standing[[LEAST, ROLL]]
+        return bool(not least > 0.0 or not abs(roll) <= self.model.most_lean)
 
     def coordinates(self, state: State, history: Array) -> tuple[Array, Array, Array]:
         """

@@ -14,12 +14,12 @@ space remain, because friction acts at the floor, below the centers of gravity:
   the 2n normal directions is one short). They do so at angles of some 1e-4 rad, left out here;
   their load is part of the equilibrium.
 
-Deviation: inertia out of the plane is left out, and so is that contacts slip across while the robot
-rolls, by its radius times the change of the roll. This level is the limit of `spatial` for pitch
-joints that are stiffer and stiffer, and a normal compliance that falls with their stiffness: the
-difference falls with the roll, which friction and springs make. It counts where friction moves the
-robot by little more than it slips so: on slippery floors, and where a gait hardly advances. That is
-what `rolls_too_far` watches: the slip of all steps against the way of the center of mass.
+Deviation: inertia out of the plane is left out, and so is that contacts slip across while the
+robot rolls, by its radius times the change of the roll. This level is the limit of `spatial` for
+pitch joints that are stiffer and stiffer, and a normal compliance that falls with their stiffness:
+the difference falls with the roll, which friction and springs make. It counts where friction moves
+the robot by little more than it slips so: on slippery floors, and where a gait hardly advances.
+That is what `rolls_too_far` watches: the slip of all steps against the way of the center of mass.
 """
 
 import math
@@ -346,8 +346,8 @@ def rolls_too_far(model, work, history):
     """
     Return whether contacts slip too far by rolling to leave that out; if not, note it in history.
 
-    What a roll of LEAN makes is always left out, as a gait begins with one and no way. Besides that
-    as much is as a share of the way of the center of mass.
+    What a roll of LEAN makes is always left out, as a gait begins with one and no way. Besides
+    that as much is as a share of the way of the center of mass.
     """
     memory = history[3:].reshape(history[3:].size)
     mass = p_x = p_y = 0.0

@@ -28,7 +28,9 @@ from snake_sim_ros.posture import gaps
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.spatial import SpatialStepper
+from snake_sim_ros.stepping import check_arguments
 from snake_sim_ros.stepping import method_of
+from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import PREVIOUS
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import SETTLING
@@ -144,6 +146,8 @@ class LevelStepper:
         self, state: State, history: Array, angle: Array, rate: Array
     ) -> tuple[State, Array, Report]:
         """Return state, history and report after as many steps as there are references."""
+        counts = self.scene.robot.link_count, len(self.planar.work.contact)
+        check_arguments(*counts, state, history, angle, rate)
         history, report = history.copy(), Report(level=self.level)
         vertical = is_vertical(angle, rate)
         start, self.ticks = 0, []
@@ -171,6 +175,8 @@ class LevelStepper:
             state, history, news = stepper.advance(state, history, angle[part], rate[part])
             history[SETTLING] -= min(pause, news.steps)
             if news.left:
+                if not np.isfinite(history).all():  # of a step that was not taken
+                    history = no_history(self.scene)
                 history[SETTLING], self.reason = self.settle_steps, news.left
                 self.note_leaving(history)
             news.left = self.reason if stepper is self.spatial else ''
@@ -236,6 +242,8 @@ class FlatStepper:
         self, state: State, history: Array, angle: Array, rate: Array
     ) -> tuple[State, Array, Report]:
         """Return state, history and report after as many steps as there are references."""
+        counts = self.scene.robot.link_count, len(self.planar.work.contact)
+        check_arguments(*counts, state, history, angle, rate)
         vertical = is_vertical(angle, rate)
         stop = int(vertical.argmax()) if vertical.any() else len(vertical)
         report = Report(level=self.level)

@@ -34,7 +34,6 @@ from snake_sim_ros.scenery import first_peg
 from snake_sim_ros.spatial import COLUMNS
 from snake_sim_ros.spatial import make_model
 from snake_sim_ros.stepping import check_arguments
-from snake_sim_ros.stepping import check_state
 from snake_sim_ros.stepping import PREVIOUS
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import SETTLING
@@ -316,7 +315,6 @@ class PlanarStepper:
 
     def goes_on(self, state: State, history: Array) -> bool:
         """Return whether the last step was planar and led to this state."""
-        check_state(len(self.model.mass), len(self.work.contact), state, history)
         memory, made = history[PREVIOUS:].reshape(-1), self.recalled
         same = recall(self.model.half_length, memory, state.q, state.u, *made)
         return bool(same and memory[KNOWN])

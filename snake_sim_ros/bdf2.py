@@ -211,6 +211,8 @@ def events(model, h, contact, table):
         Whether a contact landed that carried no load before, or an impulse is no force.
     lands : bool
         Whether velocities close gaps in the step: they are not those after the impact.
+    closed : int
+        Contacts that are closed, not all that could close.
 
     """
     weight = largest = 0.0
@@ -218,14 +220,15 @@ def events(model, h, contact, table):
         weight -= m * h * model.gravity[2]
     for a in contact:
         largest = max(largest, table[a, LAST])
-    jumps = lands = False
+    jumps, lands, closed = False, False, 0
     for a in contact:
         P_N = table[a, IMPULSE]
+        closed += P_N > 0.0 or table[a, SHIFT] <= 0.0
         if P_N > 0.0:
             lands = lands or table[a, SHIFT] != 0.0
             meets = table[a, LAST] <= 0.0 and table[a, START] < 0.0
             jumps = jumps or meets or P_N > IMPACT * max(weight, largest)
-    return jumps or lands, lands
+    return jumps or lands, lands, closed
 
 
 @inlined
@@ -283,7 +286,7 @@ def one_part(model, work, dt, q, u, history, report):
     contact, table, chain = work.contact[:count], work.table, work.chain
     note_outcome(solve_contacts(model, laws, contact, table, chain, None, history), report)
     end_velocities(chain.twist, work.R, work.center, work.u_star)
-    jumps, lands = events(model, h, contact, table)
+    jumps, lands, closed = events(model, h, contact, table)
     small = turns_are_small(dt, chain.twist, report)
     if small and lands:
         contact = contact[: closed_now(contact, table)]
@@ -291,7 +294,7 @@ def one_part(model, work, dt, q, u, history, report):
         small = turns_are_small(dt, chain.twist, report)
     if not small:
         return -1
-    report[CONTACTS] = count
+    report[CONTACTS] = closed
     applied_torque(work.R, chain.twist, work.torque, work.damping, work.applied)
     for j in range(n - 1):
         for axis in range(2):

@@ -268,7 +268,7 @@ def selected(laws, contact, table, mass, impulse, press, dt, fall):
     compliance = laws.compliance
     if most > 0.0:
         compliance = min(compliance, max(laws.least, press / most))
-    highest = max(press / compliance, most) if compliance > 0.0 else 0.0
+    highest = max(press / compliance, min(most, heaviest)) if compliance > 0.0 else 0.0
     mean, loaded, own = 0.0, 0, min(1.0, FINE / dt)
     for a in contact:
         if impulse[a, 0] > 0.0:

@@ -54,7 +54,7 @@ def selection_center(
     """
     if np.abs(gamma[P_N > 0.0]).max(initial=0.0) <= REST:
         return np.minimum(P_N, IMPACT * weight)
-    highest = max(PRESS / compliance, most) if compliance > 0.0 else 0.0
+    highest = max(PRESS / compliance, min(most, IMPACT * weight)) if compliance > 0.0 else 0.0
     depth, own = np.maximum(-gap, 0.0) / DEPTH, min(1.0, FINE / dt)
     mean = np.minimum(depth, 1.0)[P_N > 0.0].mean() if (P_N > 0.0).any() else 0.0
     return np.asarray(highest * np.clip(mean + own * (depth - mean), 0.0, 1.0))

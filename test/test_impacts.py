@@ -30,6 +30,7 @@ from scenes import run
 from scenes import SPEED
 from scenes import TIGHT
 
+from snake_sim_ros.contact_laws import IMPACT
 from snake_sim_ros.contact_laws import LEAST
 from snake_sim_ros.contact_laws import PRESS
 from snake_sim_ros.parameters import Robot
@@ -111,13 +112,14 @@ ROD_SOLVER = Solver(
 
 
 def rod(method, dt, mu):
-    """Return velocity and impulse (normal, along) of the rod's lower end after one step."""
+    """Return velocity and impulse (normal, along) of the rod's lower end in its first step."""
     scene = Scene(
         robot=ROD, solver=ROD_SOLVER, friction=isotropic(mu), method=method, dt=dt, level='spatial'
     )
-    state, history, report = run(scene, pitched(ROD, math.atan(2), v=(1.0, 0.0, 0.0)), 1)
+    state, _, report = run(scene, pitched(ROD, math.atan(2), v=(1.0, 0.0, 0.0)), 1)
     assert not report.unconverged
-    return state.u[0], history[IMPULSE, 0, :2]
+    # Of 1 kg: its momentum, whatever the parts of the step.
+    return state.u[0], np.array([state.u[0, 2] + G * dt, state.u[0, 0] - 1.0])
 
 
 @pytest.mark.parametrize('dt', [1e-5, 1e-4])
@@ -125,10 +127,15 @@ def rod(method, dt, mu):
 def test_painleve_rod_slides_with_a_large_force(method, dt):
     # N = m g/(1 + 3 cos^2 - 3 mu sin cos) = m g/0.16 = 6.25 m g for mu = 1.2; exact in the first
     # step, as the rod does not turn before it. The iteration contracts by 1 - r 0.16 = 0.952: 21
-    # times the tolerance is left.
+    # times the tolerance is left. In the second part of a step of BDF2 the rod has turned: its end
+    # is pushed up by 6 N sin cos < 250 m/s^2 more than it falls, which changes 1/N, of which the
+    # derivative with respect to the angle is below 10/(m g), by 10 250 dt^2.
     _, impulse = rod(method, dt, 1.2)
     expected = 6.25 * G * dt * np.array([1.0, -1.2])
-    assert np.abs(impulse - expected).max() < 25 * ROD_SOLVER.tolerance
+    error = 25 * ROD_SOLVER.tolerance + 2 * EPS
+    if method == 'bdf2':
+        error += 2500 * dt**2 * 6.25 * np.abs(expected).max()
+    assert np.abs(impulse - expected).max() < error
 
 
 @pytest.mark.parametrize('dt', [1e-5, 1e-4])
@@ -137,10 +144,14 @@ def test_painleve_rod_jams_in_an_impact_without_collision(method, dt):
     # mu = 1.5 is above 4/3: sliding has no solution, the end sticks at once. G P = (g dt, -v0)
     # with the inverse [[3.4, -1.2], [-1.2, 1.6]]/4: P_N = 0.3 v0 + 0.85 g dt, P_T = -0.4 v0 - 0.3
     # g dt. Without g dt: u+ = (0.6, 0.3) v0, omega+ = 1.34164 v0/m, E+/E- = 0.6.
+    # BDF2 jams in the first part of its step; in the second one the end carries what it must, less
+    # than the weight, and the rod has turned by 1.4 dt: these are terms of g dt, too.
     u, impulse = rod(method, dt, 1.5)
     expected = np.array([0.3 + 0.85 * G * dt, -0.4 - 0.3 * G * dt])
     # Smallest eigenvalue of G: 1, so that 1/(r 1) of the tolerance is left.
     error = 4 * ROD_SOLVER.tolerance + chain_rounding(method, 1.0, compliance=4.0)
+    if method == 'bdf2':
+        error += G * dt
     assert np.abs(impulse - expected).max() < error
     x, y = math.cos(math.atan(2)) / 2, math.sin(math.atan(2)) / 2
     turn = 12 * (expected[0] * x + expected[1] * y)  # lowers the leading end
@@ -178,10 +189,17 @@ def test_link_of_aiko_jams_above_its_critical_friction(method):
             **PRINTED,
         )
         scene = link_scene(method, dt, friction=isotropic(coefficient), solver=solver)
-        state = pitched(ROBOT, pitch[worst], v=(1.0, 0.0, 0.0))
-        _, history, report = run(scene, state, 1)
+        start = pitched(ROBOT, pitch[worst], v=(1.0, 0.0, 0.0))
+        state, _, report = run(scene, start, 1)
+        impulse = MASS * (state.u[0, 2] + G * dt)
         # Sliding contracts by 1 - r (a - mu b), a - mu b = 1 % of a = 2.2 1/kg: 450 eps are left.
-        assert abs(history[IMPULSE, 0, 0] - expected) < 500 * solver.tolerance
+        # In the second part of a step of BDF2 the link has turned by less than 1e3 g dt^2 when it
+        # slides, which changes the large force by 1e3 times that; after the jam it carries what it
+        # must, a few times its weight.
+        error = 500 * solver.tolerance + 2 * EPS
+        if method == 'bdf2':
+            error += 1e7 * dt**2 * expected if coefficient < critical[worst] else 5 * MASS * G * dt
+        assert abs(impulse - expected) < error
         assert not report.unconverged
 
 
@@ -189,7 +207,9 @@ def test_link_of_aiko_jams_above_its_critical_friction(method):
 def test_selection_rule_presses_an_impact_no_deeper_than_its_bound(method, dt):
     # A link lands flat with v: twice what stops it and half its weight, m (2 v + g dt/2), is
     # expected, so that the compliance is PRESS over that, if that is not below the least one; two
-    # contacts carry (2/m + c) P = v + g dt. In the next step the last impulse is what is expected.
+    # contacts carry (2/m + c) P = v + g dt. In the next step the last impulse is what is expected;
+    # the contacts are far deeper than DEPTH, and rise by PRESS, or what ten weights press, less what presses them in. BDF2 has
+    # its own, smaller PRESS, and lands with gaps closed: it does not rise.
     v, size = 1.0, mean_delassus(ROBOT)
     solver = replace(TIGHT, normal_compliance=1e-4)
     scene = link_scene(method, dt, solver=solver, friction=isotropic(0.0))
@@ -198,6 +218,10 @@ def test_selection_rule_presses_an_impact_no_deeper_than_its_bound(method, dt):
     P = (v + G * dt) / (2 / MASS + c)
     state, history, report = run(scene, lying((0.0, 0.0, -v)), 1)
     error = SPEED + chain_rounding(method, v) / MASS
+    if method == 'bdf2':
+        assert abs(state.u[0, 2]) <= LEAST * size * P + error
+        assert abs(run(scene, state, 1, history)[0].u[0, 2]) <= 1e-1 * PRESS
+        return
     assert abs(state.u[0, 2] + c * P) < error
     assert c * P < max(PRESS, LEAST * size * P * 1.01)
     # G^-1 <= m/2 makes less than m R of the residuals of two contacts.
@@ -206,7 +230,8 @@ def test_selection_rule_presses_an_impact_no_deeper_than_its_bound(method, dt):
     assert abs(report.printed_residual_max - c * P) < error
     assert report.residual_max <= SPEED
     later = min(1e-4 * size, max(LEAST * size, PRESS / max(P, MASS * (G * dt / 2 + 2 * c * P))))
-    P = (c * P + G * dt) / (2 / MASS + later)
+    lift = max(PRESS, later * min(P, IMPACT * MASS * G * dt))
+    P = (c * P + G * dt + lift) / (2 / MASS + later)
     state, history, report = run(scene, state, 1, history)
-    assert abs(state.u[0, 2] + later * P) < error
-    assert abs(report.printed_residual_max - later * P) < error
+    assert abs(state.u[0, 2] + later * P - lift) < error
+    assert abs(report.printed_residual_max - abs(lift - later * P)) < error

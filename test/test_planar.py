@@ -41,7 +41,7 @@ from snake_sim_ros.stepping import Status
 RESIDUAL = 1e-12  # m/s
 # Impulses are some 1e-3 N s, rounded through the chain of joints: 1e5 EPS of it at most.
 EXACT = Solver(tolerance=1e-12, residual_tolerance=RESIDUAL, r_sliding=0.03)
-MIDPOINT_METHODS = list(METHODS)
+MIDPOINT_METHODS = [name for name in METHODS if name != 'bdf2']
 COMPILED = [name for name in MIDPOINT_METHODS if name != 'reference']
 SOLVERS = ['newton', 'newton_dense', 'gauss_seidel']
 each_method = pytest.mark.parametrize('method', MIDPOINT_METHODS)

@@ -276,7 +276,9 @@ def selected(laws, contact, table, mass, impulse, press, dt, fall):
             loaded += 1
     mean /= max(1, loaded)
     for a in contact:
-        share = min(1.0, max(0.0, mean + own * (depth_share(table, a) - mean)))
+        share = 0.0  # of a contact that lands
+        if impulse[a, 0] > 0.0:
+            share = min(1.0, max(0.0, mean + own * (depth_share(table, a) - mean)))
         rests = fastest <= REST
         table[a, CENTER] = min(impulse[a, 0], heaviest) if rests else share * highest
     return Laws(

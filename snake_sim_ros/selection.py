@@ -32,9 +32,9 @@ def selection_center(
 
     Deviation: those that the rule presses in with PRESS, times depth over DEPTH: at most so deep,
     contacts go no deeper. The depth is that of the contact for steps up to FINE, and in a share
-    that grows with the step the mean of those that carry load. But the last ones P_N while all
-    contacts that carry load are at rest, so that nothing sinks or creeps; those of an impact would
-    make bodies bounce.
+    that grows with the step the mean of those that carry load; a contact that lands has none. But
+    the last ones P_N while all contacts that carry load are at rest, so that nothing sinks or
+    creeps; those of an impact would make bodies bounce.
 
     Parameters
     ----------
@@ -57,4 +57,5 @@ def selection_center(
     highest = max(PRESS / compliance, min(most, IMPACT * weight)) if compliance > 0.0 else 0.0
     depth, own = np.maximum(-gap, 0.0) / DEPTH, min(1.0, FINE / dt)
     mean = np.minimum(depth, 1.0)[P_N > 0.0].mean() if (P_N > 0.0).any() else 0.0
-    return np.asarray(highest * np.clip(mean + own * (depth - mean), 0.0, 1.0))
+    share = np.where(P_N > 0.0, np.clip(mean + own * (depth - mean), 0.0, 1.0), 0.0)
+    return np.asarray(highest * share)

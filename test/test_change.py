@@ -355,7 +355,7 @@ if __name__ == '__main__':
     still = np.zeros((1, 2, 2))
     try:
         stepper.loop(
-            stepper.model, stepper.work, state.q.copy(), state.u.copy(), np.zeros((5, 2, 5)),
+            stepper.model, stepper.work, state.q.copy(), state.u.copy(), np.zeros((7, 2, 5)),
             still, still, np.zeros(REPORT_SIZE), np.zeros(2, np.int64),
         )  # fmt: skip
     except IndexError:

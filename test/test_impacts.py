@@ -208,8 +208,9 @@ def test_selection_rule_presses_an_impact_no_deeper_than_its_bound(method, dt):
     # A link lands flat with v: twice what stops it and half its weight, m (2 v + g dt/2), is
     # expected, so that the compliance is PRESS over that, if that is not below the least one; two
     # contacts carry (2/m + c) P = v + g dt. In the next step the last impulse is what is expected;
-    # the contacts are far deeper than DEPTH, and rise by PRESS, or what ten weights press, less what presses them in. BDF2 has
-    # its own, smaller PRESS, and lands with gaps closed: it does not rise.
+    # the contacts are far deeper than DEPTH, and rise by PRESS, or by what the compliance makes of
+    # ten weights, less what presses them in. BDF2 has its own, smaller PRESS, and lands with gaps
+    # closed: it does not rise.
     v, size = 1.0, mean_delassus(ROBOT)
     solver = replace(TIGHT, normal_compliance=1e-4)
     scene = link_scene(method, dt, solver=solver, friction=isotropic(0.0))

@@ -113,13 +113,13 @@ def moving(scene):
     return state, history, angle, rate
 
 
-def start_histories(n):
+def start_histories(scene):
     """Return histories that have nothing to do with the step, up to ten times the load."""
     rng = np.random.default_rng(3)
-    histories = [np.zeros((5, 2 * n, 5))]
+    histories = [no_history(scene)]
     for size in (1e-4, 1e-3, 1e-2):
-        history = np.zeros((5, 2 * n, 5))
-        history[:3] = rng.uniform(-size, size, (3, 2 * n, 5))
+        history = no_history(scene)
+        history[:3] = rng.uniform(-size, size, history[:3].shape)
         history[0, :, 0] = np.abs(history[0, :, 0])
         histories.append(history)
     return histories
@@ -132,7 +132,7 @@ def test_the_result_does_not_depend_on_the_history(method):
     scene = with_settings(SCENE, {**settings, 'solver.normal_compliance': 1e-5})
     state, _, angle, rate = moving(scene)
     ends = []
-    for history in start_histories(scene.robot.link_count):
+    for history in start_histories(scene):
         step = dense_step(scene, state, history, angle, rate)
         assert step.compliance == 1e-5 * mean_delassus(scene.robot)
         end, after, report = one_step(scene, state, history, angle, rate)
@@ -151,7 +151,7 @@ def test_without_the_rule_it_does(method):
     scene = with_settings(SCENE, {'method': method, 'solver.normal_compliance': 0.0})
     state, _, angle, rate = moving(scene)
     ends = []
-    for history in start_histories(scene.robot.link_count):
+    for history in start_histories(scene):
         end, after, report = one_step(scene, state, history, angle, rate)
         assert report.status is Status.CONVERGED
         ends.append((end.u, after[IMPULSE, :, 0]))

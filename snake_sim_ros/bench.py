@@ -4,25 +4,25 @@ The bench: a matrix of runs, one row of a CSV file for each.
 Parts of the matrix are `precision`, every contender over its time steps in every case against the
 converged solution; `links`, the cost of a step over the number of links; `situations`, what a step
 costs by what there is to pay for; `stages`, where its time goes; `iterations`, residuals of the
-solvers on stored hard problems; and `start_up`. A run that fails is a row like any other. The file
-grows row by row: what is in it is not run again, so that an interrupted bench goes on.
+solvers on stored hard problems; `start_up`; `agreement`, how far the paths of other solvers are
+from that of `newton`; and `soak`, what penetration and memory do in very many steps. A run that
+fails is a row like any other. The file grows row by row: what is in it is not run again, so that
+an interrupted bench goes on.
 
 The error of a run is that against the converged solution of the paper's model. A baseline has
 another model, so that it has two errors: `error_limit` is that of its time step, against where its
 own small steps lead, and `model_error` that of this limit.
 """
 
-from collections.abc import Callable
 from collections.abc import Iterable
 from collections.abc import Iterator
 from collections.abc import Mapping
-from dataclasses import asdict
-from dataclasses import dataclass
-from dataclasses import fields
+from collections.abc import Sequence
 from dataclasses import replace
 import math
-from typing import Any
 
+from snake_sim_ros.bench_rows import Entry
+from snake_sim_ros.bench_rows import Row
 from snake_sim_ros.contenders import Contender
 from snake_sim_ros.course import Course
 from snake_sim_ros.course import extrapolated
@@ -32,17 +32,20 @@ from snake_sim_ros.hard_contacts import load_problems
 from snake_sim_ros.hard_contacts import reports_by_limit
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.parameters import Scene
-from snake_sim_ros.records import ParameterError
+from snake_sim_ros.parameters import with_settings
+from snake_sim_ros.soak import MARKS
+from snake_sim_ros.soak import QUICK_MARKS
+from snake_sim_ros.soak import soak
+from snake_sim_ros.soak import SOAKED
+from snake_sim_ros.soak import soaked_scene
 from snake_sim_ros.stages import stage_times
-from snake_sim_ros.tables import is_empty
-from snake_sim_ros.tables import records_of
-from snake_sim_ros.tables import Table
 from snake_sim_ros.timing import calibration
 from snake_sim_ros.timing import CASE_A
 from snake_sim_ros.timing import converged
 from snake_sim_ros.timing import SITUATIONS
 from snake_sim_ros.timing import situations
 from snake_sim_ros.timing import start_up_seconds
+from snake_sim_ros.timing import timed
 from snake_sim_ros.timing import with_links
 
 LINK_COUNTS = (5, 10, 20, 40, 80, 160, 200)
@@ -59,87 +62,11 @@ HARD = (
 )
 SOLVERS = ('newton', 'gauss_seidel', 'paper')
 MOST_ITERATIONS = 10_000
-
-
-@dataclass(frozen=True, kw_only=True)
-class Row:
-    """
-    A run: what it was, in the columns of KEY, and what came out; nan or None: it means nothing.
-
-    Times are wall times; errors are the largest at any time. `path_error` and what is derived from
-    it are relative to the distance of the middle link from start to end.
-    """
-
-    part: str
-    case: str
-    method: str
-    level: str = ''
-    setting: str = ''
-    dt: float = math.nan  # s; mean step of a method that chooses it
-    tolerance: float = math.nan  # of a method that chooses its steps
-    n: int | None = None
-    duration: float = math.nan  # s
-    status: str = ''
-    error_path: float = math.nan
-    error_angle: float = math.nan  # rad
-    error_heading: float = math.nan  # rad
-    reference_error: float = math.nan  # how far the converged solution is from converged
-    error_limit: float = math.nan
-    model_error: float = math.nan
-    energy_error: float = math.nan
-    seconds_per_second: float = math.nan
-    median_us: float = math.nan
-    p99_us: float = math.nan
-    calibration_us: float = math.nan  # of a fixed amount of arithmetic, timed beside the run
-    compile_seconds: float = math.nan
-    steps: int | None = None
-    planar_steps: int | None = None
-    iterations: int | None = None
-    iterations_max: int | None = None
-    fallbacks: int | None = None
-    unconverged: int | None = None
-    residual_max: float = math.nan  # m/s
-    penetration_max: float = math.nan  # m
-    joint_gap_max: float = math.nan  # m
-    joint_twist_max: float = math.nan
-    message: str = ''
-
-
-COLUMNS = tuple(item.name for item in fields(Row))
-KEY = ('part', 'case', 'method', 'level', 'setting', 'dt', 'tolerance', 'n', 'duration')
-
-
-@dataclass(frozen=True)
-class Entry:
-    """
-    Something to run for one row or some.
-
-    Attributes
-    ----------
-    keys : tuple of Row
-        Rows with nothing but their keys.
-    run : callable
-        Returns the rows; those without a key of `keys` follow from the same run.
-    guess : float
-        How long it may take, for the progress bar [s].
-
-    """
-
-    keys: tuple[Row, ...]
-    run: Callable[[], list[Row]]
-    guess: float
-
-    def is_in(self, done: set[tuple[str, ...]]) -> bool:
-        """Return whether a file with rows of these keys has all of this entry already."""
-        return done.issuperset(key(asdict(row)) for row in self.keys)
-
-
-def key(row: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return what identifies a row; a method that chooses its steps is known by its tolerance."""
-    texts = {name: '' if is_empty(row[name]) else str(row[name]) for name in KEY}
-    if texts['tolerance']:
-        texts['dt'] = ''
-    return tuple(texts.values())
+AGREEING: dict[str, tuple[str, float, str]] = {  # what stops a solver, where, and its unit
+    'newton_dense': ('solver.residual_tolerance', 1e-9, 'm/s'),
+    'gauss_seidel': ('solver.residual_tolerance', 1e-9, 'm/s'),
+    'paper': ('solver.tolerance', 1e-10, 'N s'),
+}
 
 
 class References:
@@ -335,6 +262,71 @@ def start_up(scene: Scene) -> Iterator[Entry]:
         yield Entry((row,), run, 10.0)
 
 
+def agreement(scenes: Mapping[str, Scene], methods: Iterable[str]) -> Iterator[Entry]:
+    """Yield how far from the path of `newton` other solvers get, with the same steps and laws."""
+    paths: dict[str, Course] = {}
+    for case, scene in scenes.items():
+        usual = with_settings(scene, {'level': 'spatial', 'method': 'newton'})
+        for method in [name for name in AGREEING if name in set(methods)]:
+            setting, tolerance, unit = AGREEING[method]
+            row = Row(
+                part='agreement', case=case, method=method, level='spatial',
+                setting=f'{setting} in {unit}', dt=scene.dt, tolerance=tolerance,
+                n=scene.robot.link_count, duration=scene.duration,
+            )  # fmt: skip
+            own = with_settings(usual, {'method': method, setting: tolerance})
+
+            def run(row: Row = row, usual: Scene = usual, own: Scene = own) -> list[Row]:
+                if row.case not in paths:
+                    paths[row.case] = timed(usual)
+                course = timed(own)
+                difference = path_error(course.path, paths[row.case].path)
+                row = replace(row, path_difference=difference, seconds=course.seconds)
+                return [measured(row, course)]
+
+            yield Entry((row,), run, 10.0 + 1e-4 * scene.duration / scene.dt)
+
+
+def soaks(marks: Sequence[int]) -> Iterator[Entry]:
+    """Yield very long runs; each has a row for every one of its marks."""
+    for name in SOAKED:
+        scene = soaked_scene(name)
+        rows = tuple(
+            Row(
+                part='soak', case=name, method=scene.method, level=scene.level, dt=scene.dt,
+                n=scene.robot.link_count, duration=steps * scene.dt,
+            )
+            for steps in marks
+        )  # fmt: skip
+
+        def run(rows: tuple[Row, ...] = rows, scene: Scene = scene) -> list[Row]:
+            looks = soak(scene, marks, restarts=bool(scene.pegs.x))
+            return [
+                replace(
+                    row,
+                    status=look.report.status.value,
+                    seconds=look.seconds,
+                    steps=look.report.steps,
+                    planar_steps=look.report.planar_steps,
+                    iterations=look.report.iterations,
+                    iterations_max=look.report.iterations_max,
+                    fallbacks=look.report.fallbacks,
+                    unconverged=look.report.unconverged,
+                    residual_max=look.report.residual_max,
+                    penetration_max=look.report.penetration_max,
+                    penetration_end=look.penetration_end,
+                    joint_gap_max=look.report.joint_gap_max,
+                    joint_twist_max=look.report.joint_twist_max,
+                    memory_begin=look.memory_begin,
+                    memory_end=look.memory_end,
+                    message=look.report.failure,
+                )
+                for row, look in zip(rows, looks, strict=True)
+            ]
+
+        yield Entry(rows, run, 5.0 + 7e-6 * marks[-1])
+
+
 def matrix(
     scenes: Mapping[str, Scene], rivals: list[Contender], limit: float, *, quick: bool
 ) -> dict[str, Iterator[Entry]]:
@@ -349,7 +341,7 @@ def matrix(
     limit : float
         Wall time after which a run ends early [s].
     quick : bool
-        Whether to take two numbers of links instead of all.
+        Whether to take two numbers of links instead of all, and a hundredth of the steps of soaks.
 
     """
     scene = load_scene(CASE_A)
@@ -363,43 +355,6 @@ def matrix(
         'iterations': solvers(),
         'costs': costs(scene),
         'start_up': start_up(scene),
+        'agreement': agreement(scenes, {rival.method for rival in rivals}),
+        'soak': soaks(QUICK_MARKS if quick else MARKS),
     }
-
-
-def outcome(entry: Entry) -> list[Row]:
-    """Run an entry: anything that it raises is a row, too, except an end from the keyboard."""
-    try:
-        return entry.run()
-    except Exception as error:  # the bench goes on, the row says what happened
-        status = 'refused' if isinstance(error, ParameterError) else 'error'
-        message = ' '.join(f'{type(error).__name__}: {error}'.split())
-        return [replace(row, status=status, message=message) for row in entry.keys]
-
-
-def line(row: Row) -> str:
-    """Return a row in short, for people who wait."""
-    what = [row.part, row.case, row.method, row.level, row.setting]
-    if row.dt > 0.0:
-        what.append(f'dt {row.dt:.2g} s')
-    if row.n:
-        what.append(f'n = {row.n}')
-    if row.part == 'iterations' and row.iterations:
-        what.append(f'{row.iterations} iterations to {row.residual_max:.1e} m/s')
-    if row.median_us > 0.0:
-        what.append(f'{row.median_us:.2f} us')
-    if math.isfinite(row.error_path):
-        what.append(f'{100 * row.error_path:.3g} %')
-    return ' | '.join(part for part in [*what, row.status, row.message] if part)
-
-
-def rows_of(table: Table) -> list[Row]:
-    """
-    Return the rows of a file with numbers for their texts.
-
-    Raises
-    ------
-    ParameterError
-        See `tables.records_of`.
-
-    """
-    return records_of(table, 'bench', Row)

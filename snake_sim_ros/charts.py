@@ -20,10 +20,13 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from snake_sim_ros import artefacts
-from snake_sim_ros.bench import Row
-from snake_sim_ros.bench import rows_of
+from snake_sim_ros.bench_rows import Row
+from snake_sim_ros.bench_rows import rows_of
+from snake_sim_ros.bench_tables import agreement_table
+from snake_sim_ros.bench_tables import soak_table
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.pareto import fitted_order
+from snake_sim_ros.pareto import fitted_power
 from snake_sim_ros.pareto import pareto_table
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.tables import records_of
@@ -66,7 +69,7 @@ SMALL = {'font.size': 8.5, 'svg.hashsalt': 'snake_sim_ros', 'svg.fonttype': 'non
 
 def draw_bench(table: Table, folder: Path) -> list[Path]:
     """
-    Draw everything that a bench measured, as SVG and PNG, and write the Pareto table.
+    Draw everything that a bench measured, as SVG and PNG, and write its tables.
 
     Returns
     -------
@@ -99,10 +102,16 @@ def draw_bench(table: Table, folder: Path) -> list[Path]:
         with rc_context(SMALL):
             figure = draw(parts[part] + parts.get('situations', []) * (part == 'stages'))
             drawn += save(figure, folder / name, table.header)
-    if 'precision' in parts:
-        path = folder / 'pareto.md'
-        path.write_text(pareto_table(rows), encoding='utf-8')
-        drawn.append(path)
+    tables = {
+        'pareto': ('precision', pareto_table),
+        'agreement': ('agreement', agreement_table),
+        'soak': ('soak', soak_table),
+    }
+    for name, (part, write) in tables.items():
+        if part in parts:
+            path = folder / f'{name}.md'
+            path.write_text(write(rows), encoding='utf-8')
+            drawn.append(path)
     if not drawn:
         raise ParameterError('nothing to draw: no run of the file has an error or a time')
     return drawn
@@ -130,7 +139,10 @@ def save(figure: Figure, path: Path, header: Mapping[str, str]) -> list[Path]:
     """Write a figure as SVG and PNG, with where it was measured at its top."""
     where = ', '.join(header[key] for key in ('processor', 'date') if key in header)
     commit = header.get('commit', 'unknown')
-    figure.suptitle(f'commit {commit}, {where}', fontsize=6.5, x=0.99, ha='right', color='#555555')
+    doubt = 'provenance unknown; says of itself: ' * ('provenance' in header)
+    figure.suptitle(
+        f'{doubt}commit {commit}, {where}', fontsize=6.5, x=0.99, ha='right', color='#555555'
+    )
     FigureCanvasAgg(figure)
     files = [path.with_suffix(suffix) for suffix in ('.svg', '.png')]
     figure.savefig(files[0], dpi=220, metadata={'Date': None})
@@ -288,7 +300,7 @@ def cost_over_links(rows: Sequence[Row]) -> Figure:
                 continue
             n, cost = [row.n or 0 for row in line], [row.median_us for row in line]
             handle = plot_line(axes, n, cost, method, level, main=True)
-            exponent = f', n^{np.polyfit(np.log(n), np.log(cost), 1)[0]:.2f}' * (len(line) > 1)
+            exponent = f', n^{fitted_power(n, cost):.2f}' * (len(line) > 1)
             handle.set_label(STYLES[method][2] + ', planar' * (level == 'planar') + exponent)
     axes.set(xscale='log', yscale='log', xlabel='number of links', ylabel='median step [us]')
     axes.grid(alpha=0.3, which='both')

@@ -18,6 +18,7 @@ from snake_sim_ros.records import ParameterError
 from snake_sim_ros.robot_description import robot_description
 from snake_sim_ros.stepping import AUTO
 from snake_sim_ros.stepping import METHODS
+from snake_sim_ros.tables import mark_unknown
 from snake_sim_ros.tables import plain
 from snake_sim_ros.tables import read_table
 from snake_sim_ros.tables import records_of
@@ -25,7 +26,8 @@ from snake_sim_ros.tables import TableWriter
 
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')
 QUICK_CASES = CASES[::2]
-PARTS = ('precision', 'links', 'iterations', 'costs', 'start_up')  # of the bench
+# Of the bench.
+PARTS = ('precision', 'links', 'iterations', 'costs', 'start_up', 'agreement', 'soak')
 RATES = (50.0, 100.0, 200.0, 500.0)  # Hz, of the pacing
 SCENES = (*CASES, 'slender_undulation', 'obstacle_aided', 'step')
 
@@ -121,6 +123,7 @@ def _parser() -> argparse.ArgumentParser:
         '--limit', type=float, default=20.0, metavar='S',
         help='wall time after which a run counts as too slow [s], default 20',
     )  # fmt: skip
+    _add_other_sources(command)
     _add_scene_options(command)
 
     command = commands.add_parser(
@@ -131,6 +134,7 @@ def _parser() -> argparse.ArgumentParser:
         '--out', type=Path, default=Path('artefacts.csv'), metavar='FILE.csv',
         help='default: artefacts.csv; rows that it has already are not measured again',
     )  # fmt: skip
+    _add_other_sources(command)
 
     command = commands.add_parser(
         'stability', help='map where methods converge, fail or blow up: a CSV file'
@@ -144,6 +148,7 @@ def _parser() -> argparse.ArgumentParser:
         '--out', type=Path, default=Path('stability.csv'), metavar='FILE.csv',
         help='default: stability.csv; cells that it has already are not run again',
     )  # fmt: skip
+    _add_other_sources(command)
 
     command = commands.add_parser('chart', help='draw what the others measured')
     command.set_defaults(command=_chart)
@@ -151,6 +156,12 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         '--out', type=Path, default=Path(), metavar='FOLDER', help='default: this folder'
     )
+
+    command = commands.add_parser(
+        'seal', help='mark files that were changed by hand as ones of unknown provenance'
+    )
+    command.set_defaults(command=_seal)
+    command.add_argument('csv', type=Path, nargs='+', metavar='FILE.csv')
 
     command = commands.add_parser(
         'levels', help='show the model level that each scene gets, its time and its error'
@@ -195,6 +206,13 @@ def _add_namespace(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         '--namespace', metavar='NAME', help='of the robot, where a bag has several'
     )
+
+
+def _add_other_sources(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        '--other-sources', action='store_true',
+        help='go on with a file whose rows are of other sources; new rows have their own head',
+    )  # fmt: skip
 
 
 def _add_method(command: argparse.ArgumentParser) -> None:
@@ -267,6 +285,7 @@ def _figures(options: argparse.Namespace) -> int:
 
 def _bench(options: argparse.Namespace) -> int:
     from snake_sim_ros import bench
+    from snake_sim_ros import bench_rows
     from snake_sim_ros import contenders
 
     names = options.scene or (QUICK_CASES if options.quick else CASES)
@@ -285,17 +304,19 @@ def _bench(options: argparse.Namespace) -> int:
     usual = PARTS[:1] if selected else PARTS[:2] if options.quick else PARTS
     parts = bench.matrix(scenes, rivals, options.limit, quick=options.quick)
     entries = [entry for name in dict.fromkeys(options.parts or usual) for entry in parts[name]]
-    writer = TableWriter(options.out, 'bench', bench.COLUMNS, options.set)
+    writer = TableWriter(
+        options.out, 'bench', bench_rows.COLUMNS, options.set, other_sources=options.other_sources
+    )
     layout = '{percentage:3.0f} %|{bar}| {elapsed}, about {remaining} left'
-    done = {bench.key(row) for row in writer.rows}
+    done = {bench_rows.key(row) for row in writer.rows}
     entries = [entry for entry in entries if not entry.is_in(done)]
     total = sum(entry.guess for entry in entries)
     with tqdm(total=total, bar_format=layout, smoothing=0) as bar:
         for entry in entries:
-            rows = bench.outcome(entry)
+            rows = bench_rows.outcome(entry)
             writer.append(map(plain, rows))
             for row in rows:
-                bar.write(bench.line(row))
+                bar.write(bench_rows.line(row))
             bar.update(entry.guess)
     print(f'{options.out} is complete; snake-sim chart {options.out} draws it')
     return 0
@@ -304,7 +325,9 @@ def _bench(options: argparse.Namespace) -> int:
 def _artefacts(options: argparse.Namespace) -> int:
     from snake_sim_ros import artefacts
 
-    writer = TableWriter(options.out, 'artefacts', artefacts.COLUMNS)
+    writer = TableWriter(
+        options.out, 'artefacts', artefacts.COLUMNS, other_sources=options.other_sources
+    )
     for measure in tqdm(list(artefacts.measurements(writer.rows)), smoothing=0):
         writer.append(map(plain, measure()))
     rows = records_of(read_table(options.out), 'artefacts', artefacts.Row)
@@ -324,7 +347,9 @@ def _stability(options: argparse.Namespace) -> int:
     maps = [chart for chart in MAPS if chart.name in (options.maps or known)]
     if options.quick:
         maps = [stability.coarser(chart) for chart in maps]
-    writer = TableWriter(options.out, 'stability', stability.COLUMNS)
+    writer = TableWriter(
+        options.out, 'stability', stability.COLUMNS, other_sources=options.other_sources
+    )
     done = {stability.key(row) for row in writer.rows}
     total = sum(
         stability.key(place) not in done for chart in maps for place in stability.places(chart)
@@ -361,6 +386,13 @@ def _chart(options: argparse.Namespace) -> int:
             raise ParameterError(f'{path}: {error}') from None
         for file in files:
             print(file)
+    return 0
+
+
+def _seal(options: argparse.Namespace) -> int:
+    for path in options.csv:
+        changed = mark_unknown(path)
+        print(f'{path}: {"sealed, of unknown provenance" if changed else "its seals fit"}')
     return 0
 
 

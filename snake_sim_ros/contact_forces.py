@@ -30,7 +30,7 @@ def contact_forces(scene: Scene, state: State, history: Array) -> tuple[Array, A
     scene : Scene
     state : State
         After the step.
-    history : ndarray, shape (6, contacts, 5)
+    history : ndarray, shape (7, contacts, 5)
         After the step; see `stepping.Stepper`.
 
     Returns

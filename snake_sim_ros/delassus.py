@@ -114,6 +114,27 @@ def solve_condensed(contact, width, table, law, delassus):
     """
     rows = width * len(contact)
     B = delassus.system
+    condensed_system(contact, width, table, law, delassus)
+    for k, a in enumerate(contact):
+        for j in range(width):
+            row = width * k + j
+            start = law if j == 0 else law + 2 + 7 * ((j - 1) // 2) + (j - 1) % 2
+            B[row, rows] = table[a, start] - B[row, rows]
+    eliminate(B, rows)
+    finite = 0.0
+    for k, a in enumerate(contact):
+        for j in range(width):
+            table[a, IMPULSE + j] = B[width * k + j, rows]
+            finite += B[width * k + j, rows]
+    condensed_velocities(contact, width, table, delassus)
+    return math.isfinite(finite)
+
+
+@merged
+def condensed_system(contact, width, table, law, delassus):
+    """Fill the matrix 1 + S G, and S gamma_free next to it."""
+    rows = width * len(contact)
+    B = delassus.system
     for column in range(rows + 1):
         g = delassus.free if column == rows else delassus.operator[column]
         for k, a in enumerate(contact):
@@ -128,20 +149,8 @@ def solve_condensed(contact, width, table, law, delassus):
                 S_xN, S_yN = table[a, tangential + 5], table[a, tangential + 6]
                 B[row + j, column] = S_xN * g_N + S_xx * g_x + S_xy * g_y
                 B[row + j + 1, column] = S_yN * g_N + S_xy * g_x + S_yy * g_y
-    for k, a in enumerate(contact):
-        for j in range(width):
-            row = width * k + j
-            start = law if j == 0 else law + 2 + 7 * ((j - 1) // 2) + (j - 1) % 2
-            B[row, row] += 1.0
-            B[row, rows] = table[a, start] - B[row, rows]
-    eliminate(B, rows)
-    finite = 0.0
-    for k, a in enumerate(contact):
-        for j in range(width):
-            table[a, IMPULSE + j] = B[width * k + j, rows]
-            finite += B[width * k + j, rows]
-    condensed_velocities(contact, width, table, delassus)
-    return math.isfinite(finite)
+    for row in range(rows):
+        B[row, row] += 1.0
 
 
 @merged

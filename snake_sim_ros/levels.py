@@ -3,8 +3,9 @@ Model levels: the smallest model that a scene needs, chosen while it runs.
 
 The planar level is exact for a robot that lies flat and is told nothing vertical. `LevelStepper`
 takes it as long as that holds, goes over to the spatial level at the first step in which it does
-not, and comes back when the robot has been lying flat and still for a while. Both levels have the
-same state and the same history: pose, velocities and impulses are carried over as they are.
+not, and comes back when the robot has been lying flat and still for a while; where rolling was in
+the way, which does not show in that, after a PAUSE. Both levels have the same state and the same
+history: pose, velocities and impulses are carried over as they are.
 """
 
 from collections.abc import Callable
@@ -18,6 +19,8 @@ from snake_sim_ros.kinematics import FLAT_TILT
 from snake_sim_ros.kinematics import STILL
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
+from snake_sim_ros.planar import SLIP
+from snake_sim_ros.planar import WAY
 from snake_sim_ros.planar_stepper import forget
 from snake_sim_ros.planar_stepper import KNOWN
 from snake_sim_ros.planar_stepper import PlanarStepper
@@ -25,7 +28,9 @@ from snake_sim_ros.posture import gaps
 from snake_sim_ros.records import ParameterError
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.spatial import SpatialStepper
+from snake_sim_ros.stepping import check_arguments
 from snake_sim_ros.stepping import method_of
+from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import PREVIOUS
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import SETTLING
@@ -33,7 +38,16 @@ from snake_sim_ros.stepping import State
 from snake_sim_ros.stepping import Stepper
 
 LITTLE = 3e-4  # roll up to which leaving it out is exact enough to be chosen [rad]
+LITTLE_SLIP = 2e-3  # share of the way up to which the slip by rolling is, see planar
+PAUSE = 10.0  # how long a robot that slips more is left to the spatial level [s]
 PATIENCE = 300  # iterations after which a planar step is left to the spatial level
+# Where the spatial level is faster. Processor time of both levels in turn, in one process, cases A
+# and B: at the default tolerance `bdf2` with 11 links takes 0.6 to 0.85 of the planar time from
+# 1/200 s to 1/20 s (5 links: 0.6 to 1.2), 1.1 at 1/500 s, 1.3 and more at 1/1000 s. But with 20
+# and 40 links it takes 1.05 to 14 times as long, and with residual_tolerance 1e-5 m/s 1.6 to 1.9
+# times at 1/200 s, 0.85 at 1/20 s. `newton` gains a quarter in space at most, and loses from 1/20
+# s on.
+LARGE_STEP, FEW_LINKS, TIGHT = 1 / 300, 15, 1e-7  # [s], links, [m/s]
 STRAIGHT = 1e-9  # pitch references up to this are none [rad], [rad/s]
 
 
@@ -61,6 +75,16 @@ def what_is_not_planar(scene: Scene) -> str:
     if scene.drift_correction == 'none':
         return 'drift_correction is none, and in the plane joints do not drift'
     return ''
+
+
+def is_faster_in_space(scene: Scene) -> bool:
+    """Return whether the spatial level takes less time for a planar scene, see LARGE_STEP."""
+    return (
+        method_of(scene) == 'bdf2'
+        and scene.dt > LARGE_STEP
+        and scene.robot.link_count <= FEW_LINKS
+        and scene.solver.residual_tolerance < TIGHT
+    )
 
 
 def is_vertical(angle: Array, rate: Array) -> Array:
@@ -108,10 +132,11 @@ class LevelStepper:
         self.scene, self.planar, self.spatial = scene, planar, spatial
         limit = min(scene.solver.iteration_limit, PATIENCE)
         planar.model = planar.model._replace(
-            most_lean=LITTLE, patient=False, iteration_limit=limit
+            most_lean=LITTLE, most_slip=LITTLE_SLIP, patient=False, iteration_limit=limit
         )
         self.level = planar.level
         self.settle_steps = max(1, round(scene.settling_time / scene.dt))
+        self.pause_steps = round(PAUSE / scene.dt)  # in history besides settle_steps
         self.ticks: list[Array] = []  # time stamps of the parts of the last call
         self.reason = ''  # why the last spatial steps were not planar
         self.used: list[Any] = []  # levels that are compiled
@@ -121,6 +146,8 @@ class LevelStepper:
         self, state: State, history: Array, angle: Array, rate: Array
     ) -> tuple[State, Array, Report]:
         """Return state, history and report after as many steps as there are references."""
+        counts = self.scene.robot.link_count, len(self.planar.work.contact)
+        check_arguments(*counts, state, history, angle, rate)
         history, report = history.copy(), Report(level=self.level)
         vertical = is_vertical(angle, rate)
         start, self.ticks = 0, []
@@ -133,17 +160,25 @@ class LevelStepper:
             elif history[SETTLING] <= 0:
                 reason = what_does_not_lie(self.planar, self.scene, state, history)
             if reason:
-                history[SETTLING], self.reason = self.settle_steps, reason
+                history[SETTLING] = max(history[SETTLING], self.settle_steps)
+                self.reason = reason
             stepper = self.planar if history[SETTLING] <= 0 else self.spatial
+            pause = max(0, int(history[SETTLING]) - self.settle_steps)
             if stepper is self.spatial:
                 if history[PREVIOUS:].reshape(-1)[KNOWN]:
                     forget(history)
-                stepper.watch(0 if vertical[start] else self.settle_steps)
+                stepper.watch(0 if vertical[start] or pause else self.settle_steps)
+                if pause:
+                    part = slice(start, min(start + pause, part.stop or len(vertical)))
             if stepper not in self.used:
                 self.compile(stepper, state, history, angle, rate)
             state, history, news = stepper.advance(state, history, angle[part], rate[part])
+            history[SETTLING] -= min(pause, news.steps)
             if news.left:
+                if not np.isfinite(history).all():  # of a step that was not taken
+                    history = no_history(self.scene)
                 history[SETTLING], self.reason = self.settle_steps, news.left
+                self.note_leaving(history)
             news.left = self.reason if stepper is self.spatial else ''
             self.ticks.append(stepper.cycles[: news.steps + 1])
             report = report + news if report.steps else news
@@ -155,6 +190,21 @@ class LevelStepper:
     def cycles(self) -> Array:
         """Time stamps between the steps of the last call, from 0 on, without what is between."""
         return np.cumsum(np.concatenate([[0], *map(np.diff, self.ticks)]))
+
+    def note_leaving(self, history: Array) -> None:
+        """
+        Leave a robot that slips too far by rolling to the spatial level for a while.
+
+        What it slipped is then done with. One that leaves the plane because it leans or lifts off
+        will roll, by what is too much and back, and slip as far; among pegs, which hold it, that
+        is nothing.
+        """
+        memory = history[PREVIOUS:].reshape(-1)
+        if self.planar.rolls:
+            history[SETTLING] += self.pause_steps
+            memory[[SLIP, WAY]] = 0.0
+        elif self.planar.leans and not self.scene.pegs.x:
+            memory[SLIP] += 2.0 * self.planar.model.radius * LITTLE
 
     def compile(
         self, stepper: Any, state: State, history: Array, angle: Array, rate: Array
@@ -192,6 +242,8 @@ class FlatStepper:
         self, state: State, history: Array, angle: Array, rate: Array
     ) -> tuple[State, Array, Report]:
         """Return state, history and report after as many steps as there are references."""
+        counts = self.scene.robot.link_count, len(self.planar.work.contact)
+        check_arguments(*counts, state, history, angle, rate)
         vertical = is_vertical(angle, rate)
         stop = int(vertical.argmax()) if vertical.any() else len(vertical)
         report = Report(level=self.level)
@@ -219,7 +271,8 @@ def stepper_of_level(scene: Scene, make: Callable[..., Any]) -> Stepper:
     if scene.level == 'planar':
         return FlatStepper(scene, make(scene, 'planar'))
     # The reference is the paper's step unless it is told otherwise.
-    if scene.level == 'spatial' or scene.method == 'reference' or what_is_not_planar(scene):
+    spatial = scene.level == 'spatial' or scene.method == 'reference'
+    if spatial or what_is_not_planar(scene) or is_faster_in_space(scene):
         stepper: Stepper = make(scene, 'spatial')
         return stepper
     return LevelStepper(scene, make(scene, 'planar'), make(scene, 'spatial'))

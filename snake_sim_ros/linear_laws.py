@@ -39,6 +39,9 @@ from snake_sim_ros.contacts import RADIUS
 from snake_sim_ros.contacts import rolling_disc
 from snake_sim_ros.contacts import SHIFT
 from snake_sim_ros.contacts import sliding_disc
+from snake_sim_ros.delassus import condensed_system
+from snake_sim_ros.delassus import condensed_velocities
+from snake_sim_ros.delassus import eliminate
 from snake_sim_ros.delassus import load_chain
 from snake_sim_ros.delassus import solve_condensed
 
@@ -273,25 +276,55 @@ def single_count(contact, table, pairs):
 
 
 @inlined
-def couple_pairs(contact, width, table, chain, pairs):
+def couple_pairs(again, contact, width, table, chain, pairs):
     """
     Add to the twists what the contacts of two links do to them; fill the impulses of these.
 
     They couple two links, which a sweep over the chain cannot fold into the inertia of one. The
     chain is solved for a unit of every component of their impulses instead; what is left is a
     small dense problem. `pairs` is the Delassus operator of the chain, None without such contacts.
+    Whenever the twists are corrected, so are these impulses: solved for once, they keep what
+    rounding left of the twists, 1e-7 m/s and more, and Newton's method circles there.
+
+    Parameters
+    ----------
+    again : bool
+        Whether to correct the impulses for what the laws leave at the twists now.
+
+    Returns
+    -------
+    float
+        Largest component of a twist that was added.
+
     """
-    if pairs is None:
-        return
-    contact_velocities(contact, table, chain.frame, chain.twist)
-    for k, a in enumerate(contact):
-        for j in range(width):
-            pairs.free[width * k + j] = table[a, GAMMA + j]
-            table[a, IMPULSE + j] = 0.0
+    if pairs is None or len(contact) == 0:
+        return 0.0
     for j in range(len(chain.left_over)):
         chain.left_over[j, 0] = chain.left_over[j, 1] = 0.0
+    if not again:
+        respond_to_pairs(contact, width, table, chain, pairs)
+    contact_velocities(contact, table, chain.frame, chain.twist)
+    solve_left_over(contact, width, table, pairs)
+    chain.wrench[:] = 0.0
+    add_contact_wrench(contact, table, chain.frame, chain.wrench)
+    add_packed(contact, width, table, pairs)
+    return correct_chain(chain)
+
+
+@compiled
+def respond_to_pairs(contact, width, table, chain, pairs):
+    """Fill G of the contacts of two links on the prepared chain; set their impulses to 0."""
+    for a in contact:
+        table[a, IMPULSE : IMPULSE + 5] = 0.0
     for k, a in enumerate(contact):
         for j in range(width):
+            row = pairs.operator[width * k + j]
+            stiffness = table[a, LAW + 1]
+            if j > 0:
+                stiffness = table[a, SLIDING + 2] + table[a, SLIDING + 4]
+            if stiffness == 0.0:  # the impulse is 0
+                row[: width * len(contact)] = 0.0
+                continue
             table[a, IMPULSE + j] = 1.0
             chain.wrench[:] = 0.0
             add_contact_wrench(contact[k : k + 1], table, chain.frame, chain.wrench)
@@ -301,12 +334,39 @@ def couple_pairs(contact, width, table, chain, pairs):
             for other, b in enumerate(contact):
                 for i in range(width):
                     shift = table[b, SHIFT] if i == 0 else 0.0
-                    pairs.operator[width * k + j, width * other + i] = table[b, GAMMA + i] - shift
-    if len(contact) > 0:
-        solve_condensed(contact, width, table, LAW, pairs)
-        chain.wrench[:] = 0.0
-        add_contact_wrench(contact, table, chain.frame, chain.wrench)
-        correct_chain(chain)
+                    row[width * other + i] = table[b, GAMMA + i] - shift
+
+
+@compiled
+def solve_left_over(contact, width, table, delassus):
+    """
+    Fill the impulses with what the laws leave at GAMMA, answered by G; keep the old ones packed.
+
+    To be added to the old ones. The stiffness of the laws costs as many digits here as in the
+    chain, see `articulated_body.left_over`.
+    """
+    rows = width * len(contact)
+    B, packed = delassus.system, delassus.packed
+    for k, a in enumerate(contact):
+        for j in range(width):
+            packed[width * k + j] = table[a, IMPULSE + j]
+    condensed_system(contact, width, table, LAW, delassus)
+    linear_impulses(contact, table, width > 3)
+    for k, a in enumerate(contact):
+        for j in range(width):
+            B[width * k + j, rows] = table[a, IMPULSE + j] - packed[width * k + j]
+    eliminate(B, rows)
+    for k, a in enumerate(contact):
+        for j in range(width):
+            table[a, IMPULSE + j] = B[width * k + j, rows]
+
+
+@inlined
+def add_packed(contact, width, table, delassus):
+    """Add to the impulses those that `solve_left_over` kept."""
+    for k, a in enumerate(contact):
+        for j in range(width):
+            table[a, IMPULSE + j] += delassus.packed[width * k + j]
 
 
 @inlined
@@ -325,7 +385,13 @@ def linear_step(laws, contact, table, chain, delassus):
     linearize(laws, contact, table)
     rolling = laws.rolling.mu_x > 0.0
     if delassus is not None:
-        return solve_condensed(contact, 5 if rolling else 3, table, LAW, delassus)
+        width = 5 if rolling else 3
+        finite = solve_condensed(contact, width, table, LAW, delassus)
+        if chain.pairs is not None:  # links that are pressed together, stiff where little moves
+            solve_left_over(contact, width, table, delassus)
+            add_packed(contact, width, table, delassus)
+            condensed_velocities(contact, width, table, delassus)
+        return finite
     unload_chain(chain)
     single = contact[: single_count(contact, table, chain.pairs)]
     add_laws(single, table, chain.frame, rolling, chain.wrench, chain.inertia)
@@ -335,8 +401,9 @@ def linear_step(laws, contact, table, chain, delassus):
             load_chain(contact, table, chain)
             left_over(chain)
         largest = correct_chain(chain)
-        if k == 0:
-            couple_pairs(contact[len(single) :], 5 if rolling else 3, table, chain, chain.pairs)
+        largest = max(
+            largest, couple_pairs(k > 0, contact[len(single) :], 3, table, chain, chain.pairs)
+        )
         contact_velocities(contact, table, chain.frame, chain.twist)
         linear_impulses(single, table, rolling)
         if k > 0 and not largest > SMALL:

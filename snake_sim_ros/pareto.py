@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from snake_sim_ros.bench import Row
+from snake_sim_ros.bench_rows import Row
 from snake_sim_ros.stepping import METHODS
 
 TARGETS = (0.05, 0.01, 0.001)  # of the distance from start to end
@@ -36,8 +36,13 @@ def fitted_order(rows: Sequence[Row]) -> float:
     ]
     if len(points) < 3:
         return math.nan
-    dt, error = np.log(points).T
-    return float(np.polyfit(dt, error, 1)[0])
+    dt, error = zip(*points, strict=True)
+    return fitted_power(dt, error)
+
+
+def fitted_power(x: Sequence[float], y: Sequence[float]) -> float:
+    """Return the exponent of the power law that fits y over x best, in logarithms."""
+    return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
 def pareto_table(rows: Sequence[Row]) -> str:

@@ -14,8 +14,12 @@ space remain, because friction acts at the floor, below the centers of gravity:
   the 2n normal directions is one short). They do so at angles of some 1e-4 rad, left out here;
   their load is part of the equilibrium.
 
-Deviation: inertia out of the plane is left out. The robot of `spatial` sinks, rolls and pitches by
-what the selection rule and the stiff joints let it; friction there differs by some 1e-4 of itself.
+Deviation: inertia out of the plane is left out, and so is that contacts slip across while the
+robot rolls, by its radius times the change of the roll. This level is the limit of `spatial` for
+pitch joints that are stiffer and stiffer, and a normal compliance that falls with their stiffness:
+the difference falls with the roll, which friction and springs make. It counts where friction moves
+the robot by little more than it slips so: on slippery floors, and where a gait hardly advances.
+That is what `rolls_too_far` watches: the slip of all steps against the way of the center of mass.
 """
 
 import math
@@ -23,6 +27,7 @@ from typing import NamedTuple
 
 from snake_sim_ros.compilation import compiled
 from snake_sim_ros.compilation import inlined
+from snake_sim_ros.compilation import merged
 from snake_sim_ros.contacts import GAMMA
 from snake_sim_ros.contacts import IMPULSE
 from snake_sim_ros.contacts import Laws
@@ -44,7 +49,15 @@ from snake_sim_ros.report import STEPS
 # Share of a contact's stiffness with which the floor holds the robot against rolling: none, but
 # so a straight robot is noticed, that nothing else holds.
 UNHELD = 1e-10
-LEAN = 1e-3  # roll of the robot at which it does not lie flat [rad]
+LEAN = 1e-3  # roll of the robot at which it does not lie flat, and that is always left out [rad]
+SLIPPING = 5e-3  # share of the way up to which the slip by rolling is left out
+FADE = 3.0  # time in which slip and way are forgotten [s]
+
+LEAST, ROLL, PART, ROLLS = range(4)  # in work.standing, see find_loads and is_planar
+# In history from PREVIOUS on, counted from its end: the roll after the last step, by which the
+# largest of a link is meant, with the sign of that of the middle link [rad]; the slip and the way
+# up to there [m]. The last two are kept while the robot is at the spatial level.
+LAST_ROLL, SLIP, WAY = -3, -4, -5
 
 
 class PlanarModel(NamedTuple):
@@ -68,6 +81,8 @@ class PlanarModel(NamedTuple):
     residual_tolerance: float
     iteration_limit: int
     most_lean: float  # roll that is too much to be left out [rad]
+    most_slip: float  # share of the way of the center of mass up to which its slip is left out
+    held: bool  # whether pitch joints hold the robot; if not, what they let roll is rounding
     patient: bool  # whether steps that do not converge are taken, and counted
     pd_scheme: int
     keeps_center: bool  # whether that is the center of mass, and not link 1
@@ -93,7 +108,7 @@ class PlanarWorkspace(NamedTuple):
     contact: Array  # (c,) indices of the closed contacts of c, first the 2n with the floor
     table: Array  # (c, COLUMNS) see contacts and newton
     twist: Array  # (n, 3) the last twists in the plane
-    standing: Array  # (2,) see find_loads
+    standing: Array  # (4,) LEAST, ROLL, PART, ROLLS
     q_hat: Array  # (n+2,), u_hat, u_star, u_start (n, 3), q_start (n+2,): see planar_bdf2
     u_hat: Array
     u_star: Array
@@ -150,9 +165,10 @@ def place_links(model, work, weight_velocity):
     """
     Fill centers from O, the axes of both chains, and prepare the equilibrium for loads.
 
-    The weight would let links fall at a given velocity [m/s].
+    The weight would let links fall at a given velocity [m/s], as large as the part of the step is.
     """
     heading, center, half = work.heading, work.center, model.half_length
+    work.standing[PART] = weight_velocity / model.fall
     n = len(heading)
     root = n // 2
     center[root, 0] = center[root, 1] = 0.0
@@ -270,7 +286,8 @@ def find_loads(model, work):
     """
     Fill the normal impulses that go with the friction impulses in the table.
 
-    In work.standing are then the smallest of them [N s], and the largest roll of a link [rad].
+    In work.standing are then LEAST, the smallest of them [N s], and ROLL, the largest roll of a
+    link with the sign of that of the middle link [rad].
     """
     table, upright, n = work.table, work.upright, len(work.heading)
     for i in range(n):
@@ -290,18 +307,30 @@ def find_loads(model, work):
         table[i, IMPULSE], table[n + i, IMPULSE] = load + lever, load - lever
         least = min(least, load - abs(lever))
         turn = max(turn, abs(wx * c + wy * s))
-    work.standing[0], work.standing[1] = least, turn * model.lean
+    root = n // 2
+    tilt = upright.twist[root, 0] * work.heading[root, 0]
+    tilt += upright.twist[root, 1] * work.heading[root, 1]
+    lean = turn * model.lean / work.standing[PART]
+    work.standing[LEAST], work.standing[ROLL] = least, lean if tilt > 0.0 else -lean
 
 
 @inlined
 def is_planar(model, work, history, outcome, report):
-    """Return whether the solution of a step is planar, and no link turns further than resolved."""
+    """
+    Return whether the solution of a step is planar, and no link turns further than resolved.
+
+    In work.standing, ROLLS is then whether what it rolls is all that is not planar.
+    """
+    work.standing[ROLLS] = 0.0
     if not (
         (outcome[1] or model.patient)
-        and work.standing[0] > 0.0
-        and work.standing[1] <= model.most_lean
+        and work.standing[LEAST] > 0.0
+        and abs(work.standing[ROLL]) <= model.most_lean
     ):
         report[LEFT] = 1.0
+        return False
+    if model.held and rolls_too_far(model, work, history):
+        work.standing[ROLLS] = report[LEFT] = 1.0
         return False
     for i in range(len(work.twist)):
         turn = model.dt * abs(work.twist[i, 0])
@@ -310,6 +339,32 @@ def is_planar(model, work, history, outcome, report):
             history[:] = 0.0
             return False
     return True
+
+
+@merged
+def rolls_too_far(model, work, history):
+    """
+    Return whether contacts slip too far by rolling to leave that out; if not, note it in history.
+
+    What a roll of LEAN makes is always left out, as a gait begins with one and no way. Besides
+    that as much is as a share of the way of the center of mass.
+    """
+    memory = history[3:].reshape(history[3:].size)
+    mass = p_x = p_y = 0.0
+    for i in range(len(work.twist)):
+        m, omega = model.mass[i], work.twist[i, 0]
+        mass += m
+        p_x += m * (work.twist[i, 1] - omega * work.center[i, 1])
+        p_y += m * (work.twist[i, 2] + omega * work.center[i, 0])
+    h = model.dt * work.standing[PART]
+    left = 1.0 / (1.0 + h / FADE)
+    turn = abs(work.standing[ROLL] - memory[LAST_ROLL])
+    slip = left * memory[SLIP] + model.radius * turn
+    way = left * memory[WAY] + h * math.sqrt(p_x * p_x + p_y * p_y) / mass
+    if not slip <= model.radius * LEAN + model.most_slip * way:
+        return True
+    memory[LAST_ROLL], memory[SLIP], memory[WAY] = work.standing[ROLL], slip, way
+    return False
 
 
 @inlined

@@ -18,8 +18,16 @@ from snake_sim_ros.joint_control import pd_law
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import PD_SCHEMES
 from snake_sim_ros.parameters import Scene
+from snake_sim_ros.planar import FADE
+from snake_sim_ros.planar import LAST_ROLL
+from snake_sim_ros.planar import LEAN
+from snake_sim_ros.planar import LEAST
 from snake_sim_ros.planar import PlanarModel
 from snake_sim_ros.planar import PlanarWorkspace
+from snake_sim_ros.planar import ROLL
+from snake_sim_ros.planar import ROLLS
+from snake_sim_ros.planar import SLIP
+from snake_sim_ros.planar import WAY
 from snake_sim_ros.report import CONTACTS
 from snake_sim_ros.report import ITERATIONS
 from snake_sim_ros.report import ITERATIONS_MAX
@@ -28,6 +36,7 @@ from snake_sim_ros.report import PRINTED_RESIDUAL
 from snake_sim_ros.report import RESIDUAL
 from snake_sim_ros.report import STEPS
 from snake_sim_ros.report import UNCONVERGED
+from snake_sim_ros.stepping import PREVIOUS
 
 BALANCE = 1e-9  # share of a load that rounding may leave of its balance
 
@@ -105,7 +114,8 @@ def loads_from_friction(
     torque : ndarray, shape (n-1,)
         Impulses of the pitch joints [N m s].
     roll : float
-        Largest roll of a link that goes with them [rad s], infinite if they do not hold the robot.
+        Largest roll of a link that goes with them, with the sign of that of the middle link
+        [rad s]; infinite if they do not hold the robot.
 
     """
     W_J, W_N, axes = upright_directions(theta, half, offset)
@@ -119,7 +129,19 @@ def loads_from_friction(
     heading = np.column_stack([np.cos(theta), np.sin(theta)])
     roll = np.einsum('ik,ik->i', rolling.reshape(len(theta), 3)[:, 1:], heading) * parts[-1]
     balanced = np.abs(resisting @ parts - rest).max() <= BALANCE * np.abs(wrench).max()
-    return P_N, held[:, 0] * parts[-1], float(np.abs(roll).max()) if balanced else math.inf
+    largest = math.copysign(np.abs(roll).max() if balanced else math.inf, roll[len(theta) // 2])
+    return P_N, held[:, 0] * parts[-1], largest
+
+
+def slips_too_far(model: PlanarModel, roll: float, u: Array, memory: Array) -> bool:
+    """Return whether rolling cannot be left out, as `planar.rolls_too_far`; if not, note it."""
+    left = 1.0 / (1.0 + model.dt / FADE)
+    way = left * memory[WAY] + model.dt * np.linalg.norm(model.mass @ u[:, :2]) / model.mass.sum()
+    slip = left * memory[SLIP] + model.radius * abs(roll - memory[LAST_ROLL])
+    if slip > model.radius * LEAN + model.most_slip * way:
+        return True
+    memory[[LAST_ROLL, SLIP, WAY]] = roll, slip, way
+    return False
 
 
 def make_loop(scene: Scene) -> Callable[..., None]:
@@ -134,9 +156,10 @@ def make_loop(scene: Scene) -> Callable[..., None]:
         return np.array([prox_ellipse(*x, mu[0] * load, mu[1] * load) for x, load in pairs])
 
     def step(
-        model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array, impulse: Array,
+        model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array, history: Array,
         angle: Array, rate: Array, report: Array,
     ) -> bool:  # fmt: skip
+        impulse = history[0]
         theta, half, offset = q[2:] + dt / 2 * u[:, 2], model.half_length, model.offset
         W_J, W_T, W_tau = directions(theta, half, offset)
         mass = np.column_stack([model.mass, model.mass, model.inertia]).ravel()
@@ -170,11 +193,15 @@ def make_loop(scene: Scene) -> Callable[..., None]:
             normal, tangential = P_N, P_T
             iterations += 1
         work.table[:, IMPULSE] = normal
-        work.standing[:] = normal.min(), roll / dt
-        if not (work.standing[0] > 0.0 and work.standing[1] <= model.most_lean):
+        work.standing[:] = normal.min(), roll / dt, 1.0, 0.0
+        if not (work.standing[LEAST] > 0.0 and abs(work.standing[ROLL]) <= model.most_lean):
+            return False
+        u_E = u_E.reshape(n, 3)
+        memory = history[PREVIOUS:].reshape(-1)
+        if model.held and slips_too_far(model, roll / dt, u_E, memory):
+            work.standing[ROLLS] = 1.0
             return False
         impulse[:, 0], impulse[:, 1:3] = normal, tangential
-        u_E = u_E.reshape(n, 3)
         held_point = model.share @ (centers(q, half) + dt / 2 * (u + u_E)[:, :2])
         q[2:] += dt / 2 * (u + u_E)[:, 2]
         q[:2] += held_point - model.share @ centers(q, half)  # section VII-C
@@ -191,7 +218,7 @@ def make_loop(scene: Scene) -> Callable[..., None]:
         angle: Array, rate: Array, report: Array, cycles: Array,
     ) -> None:  # fmt: skip
         for step_angle, step_rate in zip(angle, rate, strict=True):
-            if not step(model, work, q, u, history[0], step_angle, step_rate, report):
+            if not step(model, work, q, u, history, step_angle, step_rate, report):
                 report[LEFT] = 1.0
                 break
 

@@ -13,9 +13,16 @@ from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.parameters import PD_SCHEMES
 from snake_sim_ros.parameters import Scene
+from snake_sim_ros.planar import LAST_ROLL
 from snake_sim_ros.planar import LEAN
+from snake_sim_ros.planar import LEAST
 from snake_sim_ros.planar import PlanarModel
 from snake_sim_ros.planar import PlanarWorkspace
+from snake_sim_ros.planar import ROLL
+from snake_sim_ros.planar import ROLLS
+from snake_sim_ros.planar import SLIP
+from snake_sim_ros.planar import SLIPPING
+from snake_sim_ros.planar import WAY
 from snake_sim_ros.report import LEFT
 from snake_sim_ros.report import report_from
 from snake_sim_ros.report import REPORT_SIZE
@@ -27,7 +34,6 @@ from snake_sim_ros.scenery import first_peg
 from snake_sim_ros.spatial import COLUMNS
 from snake_sim_ros.spatial import make_model
 from snake_sim_ros.stepping import check_arguments
-from snake_sim_ros.stepping import check_state
 from snake_sim_ros.stepping import PREVIOUS
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import SETTLING
@@ -103,10 +109,15 @@ def recall(half_length, memory, links, velocities, q, u, tilt, made_links, made_
 
 
 def forget(history: Array) -> None:
-    """Erase what the steps before kept in history, in place, but for impulses and velocities."""
-    settling = history[SETTLING]
-    history[PREVIOUS:] = 0.0
-    history[SETTLING] = settling
+    """
+    Erase what the steps before kept in history, in place.
+
+    What stays are impulses and velocities, and what is about the choice of a level.
+    """
+    memory, settling = history[PREVIOUS:].reshape(-1), history[SETTLING]
+    slip, way = memory[SLIP], memory[WAY]
+    memory[:] = 0.0
+    memory[SLIP], memory[WAY], history[SETTLING] = slip, way, settling
 
 
 def make_planar_model(scene: Scene) -> PlanarModel:
@@ -138,6 +149,8 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         residual_tolerance=scene.solver.residual_tolerance,
         iteration_limit=scene.solver.iteration_limit,
         most_lean=LEAN,
+        most_slip=SLIPPING,
+        held=bool(pitch.max(initial=0.0) > LIMP),
         patient=True,
         pd_scheme=PD_SCHEMES.index(scene.pd_scheme),
         keeps_center=keeps_center,
@@ -167,7 +180,7 @@ def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
         contact=contact,
         table=np.zeros((count, COLUMNS)),
         twist=np.zeros((n, 3)),
-        standing=np.zeros(2),
+        standing=np.zeros(4),
         q_hat=np.zeros(n + 2),
         u_hat=np.zeros((n, 3)),
         u_star=np.zeros((n, 3)),
@@ -252,9 +265,25 @@ class PlanarStepper:
         if (a := int(loads.argmin())) >= 0 and not loads[a] > 0.0:
             end = 'front' if a < n else 'rear'
             return f'the {end} sphere of link {a % n + 1} would lift off'
-        if self.work.standing[1] <= self.model.most_lean:
+        if self.rolls:
+            return (
+                f'rolling would shift the robot by more than {100 * self.model.most_slip:g} % of '
+                'its way'
+            )
+        if not self.leans:
             return 'the contacts in the plane did not converge'
         return 'the robot would roll: its pitch joints do not hold it flat'
+
+    @property
+    def rolls(self) -> bool:
+        """Whether the last step was refused because of what contacts slip by rolling."""
+        return bool(self.work.standing[ROLLS])
+
+    @property
+    def leans(self) -> bool:
+        """Whether the last step was refused because the robot would roll or lift off."""
+        least, roll = self.work.standing[[LEAST, ROLL]]
+        return bool(not least > 0.0 or not abs(roll) <= self.model.most_lean)
 
     def coordinates(self, state: State, history: Array) -> tuple[Array, Array, Array]:
         """
@@ -279,11 +308,13 @@ class PlanarStepper:
         u[:, :2], u[:, 2] = state.u[:, :2], spin[:, 2]
         q[:2], q[2:] = state.q[0, :2], theta
         self.take_up(state, R, spin)
+        roll = np.arcsin(R[:, 2, 0])
+        largest = math.copysign(np.abs(roll).max(), roll[n // 2])
+        history[PREVIOUS:].reshape(-1)[LAST_ROLL] = largest
         return q, u, tilt
 
     def goes_on(self, state: State, history: Array) -> bool:
         """Return whether the last step was planar and led to this state."""
-        check_state(len(self.model.mass), len(self.work.contact), state, history)
         memory, made = history[PREVIOUS:].reshape(-1), self.recalled
         same = recall(self.model.half_length, memory, state.q, state.u, *made)
         return bool(same and memory[KNOWN])

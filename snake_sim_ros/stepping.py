@@ -165,7 +165,7 @@ class Stepper(Protocol):
         Parameters
         ----------
         state : State
-        history : ndarray, shape (6, contacts, 5)
+        history : ndarray, shape (7, contacts, 5)
             What a step takes over from the one before. Of every contact: IMPULSE, the last one
             (normal, sliding x y, rolling x y) [N s], eq. (93); VELOCITY, relative velocities after
             it [m/s]; CHANGE, by how much the last step changed the normal impulse and the other
@@ -179,7 +179,7 @@ class Stepper(Protocol):
         -------
         state : State
             The last good state if a step diverged.
-        history : ndarray, shape (6, contacts, 5)
+        history : ndarray, shape (7, contacts, 5)
         report : Report
 
         Raises
@@ -193,7 +193,7 @@ class Stepper(Protocol):
 
 
 IMPULSE, VELOCITY, CHANGE, PREVIOUS = range(4)
-SLABS = 6  # of history, with room for what a method of two steps keeps
+SLABS = 7  # of history, with room for what a method of two steps keeps
 SETTLING = (-1, -1, -1)  # in history: steps that a robot still has to lie flat and still
 
 
@@ -381,7 +381,7 @@ def initial_state(scene: Scene) -> State:
 
 
 def no_history(scene: Scene) -> Array:
-    """Return the history before the first contact: zero, shape (6, contacts, 5)."""
+    """Return the history before the first contact: zero, shape (7, contacts, 5)."""
     return np.zeros((SLABS, contact_count(scene), 5))
 
 
@@ -396,7 +396,7 @@ def carried(history: Array, before: Scene, after: Scene, scale: float) -> Array:
 
     Parameters
     ----------
-    history : ndarray, shape (6, contacts, 5)
+    history : ndarray, shape (7, contacts, 5)
         After a step of the scene `before`; left alone.
     before, after : Scene
         Of the same robot and time step.
@@ -405,7 +405,7 @@ def carried(history: Array, before: Scene, after: Scene, scale: float) -> Array:
 
     Returns
     -------
-    ndarray, shape (6, contacts of `after`, 5)
+    ndarray, shape (7, contacts of `after`, 5)
 
     """
     old, new = same_contacts(before, after)

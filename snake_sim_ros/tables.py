@@ -1,7 +1,9 @@
 """
-CSV files of measurements: a header that says what was measured where, then one row per run.
+CSV files of measurements: a head that says what was measured where, then one row per run.
 
-The header is a few lines ``# name: value``; with ``comment='#'`` any reader of CSV skips them.
+A head is a few lines ``# name: value``; with ``comment='#'`` any reader of CSV skips them. Whoever
+goes on with a file later writes another head above the new rows, so that nobody has a reason to
+edit one. The program writes heads and rows, and seals them: `seals` tells whether somebody did.
 """
 
 from collections.abc import Iterable
@@ -11,9 +13,12 @@ import csv
 from dataclasses import asdict
 from dataclasses import dataclass
 from dataclasses import fields
+from dataclasses import MISSING
 from datetime import datetime
 from datetime import timezone
+from hashlib import sha256
 import importlib.metadata
+import io
 import math
 from pathlib import Path
 import platform
@@ -22,22 +27,33 @@ from typing import Any
 
 from snake_sim_ros import __version__
 from snake_sim_ros.records import ParameterError
+from snake_sim_ros.seals import Chain
+from snake_sim_ros.seals import check
+from snake_sim_ros.seals import SEAL
+from snake_sim_ros.seals import sealed
+from snake_sim_ros.seals import unsealed
 
 LIBRARIES = ('numpy', 'scipy', 'numba', 'mujoco')
-SAME = ('table', 'commit', 'processor', 'settings')  # of all rows of a file
+SAME = ('table', 'provenance', 'processor', 'settings')  # of all rows of a file
+SOURCES = ('commit', 'sources')  # the same too, unless somebody asks for another
 
 
 def provenance(table: str) -> dict[str, str]:
-    """Return what identifies a measurement: kind of table, commit, processor, versions, date."""
+    """Return what identifies a measurement: kind of table, sources, processor, versions, date."""
     versions = {name: _version(name) for name in LIBRARIES}
     return {
         'table': table,
         'commit': _commit(),
+        'sources': _sources(),
         'processor': _processor(),
         'python': platform.python_version(),
         **{name: version for name, version in versions.items() if version},
-        'date': datetime.now(timezone.utc).strftime('%Y-%m-%d %H:%M UTC'),
+        'date': _now(),
     }
+
+
+def _now() -> str:
+    return datetime.now(timezone.utc).strftime('%Y-%m-%d %H:%M UTC')
 
 
 def _version(name: str) -> str:
@@ -55,6 +71,16 @@ def _commit() -> str:
     if not commit:
         return f'version {__version__}'
     return commit + ' and changes' * bool(_git('status', '--porcelain', '--', *sources))
+
+
+def _sources() -> str:
+    """Return a digest of the sources: it tells apart what was changed since a commit, too."""
+    package, digest = Path(__file__).resolve().parent, sha256()
+    for path in sorted([*package.rglob('*.py'), *(package / 'config').iterdir()]):
+        if path.is_file():
+            content = sha256(path.read_bytes()).hexdigest()
+            digest.update(f'{path.relative_to(package)} {content}\n'.encode())
+    return digest.hexdigest()[:12]
 
 
 def _git(*arguments: str) -> str:
@@ -83,7 +109,7 @@ class Table:
     Attributes
     ----------
     header : dict
-        Name -> value of the comment lines.
+        Name -> value of the comment lines; where heads differ, all values, first to last.
     rows : list of dict
         Column -> text.
 
@@ -100,25 +126,96 @@ def read_table(path: Path) -> Table:
     Raises
     ------
     ParameterError
-        If there is no such file, or it has no header or no columns.
+        If there is no such file, or it has no head or no columns, or is not as it was written.
 
     """
+    lines, heads, columns = _read(path)
+    if SEAL not in columns:
+        raise ParameterError(
+            f'{path}: the rows have no seals: mark the file as one of unknown provenance with '
+            'snake-sim seal'
+        )
     try:
-        lines = path.read_text(encoding='utf-8').splitlines()
+        check(lines)
+    except ParameterError as error:
+        raise ParameterError(f'{path}: {error}') from None
+    names = list(dict.fromkeys(name for head in heads for name in head))
+    header = {
+        name: ' and '.join(dict.fromkeys(head[name] for head in heads if name in head))
+        for name in names
+    }
+    reader = csv.DictReader(line for line in unsealed(lines) if not line.startswith('#'))
+    return Table(header, [row for row in reader if None not in row.values() and None not in row])
+
+
+def _read(path: Path) -> tuple[list[str], list[dict[str, str]], list[str]]:
+    """Return the whole lines of a file, what its heads say, and its columns."""
+    try:
+        text = path.read_text(encoding='utf-8')
     except (OSError, UnicodeDecodeError) as error:
         raise ParameterError(f'{path}: not readable as CSV: {error}') from None
-    comments = [line[1:].partition(':') for line in lines if line.startswith('#')]
-    header = {name.strip(): value.strip() for name, _, value in comments}
-    if 'table' not in header:
+    lines = text.split('\n')[:-1]  # a row that was cut short is none
+    heads: list[dict[str, str]] = []
+    for line in lines:
+        name, _, value = (part.strip() for part in line[1:].partition(':'))
+        if not line.startswith('#') or name == SEAL:
+            continue
+        if name == 'table':
+            heads.append({})
+        if not heads:
+            break
+        heads[-1][name] = value
+    if not heads:
         raise ParameterError(
             f'{path}: the first line must say what it is, such as "# table: bench"; '
-            f'got {lines[0][:60] if lines else "an empty file"!r}'
+            f'got {text.splitlines()[0][:60] if text else "an empty file"!r}'
         )
-    reader = csv.DictReader(line for line in lines if not line.startswith('#'))
-    if not reader.fieldnames:
+    columns = next((line for line in lines if not line.startswith('#')), '')
+    if not columns:
         raise ParameterError(f'{path}: a line with the names of columns must follow the header')
-    rows = [row for row in reader if None not in row.values() and None not in row]
-    return Table(header, rows)
+    return lines, heads, columns.split(',')
+
+
+def mark_unknown(path: Path) -> bool:
+    """
+    Seal a file that has no seals or none that fit, as one of which nobody knows who wrote what.
+
+    Its heads and rows stay as they are, but every head says so from then on, and so does what is
+    drawn of it. A file whose seals fit is left alone.
+
+    Returns
+    -------
+    bool
+        Whether the file was changed.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such file, or it has no head or no columns.
+
+    """
+    lines, _, columns = _read(path)
+    if SEAL in columns:
+        try:
+            check(lines)
+        except ParameterError:
+            pass
+        else:
+            return False
+    said = f'# provenance: unknown; found as it is and sealed on {_now()}'
+    marked: list[str] = []
+    for line in unsealed(lines):
+        if line.startswith('# provenance:'):
+            continue
+        marked += [line, said] if line.startswith('# table:') else [line]
+    new = path.with_name(f'{path.name}.new')
+    new.write_text(_text(sealed(marked)), encoding='utf-8')
+    new.replace(path)
+    return True
+
+
+def _text(lines: Iterable[str]) -> str:
+    return ''.join(f'{line}\n' for line in lines)
 
 
 def records_of(table: Table, kind: str, cls: type[Any]) -> list[Any]:
@@ -137,15 +234,17 @@ def records_of(table: Table, kind: str, cls: type[Any]) -> list[Any]:
     Raises
     ------
     ParameterError
-        If the table is of another kind, or has other columns, or a number is none.
+        If the table is of another kind, or has other columns, or a number is none. A column that
+        the dataclass has a default for may be missing: older files do not have all.
 
     """
     if table.header.get('table') != kind:
         raise ParameterError(f'table must be {kind!r}, got {table.header.get("table")!r}')
     kinds = {item.name: item.type for item in fields(cls)}
+    needed = {item.name for item in fields(cls) if item.default is MISSING}
     found = []
     for texts in table.rows:
-        if set(texts) != set(kinds):
+        if not needed <= set(texts) <= set(kinds):
             differ = ', '.join(sorted(set(kinds) ^ set(texts)))
             raise ParameterError(f'columns must be those of {kind}; these differ: {differ}')
         found.append(
@@ -183,10 +282,13 @@ class TableWriter:
     ----------
     path : Path
     table : str
-        Kind of table, as in the header.
+        Kind of table, as in the head.
     columns : iterable of str
     settings : sequence of str, optional
         What all rows have in common beside what is in their columns, such as ``['dt=0.001']``.
+    other_sources : bool, optional
+        Whether to go on with a file whose rows are of other sources, or of unknown provenance: the
+        new rows have a head of their own.
 
     Attributes
     ----------
@@ -197,12 +299,19 @@ class TableWriter:
     ------
     ParameterError
         If the folder does not exist, or the file holds rows of another kind, of other columns, of
-        another commit, processor or settings, or is no table at all: it is left as it is.
+        other sources, of another processor or other settings, or is not as it was written, or is
+        no table at all: it is left as it is.
 
     """
 
     def __init__(
-        self, path: Path, table: str, columns: Iterable[str], settings: Sequence[str] = ()
+        self,
+        path: Path,
+        table: str,
+        columns: Iterable[str],
+        settings: Sequence[str] = (),
+        *,
+        other_sources: bool = False,
     ) -> None:
         self.path, self.columns = path, list(columns)
         self.rows: list[dict[str, str]] = []
@@ -211,35 +320,44 @@ class TableWriter:
             header['settings'] = ' '.join(' '.join(settings).split())
         if not path.absolute().parent.is_dir():
             raise ParameterError(f'no folder {path.absolute().parent} for {path.name}')
+        head = [f'# {name}: {value}' for name, value in header.items()]
         if not path.exists() or path.stat().st_size == 0:
-            lines = [f'# {name}: {value}\n' for name, value in header.items()]
-            path.write_text(''.join(lines) + ','.join(self.columns) + '\n', encoding='utf-8')
+            self._chain, self._head = Chain(), list[str]()
+            lines = [*self._chain.head(head), self._chain.columns(','.join(self.columns))]
+            path.write_text(_text(lines), encoding='utf-8')
             return
-        there = read_table(path)
-        for name in SAME:
-            old, new = there.header.get(name, ''), header.get(name, '')
-            if old != new:
-                raise ParameterError(
-                    f'{path} holds rows of {name} {old!r}, these would be of {new!r}: '
-                    'name another file, or remove that one'
-                )
-        if there.rows and list(there.rows[0]) != self.columns:
+        self.rows = read_table(path).rows
+        lines, heads, found = _read(path)
+        names = [name for name in SAME if name != 'provenance' or not other_sources]
+        for name in names + list(SOURCES) * (not other_sources):
+            for old in (there.get(name, '') for there in heads):
+                if old != header.get(name, ''):
+                    raise ParameterError(
+                        f'{path} holds rows of {name} {old!r}, these would be of '
+                        f'{header.get(name, "")!r}: name another file, or remove that one'
+                        + ', or go on with --other-sources'
+                        * (name in ('provenance', *SOURCES))
+                    )
+        if found != [*self.columns, SEAL]:
             raise ParameterError(
                 f'{path} has other columns: name another file, or remove that one'
             )
-        _drop_a_row_cut_short(path)
-        self.rows = read_table(path).rows
+        self._chain, self._head = check(lines), head  # written above the first new row
+        path.write_text(_text(lines), encoding='utf-8')  # without a row that was cut short
 
     def append(self, rows: Iterable[Mapping[str, Any]]) -> None:
         """Add rows; None is empty, a float is written so that reading gives the same number."""
+        lines: list[str] = []
+        for row in rows:
+            if self._head:
+                lines += self._chain.head(self._head)
+                self._head = []
+            lines.append(self._chain.row(self._line(row)))
         with self.path.open('a', encoding='utf-8', newline='') as file:
-            writer = csv.DictWriter(file, self.columns, lineterminator='\n')
-            writer.writerows(rows)
+            file.write(_text(lines))
 
-
-def _drop_a_row_cut_short(path: Path) -> None:
-    """End a file after its last whole line, if writing was interrupted in one."""
-    text = path.read_text(encoding='utf-8')
-    whole = text[: text.rfind('\n') + 1]
-    if whole != text:
-        path.write_text(whole, encoding='utf-8')
+    def _line(self, row: Mapping[str, Any]) -> str:
+        """Return a row as text; a line break, which would end it, becomes a blank."""
+        text = io.StringIO()
+        csv.DictWriter(text, self.columns, lineterminator='').writerow(row)
+        return text.getvalue().replace('\r', ' ').replace('\n', ' ')

@@ -191,9 +191,7 @@ def test_t1_one_sliding_link_stops_where_it_should():
 # ---- flight -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ('method', 'pd_scheme'), [('bdf2', 'end'), ('bdf2', 'average'), ('newton', 'end')]
-)
+@pytest.mark.parametrize(('method', 'pd_scheme'), [('bdf2', 'average'), ('newton', 'end')])
 def test_free_flight_is_stable_with_large_steps(method, pd_scheme):
     scene = replace(load_scene('sidewinding'), method=method, pd_scheme=pd_scheme)
     scene, start = flying(scene)

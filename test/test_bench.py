@@ -13,12 +13,19 @@ import numpy as np
 import pytest
 
 from snake_sim_ros import bench
+from snake_sim_ros import bench_rows
 from snake_sim_ros import contenders
+from snake_sim_ros import soak
+from snake_sim_ros import tables
 from snake_sim_ros import timing
-from snake_sim_ros.bench import COLUMNS
-from snake_sim_ros.bench import Entry
-from snake_sim_ros.bench import Row
+from snake_sim_ros.bench_rows import COLUMNS
+from snake_sim_ros.bench_rows import Entry
+from snake_sim_ros.bench_rows import Row
+from snake_sim_ros.bench_tables import agreement_table
+from snake_sim_ros.bench_tables import soak_table
+from snake_sim_ros.charts import cost_over_links
 from snake_sim_ros.cli import main
+from snake_sim_ros.cli import PARTS
 from snake_sim_ros.contenders import Contender
 from snake_sim_ros.course import Course
 from snake_sim_ros.course import extrapolated
@@ -28,8 +35,10 @@ from snake_sim_ros.course import SAMPLE
 from snake_sim_ros.parameters import load_scene
 from snake_sim_ros.pareto import fastest
 from snake_sim_ros.pareto import fitted_order
+from snake_sim_ros.pareto import fitted_power
 from snake_sim_ros.pareto import pareto_table
 from snake_sim_ros.records import ParameterError
+from snake_sim_ros.simulation import Simulation
 from snake_sim_ros.stepping import METHODS
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
@@ -150,7 +159,7 @@ def references(monkeypatch):
 def test_a_known_error_is_in_the_row(references):
     # The speed is 1 + dt instead of 1: at the end 0.3 dt of 0.3 m.
     (only,) = bench.precision(references, [rival()], 10.0)
-    (row,) = bench.outcome(only)
+    (row,) = bench_rows.outcome(only)
     assert row.error_path == pytest.approx(1e-3)
     assert row.error_limit == row.error_path
     assert math.isnan(row.model_error)
@@ -169,7 +178,7 @@ def test_model_error_and_step_error_are_told_apart(references):
     other = rival(run=fast)
     other = replace(other, own_limit=('fast', replace(other, rates=(2000, 4000))))
     (only,) = bench.precision(references, [other], 10.0)
-    (row,) = bench.outcome(only)
+    (row,) = bench_rows.outcome(only)
     assert row.model_error == pytest.approx(0.02)
     assert row.error_limit == pytest.approx(1e-3)
     assert row.error_path == pytest.approx(1.02 * 1.001 - 1)
@@ -178,7 +187,7 @@ def test_model_error_and_step_error_are_told_apart(references):
 def test_a_run_that_diverges_is_a_row_without_errors(references):
     diverging = rival(make=lambda scene: Sliding(scene, failing=-10.0))
     (only,) = bench.precision(references, [diverging], 10.0)
-    (row,) = bench.outcome(only)
+    (row,) = bench_rows.outcome(only)
     assert row.status == 'diverged' and row.error_path == math.inf
     assert 'too far' in row.message
 
@@ -190,7 +199,7 @@ def test_a_run_that_raises_is_a_row(error, status):
     def fail():
         raise error
 
-    (row,) = bench.outcome(entry(fail))
+    (row,) = bench_rows.outcome(entry(fail))
     assert row.status == status
     assert type(error).__name__ in row.message
 
@@ -200,14 +209,14 @@ def test_an_end_from_the_keyboard_is_not_swallowed():
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        bench.outcome(entry(stop))
+        bench_rows.outcome(entry(stop))
 
 
 def test_rows_are_read_as_they_were_written(tmp_path):
     row = Row(part='links', case='a, "b"', method='newton', dt=1 / 3, n=3, residual_max=1e-300)
     writer = TableWriter(tmp_path / 'x.csv', 'bench', COLUMNS)
     writer.append([plain(replace(row, error_path=math.inf, energy_error=math.nan))])
-    assert bench.rows_of(read_table(tmp_path / 'x.csv')) == [row]
+    assert bench_rows.rows_of(read_table(tmp_path / 'x.csv')) == [row]
 
 
 def test_header_says_where_the_numbers_are_from(tmp_path):
@@ -226,14 +235,14 @@ def test_rows_that_are_there_are_not_run_again(tmp_path):
     path = tmp_path / 'x.csv'
     entries = [entry(list, dt=dt) for dt in (0.1, 0.2, 0.3)]
     write(path, [entries[0].keys[0], replace(entries[2].keys[0], status='diverged')])
-    done = set(map(bench.key, TableWriter(path, 'bench', COLUMNS).rows))
+    done = set(map(bench_rows.key, TableWriter(path, 'bench', COLUMNS).rows))
     assert [item.is_in(done) for item in entries] == [True, False, True]
 
 
 def test_a_method_that_chooses_its_steps_is_known_by_its_tolerance(tmp_path):
     chosen = entry(list, dt=math.nan, tolerance=1e-3)
     write(tmp_path / 'x.csv', [replace(chosen.keys[0], dt=0.0123)])
-    done = set(map(bench.key, TableWriter(tmp_path / 'x.csv', 'bench', COLUMNS).rows))
+    done = set(map(bench_rows.key, TableWriter(tmp_path / 'x.csv', 'bench', COLUMNS).rows))
     assert chosen.is_in(done)
     assert not entry(list, dt=math.nan, tolerance=1e-4).is_in(done)
 
@@ -244,20 +253,10 @@ def test_a_row_cut_short_is_run_again(tmp_path):
     write(path, [item.keys[0] for item in entries])
     path.write_bytes(path.read_bytes()[:-1])
     writer = TableWriter(path, 'bench', COLUMNS)
-    done = set(map(bench.key, writer.rows))
+    done = set(map(bench_rows.key, writer.rows))
     assert [item.is_in(done) for item in entries] == [True, False]
     writer.append([plain(entries[1].keys[0])])
     assert len(read_table(path).rows) == 2
-
-
-def test_rows_of_another_commit_are_refused(tmp_path):
-    path = tmp_path / 'x.csv'
-    write(path, [])
-    lines = path.read_text().splitlines(keepends=True)
-    lines = ['# commit: abc\n' if line.startswith('# commit') else line for line in lines]
-    path.write_text(''.join(lines))
-    with pytest.raises(ParameterError, match="holds rows of commit 'abc', these would be of"):
-        TableWriter(path, 'bench', COLUMNS)
 
 
 def test_rows_of_other_settings_are_refused(tmp_path):
@@ -310,7 +309,7 @@ def test_a_file_that_is_no_table_is_named(tmp_path, text, message):
 )
 def test_a_table_that_is_not_of_a_bench_is_refused(table, message):
     with pytest.raises(ParameterError, match=message):
-        bench.rows_of(table)
+        bench_rows.rows_of(table)
 
 
 def test_every_compiled_method_takes_part_at_both_levels():
@@ -379,6 +378,133 @@ def test_pareto_table_names_method_step_speed_and_error():
     assert '1/100 s | 10 | 0.01 %' in tenth
 
 
+def test_exponent_of_the_cost_over_links_is_that_of_a_power_law():
+    # Drawn are methods of known cost: 0.4 us n^1 at the spatial level, 0.01 us n^2 in the plane.
+    assert fitted_power((5, 10, 40), (3.0, 12.0, 192.0)) == pytest.approx(2.0)
+    cost = {'spatial': lambda n: 0.4 * n, 'planar': lambda n: 0.01 * n**2}
+    rows = [
+        Row(part='links', case='A', method='newton', level=level, n=n, median_us=cost[level](n))
+        for level in cost
+        for n in bench.LINK_COUNTS
+    ]
+    (legend,) = cost_over_links(rows).legends
+    assert [text.get_text() for text in legend.get_texts()] == [
+        'newton, n^1.00', 'newton, planar, n^2.00',
+    ]  # fmt: skip
+
+
+def test_links_are_measured_from_few_to_as_many_as_a_robot_may_have():
+    # An exponent says something over more than a decade.
+    rows = [item.keys[0] for item in bench.links(SCENE, [rival()], bench.LINK_COUNTS, 1.0)]
+    assert [row.n for row in rows] == list(bench.LINK_COUNTS)
+    assert max(bench.LINK_COUNTS) == 200 >= 10 * min(bench.LINK_COUNTS)
+
+
+def test_agreement_is_that_of_paths(monkeypatch):
+    # A speed of 1 + dt for newton, 1 % more for the others: 1 % of the way.
+    def run(scene):
+        course = timing.timed(scene, Sliding)
+        faster = 1.0 if scene.method == 'newton' else 1.01
+        start = course.position[:1]
+        report = replace(course.report, unconverged=3)
+        return replace(course, position=start + faster * (course.position - start), report=report)
+
+    made = []
+
+    def counted(scene):
+        made.append((scene.method, scene.level, scene.solver.tolerance))
+        return run(scene)
+
+    monkeypatch.setattr(bench, 'timed', counted)
+    entries = list(bench.agreement({'A': SCENE}, ['paper', 'newton', 'gauss_seidel', 'mujoco']))
+    rows = [row for item in entries for row in bench_rows.outcome(item)]
+    # newton runs once for both.
+    assert made == [
+        ('newton', 'spatial', 1e-7),
+        ('gauss_seidel', 'spatial', 1e-7),
+        ('paper', 'spatial', 1e-10),
+    ]
+    assert [(row.case, row.method, row.tolerance) for row in rows] == [
+        ('A', 'gauss_seidel', 1e-9),
+        ('A', 'paper', 1e-10),
+    ]
+    for row, item in zip(rows, entries, strict=True):
+        assert row.path_difference == pytest.approx(0.01)
+        assert (row.unconverged, row.status) == (3, 'max_iterations')
+        assert item.is_in({bench_rows.key(asdict(row))})
+    _, _, line, _ = agreement_table(rows).splitlines()
+    assert line == (
+        '| `A` | `gauss_seidel` | `solver.residual_tolerance` 1e-09 m/s | 1.0e-02 | 1200 | 3 |'
+    )
+
+
+def test_soak_looks_at_penetration_and_memory(monkeypatch):
+    monkeypatch.setattr(bench, 'SOAKED', {'lateral_undulation': soak.SOAKED['lateral_undulation']})
+    (only,) = bench.soaks((4, 30))
+    rows = bench_rows.outcome(only)
+    assert [(row.steps, row.duration) for row in rows] == [(4, 0.001), (30, 0.0075)]
+    for row in rows:
+        assert row.status == 'converged' and row.unconverged == 0
+        assert 0.0 <= row.penetration_end <= row.penetration_max
+        assert row.seconds > 0.0
+        assert 1e7 < row.memory_begin and 1e7 < row.memory_end
+    assert only.is_in({bench_rows.key(asdict(row)) for row in rows})
+    assert len(soak_table(rows).splitlines()) == 4
+
+
+def test_soak_among_pegs_begins_anew_after_every_duration(monkeypatch):
+    # Of 1200 steps in calls of 500: 1200, 1200 and 600 steps make 3000.
+    class Counting(Sliding):
+        calls = []  # noqa: RUF012
+
+        def advance(self, state, history, angle, rate):
+            self.calls.append((len(angle), state.q[0, 0] == start))
+            return super().advance(state, history, angle, rate)
+
+    start = Simulation(SCENE, Sliding(SCENE)).state.q[0, 0]
+    monkeypatch.setattr(soak, 'SECOND', 500 * SCENE.dt)
+    monkeypatch.setattr(soak, 'Simulation', lambda scene: Simulation(scene, Counting(scene)))
+    for restarts, steps in (
+        (True, [500, 500, 200, 500, 500, 200, 500, 100]),
+        (False, [500] * 6),
+    ):
+        Counting.calls.clear()
+        (look,) = soak.soak(SCENE, (3000,), restarts=restarts)
+        assert look.report.steps == 3000
+        calls = Counting.calls[2:]  # without those that compile
+        assert [count for count, _ in calls] == steps
+        begins = [k for k, (_, anew) in enumerate(calls) if anew]
+        assert begins == ([0, 3, 6] if restarts else [0])
+
+
+def test_soak_ends_where_the_run_diverges(monkeypatch):
+    # Every other mark says so, too; nobody waits for steps that are not taken.
+    monkeypatch.setattr(
+        soak, 'Simulation', lambda scene: Simulation(scene, Sliding(scene, failing=-10.0))
+    )
+    looks = list(soak.soak(SCENE, (10, 10**7), restarts=False))
+    assert [look.report.status.value for look in looks] == ['diverged', 'diverged']
+
+
+def test_memory_is_unknown_where_the_system_does_not_tell(monkeypatch):
+    assert soak.resident_memory() > 1e7
+
+    def missing(*arguments, **options):
+        raise FileNotFoundError
+
+    monkeypatch.setattr(soak.Path, 'read_text', missing)
+    assert soak.resident_memory() is None
+    assert '| unknown to unknown |' in soak_table([Row(part='soak', case='A', method='newton')])
+
+
+def test_soak_scenes_are_those_of_the_documentation():
+    assert max(soak.MARKS) == 10**7
+    scenes = {name: soak.soaked_scene(name) for name in soak.SOAKED}
+    assert scenes['lateral_undulation'].level == 'spatial'
+    assert scenes['sidewinding'].gait.pitch.amplitude > 0
+    assert scenes['obstacle_aided'].pegs.x
+
+
 SMALL_BENCH = [
     *('bench', 'lateral_undulation', '--methods', 'newton', '--dt', '0.00025', '0.001'),
     *('--duration', '0.3'),
@@ -394,7 +520,7 @@ def measured(tmp_path_factory):
 
 
 def test_bench_writes_a_row_for_every_run(measured):
-    rows = bench.rows_of(read_table(measured))
+    rows = bench_rows.rows_of(read_table(measured))
     found = {(row.level, row.dt) for row in rows if row.setting == 'default'}
     assert found == {(level, dt) for level in ('spatial', 'planar') for dt in (0.00025, 0.001)}
     for row in rows:
@@ -416,9 +542,23 @@ def test_bench_goes_on_where_it_was_ended(measured, tmp_path, capsys):
     told = [line for line in capsys.readouterr().out.splitlines() if line.startswith('precision')]
     assert len(told) == 1
     keys = [
-        [bench.key(row) for row in read_table(file).rows] for file in (measured, path)
+        [bench_rows.key(row) for row in read_table(file).rows] for file in (measured, path)
     ]  # fmt: skip
     assert keys[0] == keys[1]
+
+
+def test_bench_goes_on_at_another_commit_if_asked_to(measured, tmp_path, capsys, monkeypatch):
+    path = tmp_path / 'bench.csv'
+    whole = measured.read_text().splitlines(keepends=True)
+    path.write_text(''.join(whole[:-1]))
+    monkeypatch.setattr(tables, '_commit', lambda: 'another')
+    assert main([*SMALL_BENCH, '--out', str(path)]) == 2
+    assert "these would be of 'another'" in capsys.readouterr().err
+    assert path.read_text() == ''.join(whole[:-1])
+    assert main([*SMALL_BENCH, '--other-sources', '--out', str(path)]) == 0
+    table = read_table(path)
+    assert table.header['commit'] == f'{read_table(measured).header["commit"]} and another'
+    assert len(table.rows) == len(read_table(measured).rows)
 
 
 def test_bench_refuses_what_it_does_not_know(tmp_path, capsys):
@@ -457,17 +597,18 @@ from functools import partial
 import numpy as np
 from snake_sim_ros import gait, newton, planar_newton, stages
 from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import with_settings
 from snake_sim_ros.planar_stepper import PlanarStepper
 from snake_sim_ros.spatial import SpatialStepper
 from snake_sim_ros.stepping import initial_state, no_history
 
 scene = load_scene('lateral_undulation')
-reference = gait.reference(scene.gait, scene.dt * (np.arange(3) + 0.5), 10)
+reference = gait.reference(scene.gait, scene.dt * (np.arange(2) + 0.5), 10)
 for make, plain, stamped in (
     (SpatialStepper, partial(newton.advance, None), stages.spatial_stages),
     (PlanarStepper, partial(planar_newton.advance, None), stages.planar_stages),
 ):
-    stamps = np.zeros((3, 5), np.int64)
+    stamps = np.zeros((2, 5), np.int64)
     ends = [
         make(scene, loop).advance(initial_state(scene), no_history(scene), *reference)[0]
         for loop in (plain, lambda *arguments: stamped(*arguments[:-1], stamps))
@@ -478,6 +619,10 @@ for make, plain, stamped in (
     subprocess.run([sys.executable, '-c', program], env=environment, timeout=100, check=True)
 
 
+def test_parts_can_be_run_alone():
+    assert set(PARTS) == set(bench.matrix({}, [], 1.0, quick=True))
+
+
 def test_every_row_says_what_it_was():
-    assert set(bench.KEY) <= set(COLUMNS)
+    assert set(bench_rows.KEY) <= set(COLUMNS)
     assert set(asdict(PRECISION)) == set(COLUMNS)

@@ -3,18 +3,21 @@
 from pathlib import Path
 import re
 
+from matplotlib.figure import Figure
 import pytest
 
 from snake_sim_ros import artefacts
 from snake_sim_ros import stability
-from snake_sim_ros.bench import COLUMNS
-from snake_sim_ros.bench import rows_of
+from snake_sim_ros.bench_rows import COLUMNS
+from snake_sim_ros.bench_rows import rows_of
 from snake_sim_ros.charts import draw_artefacts
+from snake_sim_ros.charts import save
 from snake_sim_ros.charts import STYLES
 from snake_sim_ros.cli import main
 from snake_sim_ros.contenders import all_contenders
 from snake_sim_ros.pareto import fastest
 from snake_sim_ros.pareto import pareto_table
+from snake_sim_ros.seals import sealed
 from snake_sim_ros.stepping import LARGE_STEP
 from snake_sim_ros.tables import read_table
 
@@ -67,6 +70,16 @@ def test_axes_have_units_and_figures_say_where_they_are_from(drawn):
         assert '[s]' in text or '[us]' in text or '[m/s]' in text or 'simulated time' in text
 
 
+def test_figures_say_what_is_not_known_of_their_numbers(tmp_path):
+    header = {'commit': 'a and b', 'processor': 'abacus', 'provenance': 'unknown; found'}
+    for known in (False, True):
+        file, _ = save(Figure(), tmp_path / 'x', header)
+        text = file.read_text(encoding='utf-8')
+        assert 'commit a and b, abacus' in text
+        assert ('provenance unknown' in text) != known
+        header.pop('provenance', None)
+
+
 def test_every_method_has_a_style_of_its_own():
     assert {rival.method for rival in all_contenders()} <= set(STYLES)
     assert len({style[:2] for style in STYLES.values()}) == len(STYLES)
@@ -75,6 +88,46 @@ def test_every_method_has_a_style_of_its_own():
 def test_tables_of_the_page_are_those_of_the_files(rows):
     assert pareto_table(rows) in PAGE
     assert (STORED / 'artefacts.md').read_text(encoding='utf-8') in PAGE
+
+
+@pytest.mark.parametrize('name', ['agreement', 'soak'])
+def test_long_runs_are_tables_of_the_page(name, tmp_path):
+    assert main(['chart', str(STORED / f'{name}.csv'), '--out', str(tmp_path)]) == 0
+    (file,) = tmp_path.iterdir()
+    text = file.read_text(encoding='utf-8')
+    assert text == (STORED / file.name).read_text(encoding='utf-8')
+    assert text in PAGE
+
+
+def test_the_agreement_that_the_front_page_claims_was_measured():
+    text = ' '.join((DOCS.parent / 'README.md').read_text(encoding='utf-8').split())
+    found = re.search(r'at most (\S+) of the distance in A, B and D and (\S+) in C', text)
+    bound = dict(zip(('A, B, D', 'C'), map(float, found.groups()), strict=True))
+    differences = {'A, B, D': [], 'C': []}
+    for row in rows_of(read_table(STORED / 'agreement.csv')):
+        assert row.duration == 15.0
+        which = 'C' if row.case == 'sidewinding' else 'A, B, D'
+        differences[which].append(row.path_difference)
+        assert f'`{row.method}`' in text
+    for which, claimed in bound.items():
+        # Rounded to one digit.
+        assert float(f'{max(differences[which]):.0e}') <= claimed <= 3 * max(differences[which])
+
+
+def test_soaks_of_the_page_are_as_long_as_it_says():
+    rows = rows_of(read_table(STORED / 'soak.csv'))
+    assert {row.case for row in rows if row.steps == 10**7} == {row.case for row in rows}
+    # Flat: between the last two looks, 9e6 steps, no more than 1 %, a quarter of a byte a step.
+    ends = {(row.case, row.steps): row.memory_end for row in rows}
+    for case in {row.case for row in rows}:
+        assert ends[case, 10**7] < 1.01 * ends[case, 10**6]
+
+
+def test_files_of_the_page_say_what_is_known_of_them():
+    # Those that were written before there were seals, and the ones that have them.
+    for name in ('bench', 'stability', 'artefacts', 'agreement', 'soak'):
+        header = read_table(STORED / f'{name}.csv').header
+        assert ('provenance' in header) == ('sources' not in header), name
 
 
 def test_artefacts_are_a_table_in_markdown(tmp_path):
@@ -103,6 +156,10 @@ def table(kind, columns, **texts):
     return f'# table: {kind}\n{",".join(columns)}\n' + row * bool(texts)
 
 
+def write(path, text):
+    path.write_text(''.join(f'{line}\n' for line in sealed(text.splitlines())))
+
+
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
@@ -123,7 +180,7 @@ def table(kind, columns, **texts):
 )
 def test_chart_refuses_other_files(tmp_path, capsys, text, message):
     path = tmp_path / 'x.csv'
-    path.write_text(text)
+    write(path, text)
     assert main(['chart', str(path), '--out', str(tmp_path)]) == 2
     assert re.search(message, capsys.readouterr().err)
     assert list(tmp_path.iterdir()) == [path]
@@ -139,7 +196,7 @@ def test_runs_without_errors_are_left_out(tmp_path):
         table('bench', COLUMNS, **runs, case='mixed'),
         table('bench', COLUMNS, **runs, case='mixed', **good),
     ]
-    path.write_text(texts[0] + ''.join(text.splitlines(keepends=True)[-1] for text in texts[1:]))
+    write(path, texts[0] + ''.join(text.splitlines(keepends=True)[-1] for text in texts[1:]))
     assert main(['chart', str(path), '--out', str(tmp_path)]) == 0
     drawing = (tmp_path / 'error_over_dt.svg').read_text(encoding='utf-8')
     assert '>mixed<' in drawing and '>refused<' not in drawing

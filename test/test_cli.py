@@ -11,10 +11,12 @@ import time
 import numpy as np
 import pytest
 
+from snake_sim_ros import timing
 from snake_sim_ros.bags import read_bag
 from snake_sim_ros.charts import path_figure
 from snake_sim_ros.cli import main
 from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import scene_from_text
 from snake_sim_ros.robot_description import robot_description
 
@@ -168,11 +170,20 @@ def test_ctrl_c_saves_what_was_recorded(tmp_path):
     assert process.returncode == 130
 
 
-def test_bench_tells_the_start_up_of_new_processes(capsys):
-    from snake_sim_ros.parameters import Scene
-    from snake_sim_ros.timing import start_up_seconds
+@pytest.mark.parametrize('cold', [False, True])
+def test_bench_tells_the_start_up_of_new_processes(cold, monkeypatch):
+    # Without the compiler: that a process starts, steps and ends, not how long it takes.
+    monkeypatch.setenv('NUMBA_DISABLE_JIT', '1')
+    monkeypatch.setenv('NUMBA_CACHE_DIR', 'kept')
+    folders, start = [], subprocess.run
 
-    assert 0.1 < start_up_seconds(Scene(), cold=False) < 60
+    def noted(command, *, env, **options):
+        folders.append((env or os.environ)['NUMBA_CACHE_DIR'])
+        return start(command, env=env, **options)
+
+    monkeypatch.setattr(timing.subprocess, 'run', noted)
+    assert 0.1 < timing.start_up_seconds(Scene(), cold=cold) < 60
+    assert (folders != ['kept']) == cold and len(folders) == 1
 
 
 @pytest.mark.parametrize('samples', [1, 2, 50])

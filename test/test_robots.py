@@ -224,18 +224,6 @@ def test_laws_that_are_not_there_are_not_worked_on():
     assert (end.q == alone.q).all() and (end.u == alone.u).all()
 
 
-def test_cost_is_linear_in_the_number_of_links():
-    # An exponent of 1 was measured for n = 10 to 200; a dense method has 3. Half an order is left
-    # to what else the machine does.
-    scene = replace(load_scene('lateral_undulation'), duration=0.05)
-    links = (20, 60, 200)
-    costs = [
-        timing.timed(replace(scene, robot=timing.with_links(scene.robot, n))).median for n in links
-    ]
-    exponent, _ = np.polyfit(np.log(links), np.log(costs), 1)
-    assert exponent < 1.5
-
-
 def test_unequal_links_are_repeated_in_a_longer_robot(unequal):
     robot = timing.with_links(unequal.robot, 7)
     assert robot.link_mass == (0.7, 0.4, 1.1, 0.5, 0.8, 0.7, 0.4)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import math
+from pathlib import Path
 
 import numpy as np
 from obstacle_scenes import anywhere
@@ -19,6 +20,7 @@ from scenes import kinetic_energy
 from scenes import RADIUS
 
 from snake_sim_ros import scenery
+from snake_sim_ros.contact_laws import LEAST
 from snake_sim_ros.parameters import Friction
 from snake_sim_ros.parameters import Gait
 from snake_sim_ros.parameters import Pegs
@@ -28,14 +30,67 @@ from snake_sim_ros.parameters import Wave
 from snake_sim_ros.posture import chain
 from snake_sim_ros.posture import initial_coordinates
 from snake_sim_ros.records import ParameterError
+from snake_sim_ros.reference import mean_delassus
 from snake_sim_ros.reference import scene_contacts
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.simulation import Simulation
+from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import make_stepper
 from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import State
+from snake_sim_ros.stepping import VELOCITY
 
 SLACK = dict.fromkeys(('yaw_stiffness', 'yaw_damping', 'pitch_stiffness', 'pitch_damping'), 0.0)
+
+
+# Solve contacts by Newton's method: through the chain, on the Delassus operator, and in steps of
+# second order.
+by_newton = pytest.mark.parametrize('method', ['newton', 'newton_dense', 'bdf2'])
+
+
+def folded():
+    """
+    Return single steps of soft robots that fold onto themselves: scene, state, angle and rate.
+
+    Robots of 7 to 10 links with 2 or 5 N m/rad whose joints were told to turn by up to 1.5 rad; 2
+    to 21 contacts are closed. Up to FRICTIONLESS they have no friction. Each is one in which an
+    earlier solver gave up: it solved once for impulses of links on each other, and corrected only
+    what these left of the balance of momentum.
+    """
+    with np.load(Path(__file__).parent / 'data' / 'folded.npz') as file:
+        links, settings, numbers = (file[key] for key in ('links', 'settings', 'numbers'))
+    steps, start = [], 0
+    for n, (along, across, rolling, mu, stiffness, damping, dt) in zip(
+        links, settings, strict=True
+    ):
+        parts = []
+        for shape in ((n, 7), (n, 6), (1, n - 1, 2), (1, n - 1, 2)):
+            size = int(np.prod(shape))
+            parts.append(numbers[start : start + size].reshape(shape))
+            start += size
+        robot = Robot(
+            link_count=int(n), yaw_stiffness=stiffness, pitch_stiffness=stiffness,
+            yaw_damping=damping, pitch_damping=damping, joint_limit=math.pi / 2,
+        )  # fmt: skip
+        scene = Scene(
+            robot=robot, self_contact=True, self_contact_friction=mu, level='spatial', dt=dt,
+            friction=Friction(longitudinal=along, transversal=across, rolling=rolling),
+        )  # fmt: skip
+        steps.append((scene, State(*parts[:2]), *parts[2:]))
+    return steps
+
+
+FOLDED, FRICTIONLESS = folded(), 6
+each_frictionless = pytest.mark.parametrize('k', range(FRICTIONLESS))
+
+
+def solved(scene, state, angle, rate, method, history=None, **settings):
+    """Return the end of a step, its impulses, and the report, with some settings of the solver."""
+    scene = replace(scene, method=method, solver=replace(scene.solver, **settings))
+    history = no_history(scene) if history is None else history
+    end, history, report = make_stepper(scene).advance(state, history, angle, rate)
+    assert report.steps == 1
+    return end, history[IMPULSE], report
 
 
 def curled(robot, gap=0.0, bend=1.0):
@@ -140,6 +195,87 @@ def test_ends_of_a_robot_hit_each_other(method):
     assert report.unconverged == 0
     # Up to the step of the impact the links get v dt closer, less than 1 mm.
     assert report.penetration_max < 2.0 * scene.dt
+
+
+@pytest.mark.parametrize(('k', 'limit'), [(6, 200), (7, 200), (8, 2000)])
+@by_newton
+def test_a_folded_robot_with_friction_converges(k, limit, method):
+    # In the last one, with friction of 1 and 2, most starts lead round and round.
+    _, _, report = solved(*FOLDED[k], method, iteration_limit=limit)
+    assert report.unconverged == 0
+    assert report.contacts >= 4
+
+
+@each_frictionless
+@by_newton
+def test_a_folded_robot_without_friction_converges_to_rounding(k, method):
+    # Contact velocities sum over a dozen products of up to 13 rad/s and 1 m: 3e-13 m/s of
+    # rounding. The problem is convex and piecewise linear: Newton's method ends in it, and its
+    # linear problems are solved to rounding, so that no tolerance above it is out of reach.
+    # A step of `bdf2` from rest is four: 8 iterations each are more than any needs.
+    parts = 4 if method == 'bdf2' else 1
+    _, _, report = solved(*FOLDED[k], method, residual_tolerance=1e-12, iteration_limit=30)
+    assert report.unconverged == 0
+    assert report.residual_max <= 1e-12
+    assert report.iterations <= 8 * parts
+    assert report.contacts >= 2
+
+
+@each_frictionless
+def test_a_folded_robot_is_solved_for_from_anywhere(k):
+    # The slope of a convex function along a line leads to its minimum from any start.
+    scene, state, angle, rate = FOLDED[k]
+    rng = np.random.default_rng(k)
+    history = no_history(scene)
+    shape = history[IMPULSE].shape
+    history[IMPULSE], history[VELOCITY] = rng.uniform(0.0, 1.0, shape), rng.normal(size=shape)
+    for method in ('newton', 'newton_dense'):
+        _, _, report = solved(scene, state, angle, rate, method, history, iteration_limit=60)
+        assert report.unconverged == 0
+
+
+@each_frictionless
+def test_both_methods_fold_a_robot_alike(k):
+    # Two solutions with residuals e: their kinetic energy apart is half of sum dP dgamma, and with
+    # compliance c the laws leave dP dgamma <= 2 e |dP| - c dP^2 <= e^2/c of every contact. c is
+    # not below LEAST of the mean Delassus entry. On top comes what `newton_dense` rounds, see
+    # test_newton.py.
+    e, scene = 1e-12, FOLDED[k][0]
+    ends = []
+    for method in ('newton', 'newton_dense'):
+        end, _, report = solved(*FOLDED[k], method, residual_tolerance=e, iteration_limit=30)
+        assert report.unconverged == 0
+        ends.append(end.u)
+    robot = scene.robot
+    square = report.contacts * e**2 / (LEAST * mean_delassus(robot))
+    rounding = 9 * 1.4e5 * EPS * np.abs(ends).max()
+    bound = math.sqrt(square / robot.inertia_axial) + rounding
+    assert np.abs(ends[0] - ends[1]).max() < bound < 1e-6
+
+
+@each_frictionless
+@by_newton
+def test_energy_of_a_slack_folded_robot_falls_by_that_of_the_jump(k, method):
+    # Without friction, gravity and torque the velocity after an impact is the projection of that
+    # before it on what joints and contacts admit: the energy lost is that of the jump u_E - u_0,
+    # and -P gamma = c P^2 besides. In a step of a nanosecond all else changes by a share of
+    # dt |omega|: geometry, gyroscopic and centripetal forces, the steps that `bdf2` makes of one.
+    scene, state, angle, rate = FOLDED[k]
+    robot = replace(scene.robot, **SLACK)
+    state = State(state.q, np.random.default_rng(k).uniform(-1.0, 1.0, state.u.shape))
+    scene = replace(scene, robot=robot, gravity=(0.0, 0.0, 0.0), dt=1e-9)
+    end, P, report = solved(
+        scene, state, 0.0 * angle, 0.0 * rate, method, residual_tolerance=1e-12,
+        iteration_limit=30,
+    )  # fmt: skip
+    assert report.unconverged == 0
+    before, after = kinetic_energy(robot, state.u), kinetic_energy(robot, end.u)
+    jump = kinetic_energy(robot, end.u - state.u)
+    speed = max(np.linalg.norm(u[:, 3:], axis=1).max() for u in (state.u, end.u))
+    slack = 10 * scene.dt * speed * before
+    pressed = scene.solver.normal_compliance * mean_delassus(robot) * (P[:, 0] ** 2).sum()
+    assert jump > 0.2 * before
+    assert -slack <= before - after - jump <= pressed + slack
 
 
 if EVERY:  # thousands of steps, too many without the compiler

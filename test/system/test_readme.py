@@ -24,9 +24,11 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf'^```{language}\n(.*?)^```', README, re.MULTILINE | re.DOTALL)
 
 
-COMMANDS = dict.fromkeys(
-    line for block in blocks('sh') for line in block.splitlines() if line not in TOUR
-)
+COMMANDS = [
+    line
+    for line in dict.fromkeys(line for block in blocks('sh') for line in block.splitlines())
+    if line not in TOUR
+]
 
 # What is added to a command so that it ends soon, or what stands in for a tool that only a ROS 2
 # installation has: `ros2 run` starts the launcher of that name.
@@ -44,6 +46,7 @@ SHORTENED = {
 # Commands of snake-sim run in this process, which has compiled the steps already, except one.
 OFFLINE = ('run', 'export', 'levels', 'bench', 'stability')
 BY_LAUNCHER = './run run config/sidewinding.yaml --out run.npz'
+# Commands that other tests run.
 ELSEWHERE = {
     './run demo': 'test_demo.py',
     './run pacing': 'test_pacing.py',
@@ -75,10 +78,14 @@ def bag(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize('line', COMMANDS)
+def test_commands_that_others_run_are_there():
+    for line, name in ELSEWHERE.items():
+        assert line in COMMANDS, line
+        assert name in globals() or list(ROOT.glob(f'test/**/{name}')), name
+
+
+@pytest.mark.parametrize('line', [line for line in COMMANDS if line not in ELSEWHERE])
 def test_command(line, tmp_path, user_environment, monkeypatch, bag):
-    if line in ELSEWHERE:
-        return  # named there with the test that stands for it
     for name in ('config', 'docs'):
         (tmp_path / name).symlink_to(ROOT / name)
     if 'run.mcap' in line and '--bag' not in line:

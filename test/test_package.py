@@ -1,0 +1,86 @@
+"""What the package needs and claims is the same in setup.py, package.xml, README and changelog."""
+
+from pathlib import Path
+import re
+import runpy
+from xml.etree import ElementTree
+
+import pytest
+import setuptools
+
+from snake_sim_ros.contenders import LARGE
+from snake_sim_ros.parameters import Robot
+from snake_sim_ros.records import ParameterError
+from snake_sim_ros.stepping import LARGE_STEP
+
+ROOT = Path(__file__).resolve().parent.parent
+README = ' '.join((ROOT / 'README.md').read_text(encoding='utf-8').split())
+CHANGELOG = ' '.join((ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8').split())
+# rosdep's keys for packages of PyPI where they are not python3-<name>. It has none for the
+# optional packages, or one that is installed by pip: the README names them.
+KEYS = {'PyYAML': 'python3-yaml', 'Pillow': 'python3-pil'}
+BUILD = {'setuptools'}  # comes with colcon
+OPTIONAL = {'bags', 'peers', 'video', 'viewer'}
+# Checks of style and what only the tests of bags and of the speed of tests need.
+DEVELOPMENT = {'pytest-xdist', 'ruff', 'mypy', 'types-PyYAML', 'wheel', 'rosbags'}
+
+
+@pytest.fixture
+def needed(monkeypatch):
+    """Return what setup.py asks for: extra -> names of packages; None is what is always needed."""
+    given = {}
+    monkeypatch.setattr(setuptools, 'setup', lambda **arguments: given.update(arguments))
+    monkeypatch.chdir(ROOT)
+    runpy.run_path('setup.py')
+    extras = {None: given['install_requires'], **given['extras_require']}
+    return {key: set(map(name, requirements)) for key, requirements in extras.items()}
+
+
+def name(requirement):
+    return re.match(r'[\w-]+', requirement).group()
+
+
+def depends(kind):
+    root = ElementTree.parse(ROOT / 'package.xml').getroot()
+    return {item.text for item in root.findall(kind)}
+
+
+def keys(names):
+    return {KEYS.get(item, f'python3-{item}') for item in names}
+
+
+def test_rosdep_gets_what_runs_and_pictures_need(needed):
+    assert keys((needed[None] | needed['plots']) - BUILD) <= depends('exec_depend')
+    for distro in ('jazzy', 'kilted'):
+        names = {item.removeprefix(f'ros-{distro}-').replace('-', '_') for item in needed[distro]}
+        assert names <= depends('exec_depend')
+
+
+def test_what_rosdep_does_not_get_is_named_in_the_readme(needed):
+    assert set(needed) == {None, 'plots', 'test', 'jazzy', 'kilted'} | OPTIONAL
+    for item in set().union(*(needed[extra] for extra in OPTIONAL)):
+        assert f'`{item}`' in README
+    (asked,) = re.findall(r"pip install '\.\[([a-z,]+)\]'` in an environment", README)
+    assert set(asked.split(',')) == OPTIONAL
+
+
+def test_rosdep_gets_what_the_tests_cannot_do_without(needed):
+    optional = set().union(*(needed[extra] for extra in OPTIONAL))
+    run = needed['test'] - optional - needed['plots'] - DEVELOPMENT
+    assert keys(run) == depends('test_depend')
+
+
+def test_changelog_and_readme_say_the_same_of_large_steps():
+    assert (LARGE_STEP, min(LARGE)) == (1e-3, 10)
+    assert 'for time steps of 1/1000 s to 1/10 s' in CHANGELOG
+    assert 'large steps, 1/1000 s to 1/10 s' in README
+
+
+@pytest.mark.parametrize('text', [CHANGELOG, README])
+def test_numbers_of_links_are_those_that_are_taken(text):
+    first, last = map(int, re.search(r'(\d+) to (\d+) links', text).groups())
+    for count in (first, last):
+        assert Robot(link_count=count).link_count == count
+    for count in (first - 1, last + 1):
+        with pytest.raises(ParameterError):
+            Robot(link_count=count)

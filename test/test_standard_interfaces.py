@@ -1,0 +1,188 @@
+"""
+What is served only where simulation_interfaces or tf2_msgs is installed, by stand-ins for them.
+
+Neither package is on PyPI. The stand-ins have the names and numbers of their definitions and no
+more: what is answered and held is tested here, not how it travels.
+"""
+
+from types import SimpleNamespace
+
+from builtin_interfaces.msg import Time
+import pytest
+
+from snake_sim_ros.nodes import simulation_services
+from snake_sim_ros.nodes import transforms
+
+
+class State:
+    STATE_STOPPED, STATE_PLAYING, STATE_PAUSED = 0, 1, 2
+
+
+class Result:
+    RESULT_FEATURE_UNSUPPORTED, RESULT_OK, RESULT_OPERATION_FAILED = 0, 1, 4
+
+
+class Features:
+    SIMULATION_RESET, SIMULATION_RESET_TIME, SIMULATION_RESET_STATE = 20, 21, 22
+    SIMULATION_STATE_GETTING, SIMULATION_STATE_SETTING, SIMULATION_STATE_PAUSE = 24, 25, 26
+    STEP_SIMULATION_SINGLE, STEP_SIMULATION_MULTIPLE = 31, 32
+
+
+class Reset:
+    SCOPE_TIME, SCOPE_STATE, SCOPE_SPAWNED, SCOPE_ALL = 1, 2, 4, 255
+
+    def __init__(self, scope):
+        self.scope = scope
+
+
+class Answer:
+    ALREADY_IN_TARGET_STATE, STATE_TRANSITION_ERROR = 101, 102
+
+    def __init__(self):
+        self.result = SimpleNamespace(result=None, error_message='')
+        self.state = SimpleNamespace(state=None)
+        self.features = SimpleNamespace(features=None, custom_info='')
+
+
+NAMES = ('GetSimulatorFeatures', 'GetSimulationState', 'SetSimulationState', 'ResetSimulation',
+         'StepSimulation')  # fmt: skip
+
+
+class Node:
+    """A node that counts periods of 5 ms, and keeps what it was told."""
+
+    def __init__(self):
+        self.paused, self.failure, self.seconds = False, '', 1.0
+        self.services, self.told = {}, []
+
+    def create_service(self, kind, name, callback):
+        self.services[name] = callback
+
+    def reset(self, *, state=True, time=False):
+        self.told.append(('reset', state, time))
+        self.failure = ''
+        if time:
+            self.seconds = 0.0
+
+    def step(self, count=1):
+        self.told.append(('step', count))
+        self.seconds += 0.005 * count
+
+    def call(self, name, **request):
+        answer = self.services[f'~/{name}'](SimpleNamespace(**request), Answer())
+        return answer.result.result, answer
+
+    def state(self):
+        _, answer = self.call('get_simulation_state')
+        return answer.state.state
+
+    def set_state(self, wanted):
+        return self.call('set_simulation_state', state=SimpleNamespace(state=wanted))
+
+    def reset_scope(self, scope):
+        answer = self.services['~/reset_simulation'](Reset(scope), Answer())
+        return answer.result.result
+
+
+@pytest.fixture
+def node(monkeypatch):
+    standard = SimpleNamespace(SimulationState=State, Result=Result, SimulatorFeatures=Features)
+    services = SimpleNamespace(**dict.fromkeys(NAMES, Answer))
+    monkeypatch.setattr(simulation_services, 'standard', standard)
+    monkeypatch.setattr(simulation_services, 'standard_services', services)
+    node = Node()
+    simulation_services.serve(node)
+    return node
+
+
+def test_services_have_the_names_of_the_standard_beside_our_own(node):
+    standard = {'get_simulator_features', 'get_simulation_state', 'set_simulation_state',
+                'reset_simulation', 'step_simulation'}  # fmt: skip
+    assert set(node.services) == {f'~/{name}' for name in standard | {'reset', 'pause', 'step'}}
+
+
+def test_without_the_package_only_our_own_are_served(monkeypatch):
+    monkeypatch.setattr(simulation_services, 'standard', None)
+    node = Node()
+    simulation_services.serve(node)
+    assert set(node.services) == {'~/reset', '~/pause', '~/step'}
+
+
+def test_features_are_those_that_are_served(node):
+    _, answer = node.call('get_simulator_features')
+    assert answer.features.features == [20, 21, 22, 24, 25, 26, 31, 32]
+    assert 'publish period' in answer.features.custom_info
+
+
+def test_states_are_played_paused_and_stopped(node):
+    assert node.state() == State.STATE_PLAYING
+    assert node.set_state(State.STATE_PAUSED)[0] == Result.RESULT_OK
+    assert node.paused and node.state() == State.STATE_PAUSED
+    assert node.set_state(State.STATE_PAUSED)[0] == Answer.ALREADY_IN_TARGET_STATE
+    # Stopped is at the start, at time 0; a step from there is paused.
+    assert node.set_state(State.STATE_STOPPED)[0] == Result.RESULT_OK
+    assert node.told == [('reset', True, True)]
+    assert node.seconds == 0.0 and node.state() == State.STATE_STOPPED
+    node.call('step_simulation', steps=1)
+    assert node.state() == State.STATE_PAUSED
+    assert node.set_state(State.STATE_PLAYING)[0] == Result.RESULT_OK
+    assert not node.paused and node.state() == State.STATE_PLAYING
+    result, answer = node.set_state(3)
+    assert result == Result.RESULT_FEATURE_UNSUPPORTED
+    assert answer.result.error_message == 'state must be 0 (stopped), 1 (playing) or 2, got 3'
+
+
+def test_what_diverged_is_not_played_before_a_reset(node):
+    node.failure = 'link 1 would turn'
+    assert node.state() == State.STATE_PAUSED
+    result, answer = node.set_state(State.STATE_PLAYING)
+    assert result == Answer.STATE_TRANSITION_ERROR
+    assert answer.result.error_message == 'diverged, reset first: link 1 would turn'
+    assert node.reset_scope(Reset.SCOPE_STATE) == Result.RESULT_OK
+    assert node.state() == State.STATE_PLAYING
+
+
+@pytest.mark.parametrize(
+    ('scope', 'told'),
+    [
+        (0, ('reset', True, True)),
+        (Reset.SCOPE_ALL, ('reset', True, True)),
+        (Reset.SCOPE_TIME, ('reset', False, True)),
+        (Reset.SCOPE_STATE, ('reset', True, False)),
+    ],
+)
+def test_a_reset_has_a_scope(node, scope, told):
+    assert node.reset_scope(scope) == Result.RESULT_OK
+    assert node.told == [told]
+
+
+def test_nothing_was_spawned_that_could_be_taken_away(node):
+    assert node.reset_scope(Reset.SCOPE_SPAWNED) == Result.RESULT_FEATURE_UNSUPPORTED
+    assert not node.told
+
+
+def test_steps_are_taken_while_paused(node):
+    result, answer = node.call('step_simulation', steps=3)
+    assert result == Result.RESULT_OPERATION_FAILED
+    assert 'not paused' in answer.result.error_message
+    node.set_state(State.STATE_PAUSED)
+    assert node.call('step_simulation', steps=3)[0] == Result.RESULT_OK
+    assert node.told == [('step', 3)]
+    node.failure = 'too far'
+    result, answer = node.call('step_simulation', steps=1)
+    assert (result, answer.result.error_message) == (Result.RESULT_OPERATION_FAILED, 'too far')
+
+
+def test_transforms_lead_from_world_to_the_base(monkeypatch):
+    monkeypatch.setattr(transforms, 'TFMessage', lambda transforms: transforms)
+    messages = transforms.TransformMessages('aiko/')
+    (fixed,), (moving,) = messages.fixed, messages.moving
+    assert (fixed.header.frame_id, fixed.child_frame_id) == ('world', 'aiko/odom')
+    assert (moving.header.frame_id, moving.child_frame_id) == ('aiko/odom', 'aiko/base_link')
+    # The same place.
+    assert fixed.transform.rotation.w == 1.0 and fixed.transform.translation.x == 0.0
+    messages.fill(Time(sec=2, nanosec=5), [1.0, 2.0, 3.0, 0.1, 0.2, 0.3, 0.9])
+    place, turn = moving.transform.translation, moving.transform.rotation
+    assert (place.x, place.y, place.z) == (1.0, 2.0, 3.0)
+    assert (turn.x, turn.y, turn.z, turn.w) == (0.1, 0.2, 0.3, 0.9)
+    assert moving.header.stamp.sec == 2 and fixed.header.stamp.sec == 0

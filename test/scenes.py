@@ -1,0 +1,194 @@
+"""Scenes, runs and error bounds that the tests of the physics share."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from snake_sim_ros import gait
+from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import Friction
+from snake_sim_ros.parameters import Robot
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.parameters import Solver
+from snake_sim_ros.posture import gaps
+from snake_sim_ros.rotations import about
+from snake_sim_ros.rotations import FLAT
+from snake_sim_ros.rotations import product
+from snake_sim_ros.spatial import PROXIMAL
+from snake_sim_ros.stepping import IMPULSE
+from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.stepping import METHODS
+from snake_sim_ros.stepping import no_history
+from snake_sim_ros.stepping import Report
+from snake_sim_ros.stepping import State
+
+EPS = np.finfo(float).eps
+G = 9.81
+ROBOT = Robot(link_count=1)
+MASS = 7.5 / 11
+RADIUS = 0.0525
+OFFSET = 0.0393  # L_GS
+ACROSS, ALONG = 9.63e-4, 2.35e-4  # Theta_1, Theta_3
+
+# Far below any law and far above rounding: an iteration rounds impulses to EPS r |gamma|, that is
+# 1e-16 N s for 6 m/s and r = 0.1 kg.
+TOLERANCE = 1e-14  # N s
+# One link, r as in the paper. A contact that stays closed, sticks or rolls is changed by r gamma
+# in the last sweep, which is below the tolerance: |gamma| <= eps/r, and r_T = 0.01 kg is smallest.
+SPEED = TOLERANCE / 0.01  # m/s
+# Methods that stop at a natural-map residual, |P - prox(P - r gamma)|/r, stop at the same speed:
+# where a contact stays closed, sticks or rolls, the residual is |gamma|.
+SWEEPING = ('paper', 'reference')  # stop by (93), at a change of impulses
+PRINTED = {'normal_compliance': 0.0, 'activation_tolerance': 0.0}  # laws as the paper prints them
+TIGHT = Solver(tolerance=TOLERANCE, residual_tolerance=SPEED, **PRINTED)
+# A contact whose gap is exactly 0 may open by rounding and would then be closed one step later.
+CLOSED = -1e-12  # m
+STILL = (0.0, 0.0, 0.0)
+HEIGHT = 25.0  # m, enough for 2 s of free fall
+
+# The stepper in dense NumPy is a hundred times slower: the same laws with ten times the step, the
+# bounds below are formulas in dt.
+DT = 1 / 4000
+each_method = pytest.mark.parametrize(
+    ('method', 'dt'), [(name, 1 / 400 if name == 'reference' else DT) for name in METHODS]
+)
+every_method = pytest.mark.parametrize('method', METHODS)
+
+
+def sliding_error(method: str, mu: float, steps: int, r_T: float = 0.01) -> float:
+    """
+    Return what a solver may leave of the velocity of one link that slides [m/s].
+
+    Of its friction only the sum of the normal impulses matters. A sweep takes r_N lambda = 0.1 kg
+    2/m = 0.29 of its error away, so eps/0.29 is left, of which friction makes mu/m eps/0.29 <= 5
+    mu eps of velocity, in each step.
+
+    A residual R leaves a normal velocity up to R, so that the sum of the normal impulses of all
+    steps, a momentum, is off by 2 m R at most; and each of two friction impulses may be r_T R
+    beside its ellipse, in each step.
+    """
+    if method in SWEEPING:
+        return 5 * mu * TOLERANCE * steps
+    return 2 * mu * SPEED + steps * 2 * r_T * SPEED / MASS
+
+
+def impulse_error(method: str) -> float:
+    """
+    Return what a solver may leave of the normal impulses of one link [N s].
+
+    eps/(r_N lambda) <= 4 eps of a sweep. With a residual R, ``G P`` is off by R and by what the
+    step before left, R as well; lambda >= 2/m makes sqrt(2) 2 R m/2 of that, and friction of up to
+    0.1, which pitches the link, 13 % more (its own residual, r_T R, another 4 %): below 2 m R.
+    """
+    return 4 * TOLERANCE if method in SWEEPING else 2 * MASS * SPEED
+
+
+def link_scene(method: str, dt: float, **settings) -> Scene:
+    """Return a scene of one link of Aiko in space, with a tight tolerance."""
+    given = {'robot': ROBOT, 'solver': TIGHT, 'method': method, 'dt': dt, 'level': 'spatial'}
+    return Scene(**{**given, **settings})
+
+
+def particle_scene(method: str, dt: float, mu: Sequence[float], gravity: Sequence[float]) -> Scene:
+    """
+    Return a scene of a body that slides and does not turn: both contacts at the center of a link.
+
+    ``G = 1/m [[1, 1], [1, 1]]`` in every direction: with r = 1/lambda_max = m/2 the first sweep
+    ends at the projection of what would stop the body, which is the solution.
+    """
+    robot = Robot(link_count=1, contact_offset=0.0, contact_radius=0.0)
+    solver = replace(TIGHT, r_normal=MASS / 2, r_sliding=MASS / 2)
+    return Scene(
+        robot=robot,
+        solver=solver,
+        friction=Friction(longitudinal=mu[0], transversal=mu[1]),
+        gravity=tuple(gravity),
+        method=method,
+        dt=dt,
+        level='spatial',
+    )
+
+
+def chain_rounding(method: str, v: float, compliance: float = 3.07) -> float:
+    """
+    Return the momentum of one link that the method `newton` may round away in a step [N s].
+
+    It adds laws of a stiffness 1/(1e-5 G) to the inertia of a link, for each of two contacts, and
+    a velocity v at one point that is 0 at the contact comes out of a difference of products with
+    it: EPS v times the stiffness, in both products. G is the mean Delassus entry [1/kg]. Other
+    methods solve the dynamics without the laws.
+    """
+    return 2 * EPS * v * 2 / (PROXIMAL * compliance) if method == 'newton' else 0.0
+
+
+def particle_impulse(method: str) -> float:
+    """Return what a solver may leave of an impulse of `particle_scene`: eps or r R [N s]."""
+    return TOLERANCE if method in SWEEPING else MASS / 2 * SPEED
+
+
+def isotropic(mu: float) -> Friction:
+    """Return the same Coulomb friction along and across the link."""
+    return Friction(longitudinal=mu, transversal=mu)
+
+
+def slope(angle: float, direction: float = 0.0) -> tuple[float, float, float]:
+    """Return gravity over a floor tilted by `angle`; downhill is at `direction` from x."""
+    down = G * np.sin(angle)
+    return (down * np.cos(direction), down * np.sin(direction), -G * np.cos(angle))
+
+
+def lying(
+    v: Sequence[float] = STILL, omega: Sequence[float] = STILL, radius: float = RADIUS
+) -> State:
+    """Return one link that lies along x, in contact, with velocities v in I, omega in B."""
+    q = np.concatenate([[0.0, 0.0, radius + CLOSED], FLAT])[None]
+    return State(q, np.concatenate([v, omega])[None])
+
+
+def pitched(
+    robot: Robot, angle: float, v: Sequence[float] = STILL, clearance: float = CLOSED
+) -> State:
+    """Return one link with its front end down by `angle`, its lower sphere at a given gap."""
+    q = np.concatenate([STILL, product(about(1, angle), FLAT)])[None]
+    q[0, 2] = clearance - gaps(robot, q).min()
+    return State(q, np.concatenate([v, STILL])[None])
+
+
+def references(scene: Scene, steps: int, start: int = 0) -> tuple[Array, Array]:
+    """Return the joint references of the gait at the middle of steps `start` and later."""
+    times = (np.arange(start, start + steps) + 0.5) * scene.dt
+    return gait.reference(scene.gait, times, scene.robot.link_count - 1)
+
+
+def run(
+    scene: Scene, state: State, steps: int, history: Array | None = None
+) -> tuple[State, Array, Report]:
+    """Return state, history and report after some steps of a scene."""
+    history = no_history(scene) if history is None else history
+    return make_stepper(scene).advance(state, history, *references(scene, steps))
+
+
+def course(scene: Scene, state: State, steps: int, every: int = 1) -> tuple[State, Array, Report]:
+    """Return states and impulses at the start and after `every` steps each, and the report."""
+    stepper, history, report = make_stepper(scene), no_history(scene), Report()
+    states, impulses = [state], [history[IMPULSE]]
+    angle, rate = references(scene, steps)
+    for k in range(0, steps, every):
+        part = slice(k, k + every)
+        state, history, news = stepper.advance(state, history, angle[part], rate[part])
+        report += news
+        states.append(state)
+        impulses.append(history[IMPULSE])
+    q, u = (np.array([getattr(entry, name) for entry in states]) for name in 'qu')
+    return State(q, u), np.array(impulses), report
+
+
+def kinetic_energy(robot: Robot, u: Array) -> Array:
+    """Return the kinetic energy of all links [J], shape (...) for u (..., n, 6)."""
+    m, across, along = (
+        robot.per_link(name) for name in ('link_mass', 'inertia_transversal', 'inertia_axial')
+    )
+    inertia = np.column_stack([m, m, m, across, across, along])
+    return np.sum(inertia * u**2, axis=(-2, -1)) / 2

@@ -22,6 +22,8 @@ from snake_sim_ros.parameters import Scene
 from snake_sim_ros.parameters import scene_from_text
 from snake_sim_ros.parameters import with_settings
 from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.stepping import no_history
+from snake_sim_ros.stepping import PREVIOUS
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
 
@@ -48,7 +50,9 @@ def load_problems() -> dict[str, Problem]:
             parts.append(numbers[start : start + size].reshape(shape))
             start += size
         scene = replace(scene_from_text(text.decode()), level='spatial')
-        problems[str(name)] = Problem(scene, State(*parts[:2]), *parts[2:])
+        history = no_history(scene)
+        history[:PREVIOUS] = parts[2][:PREVIOUS]  # what methods keep themselves is not stored
+        problems[str(name)] = Problem(scene, State(*parts[:2]), history, *parts[3:])
     assert start == len(numbers)
     return problems
 

@@ -40,6 +40,8 @@ class DenseStep:
         Of the selection rule in this step [1/kg].
     center : ndarray, shape (k,)
         Normal impulses about which the rule is compliant [N s].
+    shift : ndarray, shape (k,)
+        What gaps leave open of the normal velocities: ``gamma_N + shift`` is in the law [m/s].
 
     """
 
@@ -51,6 +53,7 @@ class DenseStep:
     momentum: Array
     compliance: float
     center: Array
+    shift: Array
 
     def velocities(self, P: Array) -> Array:
         """Return u (6n,) for impulses (k, 5) of the closed contacts: the balance with joints."""
@@ -65,8 +68,10 @@ class DenseStep:
         return np.linalg.solve(K, np.vstack([loads, np.zeros((joints, loads.shape[1]))]))[:rows]
 
     def gamma(self, u: Array) -> Array:
-        """Return relative velocities (k, 5)."""
-        return np.einsum('rkj,r->kj', self.W, u.ravel())
+        """Return relative velocities (k, 5), as they stand in the laws."""
+        gamma = np.einsum('rkj,r->kj', self.W, u.ravel())
+        gamma[:, 0] += self.shift
+        return gamma
 
     def energy(self, u: Array) -> float:
         """Return what contact impulses cannot raise: u^T M u/2, implicit controller included."""
@@ -150,6 +155,7 @@ def dense_step(scene: Scene, state: State, history: Array, angle: Array, rate: A
         center=selection_center(
             dt, last, gamma_A, gaps(robot, q_M)[active], compliance, most, weight
         ),
+        shift=np.zeros(len(active)),
     )
 
 

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from random_states import EPS
-from scenes import MIDPOINT_METHODS
 
 from snake_sim_ros import reference
 from snake_sim_ros.contact_laws import prox_disc
@@ -23,6 +22,7 @@ from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.simulation import Simulation
 from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.stepping import METHODS
 from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import State
 
@@ -207,7 +207,7 @@ def test_both_sticking_and_sliding_were_solved():
 
 @pytest.mark.parametrize('delta', [0.0, 1e-4])
 @pytest.mark.parametrize('velocity', [(0.5, 0.3), (-0.2, 0.05), (0.0, 0.001), (1e-5, 1e-4)])
-@pytest.mark.parametrize('method', MIDPOINT_METHODS)
+@pytest.mark.parametrize('method', METHODS)
 def test_a_solved_step_satisfies_the_scaled_disc_law(method, velocity, delta):
     # One link on the floor, with the velocities of all its contacts from the dense directions.
     # Of the two spheres of one body the sliding rows are dependent, so only the law is compared.

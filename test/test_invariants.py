@@ -15,7 +15,6 @@ from scenes import CLOSED
 from scenes import course
 from scenes import EPS
 from scenes import kinetic_energy
-from scenes import MIDPOINT_METHODS
 from scenes import PRINTED
 from scenes import references
 from scenes import ROBOT
@@ -49,6 +48,7 @@ from snake_sim_ros.stepping import CHANGE
 from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.stepping import METHODS
 from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import Report
 from snake_sim_ros.stepping import State
@@ -186,7 +186,7 @@ def test_contacts_obey_their_laws_and_take_energy_in_every_step(
     assert (pressed > 1e-8) == (solver.normal_compliance > 0.0)
 
 
-@pytest.mark.parametrize('method', [name for name in MIDPOINT_METHODS if name not in SWEEPING])
+@pytest.mark.parametrize('method', [name for name in METHODS if name not in SWEEPING])
 @pytest.mark.parametrize('links', [1, 3, 11])
 def test_velocities_are_those_that_the_impulses_give(method, links):
     # (75) in dense matrices: M (u_E - u_A) - h dt - W_tau torque dt - W P is W_J P_J. Solvers

@@ -41,10 +41,9 @@ from snake_sim_ros.stepping import Status
 RESIDUAL = 1e-12  # m/s
 # Impulses are some 1e-3 N s, rounded through the chain of joints: 1e5 EPS of it at most.
 EXACT = Solver(tolerance=1e-12, residual_tolerance=RESIDUAL, r_sliding=0.03)
-MIDPOINT_METHODS = [name for name in METHODS if name != 'bdf2']
-COMPILED = [name for name in MIDPOINT_METHODS if name != 'reference']
+COMPILED = [name for name in METHODS if name != 'reference']
 SOLVERS = ['newton', 'newton_dense', 'gauss_seidel']
-each_method = pytest.mark.parametrize('method', MIDPOINT_METHODS)
+each_method = pytest.mark.parametrize('method', METHODS)
 # So little that a robot that slides at will in all directions does not roll over.
 FRICTIONS = {
     'orthotropic': Friction(longitudinal=0.02, transversal=0.1),

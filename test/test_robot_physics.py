@@ -22,7 +22,6 @@ from scenes import HEIGHT
 from scenes import isotropic
 from scenes import kinetic_energy
 from scenes import MASS
-from scenes import MIDPOINT_METHODS
 from scenes import OFFSET
 from scenes import PRINTED
 from scenes import RADIUS
@@ -52,6 +51,7 @@ from snake_sim_ros.reference import torque_directions
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import initial_state
+from snake_sim_ros.stepping import METHODS
 from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import State
 from snake_sim_ros.stepping import Status
@@ -304,7 +304,7 @@ def test_heavy_link_costs_iterations_but_no_force(method, ratio, condition, iter
     ('method', 'ratio', 'delta'),
     [
         (method, ratio, delta)
-        for method in MIDPOINT_METHODS
+        for method in METHODS
         for ratio in (1, 10, 100, 1000)
         for delta in (0.0, 1e-4)
         # A sweep of Gauss-Seidel takes c/G of the error in the null space of G away, and c is 1e-6

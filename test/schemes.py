@@ -1,0 +1,232 @@
+"""
+The steps of all methods in dense NumPy: which balance and which laws a step of each has to hold.
+
+Methods of the paper's step hold them in its middle, see `dense_step`. `bdf2` holds them at the end
+that is predicted from two states, for a part of the step. What is here follows the equations in
+the docstring of `bdf2`, with the matrices of `reference`, and shares no code with the solver.
+"""
+
+from dataclasses import replace
+
+from dense_step import dense_step
+from dense_step import DenseStep
+from dense_step import EPS
+import numpy as np
+
+from snake_sim_ros import bdf2
+from snake_sim_ros import posture
+from snake_sim_ros import reference
+from snake_sim_ros.contact_laws import LEAST
+from snake_sim_ros.parameters import Array
+from snake_sim_ros.parameters import Scene
+from snake_sim_ros.posture import gaps
+from snake_sim_ros.rotations import rotation_matrices
+from snake_sim_ros.selection import selection_center
+from snake_sim_ros.selection import selection_compliance
+from snake_sim_ros.stepping import IMPULSE
+from snake_sim_ros.stepping import no_history
+from snake_sim_ros.stepping import PREVIOUS
+from snake_sim_ros.stepping import State
+
+
+def span(scene: Scene) -> float:
+    """Return the time for which the impulses of a step act that nothing disturbs [s]."""
+    return (2 / 3 if scene.method == 'bdf2' else 1.0) * scene.dt
+
+
+def of_two_states(history: Array) -> bool:
+    """Return whether the next step of `bdf2` uses the formula of two states."""
+    return bool(notes(history)[bdf2.PHASE] == bdf2.SMOOTH)
+
+
+def memory_of(history: Array) -> Array:
+    """Return what a method keeps for itself, as a view."""
+    return history[PREVIOUS:].reshape(-1)
+
+
+def notes(history: Array) -> Array:
+    """Return what `bdf2` notes behind its states, as a view."""
+    return memory_of(history)[26 * (history.shape[1] // 2) :]
+
+
+def before_last(history: Array) -> State:
+    """Return the state that `bdf2` keeps of the start of the last step, on a flat floor."""
+    n, memory = history.shape[1] // 2, memory_of(history)
+    return State(memory[: 7 * n].reshape(n, 7), memory[7 * n : 13 * n].reshape(n, 6))
+
+
+def in_motion(scene: Scene, before: State, now: State) -> Array:
+    """Return a history without contacts, of a robot that came from one state to another."""
+    history, n = no_history(scene), scene.robot.link_count
+    memory = memory_of(history)
+    memory[: 26 * n] = np.concatenate([part.ravel() for s in (before, now) for part in (s.q, s.u)])
+    notes(history)[[bdf2.PHASE, bdf2.SPAN]] = bdf2.SMOOTH, span(scene)
+    return history
+
+
+def moved(frame: Array, start: Array, u: Array, time: float) -> Array:
+    """Return ``start + time F(frame) u``, Euler parameters of length 1, shape (n, 7)."""
+    q = start.copy()
+    for i, (v, omega) in enumerate(zip(u[:, :3], u[:, 3:], strict=True)):
+        q[i, :3] += time * v
+        q[i, 3:] += time / 2 * reference.H_bar(frame[i, 3:]).T @ omega
+        q[i, 3:] /= np.linalg.norm(q[i, 3:])
+    return q
+
+
+def landed(step: DenseStep, P: Array, q: Array) -> DenseStep:
+    """
+    Return a step of `bdf2` solved once more after a landing: contacts it closed, without gaps.
+
+    Parameters
+    ----------
+    step : DenseStep
+    P : ndarray, shape (k, 5)
+        Impulses at the end.
+    q : ndarray, shape (n, 7)
+        The end: what is closed there was closed by the step.
+
+    """
+    # A gap that was closed is left with what turns make of it, of second order: (omega h)^2 of a
+    # length; what moves by itself is far beyond in most steps.
+    near = gaps(step.scene.robot, q)[step.active] <= 1e-6
+    kept = (P[:, 0] > 0.0) | (step.shift == 0.0) | near
+    return replace(
+        step,
+        active=step.active[kept],
+        W=step.W[:, kept],
+        center=step.center[kept],
+        shift=np.zeros(kept.sum()),
+    )
+
+
+def bdf2_step(
+    scene: Scene, before: State, now: State, history: Array, angle: Array, rate: Array,
+    last_rate: Array,
+) -> DenseStep:  # fmt: skip
+    """
+    Return the step of `bdf2` from two states, with references (n-1, 2) of its middle.
+
+    Impulses in `history` are those of the last step, `last_rate` is its rate of the references.
+    """
+    robot, dt, n = scene.robot, scene.dt, scene.robot.link_count
+    h = 2 / 3 * dt
+    q_hat, u_hat = (4 * now.q - before.q) / 3, (4 * now.u - before.u) / 3
+    u_star = 2 * now.u - before.u
+    q_star = moved(2 * now.q - before.q, q_hat, u_star, h)
+    R, M = rotation_matrices(q_star[:, 3:]), reference.mass_matrix(robot)
+
+    # Controller, linear about the predicted end; references go on as they did.
+    acceleration = (rate - last_rate) / dt
+    target = angle + dt / 2 * (rate + dt / 4 * acceleration), rate + dt / 2 * acceleration
+    rate_star = posture.joint_rates(q_star, u_star)
+    stiffness, damping = robot.per_joint('stiffness'), robot.per_joint('damping')
+    torque = stiffness * (target[0] - posture.joint_angles(q_star) + h * rate_star)
+    torque += damping * target[1]
+    resistance = damping + h * stiffness
+    W_tau = reference.torque_directions(R)
+
+    # Contacts that may close, and what their gaps leave open.
+    gap = gaps(robot, q_star)
+    reach = max(scene.solver.activation_tolerance, bdf2.REACH * h)
+    active = np.flatnonzero(gap <= reach)
+    W_N, W_T, W_V = reference.contact_directions(robot, R)
+    W = np.concatenate(
+        [W_N[:, :, None], W_T.reshape(6 * n, -1, 2), W_V.reshape(6 * n, -1, 2)], axis=2
+    )[:, active]
+    gamma = np.einsum('rkj,r->kj', W, u_star.ravel())
+    gap, last = gap[active], history[IMPULSE, active, 0] * h / notes(history)[bdf2.SPAN]
+    ahead = gap - h * gamma[:, 0]  # where the contact would be without the motion of the step
+    rests = (last > 0.0) & (gap <= bdf2.RESTS)
+    out = np.maximum(ahead, (dt - h) * np.minimum(0.0, gamma[:, 0]))  # of what is inside by then
+    open_ = ahead > scene.solver.activation_tolerance
+    shift = np.where(rests, 0.0, np.where(open_, ahead, np.minimum(out, 0.0))) / h
+    gamma[:, 0] += shift
+
+    # The selection rule.
+    fall, size = -h * scene.gravity[2], reference.mean_delassus(robot)
+    mass = robot.per_link('link_mass')
+    stops = mass[active % n] * (fall / 2 - 2 * gamma[:, 0])
+    most = float(np.append(last, stops).max(initial=0.0))
+    compliance = selection_compliance(
+        scene.solver.normal_compliance * size, LEAST * size, most, bdf2.PRESS
+    )
+    center = selection_center(
+        dt, last, gamma[:, :3], gap, compliance, most, fall * mass.sum(), bdf2.PRESS
+    )
+    return DenseStep(
+        scene=scene,
+        active=active,
+        W=W,
+        M=M + h * (W_tau * resistance.ravel()) @ W_tau.T,
+        W_J=reference.joint_directions(robot, R),
+        momentum=M @ u_hat.ravel()
+        + h * reference.smooth_forces(robot, np.array(scene.gravity), u_star)
+        + h * W_tau @ torque.ravel(),
+        compliance=compliance,
+        center=center,
+        shift=shift,
+    )
+
+
+def step_of(scene: Scene, state: State, history: Array, angle: Array, rate: Array) -> DenseStep:
+    """Return the step of the scene's method; of `bdf2` one that `of_two_states` says it is."""
+    if scene.method != 'bdf2':
+        return dense_step(scene, state, history, angle, rate)
+    joints = scene.robot.link_count - 1
+    last_rate = notes(history)[bdf2.RATE : bdf2.RATE + 2 * joints].reshape(joints, 2)
+    return bdf2_step(scene, before_last(history), state, history, angle, rate, last_rate)
+
+
+def check_laws(step: DenseStep, P: Array, u: Array, error: float, off: float) -> None:
+    """
+    Check T20 of a step that converged: complementarity, ellipses, and what contacts take.
+
+    Parameters
+    ----------
+    step : DenseStep
+    P : ndarray, shape (k, 5)
+        Impulses of the closed contacts.
+    u : ndarray, shape (n, 6)
+        Velocities at the end.
+    error : float
+        Natural-map residual that is left [m/s].
+    off : float
+        How far u may be from what the impulses give [m/s].
+
+    """
+    friction, r, e = step.scene.friction, step.scene.solver, error
+    gamma = step.gamma(u)
+    assert (P[:, 0] >= 0.0).all()
+    # Complementarity with the rule: what carries does not move off, nothing moves in.
+    rule = step.compliance * (P[:, 0] - step.center)
+    ruled = gamma[:, 0] + rule
+    assert (ruled >= -e).all()
+    assert (ruled[P[:, 0] > r.r_normal * e] <= e).all()
+    # Normal impulses do work on what the rule presses in with and on the residual.
+    work = (P[:, 0] * (e + np.maximum(0.0, -rule - step.shift))).sum()
+    for part, mu, r_k in (
+        (slice(1, 3), (friction.longitudinal, friction.transversal), r.r_sliding),
+        (slice(3, 5), (friction.rolling, friction.rolling), r.r_rolling),
+    ):
+        # Within r e of the ellipse; a half axis of 0 leaves r e.
+        for k, coefficient in enumerate(mu):
+            bound = coefficient * P[:, 0] * (1 + 8 * EPS) + r_k * e
+            assert (np.abs(P[:, part][:, k]) <= bound).all()
+        if min(mu) > 0.0:
+            used = np.linalg.norm(P[:, part] / mu, axis=1)
+            assert (used <= P[:, 0] * (1 + 8 * EPS) + r_k * e / min(mu)).all()
+        # P' = P - r e is in the set and -(gamma - e) normal to it, 0 is in it, too: the power
+        # is not positive but for what e adds.
+        power = np.einsum('ak,ak->a', P[:, part], gamma[:, part])
+        size = np.linalg.norm(P[:, part], axis=1)
+        along = np.linalg.norm(gamma[:, part], axis=1)
+        allowed = e * (size + r_k * along + r_k * e)
+        assert (power <= allowed).all()
+        work += allowed.sum()
+    # E(u_E) = E(u_free) + P . gamma - P . G P/2: contacts take energy. What u_E is off the
+    # balance of its impulses comes with its momentum.
+    assert np.abs(step.velocities(P) - u.ravel()).max() <= off
+    work += off * np.abs(step.M).sum() * np.abs(u).max()
+    before = step.energy(step.velocities(np.zeros(P.shape)))
+    assert step.energy(u) <= before + work + 100 * EPS * before

@@ -35,10 +35,10 @@ def selection_center(
     Return the normal impulses about which the selection rule is compliant in a step.
 
     Deviation: those that the rule presses in with `press`, times depth over DEPTH: at most so
-    deep, contacts go no deeper. The depth is that of the contact for steps up to FINE, and in a share
-    that grows with the step the mean of those that carry load; a contact that lands has none. But
-    the last ones P_N while all contacts that carry load are at rest, so that nothing sinks or
-    creeps; those of an impact would make bodies bounce.
+    deep, contacts go no deeper. The depth is that of the contact for steps up to FINE, and in a
+    share that grows with the step the mean of those that carry load; a contact that lands has
+    none. But the last ones P_N while all contacts that carry load are at rest, so that nothing
+    sinks or creeps; those of an impact would make bodies bounce.
 
     Parameters
     ----------

@@ -235,13 +235,13 @@ def slippery(seed):
     return on_ice(link_count, friction=friction, gait=Gait(yaw=wave), dt=1 / 4000)
 
 
-@pytest.mark.parametrize('seed', range(10))
+# Without 4, the one of them that is sensitive: it says nothing of levels.
+@pytest.mark.parametrize('seed', [0, 1, 2, 3, 5, 6, 7, 8, 9])
 def test_auto_on_random_ice_is_where_the_spatial_level_is(seed):
     scene = slippery(seed)
     space, _ = path(scene, 'spatial')
     way = length(space)
-    if distance(path(scene, 'spatial', push=1e-9)[0], space) > 1e-6 * way:
-        pytest.skip('a push of 1e-9 m/s shifts the path by more than 1e-6 of its length')
+    assert distance(path(scene, 'spatial', push=1e-9)[0], space) <= 1e-6 * way
     auto, report = path(scene, 'auto')
     assert report.status is Status.CONVERGED
     # Each has the error of its steps besides, of first order: twice what halving them changes.

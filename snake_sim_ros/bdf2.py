@@ -232,15 +232,48 @@ def events(model, h, contact, table):
 
 
 @inlined
-def closed_now(contact, table):
-    """Keep the contacts that a step closed, at no gap, in front; return how many they are."""
+def closed_now(h_q, tolerance, contact, table):
+    """Keep the contacts that are closed after a step in front, at no gap; return their number."""
     count = 0
     for a in contact:
-        if table[a, IMPULSE] > 0.0 or table[a, SHIFT] == 0.0:
+        gap = table[a, GAP] + h_q * (table[a, GAMMA] - table[a, SHIFT] - table[a, START])
+        if table[a, IMPULSE] > 0.0 or table[a, SHIFT] == 0.0 or gap <= tolerance:
             table[a, SHIFT] = 0.0
             contact[count] = a
             count += 1
     return count
+
+
+@merged
+def solve(model, work, laws, contact, h, h_q, history, report):
+    """
+    Solve the contacts and, if they land, once more without their gaps.
+
+    The velocity that moves coordinates is then in work.u_star, the one after the impact in the
+    twists of the chain.
+
+    Returns
+    -------
+    small : bool
+        Whether no link turns further than is resolved.
+    jumps, closed
+        See `events`.
+
+    """
+    table, chain = work.table, work.chain
+    jumps, lands, closed, solved = False, True, 0, 0
+    while lands:
+        note_outcome(solve_contacts(model, laws, contact, table, chain, None, history), report)
+        if not turns_are_small(model.dt, chain.twist, report):
+            return False, jumps, closed
+        lands = False
+        solved += 1
+        if solved == 1:
+            end_velocities(chain.twist, work.R, work.center, work.u_star)
+            jumps, lands, closed = events(model, h, contact, table)
+            if lands:
+                contact = contact[: closed_now(h_q, model.activation_tolerance, contact, table)]
+    return True, jumps, closed
 
 
 @inlined
@@ -283,19 +316,11 @@ def one_part(model, work, dt, q, u, history, report):
         history[2, a, 0] *= scale
 
     count, laws = begin(model, work, h, h_q, dt - h_q, history, work.end_angle, work.end_rate)
-    contact, table, chain = work.contact[:count], work.table, work.chain
-    note_outcome(solve_contacts(model, laws, contact, table, chain, None, history), report)
-    end_velocities(chain.twist, work.R, work.center, work.u_star)
-    jumps, lands, closed = events(model, h, contact, table)
-    small = turns_are_small(dt, chain.twist, report)
-    if small and lands:
-        contact = contact[: closed_now(contact, table)]
-        note_outcome(solve_contacts(model, laws, contact, table, chain, None, history), report)
-        small = turns_are_small(dt, chain.twist, report)
+    small, jumps, closed = solve(model, work, laws, work.contact[:count], h, h_q, history, report)
     if not small:
         return -1
     report[CONTACTS] = closed
-    applied_torque(work.R, chain.twist, work.torque, work.damping, work.applied)
+    applied_torque(work.R, work.chain.twist, work.torque, work.damping, work.applied)
     for j in range(n - 1):
         for axis in range(2):
             work.applied[j, axis] *= model.dt / h
@@ -310,7 +335,7 @@ def one_part(model, work, dt, q, u, history, report):
         for k in range(6):
             memory[7 * n + 6 * i + k] = u[i, k]
         advance_link(h_q, work.q_mid, work.q_hat, work.u_star, q, i)
-    end_velocities(chain.twist, work.R, work.center, u)
+    end_velocities(work.chain.twist, work.R, work.center, u)
     notes[SPAN] = h
     notes[PHASE] = ANEW if jumps or phase == UNKNOWN else SMOOTH
     return 1 if jumps else 0

@@ -287,13 +287,16 @@ def find_loads(model, work):
     Fill the normal impulses that go with the friction impulses in the table.
 
     In work.standing are then LEAST, the smallest of them [N s], and ROLL, the largest roll of a
-    link with the sign of that of the middle link [rad].
+    link with the sign of that of the middle link [rad]. What a solver may leave of friction rolls
+    nothing: one link that stands would not be held against it.
     """
     table, upright, n = work.table, work.upright, len(work.heading)
     for i in range(n):
         c, s = work.heading[i, 0], work.heading[i, 1]
         along = table[i, IMPULSE + 1] + table[n + i, IMPULSE + 1]
         across = table[i, IMPULSE + 2] + table[n + i, IMPULSE + 2]
+        if abs(across) <= model.mass[i] * model.residual_tolerance:
+            across = 0.0
         upright.wrench[i, 0] = work.weight[i, 0] + model.radius * (s * along + c * across)
         upright.wrench[i, 1] = work.weight[i, 1] - model.radius * (c * along - s * across)
         upright.wrench[i, 2] = work.weight[i, 2]

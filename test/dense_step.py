@@ -67,6 +67,10 @@ class DenseStep:
         K[:rows, :rows], K[:rows, rows:], K[rows:, :rows] = self.M, -self.W_J, self.W_J.T
         return np.linalg.solve(K, np.vstack([loads, np.zeros((joints, loads.shape[1]))]))[:rows]
 
+    def responses(self) -> Array:
+        """Return the velocities (6n, 5k) that a unit of every impulse makes."""
+        return self._balance(self.W.reshape(len(self.W), -1))
+
     def gamma(self, u: Array) -> Array:
         """Return relative velocities (k, 5), as they stand in the laws."""
         gamma = np.einsum('rkj,r->kj', self.W, u.ravel())
@@ -108,10 +112,12 @@ class DenseStep:
             slip = np.maximum(np.linalg.norm(mu * gamma[:, part], axis=1), 1e-300)
             stiffness = np.minimum(2.0 / proximal, P_N * max(mu) ** 2 / slip)
             S[:, part] = stiffness[:, None] + max(mu) * S[:, :1]
-        response = self._balance(self.W.reshape(len(self.W), -1))
         speed = max(1e-3, float(np.abs(u).max()))
         # The condition of the joints: 1.4e5 for the paper's robot.
-        return 10 * EPS * speed * float((np.abs(response) @ S.ravel()).max()) + 1.4e5 * EPS * speed
+        return (
+            10 * EPS * speed * float((np.abs(self.responses()) @ S.ravel()).max())
+            + 1.4e5 * EPS * speed
+        )
 
     def residual(self, P: Array, gamma: Array, compliance: float) -> float:
         """Return the exact natural-map residual of all closed contacts [m/s]."""

@@ -130,14 +130,14 @@ def particle_scene(method: str, dt: float, mu: Sequence[float], gravity: Sequenc
 
 def chain_rounding(method: str, v: float, compliance: float = 3.07) -> float:
     """
-    Return the momentum of one link that the method `newton` may round away in a step [N s].
+    Return the momentum of one link that `newton` and `bdf2` may round away in a step [N s].
 
-    It adds laws of a stiffness 1/(1e-5 G) to the inertia of a link, for each of two contacts, and
+    They add laws of a stiffness 1/(1e-5 G) to the inertia of a link, for each of two contacts, and
     a velocity v at one point that is 0 at the contact comes out of a difference of products with
     it: EPS v times the stiffness, in both products. G is the mean Delassus entry [1/kg]. Other
     methods solve the dynamics without the laws.
     """
-    return 2 * EPS * v * 2 / (PROXIMAL * compliance) if method == 'newton' else 0.0
+    return 2 * EPS * v * 2 / (PROXIMAL * compliance) if method in ('newton', 'bdf2') else 0.0
 
 
 def particle_impulse(method: str) -> float:

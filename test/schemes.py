@@ -6,6 +6,7 @@ that is predicted from two states, for a part of the step. What is here follows 
 the docstring of `bdf2`, with the matrices of `reference`, and shares no code with the solver.
 """
 
+from dataclasses import dataclass
 from dataclasses import replace
 
 from dense_step import dense_step
@@ -17,6 +18,7 @@ from snake_sim_ros import bdf2
 from snake_sim_ros import posture
 from snake_sim_ros import reference
 from snake_sim_ros.contact_laws import LEAST
+from snake_sim_ros.contact_laws import PRESS
 from snake_sim_ros.parameters import Array
 from snake_sim_ros.parameters import Scene
 from snake_sim_ros.posture import gaps
@@ -64,6 +66,23 @@ def in_motion(scene: Scene, before: State, now: State) -> Array:
     return history
 
 
+def undisturbed(scene: Scene, state: State) -> Array:
+    """
+    Return a history without contacts, of a robot that moved so for a step.
+
+    Without it the first step of `bdf2` has two parts, of which the end shows the second one only.
+    """
+    if scene.method != 'bdf2':
+        return no_history(scene)
+    q = moved(state.q, state.q, state.u, -scene.dt)
+    return in_motion(scene, State(q, state.u), state)
+
+
+def press_of(scene: Scene) -> float:
+    """Return the velocity at which the method may press a contact into the floor [m/s]."""
+    return bdf2.PRESS if scene.method == 'bdf2' else PRESS
+
+
 def moved(frame: Array, start: Array, u: Array, time: float) -> Array:
     """Return ``start + time F(frame) u``, Euler parameters of length 1, shape (n, 7)."""
     q = start.copy()
@@ -74,36 +93,55 @@ def moved(frame: Array, start: Array, u: Array, time: float) -> Array:
     return q
 
 
-def landed(step: DenseStep, P: Array, q: Array) -> DenseStep:
+@dataclass
+class Bdf2Step(DenseStep):
     """
-    Return a step of `bdf2` solved once more after a landing: contacts it closed, without gaps.
+    A step of `bdf2` in terms of a `DenseStep`, see there.
 
-    Parameters
+    Attributes
     ----------
-    step : DenseStep
-    P : ndarray, shape (k, 5)
-        Impulses at the end.
-    q : ndarray, shape (n, 7)
-        The end: what is closed there was closed by the step.
+    frame, q_hat : ndarray, shape (n, 7)
+        ``q_E = q_hat + h F(frame) u_E``.
+    ahead : ndarray, shape (k,)
+        Gaps without the velocity of the end, linear about the predicted end [m].
+    h : float
+        Time over which it acts [s].
 
     """
-    # A gap that was closed is left with what turns make of it, of second order: (omega h)^2 of a
-    # length; what moves by itself is far beyond in most steps.
-    near = gaps(step.scene.robot, q)[step.active] <= 1e-6
-    kept = (P[:, 0] > 0.0) | (step.shift == 0.0) | near
-    return replace(
-        step,
-        active=step.active[kept],
-        W=step.W[:, kept],
-        center=step.center[kept],
-        shift=np.zeros(kept.sum()),
-    )
+
+    frame: Array
+    q_hat: Array
+    ahead: Array
+    h: float
+
+    def moved_with(self, q: Array) -> Array:
+        """Return the velocities (n, 6) that took q_hat to q: those before a second solution."""
+        u = np.zeros((len(q), 6))
+        for i, (start, end, p) in enumerate(zip(self.q_hat, q, self.frame[:, 3:], strict=True)):
+            u[i, :3] = (end[:3] - start[:3]) / self.h
+            end_p = end[3:] * (start[3:] @ p) / (end[3:] @ p)  # its length before it became 1
+            u[i, 3:] = 2 / self.h * reference.H_bar(p) @ (end_p - start[3:]) / (p @ p)
+        return u
+
+    def landed(self, q: Array) -> 'Bdf2Step':
+        """Return the step solved once more for the contacts that are closed at its end q."""
+        end = self.ahead + self.h * DenseStep.gamma(self, self.moved_with(q))[:, 0]
+        end -= self.h * self.shift
+        kept = (end <= self.scene.solver.activation_tolerance) | (self.shift == 0.0)
+        return replace(
+            self,
+            active=self.active[kept],
+            W=self.W[:, kept],
+            center=self.center[kept],
+            shift=np.zeros(kept.sum()),
+            ahead=self.ahead[kept],
+        )
 
 
 def bdf2_step(
     scene: Scene, before: State, now: State, history: Array, angle: Array, rate: Array,
     last_rate: Array,
-) -> DenseStep:  # fmt: skip
+) -> Bdf2Step:  # fmt: skip
     """
     Return the step of `bdf2` from two states, with references (n-1, 2) of its middle.
 
@@ -113,7 +151,8 @@ def bdf2_step(
     h = 2 / 3 * dt
     q_hat, u_hat = (4 * now.q - before.q) / 3, (4 * now.u - before.u) / 3
     u_star = 2 * now.u - before.u
-    q_star = moved(2 * now.q - before.q, q_hat, u_star, h)
+    frame = 2 * now.q - before.q
+    q_star = moved(frame, q_hat, u_star, h)
     R, M = rotation_matrices(q_star[:, 3:]), reference.mass_matrix(robot)
 
     # Controller, linear about the predicted end; references go on as they did.
@@ -154,7 +193,7 @@ def bdf2_step(
     center = selection_center(
         dt, last, gamma[:, :3], gap, compliance, most, fall * mass.sum(), bdf2.PRESS
     )
-    return DenseStep(
+    return Bdf2Step(
         scene=scene,
         active=active,
         W=W,
@@ -166,6 +205,10 @@ def bdf2_step(
         compliance=compliance,
         center=center,
         shift=shift,
+        frame=frame,
+        q_hat=q_hat,
+        ahead=ahead,
+        h=h,
     )
 
 

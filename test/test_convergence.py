@@ -38,11 +38,14 @@ from snake_sim_ros.posture import joint_angles
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.stepping import initial_state
 from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.stepping import METHODS
 from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import State
 
-# The other solvers agree with one of these step by step, see test_agreement.
-compiled_method = pytest.mark.parametrize('method', ['newton', 'paper'])
+# In NumPy the same takes minutes; `reference` agrees with `paper` step by step, see
+# test_agreement.
+COMPILED = [name for name in METHODS if name != 'reference']
+compiled_method = pytest.mark.parametrize('method', COMPILED)
 
 
 def check_order(expected, band, steps, errors):
@@ -179,9 +182,10 @@ def swung_particle(method, count, gravity, mu):
     scene = particle_scene(method, dt, mu, gravity(0.0))
     stepper, history = make_stepper(scene), no_history(scene)
     still = np.zeros((1, 0, 2))
+    acts = 1.0 if method == 'bdf2' else 0.5  # part of a step at which forces are taken
     for k in range(count):
         # A new stepper for every gravity would take ten times as long as its step.
-        stepper.model = stepper.model._replace(gravity=np.array(gravity((k + 0.5) * dt)))
+        stepper.model = stepper.model._replace(gravity=np.array(gravity((k + acts) * dt)))
         state, history, _ = stepper.advance(state, history, still, still)
         path.append([*state.q[0, :2], np.abs(state.u[0, :2]).max() < 1e-10])
     return np.array(path)[count // 20 - 1 :: count // 20]
@@ -196,7 +200,8 @@ def test_order_of_stick_slip_on_a_line(method):
     load, omega, mu = 0.5, 8.2, 0.3
     exact, stops = swinging_particle(np.linspace(0.05, 1.0, 20), load, omega, mu)
     assert stops >= 2
-    counts, errors = 60 * 2 ** np.arange(6), []
+    # Steps of bdf2 are not in the range of its order at 60 a second.
+    counts, errors = (120 if method == 'bdf2' else 60) * 2 ** np.arange(6), []
     for count in counts:
         path = swung_particle(
             method, count, lambda t: (load * G * math.sin(omega * t), 0.0, -G), (mu, mu)
@@ -211,7 +216,8 @@ def test_order_of_stick_slip_on_a_line(method):
 @compiled_method
 def test_order_of_stick_slip_in_the_plane(method, mu, load, phase):
     # Gravity swings in x and y with a lag, so that the body sticks, slides along bends and sticks
-    # again. The direction of friction is that of the velocity at the end of the step: first order.
+    # again. The direction of friction is that of the velocity at the end of the step: first order,
+    # or second where the step is that of two states, but for transitions within a step.
     def gravity(t):
         x, y = (load[k] * math.sin(8.0 * t + phase + 0.5 * k) for k in (0, 1))
         return x * G, y * G, -G
@@ -219,14 +225,15 @@ def test_order_of_stick_slip_in_the_plane(method, mu, load, phase):
     counts = 60 * 2 ** np.arange(6)
     paths = [swung_particle(method, count, gravity, mu) for count in counts]
     assert 0 < paths[-1][:, 2].sum() < 20
-    check_order(1, 0.1, 1.0 / counts[:-1], differences([path[:, :2] for path in paths]))
+    order, band = (2, 0.3) if method == 'bdf2' else (1, 0.1)
+    check_order(order, band, 1.0 / counts[:-1], differences([path[:, :2] for path in paths]))
 
 
 @compiled_method
 def test_order_of_sliding_that_turns_and_stops(method):
     # Orthotropic friction, (1, 1) m/s: the end of the path by the integrals over v_x that are
     # derived in test_physics.py. The direction of friction is that of the end velocity: first
-    # order.
+    # order, or second where all else is taken there, too.
     (mu_x, mu_y), stop = (0.1, 0.5), []
     for power in (1, 25):
         stop.append(quad(
@@ -238,7 +245,7 @@ def test_order_of_sliding_that_turns_and_stops(method):
         scene = particle_scene(method, dt, (mu_x, mu_y), (0.0, 0.0, -G))
         end, _, _ = run(scene, lying((1.0, 1.0, 0.0), radius=0.0), round(1.2 / dt))
         errors.append(np.abs(end.q[0, :2] - stop).max())
-    check_order(1, 0.1, steps, errors)
+    check_order(2 if method == 'bdf2' else 1, 0.1, steps, errors)
 
 
 @pytest.mark.parametrize('method', ['newton', 'paper'])

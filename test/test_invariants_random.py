@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-from dense_step import dense_step
 from dense_step import EPS
 from dense_step import one_step
 from hypothesis import given
@@ -11,7 +10,15 @@ from hypothesis import settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from scenes import SWEEPING
+from schemes import check_laws
+from schemes import notes
+from schemes import of_two_states
+from schemes import step_of
+from schemes import undisturbed
 
+from snake_sim_ros.bdf2 import PHASE
+from snake_sim_ros.bdf2 import SMOOTH
 from snake_sim_ros.parameters import Friction
 from snake_sim_ros.parameters import Robot
 from snake_sim_ros.parameters import Scene
@@ -24,13 +31,17 @@ from snake_sim_ros.rotations import product
 from snake_sim_ros.rotations import rotation_matrices
 from snake_sim_ros.stepping import IMPULSE
 from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.stepping import METHODS
 from snake_sim_ros.stepping import no_history
 from snake_sim_ros.stepping import State
 from snake_sim_ros.stepping import Status
 
 RESIDUAL = 1e-9  # m/s
 LIMIT = 500  # iterations
-each_method = pytest.mark.parametrize('method', ['newton', 'newton_dense'])
+SWEEPS = {'paper': 20000, 'gauss_seidel': 20000, 'reference': 2000}
+# Steps of the cases below that do not converge in SWEEPS, and their largest residual [m/s]; see
+# docs/hard_steps.md.
+UNCONVERGED = {'gauss_seidel': (4, 1.1e-6)}
 often = settings(
     derandomize=True,
     deadline=None,
@@ -72,6 +83,8 @@ def cases(draw):
         friction=friction,
         solver=Solver(iteration_limit=LIMIT),
         dt=draw(st.sampled_from([1 / 4000, 1 / 1000])),
+        level='spatial',
+        drift_correction='none',  # so that what a step did to the coordinates is to be seen
     )
     pitch = draw(st.sampled_from([0.0, 0.02, 0.3]))
     angle = rng.uniform(-1.0, 1.0, (n - 1, 2)) * [0.6, pitch]
@@ -89,86 +102,112 @@ def cases(draw):
     return scene, State(q, u), draw(st.integers(1, 5))
 
 
-def check_step(scene, step, end, history, report):
-    """Check T20 of one step against the dense step."""
-    closed, P = step.active, history[IMPULSE, step.active]
+def check_report(step, end, history, report):
+    """Check the report of one step against the dense step; return whether it converged."""
+    scene, method = step.scene, step.scene.method
+    limit, tolerance = scene.solver.iteration_limit, scene.solver.tolerance
     assert report.steps == 1
-    assert report.contacts == len(closed)
-    assert (np.delete(history[IMPULSE], closed, axis=0) == 0.0).all()
-    converged = report.status is Status.CONVERGED
-    assert converged == (report.residual_max <= RESIDUAL)
-    assert converged or report.iterations >= LIMIT
-    if not len(closed):
-        return converged
-    gamma = step.gamma(end.u)
-    speed = np.abs(end.u).max()
-    # Roundings of gamma, and of the impulses over r_T = 0.01 kg.
-    slack = 100 * EPS * (speed + np.abs(P).max() / 0.01)
-    residual = step.residual(P, gamma, step.compliance)
-    assert residual <= report.residual_max + slack
-    assert converged or residual > RESIDUAL - slack
-    assert (P[:, 0] >= 0.0).all()
-    if not converged:
-        return False
-
-    e = RESIDUAL + slack
-    # Complementarity with the rule: what carries does not move off, nothing moves in.
-    ruled = gamma[:, 0] + step.compliance * (P[:, 0] - step.center)
-    assert (ruled >= -e).all()
-    assert (ruled[P[:, 0] > scene.solver.r_normal * e] <= e).all()
-    friction, r = scene.friction, scene.solver
-    work = 0.0
-    for part, mu, r_k in (
-        (slice(1, 3), (friction.longitudinal, friction.transversal), r.r_sliding),
-        (slice(3, 5), (friction.rolling, friction.rolling), r.r_rolling),
-    ):
-        # Within r e of the ellipse; a half axis of 0 leaves r e.
-        for k, coefficient in enumerate(mu):
-            bound = coefficient * P[:, 0] * (1 + 8 * EPS) + r_k * e
-            assert (np.abs(P[:, part][:, k]) <= bound).all()
-        if min(mu) > 0.0:
-            used = np.linalg.norm(P[:, part] / mu, axis=1)
-            assert (used <= P[:, 0] * (1 + 8 * EPS) + r_k * e / min(mu)).all()
-        # P' = P - r e is in the set and -(gamma - e) normal to it, 0 is in it, too: the power
-        # is not positive but for what e adds.
-        power = np.einsum('ak,ak->a', P[:, part], gamma[:, part])
-        size = np.linalg.norm(P[:, part], axis=1)
-        along = np.linalg.norm(gamma[:, part], axis=1)
-        allowed = e * (size + r_k * along + r_k * e)
-        assert (power <= allowed).all()
-        work += allowed.sum()
-    # E(u_E) = E(u_free) + P . gamma - P . G P/2: contacts take energy. What u_E is off the
-    # balance of its impulses (see test_newton) comes with its momentum.
-    work += (P[:, 0] * e).sum()
-    free = step.velocities(np.zeros(P.shape))
-    off = np.abs(step.velocities(P) - end.u.ravel()).max()
-    if scene.method == 'newton':
-        assert off <= step.balance_error(P, end.u)
+    carries = history[IMPULSE, step.active, 0] > 0.0
+    closed = (carries | (step.shift <= 0.0)).sum()  # those that could close are in the step, too
+    if method == 'bdf2' and not of_two_states(history):  # a landing was solved once more
+        assert (step.shift <= 0.0).sum() <= report.contacts <= len(step.active)
     else:
-        # The condition of the joints, 1.4e5 for the paper's robot, times the ratio of masses.
-        assert off <= 9 * 1.4e5 * EPS * max(1e-3, speed)
-    work += off * np.abs(step.M).sum() * speed
-    before = step.energy(free)
-    assert step.energy(end.u) <= before + work + 100 * EPS * before
-    return True
+        assert report.contacts == closed
+    assert (np.delete(history[IMPULSE], step.active, axis=0) == 0.0).all()
+    converged = report.status is Status.CONVERGED
+    assert converged == (not report.unconverged)
+    if method not in SWEEPING:
+        assert converged == (report.residual_max <= RESIDUAL)
+    assert converged or report.iterations >= limit
+    if method == 'bdf2' and notes(history)[PHASE] != SMOOTH:
+        step = step.landed(end.q)
+    P = history[IMPULSE, step.active]
+    if not len(P):
+        return converged
+    # Roundings of gamma, and of the impulses over r_T = 0.01 kg. The last sweep of those that
+    # stop at a change of impulses, by the tolerance, comes after the residual: it moves each
+    # impulse and its set (by mu < 1) by that much.
+    r = min(scene.solver.r_normal, scene.solver.r_sliding, scene.solver.r_rolling)
+    slack = 100 * EPS * (np.abs(end.u).max() + np.abs(P).max() / r)
+    slack += 4 * tolerance / r if method in SWEEPING else 0.0
+    residual = step.residual(P, step.gamma(end.u), step.compliance)
+    assert residual <= report.residual_max + slack
+    if method not in SWEEPING:
+        assert converged or residual > RESIDUAL - slack
+    assert (P[:, 0] >= 0.0).all()
+    if converged:
+        speed = np.abs(end.u).max()
+        if method in ('newton', 'bdf2'):
+            off = step.balance_error(P, end.u)
+        else:
+            # The condition of the joints, 1.4e5 for the paper's robot, times the ratio of masses.
+            off = 9 * 1.4e5 * EPS * max(1e-3, speed)
+        if method in SWEEPING:  # the last change of each impulse, as velocities take it
+            off += tolerance * np.abs(step.responses()).sum(axis=1).max()
+        check_laws(step, P, end.u, report.residual_max + slack, off)
+    return converged
 
 
-@each_method
-@often
-@given(case=cases())
-def test_the_invariants_of_a_step(method, case):
+def scene_of(method, scene):
+    """Return the scene with a method, and the tolerance and limit that it can do with."""
+    solver = scene.solver
+    if method in SWEEPING:
+        solver = replace(solver, tolerance=1e-11, iteration_limit=SWEEPS[method])
+    if method == 'gauss_seidel':
+        solver = replace(solver, iteration_limit=SWEEPS[method])
+    return replace(scene, method=method, solver=solver)
+
+
+def follow(method, case):
+    """Check the steps of a case; return the residuals of those that did not converge."""
     scene, state, steps = case
-    scene = replace(scene, method=method)
-    history, angle = no_history(scene), joint_angles(state.q)
-    rate = np.zeros(angle.shape)
+    scene = scene_of(method, scene)
+    history, angle = undisturbed(scene, state), joint_angles(state.q)
+    rate, left = np.zeros(angle.shape), []
     for _ in range(steps):
-        step = dense_step(scene, state, history, angle, rate)
-        end, after, report = one_step(scene, state, history, angle, rate)
-        check_step(scene, step, end, after, report)
-        state, history = end, after
+        step = None
+        if method != 'bdf2' or of_two_states(history):
+            step = step_of(scene, state, history, angle, rate)
+        state, history, report = one_step(scene, state, history, angle, rate)
+        assert not report.failure
+        if step is not None:
+            check_report(step, state, history, report)
+        if report.unconverged:
+            left.append(report.residual_max)
+    return left
 
 
-@pytest.mark.parametrize('method', ['newton', 'newton_dense', 'bdf2'])
+@pytest.mark.parametrize(
+    ('method', 'examples'),
+    [
+        ('newton', 25),
+        ('bdf2', 50),
+        ('newton_dense', 10),
+        ('gauss_seidel', 10),
+        ('paper', 10),
+        ('reference', 4),
+    ],
+)
+def test_the_invariants_of_a_step(method, examples):
+    left = []
+
+    @settings(often, max_examples=examples)
+    @given(case=cases())
+    def steps(case):
+        left.extend(follow(method, case))
+
+    steps()
+    count, largest = UNCONVERGED.get(method, (0, 0.0))
+    assert len(left) == count
+    assert max(left, default=0.0) <= 2 * largest
+
+
+def test_every_method_is_tested():
+    cases = test_the_invariants_of_a_step.pytestmark[0].args[1]
+    assert {method for method, _ in cases} == set(METHODS)
+
+
+@pytest.mark.parametrize('method', [name for name in METHODS if name != 'reference'])
 @often
 @given(case=cases())
 def test_the_same_bits_twice(method, case):

@@ -46,7 +46,7 @@ ROW = re.compile(r'\| `(.*?)` *\| `(.*?)` *\| (\S+) *\| (\S+) *\|')
 LEFT_OPEN = {
     (name, method): float(most) for name, method, _, most in ROW.findall(DOCS.read_text('utf-8'))
 }
-TWO_SOLUTIONS = 'mu 5 step 2519'
+NOT_UNIQUE = 'mu 5 step 2519'
 
 
 PROBLEMS = load_problems()
@@ -123,10 +123,12 @@ def test_velocities_follow_from_the_impulses(name, method):
 
 @pytest.mark.parametrize(('name', 'method'), [key for key in LEFT_OPEN if key[1] != 'bdf2'])
 def test_what_is_left_of_open_steps_is_what_the_docs_say(name, method):
-    # Within a factor of 2 of the largest of runs that differ by rounding; see the table.
+    # Within a factor of 2 of the largest of runs that differ by rounding; see the table. Rounding
+    # may make a few of them converge.
     report = solved(name, method)[-1]
-    assert report.status is Status.MAX_ITERATIONS
-    assert RESIDUAL < report.residual_max <= 2 * LEFT_OPEN[name, method]
+    converged = report.residual_max <= RESIDUAL
+    assert report.status is (Status.CONVERGED if converged else Status.MAX_ITERATIONS)
+    assert report.residual_max <= 2 * LEFT_OPEN[name, method]
 
 
 @pytest.mark.parametrize('method', ['bdf2', 'gauss_seidel', 'paper', 'reference'])
@@ -161,17 +163,11 @@ def test_other_methods_are_as_honest(method):
             assert converged or report.residual_max <= 2 * LEFT_OPEN[name, method]
 
 
-def test_one_step_has_two_solutions():
-    # Both are solutions: velocities follow from the impulses, and these satisfy the laws.
-    (step, P, u, _), (_, _, other_u, _) = (
-        solved(TWO_SOLUTIONS, method) for method in ('newton', 'newton_dense')
-    )
-    assert np.abs(u - other_u).max() > 1e-3
-    for method in ('newton', 'newton_dense'):
-        step, P, u, _ = solved(TWO_SOLUTIONS, method)
-        u = step.velocities(P)
-        gamma = step.gamma(u)
-        assert step.residual(P, gamma, step.compliance) <= RESIDUAL
+@pytest.mark.parametrize('method', ['newton', 'newton_dense'])
+def test_a_step_that_may_have_two_solutions_ends_at_one(method):
+    # With friction of 5 the laws need not have one solution; see docs/hard_steps.md.
+    step, P, _, _ = solved(NOT_UNIQUE, method)
+    assert step.residual(P, step.gamma(step.velocities(P)), step.compliance) <= RESIDUAL
 
 
 @pytest.mark.parametrize(
@@ -181,7 +177,7 @@ def test_one_step_has_two_solutions():
         for name in PROBLEMS
         if (name, 'newton') not in LEFT_OPEN
         and (name, 'newton_dense') not in LEFT_OPEN
-        and name != TWO_SOLUTIONS
+        and name != NOT_UNIQUE
     ],
 )
 def test_both_methods_find_the_same_velocities(name):

@@ -3,12 +3,12 @@
 import gc
 import os
 
-# Contacts of links with each other are compiled apart, and so are all kinds of contacts for every
-# method; it takes longer than all of their tests without the compiler: test_architecture.py runs
-# them so. EVERY_METHOD=1 compiles them.
+# All kinds of contacts are compiled anew for every method; it takes longer than all of their tests
+# without the compiler. test_architecture.py runs these without it, for every method, and those
+# that are here twice: with it they are longer, for the methods that are most used.
 collect_ignore = []
-if not os.environ.get('EVERY_METHOD') and not os.environ.get('NUMBA_DISABLE_JIT'):
-    collect_ignore += ['test_change.py', 'test_self_contact.py']
+if not os.environ.get('NUMBA_DISABLE_JIT'):
+    collect_ignore += ['test_change.py', 'test_self_contact.py', 'test_soft_impacts.py']
 
 # Two processes take a file each (--dist loadfile). What compiles most is first, apart from what
 # compiles the same, so that the other process finds it on disk; live robots are next, when their

@@ -7,19 +7,22 @@ import numpy as np
 from obstacle_scenes import anywhere
 from obstacle_scenes import check_agreement
 from obstacle_scenes import check_directions
-from obstacle_scenes import each_compiled
 from obstacle_scenes import each_here
-from obstacle_scenes import EVERY
+from obstacle_scenes import every_here
 from obstacle_scenes import lying_on
+from obstacle_scenes import only_compiled
+from obstacle_scenes import pushed
 from obstacle_scenes import random_pegs
 from obstacle_scenes import robot_scene
 from obstacle_scenes import travelled
+from obstacle_scenes import WITHOUT_COMPILER
 import pytest
 from scenes import ACROSS
 from scenes import CLOSED
 from scenes import course
 from scenes import isotropic
 from scenes import kinetic_energy
+from scenes import late_stop
 from scenes import link_scene
 from scenes import lying
 from scenes import MASS
@@ -98,7 +101,7 @@ def test_directions(seed):
 # ---- steps --------------------------------------------------------------------------------------
 
 
-@each_compiled
+@every_here
 def test_step_agrees_with_the_dense_one(method):
     closed = 0
     for seed in range(8):
@@ -129,7 +132,9 @@ def test_link_stops_at_a_peg_without_rebound(method, dt):
 def test_peg_beside_the_center_turns_the_link(method, dt, arm):
     # Frictionless inelastic impact at the lever c from the center, q = m c^2/Theta_1:
     # v+ = v q/(1 + q), omega_z+ = -v (m c/Theta_1)/(1 + q).
+    # A step of `bdf2` that starts anew has two parts, between which the link turns: here by 1e-11.
     v, q = -1.0, MASS * arm**2 / ACROSS
+    dt = 1e-12 if method == 'bdf2' else dt
     scene = link_scene(method, dt, pegs=peg(arm, -RADIUS - PEG), **SLIPPERY)
     end, _, _ = run(scene, lying((0.0, v, 0.0)), 1)
     turn = -v * MASS * arm / ACROSS / (1 + q)
@@ -162,15 +167,16 @@ def test_link_slides_along_a_peg_by_the_law_of_coulomb(method, dt, direction):
     state = lying(tuple(v * along))
     state.q[0, 1], state.q[0, 2] = CLOSED, FREE
     steps = math.ceil(v / (mu * press) / dt) + 5
-    states, impulses, _ = course(scene, state, steps)
+    states, forces = pushed(scene, state, steps)
     expected = np.maximum(0.0, v - mu * press * dt * np.arange(steps + 1))
     # In every step friction may be r_T SPEED beside its disc.
     error = (SPEED + ROUNDED) * (1 + steps / 100)
     assert np.abs(states.u[:, 0, :3] - expected[:, None] * along).max() < error
-    assert np.abs(impulses[1:, 2, 0] - MASS * press * dt).max() < MASS * error
+    # The shortest part of a step of `bdf2` for which impulses act is dt/3.
+    assert np.abs(forces[:, 2] - MASS * press).max() < MASS * error / (dt / 3)
     moved = states.q[-1, 0, :3] - states.q[0, 0, :3]
-    # The last step stops within itself: mu g_y dt^2/8 more or less than v^2/(2 mu g_y).
-    bound = mu * press * dt**2 / 8 + error * steps * dt
+    # The last step stops within itself.
+    bound = late_stop(method) * mu * press * dt**2 + error * steps * dt
     assert np.linalg.norm(moved - v**2 / (2 * mu * press) * along) < bound
 
 
@@ -185,35 +191,41 @@ def test_peg_does_not_hold_what_leaves(method, dt):
     assert not history[IMPULSE].any()
 
 
-@each_compiled
+@every_here
 def test_impacts_take_energy(method):
     # A slack robot thrown between pegs, in the plane, where nothing turns but about the vertical:
-    # E_E - E_A = u_E . W P - |u_E - u_A|^2/2 is not above 0.
+    # E_E - E_A = u_E . W P - |u_E - u_A|^2/2 is not above 0. The first step of `bdf2` after an
+    # event is exact for constant forces; those of joints turn by omega dt in it, and velocities
+    # are off by half of its square.
     rng = np.random.default_rng(3)
+    throws, dt = (1, 1 / 400) if WITHOUT_COMPILER else (3, 1 / 1000)
     robot = Robot(
         link_count=4, yaw_stiffness=0.0, yaw_damping=0.0, pitch_stiffness=0.0, pitch_damping=0.0
     )
     pegs = Pegs(x=(-0.2, 0.15, 0.0), y=(0.12, 0.12, -0.12), radius=PEG, friction=0.3)
     # Projections of all contacts at once settle an impact in hundreds of sweeps.
     solver = Solver(tolerance=1e-9, residual_tolerance=1e-9, iteration_limit=20000)
-    scene = Scene(robot=robot, pegs=pegs, method=method, solver=solver, dt=1 / 1000, **SLIPPERY)
+    scene = Scene(robot=robot, pegs=pegs, method=method, solver=solver, dt=dt, **SLIPPERY)
     q = chain(robot, np.zeros((3, 2)))
     q[:, 0] -= q[:, 0].mean()
     q[:, 2] = RADIUS
-    for _ in range(3):
+    for _ in range(throws):
         v, turn = rng.uniform(-0.5, 0.5, 2), rng.uniform(-2.0, 2.0)
         u = np.zeros((4, 6))
         u[:, 0], u[:, 1], u[:, 4] = v[0], v[1] + turn * q[:, 0], turn
-        states, impulses, _ = course(scene, State(q.copy(), u), 300)
+        states, impulses, _ = course(scene, State(q.copy(), u), round(0.3 / dt))
         energy = kinetic_energy(robot, states.u)
         assert impulses[:, 8:, 0].max() > 0.01  # hits
-        assert np.diff(energy).max() < 1e-7 * energy[0]
+        fastest = np.abs(states.u[:, :, 4]).max()
+        late = (fastest * dt) ** 2 if method == 'bdf2' else 0.0
+        assert np.diff(energy).max() < (1e-7 + late) * energy[0]
         assert energy[-1] < energy[0]
 
 
 # ---- obstacle-aided locomotion ------------------------------------------------------------------
 
 
+@only_compiled
 def test_snake_pushes_itself_along_pegs():
     scene = load_scene('obstacle_aided')
     simulation, there = travelled(scene)
@@ -226,10 +238,11 @@ def test_snake_pushes_itself_along_pegs():
     assert 10 * abs(slipped[0]) < -there[0] < 0.8 * 80 / 360 * scene.duration
 
 
-def test_large_steps_follow_the_path_of_small_ones():
+@only_compiled
+@pytest.mark.parametrize(('method', 'dt'), [('newton', 1 / 1000), ('bdf2', 1 / 100)])
+def test_large_steps_follow_the_path_of_small_ones(method, dt):
     scene = replace(load_scene('obstacle_aided'), duration=5.0)
     _, fine = travelled(scene)
-    method, dt = ('bdf2', 1 / 100) if EVERY else ('newton', 1 / 1000)
     large, coarse = travelled(replace(scene, method=method, dt=dt))
     assert large.report.unconverged == 0
     assert np.linalg.norm(fine - coarse) < 1e-3 * np.linalg.norm(fine)

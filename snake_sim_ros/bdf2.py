@@ -11,11 +11,12 @@ where the star is the end as it is predicted, ``u* = 2 u_n - u_(n-1)``. The cont
 they are; they hold for u_E and are solved by Newton's method through the chain.
 
 Deviation: a contact with a gap takes part when it may close in the step, with the law
-``gamma_N + max(g - h gamma_N*, 0)/h + compliance P_N >= 0``: the step ends with the gap closed,
-neither open nor inside the floor. That is where an inelastic impact in the step takes the
-configuration, up to dt^2: the impulse moves it as far as the gap asks, whenever in the step it
-acts. The velocity afterwards is that of the impact law, ``gamma_N >= 0``: the contacts that closed
-are solved once more without their gaps.
+``gamma_N + (g - h gamma_N*)/h + compliance P_N >= 0``: the step ends with the gap closed, neither
+open nor inside the floor. That is where an inelastic impact in the step takes the configuration,
+up to dt^2: the impulse moves it as far as the gap asks, whenever in the step it acts. What sticks
+as it lands is taken to stick for all of the step: off by dt times the jump across. The velocity
+afterwards is that of the impact law, ``gamma_N >= 0``: the contacts that closed are solved once
+more without their gaps.
 
 The formula never differentiates across an event, a jump of the velocity whatever caused it. A
 contact that lands, however softly, is one; so is a normal impulse beyond what forces make in a

@@ -39,6 +39,7 @@ from snake_sim_ros.soak import soak
 from snake_sim_ros.soak import SOAKED
 from snake_sim_ros.soak import soaked_scene
 from snake_sim_ros.stages import stage_times
+from snake_sim_ros.stepping import Report
 from snake_sim_ros.timing import calibration
 from snake_sim_ros.timing import CASE_A
 from snake_sim_ros.timing import converged
@@ -104,19 +105,11 @@ class References:
         return self._limits[case, name]
 
 
-def measured(row: Row, course: Course) -> Row:
-    """Return a row with what a course took, and how its solver did."""
-    report, simulated = course.report, course.simulated
+def reported(row: Row, report: Report) -> Row:
+    """Return a row with how the solver did in some steps."""
     return replace(
         row,
-        dt=simulated / report.steps if math.isnan(row.dt) and report.steps else row.dt,
-        status=course.status,
-        energy_error=course.energy_error,
-        seconds_per_second=course.seconds / simulated if simulated else math.nan,
-        median_us=course.median,
-        p99_us=course.p99,
-        calibration_us=calibration(),
-        compile_seconds=course.compile_seconds,
+        status=report.status.value,
         steps=report.steps,
         planar_steps=report.planar_steps,
         iterations=report.iterations,
@@ -128,6 +121,22 @@ def measured(row: Row, course: Course) -> Row:
         joint_gap_max=report.joint_gap_max,
         joint_twist_max=report.joint_twist_max,
         message=report.failure,
+    )
+
+
+def measured(row: Row, course: Course) -> Row:
+    """Return a row with what a course took, and how its solver did."""
+    report, simulated = course.report, course.simulated
+    return replace(
+        reported(row, report),
+        dt=simulated / report.steps if math.isnan(row.dt) and report.steps else row.dt,
+        status=course.status,
+        energy_error=course.energy_error,
+        seconds_per_second=course.seconds / simulated if simulated else math.nan,
+        median_us=course.median,
+        p99_us=course.p99,
+        calibration_us=calibration(),
+        compile_seconds=course.compile_seconds,
     )
 
 
@@ -303,23 +312,11 @@ def soaks(marks: Sequence[int]) -> Iterator[Entry]:
             looks = soak(scene, marks, restarts=bool(scene.pegs.x))
             return [
                 replace(
-                    row,
-                    status=look.report.status.value,
+                    reported(row, look.report),
                     seconds=look.seconds,
-                    steps=look.report.steps,
-                    planar_steps=look.report.planar_steps,
-                    iterations=look.report.iterations,
-                    iterations_max=look.report.iterations_max,
-                    fallbacks=look.report.fallbacks,
-                    unconverged=look.report.unconverged,
-                    residual_max=look.report.residual_max,
-                    penetration_max=look.report.penetration_max,
                     penetration_end=look.penetration_end,
-                    joint_gap_max=look.report.joint_gap_max,
-                    joint_twist_max=look.report.joint_twist_max,
                     memory_begin=look.memory_begin,
                     memory_end=look.memory_end,
-                    message=look.report.failure,
                 )
                 for row, look in zip(rows, looks, strict=True)
             ]

@@ -37,7 +37,6 @@ OTHER = 21
 LAST = 22  # normal impulse of the last step [N s]
 LAW = 23  # first column of `linear_laws`
 
-TINY = 1e-300  # divides where it is not used
 FRICTIONLESS = 1e-100  # friction of which nothing is left in squares
 
 

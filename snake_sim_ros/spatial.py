@@ -253,15 +253,9 @@ def begin_step(model, work, q, u, impulse, angle, rate):
     count = contacts_of(model.obstacles, model.activation_tolerance, model, work, work.q_mid)
     contact = work.contact[:count]
     contact_velocities(contact, work.table, chain.frame, chain.twist)
+    fall = -model.dt * model.gravity[2]
     return count, selected(
-        model.laws,
-        contact,
-        work.table,
-        model.mass,
-        impulse,
-        PRESS,
-        model.dt,
-        -model.dt * model.gravity[2],
+        model.laws, contact, work.table, model.mass, impulse, PRESS, model.dt, fall
     )
 
 

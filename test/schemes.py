@@ -13,6 +13,7 @@ from dense_step import dense_step
 from dense_step import DenseStep
 from dense_step import EPS
 import numpy as np
+from scenes import whole_steps
 
 from snake_sim_ros import bdf2
 from snake_sim_ros import posture
@@ -33,7 +34,7 @@ from snake_sim_ros.stepping import State
 
 def span(scene: Scene) -> float:
     """Return the time for which the impulses of a step act that nothing disturbs [s]."""
-    return (2 / 3 if scene.method == 'bdf2' else 1.0) * scene.dt
+    return whole_steps(scene.method) * scene.dt
 
 
 def of_two_states(history: Array) -> bool:

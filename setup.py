@@ -2,6 +2,7 @@
 
 from glob import glob
 
+from setuptools import find_packages
 from setuptools import setup
 
 package_name = 'snake_sim_ros'
@@ -39,7 +40,7 @@ setup(
     maintainer_email='maintainers@users.noreply.github.com',
     license='Apache-2.0',
     python_requires='>=3.10',
-    packages=[package_name, f'{package_name}.nodes'],
+    packages=find_packages(include=[f'{package_name}*']),
     package_data={package_name: ['config/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
@@ -85,7 +86,7 @@ setup(
         'console_scripts': [
             f'gait = {package_name}.nodes.__main__:gait',
             f'sim = {package_name}.nodes.__main__:sim',
-            f'snake-sim = {package_name}.cli:main',
+            f'snake-sim = {package_name}.commands.main:main',
             f'viewer = {package_name}.nodes.__main__:viewer',
         ],
     },

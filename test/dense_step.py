@@ -4,19 +4,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from snake_sim_ros import reference
-from snake_sim_ros.contact_laws import LEAST
-from snake_sim_ros.parameters import Array
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.posture import gaps
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.selection import selection_center
-from snake_sim_ros.selection import selection_compliance
-from snake_sim_ros.spatial import PROXIMAL
-from snake_sim_ros.stepping import IMPULSE
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import Report
-from snake_sim_ros.stepping import State
+from snake_sim_ros.contact.projections import LEAST
+from snake_sim_ros.contact.selection import selection_center
+from snake_sim_ros.contact.selection import selection_compliance
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.posture import gaps
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping import reference
+from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.moreau import PROXIMAL
 
 EPS = np.finfo(float).eps
 

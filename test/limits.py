@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 from scenes import references
 
-from snake_sim_ros import simulation
-from snake_sim_ros.parameters import Array
-from snake_sim_ros.parameters import Friction
-from snake_sim_ros.parameters import Gait
-from snake_sim_ros.parameters import Pegs
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import Solver
-from snake_sim_ros.parameters import Wave
-from snake_sim_ros.stepping import State
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Friction
+from snake_sim_ros.scene.parameters import Gait
+from snake_sim_ros.scene.parameters import Pegs
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.stepping import simulation
+from snake_sim_ros.stepping.base import State
 
 TIME = 0.3  # s
 KINDS = ('push', 'landing', 'stop', 'peg', 'push and landing')

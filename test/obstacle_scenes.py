@@ -11,28 +11,28 @@ from random_states import rate_of
 from scenes import DT
 from scenes import references
 
-from snake_sim_ros import gait
-from snake_sim_ros import scenery
-from snake_sim_ros.contact_forces import where_impulses_acted
-from snake_sim_ros.contact_laws import PRESS
-from snake_sim_ros.parameters import Array
-from snake_sim_ros.parameters import Friction
-from snake_sim_ros.parameters import Ground
-from snake_sim_ros.parameters import Pegs
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import Solver
-from snake_sim_ros.posture import chain
-from snake_sim_ros.reference import scene_contacts
-from snake_sim_ros.rotations import about
-from snake_sim_ros.rotations import product
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.simulation import steps_in
-from snake_sim_ros.stepping import IMPULSE
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import METHODS
-from snake_sim_ros.stepping import no_history
-from snake_sim_ros.stepping import State
+from snake_sim_ros.contact.projections import PRESS
+from snake_sim_ros.scene import gait
+from snake_sim_ros.scene import obstacles as scenery
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Friction
+from snake_sim_ros.scene.parameters import Ground
+from snake_sim_ros.scene.parameters import Pegs
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.rotations import about
+from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import METHODS
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.contact_forces import where_impulses_acted
+from snake_sim_ros.stepping.reference import scene_contacts
+from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.simulation import steps_in
 
 CELL = 0.15  # m
 

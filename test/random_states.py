@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from snake_sim_ros.parameters import Array
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.posture import chain
-from snake_sim_ros.rotations import product
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.stepping import State
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.base import State
 
 EPS = np.finfo(float).eps
 

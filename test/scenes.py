@@ -6,23 +6,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from snake_sim_ros import gait
-from snake_sim_ros.parameters import Array
-from snake_sim_ros.parameters import Friction
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import Solver
-from snake_sim_ros.posture import gaps
-from snake_sim_ros.rotations import about
-from snake_sim_ros.rotations import FLAT
-from snake_sim_ros.rotations import product
-from snake_sim_ros.spatial import PROXIMAL
-from snake_sim_ros.stepping import IMPULSE
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import METHODS
-from snake_sim_ros.stepping import no_history
-from snake_sim_ros.stepping import Report
-from snake_sim_ros.stepping import State
+from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Friction
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.posture import gaps
+from snake_sim_ros.scene.rotations import about
+from snake_sim_ros.scene.rotations import FLAT
+from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import METHODS
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.moreau import PROXIMAL
 
 EPS = np.finfo(float).eps
 G = 9.81

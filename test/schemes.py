@@ -15,21 +15,21 @@ from dense_step import EPS
 import numpy as np
 from scenes import whole_steps
 
-from snake_sim_ros import bdf2
-from snake_sim_ros import posture
-from snake_sim_ros import reference
-from snake_sim_ros.contact_laws import LEAST
-from snake_sim_ros.contact_laws import PRESS
-from snake_sim_ros.parameters import Array
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.posture import gaps
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.selection import selection_center
-from snake_sim_ros.selection import selection_compliance
-from snake_sim_ros.stepping import IMPULSE
-from snake_sim_ros.stepping import no_history
-from snake_sim_ros.stepping import PREVIOUS
-from snake_sim_ros.stepping import State
+from snake_sim_ros.contact.projections import LEAST
+from snake_sim_ros.contact.projections import PRESS
+from snake_sim_ros.contact.selection import selection_center
+from snake_sim_ros.contact.selection import selection_compliance
+from snake_sim_ros.scene import posture
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.posture import gaps
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping import bdf2
+from snake_sim_ros.stepping import reference
+from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.base import PREVIOUS
+from snake_sim_ros.stepping.base import State
 
 
 def span(scene: Scene) -> float:

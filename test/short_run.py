@@ -6,10 +6,10 @@ import sys
 import numpy as np
 
 import snake_sim_ros
-from snake_sim_ros import gait
-from snake_sim_ros import stepping
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import with_settings
+from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.stepping.base import base as stepping
 
 
 def short_run(method, level):

@@ -10,24 +10,24 @@ from PIL import Image
 from PIL import ImageSequence
 import pytest
 
-from snake_sim_ros import animation
-from snake_sim_ros.animation import animate
-from snake_sim_ros.animation import BAND
-from snake_sim_ros.animation import camera_axes
-from snake_sim_ros.animation import Film
-from snake_sim_ros.animation import FLOOR
-from snake_sim_ros.animation import frame_samples
-from snake_sim_ros.animation import ground_faces
-from snake_sim_ros.animation import SHADE
-from snake_sim_ros.animation import SIZE
-from snake_sim_ros.parameters import Ground
-from snake_sim_ros.parameters import Pegs
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.rotations import FLAT
-from snake_sim_ros.stepping import Report
-from snake_sim_ros.trajectory import Trajectory
+from snake_sim_ros.scene.parameters import Ground
+from snake_sim_ros.scene.parameters import Pegs
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.rotations import FLAT
+from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.trajectory import Trajectory
+from snake_sim_ros.view import animation
+from snake_sim_ros.view.animation import animate
+from snake_sim_ros.view.animation import BAND
+from snake_sim_ros.view.animation import camera_axes
+from snake_sim_ros.view.animation import Film
+from snake_sim_ros.view.animation import FLOOR
+from snake_sim_ros.view.animation import frame_samples
+from snake_sim_ros.view.animation import ground_faces
+from snake_sim_ros.view.animation import SHADE
+from snake_sim_ros.view.animation import SIZE
 
 RADIUS = 0.0525  # m, of a link of Aiko
 START = 7.0  # s

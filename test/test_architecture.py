@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from short_run import short_run
 
-from snake_sim_ros.compilation import compiled
+from snake_sim_ros.dynamics.compilation import compiled
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / 'snake_sim_ros'

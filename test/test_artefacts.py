@@ -11,17 +11,17 @@ from scenes import EPS
 from scenes import G
 from scenes import MASS
 
-from snake_sim_ros import artefacts
-from snake_sim_ros import cli
-from snake_sim_ros.artefacts import DT
-from snake_sim_ros.artefacts import FAST
-from snake_sim_ros.artefacts import HEIGHT
-from snake_sim_ros.artefacts import MU
-from snake_sim_ros.artefacts import PENALTY
-from snake_sim_ros.artefacts import TILT
-from snake_sim_ros.contact_laws import PRESS
-from snake_sim_ros.stepping import State
-from snake_sim_ros.tables import read_table
+from snake_sim_ros.commands import main as cli
+from snake_sim_ros.comparison import artefacts
+from snake_sim_ros.comparison.artefacts import DT
+from snake_sim_ros.comparison.artefacts import FAST
+from snake_sim_ros.comparison.artefacts import HEIGHT
+from snake_sim_ros.comparison.artefacts import MU
+from snake_sim_ros.comparison.artefacts import PENALTY
+from snake_sim_ros.comparison.artefacts import TILT
+from snake_sim_ros.comparison.csv_tables import read_table
+from snake_sim_ros.contact.projections import PRESS
+from snake_sim_ros.stepping.base import State
 
 OURS, REGULARIZED, PYRAMID = ('newton', ''), 'semi_implicit_euler', ('pyramid', '')
 DEFAULT, STIFF, NO_SLIP = (('mujoco', name) for name in ('default', 'fast', 'accurate'))

@@ -16,22 +16,22 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from snake_sim_ros.bags import read_bag
-from snake_sim_ros.nodes.bag import BagWriter
-from snake_sim_ros.nodes.bag import RunBag
-from snake_sim_ros.nodes.bag import schema_text
+from snake_sim_ros.nodes.bag_writer import BagWriter
+from snake_sim_ros.nodes.bag_writer import RunBag
+from snake_sim_ros.nodes.bag_writer import schema_text
 from snake_sim_ros.nodes.command_messages import joint_names
 from snake_sim_ros.nodes.markers import SceneMarkers
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.messages import StateMessages
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.posture import gaps
-from snake_sim_ros.posture import joint_angles
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.robot_description import robot_description
-from snake_sim_ros.simulation import run
-from snake_sim_ros.stepping import initial_state
+from snake_sim_ros.recording.bags import read_bag
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.posture import gaps
+from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.robot_description import robot_description
+from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.simulation import run
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 STATES = QoSProfile(depth=10)

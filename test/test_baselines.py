@@ -23,26 +23,26 @@ from scenes import RADIUS
 from scenes import ROBOT
 from scenes import slope
 
-from snake_sim_ros import gait
-from snake_sim_ros import reference
-from snake_sim_ros.baselines import integrate
-from snake_sim_ros.baselines import make_pyramid
-from snake_sim_ros.baselines import make_semi_implicit
-from snake_sim_ros.baselines import Penalty
-from snake_sim_ros.baselines import SmoothRobot
-from snake_sim_ros.parameters import Gait
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import Wave
-from snake_sim_ros.parameters import with_settings
-from snake_sim_ros.posture import joint_angles
-from snake_sim_ros.posture import joint_rates
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import no_history
-from snake_sim_ros.stepping import State
+from snake_sim_ros.comparison.baselines.integrators import integrate
+from snake_sim_ros.comparison.baselines.integrators import make_pyramid
+from snake_sim_ros.comparison.baselines.integrators import make_semi_implicit
+from snake_sim_ros.comparison.baselines.integrators import Penalty
+from snake_sim_ros.comparison.baselines.integrators import SmoothRobot
+from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.parameters import Gait
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.posture import joint_rates
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping import reference
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.simulation import Simulation
 
 DT = 1 / 4000
 LEVEL = (0.0, 0.0, -G)

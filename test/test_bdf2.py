@@ -6,27 +6,27 @@ from dense_step import EPS
 import numpy as np
 import pytest
 
-from snake_sim_ros import gait
-from snake_sim_ros.contact_laws import IMPACT
-from snake_sim_ros.contact_laws import LEAST
-from snake_sim_ros.contact_laws import REST
-from snake_sim_ros.parameters import Friction
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.posture import center_of_mass
-from snake_sim_ros.posture import gaps
-from snake_sim_ros.posture import joint_angles
-from snake_sim_ros.reference import mean_delassus
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.stepping import IMPULSE
-from snake_sim_ros.stepping import initial_state
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import no_history
-from snake_sim_ros.stepping import Report
-from snake_sim_ros.stepping import State
-from snake_sim_ros.stepping import Status
-from snake_sim_ros.stepping import VELOCITY
+from snake_sim_ros.contact.projections import IMPACT
+from snake_sim_ros.contact.projections import LEAST
+from snake_sim_ros.contact.projections import REST
+from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.parameters import Friction
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.posture import center_of_mass
+from snake_sim_ros.scene.posture import gaps
+from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.base import VELOCITY
+from snake_sim_ros.stepping.reference import mean_delassus
 
 G = 9.81
 GRAVITY = np.array([0.0, 0.0, -G])

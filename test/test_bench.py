@@ -12,40 +12,40 @@ import sys
 import numpy as np
 import pytest
 
-from snake_sim_ros import bench
-from snake_sim_ros import bench_rows
-from snake_sim_ros import contenders
-from snake_sim_ros import soak
-from snake_sim_ros import tables
-from snake_sim_ros import timing
-from snake_sim_ros.bench_rows import COLUMNS
-from snake_sim_ros.bench_rows import Entry
-from snake_sim_ros.bench_rows import Row
-from snake_sim_ros.bench_tables import agreement_table
-from snake_sim_ros.bench_tables import soak_table
-from snake_sim_ros.charts import cost_over_links
-from snake_sim_ros.cli import main
-from snake_sim_ros.cli import PARTS
-from snake_sim_ros.contenders import Contender
-from snake_sim_ros.course import Course
-from snake_sim_ros.course import extrapolated
-from snake_sim_ros.course import largest_difference
-from snake_sim_ros.course import path_error
-from snake_sim_ros.course import SAMPLE
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.pareto import fastest
-from snake_sim_ros.pareto import fitted_order
-from snake_sim_ros.pareto import fitted_power
-from snake_sim_ros.pareto import pareto_table
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.stepping import METHODS
-from snake_sim_ros.stepping import Report
-from snake_sim_ros.stepping import State
-from snake_sim_ros.tables import plain
-from snake_sim_ros.tables import read_table
-from snake_sim_ros.tables import Table
-from snake_sim_ros.tables import TableWriter
+from snake_sim_ros.commands.main import main
+from snake_sim_ros.commands.main import PARTS
+from snake_sim_ros.comparison import bench
+from snake_sim_ros.comparison import bench_entries as contenders
+from snake_sim_ros.comparison import bench_rows
+from snake_sim_ros.comparison import csv_tables as tables
+from snake_sim_ros.comparison import soak
+from snake_sim_ros.comparison import timing
+from snake_sim_ros.comparison.bench_entries import Contender
+from snake_sim_ros.comparison.bench_rows import COLUMNS
+from snake_sim_ros.comparison.bench_rows import Entry
+from snake_sim_ros.comparison.bench_rows import Row
+from snake_sim_ros.comparison.bench_tables import agreement_table
+from snake_sim_ros.comparison.bench_tables import soak_table
+from snake_sim_ros.comparison.charts import cost_over_links
+from snake_sim_ros.comparison.course import Course
+from snake_sim_ros.comparison.course import extrapolated
+from snake_sim_ros.comparison.course import largest_difference
+from snake_sim_ros.comparison.course import path_error
+from snake_sim_ros.comparison.course import SAMPLE
+from snake_sim_ros.comparison.csv_tables import plain
+from snake_sim_ros.comparison.csv_tables import read_table
+from snake_sim_ros.comparison.csv_tables import Table
+from snake_sim_ros.comparison.csv_tables import TableWriter
+from snake_sim_ros.comparison.pareto import fastest
+from snake_sim_ros.comparison.pareto import fitted_order
+from snake_sim_ros.comparison.pareto import fitted_power
+from snake_sim_ros.comparison.pareto import pareto_table
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.stepping.base import METHODS
+from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.simulation import Simulation
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENE = replace(load_scene('lateral_undulation'), duration=0.3)
@@ -596,11 +596,11 @@ from functools import partial
 
 import numpy as np
 from snake_sim_ros import gait, newton, planar_newton, stages
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import with_settings
-from snake_sim_ros.planar_stepper import PlanarStepper
-from snake_sim_ros.spatial import SpatialStepper
-from snake_sim_ros.stepping import initial_state, no_history
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.stepping.planar.stepper import PlanarStepper
+from snake_sim_ros.stepping.moreau import SpatialStepper
+from snake_sim_ros.stepping.base import initial_state, no_history
 
 scene = load_scene('lateral_undulation')
 reference = gait.reference(scene.gait, scene.dt * (np.arange(2) + 0.5), 10)

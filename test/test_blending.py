@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from random_states import EPS
 
-from snake_sim_ros import gait
-from snake_sim_ros.blending import Blend
-from snake_sim_ros.blending import check_limits
-from snake_sim_ros.blending import largest_values
-from snake_sim_ros.blending import shortest_blend
-from snake_sim_ros.parameters import Gait
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Wave
-from snake_sim_ros.records import ParameterError
+from snake_sim_ros.gaits.blending import Blend
+from snake_sim_ros.gaits.blending import check_limits
+from snake_sim_ros.gaits.blending import largest_values
+from snake_sim_ros.gaits.blending import shortest_blend
+from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.parameters import Gait
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.scene.quantities import ParameterError
 
 ROBOT = Robot()
 JOINTS = 10

@@ -16,28 +16,28 @@ from obstacle_scenes import anywhere
 import pytest
 from scenes import isotropic
 
-from snake_sim_ros import scenery
-from snake_sim_ros.contact_forces import contact_forces
-from snake_sim_ros.parameters import Ground
-from snake_sim_ros.parameters import LEVELS
-from snake_sim_ros.parameters import Pegs
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import Solver
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.report import REPORT_SIZE
-from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.stepping import carried
-from snake_sim_ros.stepping import CHANGE
-from snake_sim_ros.stepping import IMPULSE
-from snake_sim_ros.stepping import initial_state
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import METHODS
-from snake_sim_ros.stepping import no_history
-from snake_sim_ros.stepping import PREVIOUS
-from snake_sim_ros.stepping import SETTLING
-from snake_sim_ros.stepping import State
-from snake_sim_ros.stepping import Status
+from snake_sim_ros.scene import obstacles as scenery
+from snake_sim_ros.scene.parameters import Ground
+from snake_sim_ros.scene.parameters import LEVELS
+from snake_sim_ros.scene.parameters import Pegs
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.stepping.base import carried
+from snake_sim_ros.stepping.base import CHANGE
+from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import METHODS
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.base import PREVIOUS
+from snake_sim_ros.stepping.base import SETTLING
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.contact_forces import contact_forces
+from snake_sim_ros.stepping.report import REPORT_SIZE
+from snake_sim_ros.stepping.simulation import Simulation
 
 # Nothing of it is in reach of a robot that lies at the origin. The first peg of the one scene is
 # the second of the other.

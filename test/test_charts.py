@@ -6,20 +6,20 @@ import re
 from matplotlib.figure import Figure
 import pytest
 
-from snake_sim_ros import artefacts
-from snake_sim_ros import stability
-from snake_sim_ros.bench_rows import COLUMNS
-from snake_sim_ros.bench_rows import rows_of
-from snake_sim_ros.charts import draw_artefacts
-from snake_sim_ros.charts import save
-from snake_sim_ros.charts import STYLES
-from snake_sim_ros.cli import main
-from snake_sim_ros.contenders import all_contenders
-from snake_sim_ros.pareto import fastest
-from snake_sim_ros.pareto import pareto_table
-from snake_sim_ros.seals import sealed
-from snake_sim_ros.stepping import LARGE_STEP
-from snake_sim_ros.tables import read_table
+from snake_sim_ros.commands.main import main
+from snake_sim_ros.comparison import artefacts
+from snake_sim_ros.comparison.bench_entries import all_contenders
+from snake_sim_ros.comparison.bench_rows import COLUMNS
+from snake_sim_ros.comparison.bench_rows import rows_of
+from snake_sim_ros.comparison.charts import draw_artefacts
+from snake_sim_ros.comparison.charts import save
+from snake_sim_ros.comparison.charts import STYLES
+from snake_sim_ros.comparison.csv_tables import read_table
+from snake_sim_ros.comparison.pareto import fastest
+from snake_sim_ros.comparison.pareto import pareto_table
+from snake_sim_ros.comparison.seals import sealed
+from snake_sim_ros.comparison.stability import runs as stability
+from snake_sim_ros.stepping.base import LARGE_STEP
 
 DOCS = Path(__file__).resolve().parent.parent / 'docs'
 STORED = DOCS / 'speed_accuracy'

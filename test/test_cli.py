@@ -11,14 +11,14 @@ import time
 import numpy as np
 import pytest
 
-from snake_sim_ros import timing
-from snake_sim_ros.bags import read_bag
-from snake_sim_ros.charts import path_figure
-from snake_sim_ros.cli import main
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import scene_from_text
-from snake_sim_ros.robot_description import robot_description
+from snake_sim_ros.commands.main import main
+from snake_sim_ros.comparison import timing
+from snake_sim_ros.comparison.charts import path_figure
+from snake_sim_ros.recording.bags import read_bag
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import scene_from_text
+from snake_sim_ros.scene.robot_description import robot_description
 
 ROOT = Path(__file__).parents[1]
 ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT)}
@@ -142,7 +142,14 @@ def test_run_that_diverges_says_so_and_saves_what_was_good(tmp_path, capsys):
 
 def test_ctrl_c_saves_what_was_recorded(tmp_path):
     path, bag = tmp_path / 'run.npz', tmp_path / 'run.mcap'
-    command = [sys.executable, '-u', '-m', 'snake_sim_ros.cli', 'run', 'lateral_undulation']
+    command = [
+        sys.executable,
+        '-u',
+        '-m',
+        'snake_sim_ros.commands',
+        'run',
+        'lateral_undulation',
+    ]
     process = subprocess.Popen(
         [*command, '--duration', '10000', '--out', str(path), '--bag', str(bag)],
         env=ENVIRONMENT,

@@ -13,11 +13,11 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from snake_sim_ros.interpolation import extrapolate
-from snake_sim_ros.interpolation import hold_within
-from snake_sim_ros.interpolation import move
-from snake_sim_ros.joint_reference import compile_sampling
-from snake_sim_ros.joint_reference import JointReference
+from snake_sim_ros.gaits.interpolation import extrapolate
+from snake_sim_ros.gaits.interpolation import hold_within
+from snake_sim_ros.gaits.interpolation import move
+from snake_sim_ros.gaits.joint_reference import compile_sampling
+from snake_sim_ros.gaits.joint_reference import JointReference
 from snake_sim_ros.nodes.command_messages import joint_names
 from snake_sim_ros.nodes.commands import extrapolated
 from snake_sim_ros.nodes.commands import joint_command
@@ -25,8 +25,8 @@ from snake_sim_ros.nodes.commands import joint_trajectory
 from snake_sim_ros.nodes.commands import position_commands
 from snake_sim_ros.nodes.commands import RejectedCommand
 from snake_sim_ros.nodes.messages import stamp_from
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
 
 ROBOT = Robot()
 NAMES = joint_names(11)

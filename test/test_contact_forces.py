@@ -13,14 +13,14 @@ from scenes import DT
 from scenes import isotropic
 from scenes import slope
 
-from snake_sim_ros import scenery
-from snake_sim_ros.contact_forces import contact_forces
-from snake_sim_ros.parameters import Gait
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.stepping import IMPULSE
-from snake_sim_ros.stepping import no_history
+from snake_sim_ros.scene import obstacles as scenery
+from snake_sim_ros.scene.parameters import Gait
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.contact_forces import contact_forces
+from snake_sim_ros.stepping.simulation import Simulation
 
 MASS, WEIGHT = 7.5, 7.5 * 9.81
 # The method `newton` loses up to six digits of velocities around 1 m/s: as forces of a step,

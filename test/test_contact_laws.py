@@ -11,23 +11,23 @@ from schemes import span
 from schemes import step_of
 from schemes import undisturbed
 
-from snake_sim_ros import reference
-from snake_sim_ros.contact_laws import prox_disc
-from snake_sim_ros.contact_laws import prox_ellipse
-from snake_sim_ros.contact_laws import prox_half_line
-from snake_sim_ros.parameters import Friction
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import Solver
-from snake_sim_ros.parameters import STICKY
-from snake_sim_ros.parameters import with_settings
-from snake_sim_ros.posture import chain
-from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.stepping import IMPULSE
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import METHODS
-from snake_sim_ros.stepping import State
+from snake_sim_ros.contact.projections import prox_disc
+from snake_sim_ros.contact.projections import prox_ellipse
+from snake_sim_ros.contact.projections import prox_half_line
+from snake_sim_ros.scene.parameters import Friction
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.parameters import STICKY
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.stepping import reference
+from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import METHODS
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.simulation import Simulation
 
 # A projection is exact up to rounding: the root t to sqrt(1e-8)^2, then three products.
 ROUNDING = 8 * EPS

@@ -27,20 +27,20 @@ from scenes import run
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import PD_SCHEMES
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import with_settings
-from snake_sim_ros.posture import center_of_mass
-from snake_sim_ros.posture import chain
-from snake_sim_ros.posture import joint_angles
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.stepping import initial_state
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import METHODS
-from snake_sim_ros.stepping import no_history
-from snake_sim_ros.stepping import State
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import PD_SCHEMES
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.posture import center_of_mass
+from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import METHODS
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.base import State
 
 # In NumPy the same takes minutes; `reference` agrees with `paper` step by step, see
 # test_agreement.

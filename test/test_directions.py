@@ -11,17 +11,17 @@ from random_states import moved
 from random_states import random_robot
 from random_states import rate_of
 
-from snake_sim_ros import posture
-from snake_sim_ros import reference
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.reference import E_X
-from snake_sim_ros.reference import E_Y
-from snake_sim_ros.reference import E_Z
-from snake_sim_ros.rotations import about
-from snake_sim_ros.rotations import FLAT
-from snake_sim_ros.rotations import product
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.stepping import State
+from snake_sim_ros.scene import posture
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.rotations import about
+from snake_sim_ros.scene.rotations import FLAT
+from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping import reference
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.reference import E_X
+from snake_sim_ros.stepping.reference import E_Y
+from snake_sim_ros.stepping.reference import E_Z
 
 # Central differences with step h = 1e-5 of r + R b: the third derivative of R b is |omega|^3 |b|.
 # Here |omega| <= 2 sqrt(3) = 3.5 rad/s and |b| <= 0.12 m, the longest lever: h^2/6 |omega|^3 |b|

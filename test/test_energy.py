@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from snake_sim_ros import reference
-from snake_sim_ros.energy import balance_error
-from snake_sim_ros.energy import contact_velocities
-from snake_sim_ros.energy import mechanical_energy
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.stepping import initial_state
-from snake_sim_ros.timing import energy_error
+from snake_sim_ros.comparison.timing import energy_error
+from snake_sim_ros.dynamics.energy import balance_error
+from snake_sim_ros.dynamics.energy import contact_velocities
+from snake_sim_ros.dynamics.energy import mechanical_energy
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping import reference
+from snake_sim_ros.stepping.base import initial_state
 
 RNG = np.random.default_rng(0)
 

@@ -10,19 +10,19 @@ import numpy as np
 from PIL import Image
 import pytest
 
-from snake_sim_ros import experiments
-from snake_sim_ros import figures
-from snake_sim_ros import paper_tables
-from snake_sim_ros.cli import main
-from snake_sim_ros.energy import work_of_steps
-from snake_sim_ros.experiments import case_scene
-from snake_sim_ros.experiments import mean_velocity
-from snake_sim_ros.experiments import record
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.posture import initial_coordinates
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.stepping import IMPULSE
+from snake_sim_ros.commands.main import main
+from snake_sim_ros.dynamics.energy import work_of_steps
+from snake_sim_ros.paper import experiments
+from snake_sim_ros.paper import figures
+from snake_sim_ros.paper import tables as paper_tables
+from snake_sim_ros.paper.experiments import case_scene
+from snake_sim_ros.paper.experiments import mean_velocity
+from snake_sim_ros.paper.experiments import record
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.posture import initial_coordinates
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.simulation import Simulation
 
 DOCS = Path(__file__).resolve().parent.parent / 'docs'
 PAGE = (DOCS / 'paper.md').read_text(encoding='utf-8')

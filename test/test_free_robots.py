@@ -16,20 +16,20 @@ from scenes import isotropic
 from scenes import references
 from test_bdf2 import momentum
 
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.posture import center_of_mass
-from snake_sim_ros.posture import chain
-from snake_sim_ros.posture import joint_angles
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.stepping import initial_state
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import METHODS
-from snake_sim_ros.stepping import no_history
-from snake_sim_ros.stepping import Report
-from snake_sim_ros.stepping import State
-from snake_sim_ros.stepping import Status
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.posture import center_of_mass
+from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import METHODS
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.base import Status
 
 GAITS = ('lateral_undulation', 'sidewinding', 'sinus_lifting')  # A and B, C, D
 # Steps without friction. `paper` and `gauss_seidel` sweep for long.

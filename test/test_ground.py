@@ -33,20 +33,20 @@ from scenes import run
 from scenes import SPEED
 from scenes import SWEEPING
 
-from snake_sim_ros import scenery
-from snake_sim_ros.parameters import Ground
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.posture import initial_coordinates
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.rotations import about
-from snake_sim_ros.rotations import FLAT
-from snake_sim_ros.rotations import product
-from snake_sim_ros.stepping import initial_state
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import no_history
-from snake_sim_ros.stepping import State
+from snake_sim_ros.scene import obstacles as scenery
+from snake_sim_ros.scene.parameters import Ground
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.posture import initial_coordinates
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.rotations import about
+from snake_sim_ros.scene.rotations import FLAT
+from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.base import State
 
 # A method that adds laws of a stiffness 1/(1e-5 G) to the inertia of a link loses up to six digits
 # of velocities around 1 m/s.

@@ -30,14 +30,14 @@ from scenes import run
 from scenes import SPEED
 from scenes import TIGHT
 
-from snake_sim_ros.contact_laws import IMPACT
-from snake_sim_ros.contact_laws import LEAST
-from snake_sim_ros.contact_laws import PRESS
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import Solver
-from snake_sim_ros.reference import mean_delassus
-from snake_sim_ros.stepping import IMPULSE
+from snake_sim_ros.contact.projections import IMPACT
+from snake_sim_ros.contact.projections import LEAST
+from snake_sim_ros.contact.projections import PRESS
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.reference import mean_delassus
 
 
 @each_method

@@ -17,24 +17,24 @@ from schemes import of_two_states
 from schemes import step_of
 from schemes import undisturbed
 
-from snake_sim_ros.bdf2 import PHASE
-from snake_sim_ros.bdf2 import SMOOTH
-from snake_sim_ros.parameters import Friction
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import Solver
-from snake_sim_ros.posture import chain
-from snake_sim_ros.posture import gaps
-from snake_sim_ros.posture import joint_angles
-from snake_sim_ros.rotations import about
-from snake_sim_ros.rotations import product
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.stepping import IMPULSE
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import METHODS
-from snake_sim_ros.stepping import no_history
-from snake_sim_ros.stepping import State
-from snake_sim_ros.stepping import Status
+from snake_sim_ros.scene.parameters import Friction
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import gaps
+from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.rotations import about
+from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import METHODS
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.bdf2 import PHASE
+from snake_sim_ros.stepping.bdf2 import SMOOTH
 
 RESIDUAL = 1e-9  # m/s
 LIMIT = 500  # iterations

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from random_states import EPS
 
-from snake_sim_ros.joint_control import AVERAGE
-from snake_sim_ros.joint_control import END
-from snake_sim_ros.joint_control import implicit_pd_law
-from snake_sim_ros.joint_control import MIDPOINT
-from snake_sim_ros.joint_control import pd_law
-from snake_sim_ros.joint_control import START
-from snake_sim_ros.parameters import PD_SCHEMES
+from snake_sim_ros.dynamics.joint_control import AVERAGE
+from snake_sim_ros.dynamics.joint_control import END
+from snake_sim_ros.dynamics.joint_control import implicit_pd_law
+from snake_sim_ros.dynamics.joint_control import MIDPOINT
+from snake_sim_ros.dynamics.joint_control import pd_law
+from snake_sim_ros.dynamics.joint_control import START
+from snake_sim_ros.scene.parameters import PD_SCHEMES
 
 # Torques up to 800 N m from a dozen operations, each wrong by eps/2.
 ROUNDING = 800 * 6 * EPS

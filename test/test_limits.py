@@ -14,7 +14,7 @@ from limits import TIME
 import numpy as np
 import pytest
 
-from snake_sim_ros.parameters import Solver
+from snake_sim_ros.scene.parameters import Solver
 
 SEEDS = (0, 25, 1, 16, 2, 7, 18, 23, 4, 14)  # push, landing, stop, peg, push and landing
 STEPS = (960, 1920, 3840, 7680, 15360)  # a second

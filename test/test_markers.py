@@ -9,10 +9,10 @@ from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros.nodes.markers import SceneMarkers
 from snake_sim_ros.nodes.messages import stamp_from
-from snake_sim_ros.parameters import Ground
-from snake_sim_ros.parameters import Pegs
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.wire import FORCE_SCALE
+from snake_sim_ros.recording.from_messages import FORCE_SCALE
+from snake_sim_ros.scene.parameters import Ground
+from snake_sim_ros.scene.parameters import Pegs
+from snake_sim_ros.scene.parameters import Scene
 
 STAMP = stamp_from(5_000_000)
 NOTHING = np.zeros((0, 3))

@@ -20,13 +20,13 @@ from snake_sim_ros.nodes.diagnostics import status_of
 from snake_sim_ros.nodes.messages import seconds_from
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.messages import StateMessages
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.records import flat_fields
-from snake_sim_ros.rotations import FLAT
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.simulation import joint_motion
-from snake_sim_ros.stepping import State
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.quantities import flat_fields
+from snake_sim_ros.scene.rotations import FLAT
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.simulation import joint_motion
 
 ROBOT = Robot()
 NAMES = joint_names(11)

@@ -23,20 +23,20 @@ from schemes import span
 from schemes import step_of
 from schemes import undisturbed
 
-from snake_sim_ros import gait
-from snake_sim_ros.compilation import compiled
-from snake_sim_ros.hard_contacts import load_problems
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import scene_from_text
-from snake_sim_ros.parameters import scene_to_text
-from snake_sim_ros.parameters import with_settings
-from snake_sim_ros.stepping import CHANGE
-from snake_sim_ros.stepping import IMPULSE
-from snake_sim_ros.stepping import initial_state
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import no_history
-from snake_sim_ros.stepping import PREVIOUS
-from snake_sim_ros.stepping import Status
+from snake_sim_ros.comparison.hard_contacts import load_problems
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import scene_from_text
+from snake_sim_ros.scene.parameters import scene_to_text
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.stepping.base import CHANGE
+from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.base import PREVIOUS
+from snake_sim_ros.stepping.base import Status
 
 RESIDUAL = 1e-9  # m/s, the tolerance of all scenes
 # Steps that do not converge, far beyond Painleve's threshold (0.978 for one link and lower with

@@ -6,21 +6,21 @@ from dense_step import EPS
 import numpy as np
 import pytest
 
-from snake_sim_ros.contact_laws import PRESS
-from snake_sim_ros.parameters import Friction
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import with_settings
-from snake_sim_ros.posture import gaps
-from snake_sim_ros.posture import joint_angles
-from snake_sim_ros.reference import joint_gaps
-from snake_sim_ros.stepping import initial_state
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import no_history
-from snake_sim_ros.stepping import State
-from snake_sim_ros.stepping import Status
-from snake_sim_ros.stepping import VELOCITY
+from snake_sim_ros.contact.projections import PRESS
+from snake_sim_ros.scene.parameters import Friction
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.posture import gaps
+from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.base import VELOCITY
+from snake_sim_ros.stepping.reference import joint_gaps
 
 DT = 1 / 1000
 TILT = np.radians(10.0)

@@ -8,17 +8,17 @@ import math
 import numpy as np
 import pytest
 
-from snake_sim_ros.parameters import Friction
-from snake_sim_ros.parameters import Gait
-from snake_sim_ros.parameters import Ground
-from snake_sim_ros.parameters import Pegs
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import Solver
-from snake_sim_ros.parameters import Wave
-from snake_sim_ros.parameters import with_settings
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.records import record_from
+from snake_sim_ros.scene.parameters import Friction
+from snake_sim_ros.scene.parameters import Gait
+from snake_sim_ros.scene.parameters import Ground
+from snake_sim_ros.scene.parameters import Pegs
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.quantities import record_from
 
 FIELDS = [
     (record, item)

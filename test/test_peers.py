@@ -10,28 +10,28 @@ import pytest
 from scenes import G
 from scenes import slope
 
-from snake_sim_ros.course import SAMPLE
-from snake_sim_ros.parameters import Friction
-from snake_sim_ros.parameters import Gait
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Pegs
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import Wave
-from snake_sim_ros.parameters import with_settings
-from snake_sim_ros.peers import CONTACTS
-from snake_sim_ros.peers import DRIVES
-from snake_sim_ros.peers import INTEGRATORS
-from snake_sim_ros.peers import mjcf
-from snake_sim_ros.peers import mujoco_states
-from snake_sim_ros.peers import MujocoSettings
-from snake_sim_ros.peers import run_mujoco
-from snake_sim_ros.posture import initial_coordinates
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.stepping import initial_state
-from snake_sim_ros.stepping import State
-from snake_sim_ros.stepping import Status
+from snake_sim_ros.comparison.course import SAMPLE
+from snake_sim_ros.comparison.mujoco_peer import CONTACTS
+from snake_sim_ros.comparison.mujoco_peer import DRIVES
+from snake_sim_ros.comparison.mujoco_peer import INTEGRATORS
+from snake_sim_ros.comparison.mujoco_peer import mjcf
+from snake_sim_ros.comparison.mujoco_peer import mujoco_states
+from snake_sim_ros.comparison.mujoco_peer import MujocoSettings
+from snake_sim_ros.comparison.mujoco_peer import run_mujoco
+from snake_sim_ros.scene.parameters import Friction
+from snake_sim_ros.scene.parameters import Gait
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Pegs
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.posture import initial_coordinates
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.base import Status
 
 mujoco = pytest.importorskip('mujoco')
 

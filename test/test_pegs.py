@@ -31,19 +31,19 @@ from scenes import RADIUS
 from scenes import run
 from scenes import SPEED
 
-from snake_sim_ros import scenery
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Pegs
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import Solver
-from snake_sim_ros.posture import chain
-from snake_sim_ros.posture import initial_coordinates
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.stepping import IMPULSE
-from snake_sim_ros.stepping import initial_state
-from snake_sim_ros.stepping import State
+from snake_sim_ros.scene import obstacles as scenery
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Pegs
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import initial_coordinates
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.base import State
 
 PEG = 0.03  # radius of a single peg [m]
 FREE = 25.0  # far above the floor [m]

@@ -1,7 +1,7 @@
 """
 Laws of mechanics that one link has to obey, each with its closed solution.
 
-Every time stepper of `stepping.METHODS` is held to every law. Where its step has a solution of its
+Every time stepper of `base.METHODS` is held to every law. Where its step has a solution of its
 own that differs from that of the differential equation, the test holds it to both: to the first
 within the tolerance of the contact iteration, to the second within a power of dt. All methods but
 `bdf2` take the step of the paper, and have its solution.
@@ -40,12 +40,12 @@ from scenes import whole_steps
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from snake_sim_ros.parameters import Friction
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.posture import gaps
-from snake_sim_ros.rotations import about
-from snake_sim_ros.rotations import FLAT
-from snake_sim_ros.rotations import product
+from snake_sim_ros.scene.parameters import Friction
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.posture import gaps
+from snake_sim_ros.scene.rotations import about
+from snake_sim_ros.scene.rotations import FLAT
+from snake_sim_ros.scene.rotations import product
 
 ELLIPSE = (0.1, 0.5)  # mu along and across the link
 CYLINDER = MASS * RADIUS**2 / 2  # Theta_3 of a cylinder with the radius of the contacts

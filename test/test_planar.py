@@ -22,24 +22,24 @@ from scenes import references
 from schemes import span
 from scipy.linalg import null_space
 
-from snake_sim_ros.contact_forces import where_impulses_acted
-from snake_sim_ros.parameters import Friction
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import PD_SCHEMES
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import Solver
-from snake_sim_ros.planar import UNHELD
-from snake_sim_ros.planar_stepper import HOLD
-from snake_sim_ros.posture import center_of_mass
-from snake_sim_ros.posture import joint_angles
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.stepping import IMPULSE
-from snake_sim_ros.stepping import initial_state
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import METHODS
-from snake_sim_ros.stepping import no_history
-from snake_sim_ros.stepping import Status
+from snake_sim_ros.scene.parameters import Friction
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import PD_SCHEMES
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.posture import center_of_mass
+from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import METHODS
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.contact_forces import where_impulses_acted
+from snake_sim_ros.stepping.planar.moreau import UNHELD
+from snake_sim_ros.stepping.planar.stepper import HOLD
 
 RESIDUAL = 1e-12  # m/s
 # Impulses are some 1e-3 N s, rounded through the chain of joints: 1e5 EPS of it at most.

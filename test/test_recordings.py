@@ -7,8 +7,8 @@ import sys
 import numpy as np
 import pytest
 
-from snake_sim_ros.cli import main
-from snake_sim_ros.trajectory import Trajectory
+from snake_sim_ros.commands.main import main
+from snake_sim_ros.stepping.trajectory import Trajectory
 
 
 @pytest.fixture(scope='module')
@@ -101,10 +101,22 @@ def test_port_in_use(recorded, capsys):
 @pytest.mark.parametrize(
     ('module', 'arguments', 'sentence'),
     [
-        ('snake_sim_ros.nodes.bag', ['run', 'step', '--bag', 'a.mcap'], '--bag needs ROS 2'),
-        ('snake_sim_ros.nodes.recorder', ['record', 'a.mcap'], 'record needs ROS 2 and mcap'),
-        ('snake_sim_ros.nodes.live', ['view'], 'a live view needs ROS 2'),
-        ('snake_sim_ros.animation', ['run', 'step', '--gif', 'a.gif'], 'animations need matplotl'),
+        (
+            'snake_sim_ros.nodes.bag_writer',
+            ['run', 'step', '--bag', 'a.mcap'],
+            '--bag needs ROS 2',
+        ),
+        (
+            'snake_sim_ros.nodes.tools.recorder',
+            ['record', 'a.mcap'],
+            'record needs ROS 2 and mcap',
+        ),
+        ('snake_sim_ros.nodes.tools.live', ['view'], 'a live view needs ROS 2'),
+        (
+            'snake_sim_ros.view.animation',
+            ['run', 'step', '--gif', 'a.gif'],
+            'animations need matplotl',
+        ),
         ('mcap.reader', ['export', 'run.mcap', '--csv', 'a.csv'], "'snake_sim_ros[bags]'"),
         ('viser', ['view', 'run.npz', '--no-browser'], "'snake_sim_ros[viewer]'"),
     ],

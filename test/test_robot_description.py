@@ -8,16 +8,16 @@ import pytest
 from random_states import random_robot
 import yaml
 
+from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.nodes.command_messages import joint_names
-from snake_sim_ros.parameters import CONFIG
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.posture import chain
-from snake_sim_ros.robot_description import robot_description
-from snake_sim_ros.rotations import product
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.steering import Steering
-from snake_sim_ros.wire import B_TO_WIRE
+from snake_sim_ros.recording.from_messages import B_TO_WIRE
+from snake_sim_ros.scene.parameters import CONFIG
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.robot_description import robot_description
+from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.rotations import rotation_matrices
 
 ROBOTS = {
     'aiko': Robot(),

@@ -16,21 +16,21 @@ from scenes import G
 from scenes import references
 from scenes import run
 
-from snake_sim_ros import timing
-from snake_sim_ros.parameters import Friction
-from snake_sim_ros.parameters import Gait
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import Solver
-from snake_sim_ros.posture import center_of_mass
-from snake_sim_ros.posture import joint_angles
-from snake_sim_ros.posture import joint_rates
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.stepping import initial_state
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import METHODS
-from snake_sim_ros.stepping import no_history
+from snake_sim_ros.comparison import timing
+from snake_sim_ros.scene.parameters import Friction
+from snake_sim_ros.scene.parameters import Gait
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.posture import center_of_mass
+from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.posture import joint_rates
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import METHODS
+from snake_sim_ros.stepping.base import no_history
 
 # Soft in pitch: under their weight all links come down to the floor, thin ones too.
 UNEQUAL = """

@@ -7,31 +7,31 @@ import numpy as np
 import pytest
 from scenes import references
 
-from snake_sim_ros import levels
-from snake_sim_ros.joint_reference import start_posture
-from snake_sim_ros.kinematics import STILL
-from snake_sim_ros.parameters import Friction
-from snake_sim_ros.parameters import Gait
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import Solver
-from snake_sim_ros.parameters import Wave
-from snake_sim_ros.parameters import with_settings
-from snake_sim_ros.planar import LAST_ROLL
-from snake_sim_ros.planar import LEAN
-from snake_sim_ros.planar import SLIP
-from snake_sim_ros.planar import SLIPPING
-from snake_sim_ros.planar import WAY
-from snake_sim_ros.posture import center_of_mass
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.stepping import initial_state
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import no_history
-from snake_sim_ros.stepping import PREVIOUS
-from snake_sim_ros.stepping import SETTLING
-from snake_sim_ros.stepping import State
-from snake_sim_ros.stepping import Status
+from snake_sim_ros.dynamics.kinematics import STILL
+from snake_sim_ros.gaits.joint_reference import start_posture
+from snake_sim_ros.scene.parameters import Friction
+from snake_sim_ros.scene.parameters import Gait
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.posture import center_of_mass
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping import levels
+from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.base import PREVIOUS
+from snake_sim_ros.stepping.base import SETTLING
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.planar.moreau import LAST_ROLL
+from snake_sim_ros.stepping.planar.moreau import LEAN
+from snake_sim_ros.stepping.planar.moreau import SLIP
+from snake_sim_ros.stepping.planar.moreau import SLIPPING
+from snake_sim_ros.stepping.planar.moreau import WAY
 
 RADIUS = 0.0525
 DT = 1 / 2000

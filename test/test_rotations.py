@@ -7,18 +7,18 @@ import pytest
 from random_states import EPS
 from random_states import random_parameters
 
-from snake_sim_ros import kinematics
-from snake_sim_ros.reference import end_coordinates
-from snake_sim_ros.reference import middle_coordinates
-from snake_sim_ros.rotations import about
-from snake_sim_ros.rotations import FLAT
-from snake_sim_ros.rotations import H
-from snake_sim_ros.rotations import H_bar
-from snake_sim_ros.rotations import product
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.rotations import rotation_matrix
-from snake_sim_ros.rotations import tilde
-from snake_sim_ros.stepping import State
+from snake_sim_ros.dynamics import kinematics
+from snake_sim_ros.scene.rotations import about
+from snake_sim_ros.scene.rotations import FLAT
+from snake_sim_ros.scene.rotations import H
+from snake_sim_ros.scene.rotations import H_bar
+from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.rotations import rotation_matrix
+from snake_sim_ros.scene.rotations import tilde
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.reference import end_coordinates
+from snake_sim_ros.stepping.reference import middle_coordinates
 
 # Entries of the matrices are at most 1 and come from at most a dozen operations on numbers up to 1
 # that are themselves rounded, |p|^2 = 1 +- 4 eps: 32 roundings are enough for every product below.

@@ -5,19 +5,19 @@ import math
 import pytest
 import yaml
 
-from snake_sim_ros.parameters import CONFIG
-from snake_sim_ros.parameters import Friction
-from snake_sim_ros.parameters import Gait
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import scene_from_text
-from snake_sim_ros.parameters import scene_to_text
-from snake_sim_ros.parameters import Solver
-from snake_sim_ros.parameters import Wave
-from snake_sim_ros.records import flat_fields
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.records import record_from
+from snake_sim_ros.scene.parameters import CONFIG
+from snake_sim_ros.scene.parameters import Friction
+from snake_sim_ros.scene.parameters import Gait
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import scene_from_text
+from snake_sim_ros.scene.parameters import scene_to_text
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.scene.quantities import flat_fields
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.quantities import record_from
 
 ROBOTS = ('aiko', 'slender')
 SCENES = sorted(path.stem for path in CONFIG.glob('*.yaml') if path.stem not in ROBOTS)

@@ -4,11 +4,11 @@ import re
 
 import pytest
 
-from snake_sim_ros import tables
-from snake_sim_ros.cli import main
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.tables import read_table
-from snake_sim_ros.tables import TableWriter
+from snake_sim_ros.commands.main import main
+from snake_sim_ros.comparison import csv_tables as tables
+from snake_sim_ros.comparison.csv_tables import read_table
+from snake_sim_ros.comparison.csv_tables import TableWriter
+from snake_sim_ros.scene.quantities import ParameterError
 
 COLUMNS = ('name', 'value')
 ROWS = [{'name': name, 'value': value} for name, value in (('a', 0.1), ('b', None), ('c, d', 3))]
@@ -170,7 +170,7 @@ def test_sources_are_told_apart_by_what_they_say(monkeypatch, tmp_path):
     (package / 'config').mkdir(parents=True)
     (package / 'config' / 'a.yaml').write_text('dt: 0.1\n')
     monkeypatch.undo()
-    monkeypatch.setattr(tables, '__file__', str(package / 'tables.py'))
+    monkeypatch.setattr(tables, 'PACKAGE', package)
     found = [tables._sources()]
     for name in ('tables.py', 'nodes/x.py', 'config/a.yaml'):
         (package / name).parent.mkdir(exist_ok=True)

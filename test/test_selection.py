@@ -10,25 +10,25 @@ import pytest
 from random_states import random_robot
 from scipy.optimize import nnls
 
-from snake_sim_ros import gait
-from snake_sim_ros.contact_laws import LEAST
-from snake_sim_ros.contact_laws import PRESS
-from snake_sim_ros.parameters import Friction
-from snake_sim_ros.parameters import Gait
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import Solver
-from snake_sim_ros.parameters import with_settings
-from snake_sim_ros.posture import gaps
-from snake_sim_ros.posture import joint_angles
-from snake_sim_ros.reference import mean_delassus
-from snake_sim_ros.stepping import IMPULSE
-from snake_sim_ros.stepping import initial_state
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import no_history
-from snake_sim_ros.stepping import State
-from snake_sim_ros.stepping import Status
+from snake_sim_ros.contact.projections import LEAST
+from snake_sim_ros.contact.projections import PRESS
+from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.parameters import Friction
+from snake_sim_ros.scene.parameters import Gait
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.posture import gaps
+from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.reference import mean_delassus
 
 DELTA = 1e-4  # default of Solver.normal_compliance
 RESIDUAL = 1e-9  # m/s

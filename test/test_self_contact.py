@@ -17,27 +17,27 @@ from scenes import isotropic
 from scenes import kinetic_energy
 from scenes import RADIUS
 
-from snake_sim_ros import scenery
-from snake_sim_ros.contact_laws import LEAST
-from snake_sim_ros.parameters import Friction
-from snake_sim_ros.parameters import Gait
-from snake_sim_ros.parameters import Pegs
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import Solver
-from snake_sim_ros.parameters import Wave
-from snake_sim_ros.posture import chain
-from snake_sim_ros.posture import initial_coordinates
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.reference import mean_delassus
-from snake_sim_ros.reference import scene_contacts
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.stepping import IMPULSE
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import no_history
-from snake_sim_ros.stepping import State
-from snake_sim_ros.stepping import VELOCITY
+from snake_sim_ros.contact.projections import LEAST
+from snake_sim_ros.scene import obstacles as scenery
+from snake_sim_ros.scene.parameters import Friction
+from snake_sim_ros.scene.parameters import Gait
+from snake_sim_ros.scene.parameters import Pegs
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import initial_coordinates
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.base import VELOCITY
+from snake_sim_ros.stepping.reference import mean_delassus
+from snake_sim_ros.stepping.reference import scene_contacts
+from snake_sim_ros.stepping.simulation import Simulation
 
 SLACK = dict.fromkeys(('yaw_stiffness', 'yaw_damping', 'pitch_stiffness', 'pitch_damping'), 0.0)
 

@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 from random_states import random_parameters
 
-from snake_sim_ros.joint_reference import JointReference
-from snake_sim_ros.joint_reference import start_posture
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import scene_from_text
-from snake_sim_ros.parameters import with_settings
-from snake_sim_ros.posture import joint_angles
-from snake_sim_ros.posture import joint_rates
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.simulation import joint_motion
-from snake_sim_ros.simulation import run
-from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.simulation import steps_in
-from snake_sim_ros.stepping import initial_state
-from snake_sim_ros.stepping import Status
+from snake_sim_ros.gaits.joint_reference import JointReference
+from snake_sim_ros.gaits.joint_reference import start_posture
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import scene_from_text
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.posture import joint_rates
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.simulation import joint_motion
+from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.simulation import steps_in
 
 
 @pytest.fixture

@@ -18,17 +18,17 @@ from scenes import OFFSET
 from scenes import RADIUS
 from scenes import SPEED
 
-from snake_sim_ros import scenery
-from snake_sim_ros.parameters import Ground
-from snake_sim_ros.parameters import Pegs
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import Solver
-from snake_sim_ros.posture import chain
-from snake_sim_ros.reference import scene_contacts
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.stepping import METHODS
-from snake_sim_ros.stepping import State
+from snake_sim_ros.scene import obstacles as scenery
+from snake_sim_ros.scene.parameters import Ground
+from snake_sim_ros.scene.parameters import Pegs
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.base import METHODS
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.reference import scene_contacts
 
 PEG = 0.03  # m
 FAST = 1e-6  # velocity away from what it met up to which a body has not bounced [m/s]

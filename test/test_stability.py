@@ -13,26 +13,26 @@ import math
 import numpy as np
 import pytest
 
-from snake_sim_ros import stability
-from snake_sim_ros import stability_maps
-from snake_sim_ros.cli import main
-from snake_sim_ros.course import SAMPLE
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.stability import Axis
-from snake_sim_ros.stability import cells_of
-from snake_sim_ros.stability import outcome
-from snake_sim_ros.stability import OUTCOMES
-from snake_sim_ros.stability import simulate
-from snake_sim_ros.stability_chart import draw_stability
-from snake_sim_ros.stability_maps import MAPS
-from snake_sim_ros.stability_maps import run_case
-from snake_sim_ros.stability_scenes import dropped_precisely
-from snake_sim_ros.stability_scenes import rod_limit
-from snake_sim_ros.stepping import Report
-from snake_sim_ros.stepping import Status
-from snake_sim_ros.tables import plain
-from snake_sim_ros.tables import read_table
-from snake_sim_ros.tables import Table
+from snake_sim_ros.commands.main import main
+from snake_sim_ros.comparison.course import SAMPLE
+from snake_sim_ros.comparison.csv_tables import plain
+from snake_sim_ros.comparison.csv_tables import read_table
+from snake_sim_ros.comparison.csv_tables import Table
+from snake_sim_ros.comparison.stability import maps as stability_maps
+from snake_sim_ros.comparison.stability import runs as stability
+from snake_sim_ros.comparison.stability.chart import draw_stability
+from snake_sim_ros.comparison.stability.maps import MAPS
+from snake_sim_ros.comparison.stability.maps import run_case
+from snake_sim_ros.comparison.stability.runs import Axis
+from snake_sim_ros.comparison.stability.runs import cells_of
+from snake_sim_ros.comparison.stability.runs import outcome
+from snake_sim_ros.comparison.stability.runs import OUTCOMES
+from snake_sim_ros.comparison.stability.runs import simulate
+from snake_sim_ros.comparison.stability.scenes import dropped_precisely
+from snake_sim_ros.comparison.stability.scenes import rod_limit
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.base import Status
 
 CHARTS = {chart.name: chart for chart in MAPS}
 

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from random_states import EPS
 
-from snake_sim_ros.blending import Blend
-from snake_sim_ros.blending import check_limits
-from snake_sim_ros.parameters import Gait
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Wave
-from snake_sim_ros.parameters import with_settings
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.steering import Steering
+from snake_sim_ros.gaits.blending import Blend
+from snake_sim_ros.gaits.blending import check_limits
+from snake_sim_ros.gaits.steering import Steering
+from snake_sim_ros.scene.parameters import Gait
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.simulation import Simulation
 
 ROBOT = Robot()
 STRIDE = 0.5  # m

@@ -6,26 +6,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from snake_sim_ros import gait
-from snake_sim_ros.parameters import LEVELS
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import PD_SCHEMES
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import Solver
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.stepping import CHANGE
-from snake_sim_ros.stepping import IMPLICIT_SCHEMES
-from snake_sim_ros.stepping import IMPULSE
-from snake_sim_ros.stepping import initial_state
-from snake_sim_ros.stepping import make_stepper
-from snake_sim_ros.stepping import method_of
-from snake_sim_ros.stepping import METHODS
-from snake_sim_ros.stepping import no_history
-from snake_sim_ros.stepping import Report
-from snake_sim_ros.stepping import State
-from snake_sim_ros.stepping import Status
-from snake_sim_ros.stepping import VELOCITY
+from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.parameters import LEVELS
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import PD_SCHEMES
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.stepping.base import CHANGE
+from snake_sim_ros.stepping.base import IMPLICIT_SCHEMES
+from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import method_of
+from snake_sim_ros.stepping.base import METHODS
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.base import VELOCITY
+from snake_sim_ros.stepping.simulation import Simulation
 
 each_method = pytest.mark.parametrize('method', METHODS)
 

@@ -9,11 +9,11 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.simulation import run
-from snake_sim_ros.trajectory import ARRAYS
-from snake_sim_ros.trajectory import Trajectory
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.trajectory import ARRAYS
+from snake_sim_ros.stepping.trajectory import Trajectory
 
 
 @pytest.fixture(scope='module')

@@ -8,24 +8,24 @@ import sys
 import numpy as np
 import pytest
 
-from snake_sim_ros import viewer
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.posture import chain
-from snake_sim_ros.posture import gaps
-from snake_sim_ros.posture import joint_angles
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.rotations import about
-from snake_sim_ros.rotations import FLAT
-from snake_sim_ros.rotations import product
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.viewer_frames import arrows
-from snake_sim_ros.viewer_frames import at_rest
-from snake_sim_ros.viewer_frames import capsule
-from snake_sim_ros.viewer_frames import curves
-from snake_sim_ros.viewer_frames import force_scale
-from snake_sim_ros.viewer_frames import placed
-from snake_sim_ros.viewer_frames import Recorder
-from snake_sim_ros.viewer_frames import WINDOW
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import gaps
+from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.rotations import about
+from snake_sim_ros.scene.rotations import FLAT
+from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.view import page as viewer
+from snake_sim_ros.view.frames import arrows
+from snake_sim_ros.view.frames import at_rest
+from snake_sim_ros.view.frames import capsule
+from snake_sim_ros.view.frames import curves
+from snake_sim_ros.view.frames import force_scale
+from snake_sim_ros.view.frames import placed
+from snake_sim_ros.view.frames import Recorder
+from snake_sim_ros.view.frames import WINDOW
 
 ROBOT = Robot()
 

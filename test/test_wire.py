@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
 
-from snake_sim_ros import wire
 from snake_sim_ros.nodes.markers import SceneMarkers
 from snake_sim_ros.nodes.messages import StateMessages
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.robot_description import robot_description
-from snake_sim_ros.robot_description import robot_of
-from snake_sim_ros.stepping import initial_state
+from snake_sim_ros.recording import from_messages as wire
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.robot_description import robot_description
+from snake_sim_ros.scene.robot_description import robot_of
+from snake_sim_ros.stepping.base import initial_state
 
 LISTS = {
     'link_length': (0.1, 0.2, 0.15, 0.12),

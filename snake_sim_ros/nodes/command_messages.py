@@ -24,7 +24,7 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from snake_sim_ros.parameters import Array
+from snake_sim_ros.scene.parameters import Array
 
 
 @dataclass(frozen=True)

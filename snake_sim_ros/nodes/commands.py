@@ -16,13 +16,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-from snake_sim_ros.joint_reference import JointReference
-from snake_sim_ros.joint_reference import Motion
-from snake_sim_ros.joint_reference import motion_through
+from snake_sim_ros.gaits.joint_reference import JointReference
+from snake_sim_ros.gaits.joint_reference import Motion
+from snake_sim_ros.gaits.joint_reference import motion_through
 from snake_sim_ros.nodes.command_messages import joint_names
 from snake_sim_ros.nodes.messages import seconds_from
-from snake_sim_ros.parameters import Array
-from snake_sim_ros.parameters import Robot
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Robot
 
 FARTHEST = 3600.0  # s, how far ahead of simulated time a trajectory may begin
 ROUNDING = 1e-9  # rad, rad/s, by which a motion may be beyond limits at its points

@@ -3,8 +3,8 @@
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
 
-from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.stepping import method_of
+from snake_sim_ros.stepping.base import method_of
+from snake_sim_ros.stepping.simulation import Simulation
 
 
 def values_of(simulation: Simulation) -> dict[str, object]:

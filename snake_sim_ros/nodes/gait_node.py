@@ -22,24 +22,24 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
-from snake_sim_ros.blending import Blend
-from snake_sim_ros.blending import check_limits
-from snake_sim_ros.blending import largest_values
-from snake_sim_ros.blending import shortest_blend
+from snake_sim_ros.gaits.blending import Blend
+from snake_sim_ros.gaits.blending import check_limits
+from snake_sim_ros.gaits.blending import largest_values
+from snake_sim_ros.gaits.blending import shortest_blend
+from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.nodes.command_messages import COMMAND_TYPES
 from snake_sim_ros.nodes.command_messages import joint_names
 from snake_sim_ros.nodes.node_parameters import declare
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.running import run_node
 from snake_sim_ros.nodes.running import Warnings
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import with_settings
-from snake_sim_ros.records import flat_fields
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.records import quantity
-from snake_sim_ros.records import Record
-from snake_sim_ros.steering import Steering
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.quantities import flat_fields
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.quantities import quantity
+from snake_sim_ros.scene.quantities import Record
 
 # What the node takes of a scene: the gait, and what it must know of the robot.
 ROBOT = ('link_count', 'link_length', 'joint_limit', 'joint_rate_limit')

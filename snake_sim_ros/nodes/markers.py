@@ -16,13 +16,13 @@ from visualization_msgs.msg import Marker
 from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros.nodes.messages import WORLD
-from snake_sim_ros.parameters import Array
-from snake_sim_ros.parameters import Ground
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.scenery import cell_centers
-from snake_sim_ros.scenery import FOUNDATION
-from snake_sim_ros.scenery import PEG_HEIGHT
-from snake_sim_ros.wire import FORCE_SCALE
+from snake_sim_ros.recording.from_messages import FORCE_SCALE
+from snake_sim_ros.scene.obstacles import cell_centers
+from snake_sim_ros.scene.obstacles import FOUNDATION
+from snake_sim_ros.scene.obstacles import PEG_HEIGHT
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Ground
+from snake_sim_ros.scene.parameters import Scene
 
 POINT_SIZE = 0.012  # m
 LINE_WIDTH = 0.004  # m

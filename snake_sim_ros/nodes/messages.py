@@ -23,11 +23,11 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from snake_sim_ros.nodes.command_messages import joint_names
-from snake_sim_ros.parameters import Array
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.simulation import joint_motion
-from snake_sim_ros.stepping import State
-from snake_sim_ros.wire import TO_WIRE
+from snake_sim_ros.recording.from_messages import TO_WIRE
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.simulation import joint_motion
 
 WORLD, ODOM, BASE = 'world', 'odom', 'base_link'
 WIRE_AXES = [2, 0, 1]  # components of a vector in B along x, y, z of the wire frame

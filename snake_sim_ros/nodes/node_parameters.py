@@ -12,14 +12,14 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import parse_yaml
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import with_settings
-from snake_sim_ros.records import flat_fields
-from snake_sim_ros.records import nearest
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.records import record_from
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import parse_yaml
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.quantities import flat_fields
+from snake_sim_ros.scene.quantities import nearest
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.quantities import record_from
 
 S = TypeVar('S')
 

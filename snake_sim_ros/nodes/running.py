@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from snake_sim_ros.records import ParameterError
+from snake_sim_ros.scene.quantities import ParameterError
 
 try:
     from rclpy.experimental import EventsExecutor

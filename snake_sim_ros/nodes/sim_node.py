@@ -26,12 +26,9 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
-from snake_sim_ros.contact_forces import contact_forces
-from snake_sim_ros.joint_reference import compile_sampling
-from snake_sim_ros.joint_reference import JointReference
-from snake_sim_ros.joint_reference import start_posture
-from snake_sim_ros.levels import is_vertical
-from snake_sim_ros.levels import what_is_told
+from snake_sim_ros.gaits.joint_reference import compile_sampling
+from snake_sim_ros.gaits.joint_reference import JointReference
+from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.nodes.commands import Command
 from snake_sim_ros.nodes.commands import extrapolated
 from snake_sim_ros.nodes.commands import joint_command
@@ -45,7 +42,7 @@ from snake_sim_ros.nodes.markers import SceneMarkers
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.messages import StateMessages
 from snake_sim_ros.nodes.node_parameters import settle
-from snake_sim_ros.nodes.rivals import Rivals
+from snake_sim_ros.nodes.other_publishers import Rivals
 from snake_sim_ros.nodes.running import make_executor
 from snake_sim_ros.nodes.running import run_node
 from snake_sim_ros.nodes.running import serve_some
@@ -54,16 +51,19 @@ from snake_sim_ros.nodes.simulation_services import serve
 from snake_sim_ros.nodes.transforms import LATCHED
 from snake_sim_ros.nodes.transforms import TransformMessages
 from snake_sim_ros.nodes.transforms import Transforms
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.parameters import with_settings
-from snake_sim_ros.records import flat_fields
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.records import quantity
-from snake_sim_ros.records import Record
-from snake_sim_ros.robot_description import robot_description
-from snake_sim_ros.simulation import Simulation
-from snake_sim_ros.simulation import steps_in
-from snake_sim_ros.stepping import make_stepper
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.quantities import flat_fields
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.quantities import quantity
+from snake_sim_ros.scene.quantities import Record
+from snake_sim_ros.scene.robot_description import robot_description
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.contact_forces import contact_forces
+from snake_sim_ros.stepping.levels import is_vertical
+from snake_sim_ros.stepping.levels import what_is_told
+from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.simulation import steps_in
 
 BACKLOG = 0.2  # s of wall time that the node may be behind before it gives up catching up
 WAIT = 0.1  # s, the longest wait for a message before the node looks up

@@ -22,10 +22,10 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool
 from std_srvs.srv import Trigger
 
-from snake_sim_ros.parameters import CONFIG
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.viewer import Page
+from snake_sim_ros.scene.parameters import CONFIG
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.view.page import Page
 
 FREQUENCY = 'gait.yaw.angular_frequency', 'gait.pitch.angular_frequency'
 

@@ -28,7 +28,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from snake_sim_ros import wire
 from snake_sim_ros.nodes.diagnostics import shown
 from snake_sim_ros.nodes.messages import seconds_from
 from snake_sim_ros.nodes.node_parameters import settle
@@ -36,18 +35,19 @@ from snake_sim_ros.nodes.running import run_node
 from snake_sim_ros.nodes.running import Warnings
 from snake_sim_ros.nodes.transforms import LATCHED
 from snake_sim_ros.nodes.viewer_controls import Controls
-from snake_sim_ros.parameters import Array
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.records import ParameterError
-from snake_sim_ros.records import quantity
-from snake_sim_ros.records import Record
-from snake_sim_ros.viewer import announce
-from snake_sim_ros.viewer import Page
-from snake_sim_ros.viewer import PLOT_PERIOD
-from snake_sim_ros.viewer import SHOW_PERIOD
-from snake_sim_ros.viewer_frames import Frame
-from snake_sim_ros.viewer_frames import placed
-from snake_sim_ros.viewer_frames import Recorder
+from snake_sim_ros.recording import from_messages as wire
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.quantities import quantity
+from snake_sim_ros.scene.quantities import Record
+from snake_sim_ros.view.frames import Frame
+from snake_sim_ros.view.frames import placed
+from snake_sim_ros.view.frames import Recorder
+from snake_sim_ros.view.page import announce
+from snake_sim_ros.view.page import Page
+from snake_sim_ros.view.page import PLOT_PERIOD
+from snake_sim_ros.view.page import SHOW_PERIOD
 
 UNWATCHED_PERIOD = 0.1  # s between two looks at the messages while no browser is there
 CALLBACKS = 50  # that are served in a row at most

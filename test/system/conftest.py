@@ -7,8 +7,8 @@ from pathlib import Path
 from graph import Graph
 import pytest
 
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.simulation import Simulation
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.simulation import Simulation
 
 
 @pytest.fixture(scope='session', autouse=True)

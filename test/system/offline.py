@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from snake_sim_ros.joint_reference import JointReference
-from snake_sim_ros.joint_reference import start_posture
-from snake_sim_ros.parameters import Array
-from snake_sim_ros.parameters import Scene
-from snake_sim_ros.rotations import rotation_matrices
-from snake_sim_ros.simulation import joint_motion
-from snake_sim_ros.simulation import Simulation
+from snake_sim_ros.gaits.joint_reference import JointReference
+from snake_sim_ros.gaits.joint_reference import start_posture
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.simulation import joint_motion
+from snake_sim_ros.stepping.simulation import Simulation
 
 STEPS = 20  # of 1/4000 s in a period of 1/200 s
 PERIOD = 5_000_000  # ns

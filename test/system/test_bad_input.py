@@ -26,7 +26,7 @@ from sensor_msgs.msg import JointState
 from sim_client import SimClient
 from std_srvs.srv import Trigger
 
-from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.scene.parameters import load_scene
 
 GOOD = {name: 0.2 if name.endswith('yaw') else 0.0 for name in NAMES}
 HELD = '; the last good command is held'

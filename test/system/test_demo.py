@@ -12,14 +12,16 @@ from graph import Process
 from graph import ROOT
 import pytest
 
-from snake_sim_ros import cli
+from snake_sim_ros.commands import main as cli
 
 PNG = b'\x89PNG\r\n\x1a\n'
 RUNNING = 't = '  # of the progress line
 
 
 def start(*arguments):
-    return Process([sys.executable, '-m', 'snake_sim_ros.cli', 'demo', *arguments], next_domain())
+    return Process(
+        [sys.executable, '-m', 'snake_sim_ros.commands', 'demo', *arguments], next_domain()
+    )
 
 
 def end(process):

@@ -26,13 +26,13 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from snake_sim_ros import gait
-from snake_sim_ros.blending import Blend
-from snake_sim_ros.blending import largest_values
+from snake_sim_ros.gaits.blending import Blend
+from snake_sim_ros.gaits.blending import largest_values
+from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.nodes.messages import stamp_from
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.steering import Steering
+from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
 
 SCENES = ('lateral_undulation', 'sidewinding')
 BLEND_TIME = 0.5  # s

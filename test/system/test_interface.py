@@ -32,9 +32,9 @@ from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros.nodes.commands import joint_trajectory
 from snake_sim_ros.nodes.commands import position_commands
-from snake_sim_ros.parameters import load_scene
-from snake_sim_ros.parameters import with_settings
-from snake_sim_ros.robot_description import robot_description
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.robot_description import robot_description
 
 SCENE = load_scene('lateral_undulation')
 LIMIT = SCENE.robot.joint_limit

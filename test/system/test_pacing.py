@@ -7,11 +7,11 @@ from graph import next_domain
 from graph import Process
 import pytest
 
-from snake_sim_ros import cli
+from snake_sim_ros.commands import main as cli
 
 
 def test_measurement(compiled):
-    command = [sys.executable, '-m', 'snake_sim_ros.cli', 'pacing', '--duration', '0.3']
+    command = [sys.executable, '-m', 'snake_sim_ros.commands', 'pacing', '--duration', '0.3']
     process = Process([*command, '--rates', '200'], next_domain())
     assert process.wait(60) == 0, process.output
     result = json.loads(process.lines[-1])

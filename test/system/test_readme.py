@@ -14,7 +14,7 @@ from graph import next_domain
 import pytest
 from test_tour import LINES as TOUR
 
-from snake_sim_ros import cli
+from snake_sim_ros.commands import main as cli
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / 'README.md').read_text(encoding='utf-8')

@@ -11,14 +11,14 @@ from rosbags.typesys import get_typestore
 from rosbags.typesys import Stores
 from sensor_msgs.msg import JointState
 
-from snake_sim_ros.bags import read_bag
-from snake_sim_ros.cli import main
+from snake_sim_ros.commands.main import main
+from snake_sim_ros.recording.bags import read_bag
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 OF_ALL_NODES = {'/parameter_events', '/rosout'}
 OF_TF = {'/tf', '/tf_static'}  # only where tf2_msgs is installed
 DURATION = 3.0  # s
-RECORD = [sys.executable, '-m', 'snake_sim_ros.cli', 'record']
+RECORD = [sys.executable, '-m', 'snake_sim_ros.commands', 'record']
 
 
 def messages_of(path):

@@ -19,7 +19,7 @@ import pytest
 from sim_client import SimClient
 from std_srvs.srv import Trigger
 
-from snake_sim_ros.parameters import load_scene
+from snake_sim_ros.scene.parameters import load_scene
 
 # Messages carry doubles as they are; what is compared by way of matrices is rounded a few times.
 ROUNDING = 1e-14

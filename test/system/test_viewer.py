@@ -20,15 +20,15 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from snake_sim_ros.cli import main
+from snake_sim_ros.commands.main import main
 from snake_sim_ros.nodes.command_messages import joint_names
-from snake_sim_ros.parameters import Robot
-from snake_sim_ros.robot_description import robot_description
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.robot_description import robot_description
 
 PNG = b'\x89PNG\r\n\x1a\n'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 SIZE = (860, 400)  # pixels; Chromium draws in software here
-VIEW = [sys.executable, '-m', 'snake_sim_ros.cli', 'view', '--port', '0', '--no-browser']
+VIEW = [sys.executable, '-m', 'snake_sim_ros.commands', 'view', '--port', '0', '--no-browser']
 
 
 def address(process):

@@ -1,0 +1,1 @@
+"""Speed against accuracy: the bench, its tables and charts, baselines and MuJoCo."""

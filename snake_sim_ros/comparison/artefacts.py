@@ -1,0 +1,288 @@
+"""
+What contact laws that are not set-valued do beside the accuracy of a path: one run, one table.
+
+Every artefact is one quantity whose exact value is known, measured in a scene of one link: creep
+on a slope that holds it, lifting while it slides, another direction of sliding, sinking in,
+rebound of an inelastic impact, and energy out of nothing. All contenders take the same steps.
+"""
+
+from collections.abc import Callable
+from collections.abc import Iterable
+from collections.abc import Iterator
+from collections.abc import Mapping
+from dataclasses import dataclass
+from dataclasses import fields
+from dataclasses import replace
+from functools import partial
+import math
+from typing import Any
+
+import numpy as np
+from scipy.integrate import quad
+
+from snake_sim_ros.comparison.baselines.integrators import make_pyramid
+from snake_sim_ros.comparison.baselines.integrators import make_semi_implicit
+from snake_sim_ros.comparison.baselines.integrators import Penalty
+from snake_sim_ros.comparison.mujoco_peer import mujoco_states
+from snake_sim_ros.comparison.mujoco_peer import MujocoSettings
+from snake_sim_ros.dynamics.energy import mechanical_energy
+from snake_sim_ros.scene.parameters import Friction
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.posture import gaps
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.base import Stepper
+
+DT = 1 / 4000  # s
+G = 9.81
+MU = 0.5
+TILT = math.radians(10.0)  # of the slope; the friction angle is 26.6 deg
+FAST = 6.0  # m/s
+ORTHOTROPIC = Friction(longitudinal=0.1, transversal=0.5)
+HEIGHT = 0.1  # m, of the drop
+SPIN = (1.0, 2.0, 30.0)  # rad/s
+LINK = Scene(
+    robot=Robot(link_count=1),
+    friction=Friction(longitudinal=MU, transversal=MU),
+    dt=DT,
+    level='spatial',
+)
+# One that does not roll or pitch by more than 1e-4 rad while friction acts on it.
+SLENDER = replace(LINK.robot, contact_radius=1e-3, inertia_axial=10.0, inertia_transversal=10.0)
+PENALTY = Penalty(law='tanh', sliding_velocity=1e-2, stiffness=1e5)
+
+# Scene, start, steps to take and those between two states to return; the states of a run that
+# fails end early.
+Run = Callable[[Scene, State, int, int], State]
+
+
+def step_states(
+    make: Callable[[Scene], Stepper], scene: Scene, start: State, steps: int, every: int
+) -> State:
+    """Return states that a stepper passes through; see `mujoco_peer.mujoco_states`."""
+    stepper, history, state = make(scene), no_history(scene), start
+    angle = np.zeros((every, scene.robot.link_count - 1, 2))
+    states = [start]
+    for _ in range(steps // every):
+        state, history, report = stepper.advance(state, history, angle, angle)
+        if report.failure:
+            break
+        states.append(state)
+    return State(*(np.array([getattr(state, name) for state in states]) for name in 'qu'))
+
+
+# ---- artefacts ----------------------------------------------------------------------------------
+
+
+def creep(run: Run) -> list[float]:
+    """Return the velocity after a second on a slope that holds the link."""
+    scene = replace(LINK, gravity=(G * math.sin(TILT), 0.0, -G * math.cos(TILT)))
+    per_second = round(1 / DT)
+    x = run(scene, initial_state(scene), 2 * per_second, per_second).q[:, 0, 0]
+    return [x[2] - x[1]]
+
+
+def lifting(run: Run) -> list[float]:
+    """Return how high a link gets that slides along itself."""
+    start = initial_state(LINK)
+    start.u[0, 0] = FAST
+    return [gaps(LINK.robot, run(LINK, start, round(1 / DT), 1).q).max()]
+
+
+def direction(run: Run) -> list[float]:
+    """Return distance and direction, in degrees, of where a link stops to where it should."""
+    scene = replace(LINK, robot=SLENDER, friction=ORTHOTROPIC)
+    start = initial_state(scene)
+    start.u[0, :2] = 1.0
+    steps = round(1.2 / DT)
+    q = run(scene, start, steps, steps).q
+    x, y = q[1, 0, :2] - q[0, 0, :2]
+    expected = stopping_point(scene.friction)
+    turned = math.degrees(math.atan2(y, x) - math.atan2(expected[1], expected[0]))
+    return [math.hypot(x - expected[0], y - expected[1]), turned]
+
+
+def stopping_point(friction: Friction) -> tuple[float, float]:
+    """
+    Return where a body that does not turn stops with orthotropic friction, from (1, 1) m/s on.
+
+    ``a = -g D^2 v/|D v|``, D = diag(mu_x, mu_y), keeps v_y/v_x^p with p = (mu_y/mu_x)^2. So
+    v_y = v_x^p, and ``dx = v_x dv_x/a_x``.
+    """
+    mu_x, mu_y = friction.longitudinal, friction.transversal
+    p = (mu_y / mu_x) ** 2
+
+    def dx(v: float) -> float:
+        return math.hypot(mu_x * v, mu_y * v**p) / (G * mu_x**2)
+
+    return quad(dx, 0.0, 1.0)[0], quad(lambda v: v ** (p - 1) * dx(v), 0.0, 1.0)[0]
+
+
+def rest(run: Run) -> list[float]:
+    """Return how far a link has sunk in that was laid down a second ago."""
+    steps = round(1 / DT)
+    return [-gaps(LINK.robot, run(LINK, initial_state(LINK), steps, steps).q[-1]).min()]
+
+
+def drop(run: Run) -> list[float]:
+    """Return largest penetration and height of rebound of a link dropped flat."""
+    start = initial_state(LINK)
+    start.q[0, 2] += HEIGHT
+    gap = gaps(LINK.robot, run(LINK, start, round(1 / DT), 1).q).min(axis=1)
+    return [-gap.min(), max(0.0, gap[gap.argmin() :].max())]
+
+
+def spin(run: Run) -> list[float]:
+    """Return by how much the energy of a link grows that spins in flight for 10 s."""
+    scene = replace(LINK, gravity=(0.0, 0.0, 0.0))
+    start = initial_state(scene)
+    start.q[0, 2] += 1.0
+    start.u[0, 3:] = SPIN
+    steps = round(10 / DT)
+    states = run(scene, start, steps, steps)
+    before, after = mechanical_energy(scene, states.q[:2], states.u[:2])
+    return [100 * (after / before - 1)]
+
+
+@dataclass(frozen=True)
+class Artefact:
+    """
+    What one run measures.
+
+    Attributes
+    ----------
+    quantities : tuple of (str, str)
+        Names, in words, and units.
+    measure : callable
+        ``measure(run)``: their values, all of them 0 if the laws hold.
+
+    """
+
+    quantities: tuple[tuple[str, str], ...]
+    measure: Callable[[Run], list[float]]
+
+
+ARTEFACTS = (
+    Artefact((('creep on a slope of 10 deg, mu 0.5', 'm/s'),), creep),
+    Artefact((('lifting while sliding at 6 m/s', 'm'),), lifting),
+    Artefact(
+        (
+            ('sliding with mu 0.1 and 0.5, end point off by', 'm'),
+            ('sliding with mu 0.1 and 0.5, direction off by', 'deg'),
+        ),
+        direction,
+    ),
+    Artefact((('penetration at rest', 'm'),), rest),
+    Artefact(
+        (('penetration after a drop of 0.1 m', 'm'), ('rebound after a drop of 0.1 m', 'm')),
+        drop,
+    ),
+    Artefact((('energy gained by spinning for 10 s', '%'),), spin),
+)
+
+
+# ---- table --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One quantity of one contender; its value is empty where it could not be measured."""
+
+    artefact: str
+    method: str
+    setting: str
+    dt: float = DT  # s
+    unit: str
+    exact: float = 0.0
+    value: float | None = None
+    message: str = ''
+
+
+COLUMNS = tuple(item.name for item in fields(Row))
+KEY = ('artefact', 'method', 'setting')
+
+
+def make_second_order(scene: Scene) -> Stepper:
+    """Return a stepper of method bdf2."""
+    return make_stepper(replace(scene, method='bdf2'))
+
+
+def contenders() -> dict[tuple[str, str], Run]:
+    """Return how each contender runs, by method and setting."""
+    regularized = f'tanh {PENALTY.sliding_velocity:g} m/s, {PENALTY.stiffness:g} N/m'
+    defaults = MujocoSettings(
+        drive='torque', integrator='Euler', cone='pyramidal', contact='default'
+    )
+    return {
+        ('newton', ''): partial(step_states, make_stepper),
+        ('bdf2', ''): partial(step_states, make_second_order),
+        ('semi_implicit_euler', regularized): partial(
+            step_states, partial(make_semi_implicit, penalty=PENALTY)
+        ),
+        ('pyramid', ''): partial(step_states, make_pyramid),
+        ('mujoco', 'default'): _of_mujoco(defaults),
+        ('mujoco', 'accurate'): _of_mujoco(MujocoSettings(contact='accurate')),
+        ('mujoco', 'fast'): _of_mujoco(MujocoSettings(contact='fast')),
+    }
+
+
+def _of_mujoco(settings: MujocoSettings) -> Run:
+    def run(scene: Scene, start: State, steps: int, every: int) -> State:
+        return mujoco_states(scene, settings, start, steps, every)
+
+    return run
+
+
+def measurements(done: Iterable[Mapping[str, Any]]) -> Iterator[Callable[[], list[Row]]]:
+    """Yield what is left to measure, each a function that returns its rows."""
+    there = {tuple(row[name] for name in KEY) for row in done}
+    for (method, setting), run in contenders().items():
+        for artefact in ARTEFACTS:
+            rows = [
+                Row(artefact=name, unit=unit, method=method, setting=setting)
+                for name, unit in artefact.quantities
+            ]
+            if not there.issuperset((row.artefact, method, setting) for row in rows):
+                yield partial(measured, artefact, run, rows)
+
+
+class _EndedEarly(Exception):
+    """A run failed before all of its steps were done."""
+
+
+def measured(artefact: Artefact, run: Run, rows: list[Row]) -> list[Row]:
+    """Return the rows of an artefact with their values, or with why there are none."""
+
+    def complete(scene: Scene, start: State, steps: int, every: int) -> State:
+        states = run(scene, start, steps, every)
+        if len(states.q) <= steps // every:
+            raise _EndedEarly('the run failed before its end')
+        return states
+
+    try:
+        values = artefact.measure(complete)
+    except (ParameterError, _EndedEarly) as error:
+        return [replace(row, message=str(error)) for row in rows]
+    return [replace(row, value=float(x)) for row, x in zip(rows, values, strict=True)]
+
+
+def text_table(rows: Iterable[Row]) -> str:
+    """Return a table in Markdown: an artefact a line, a contender a column."""
+    cells: dict[tuple[str, str], dict[str, str]] = {}
+    columns: dict[str, None] = {}
+    for row in rows:
+        column = ', '.join(filter(None, (f'`{row.method}`', row.setting)))
+        columns[column] = None
+        name = f'{row.artefact} [{row.unit}]', f'{row.exact:g}'
+        cells.setdefault(name, {})[column] = '-' if row.value is None else f'{row.value:.2g}'
+    lines = [
+        ['artefact', 'exact', *columns],
+        *([*name, *(values.get(c, '-') for c in columns)] for name, values in cells.items()),
+    ]
+    widths = [max(map(len, entries)) for entries in zip(*lines, strict=True)]
+    lines.insert(1, ['-' * width for width in widths])
+    return ''.join(f'| {" | ".join(map(str.ljust, line, widths))} |\n' for line in lines)

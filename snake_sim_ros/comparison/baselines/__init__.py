@@ -1,0 +1,1 @@
+"""Regularized contact and the friction pyramid, to compare with."""

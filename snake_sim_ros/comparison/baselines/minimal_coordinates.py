@@ -1,0 +1,240 @@
+"""
+The regularized robot as an ordinary differential equation in minimal coordinates, compiled.
+
+They are those of the middle link and the joint angles, so that no joint can come apart. The rate
+of change takes work that is linear in the number of links: positions, velocities and the
+accelerations that the links have without any of the middle link and the joints go outward from
+the middle link; then the articulated-body sweep [1] finds the rest from the wrenches left over.
+
+.. [1] R. Featherstone, "Rigid Body Dynamics Algorithms", Springer 2008, ch. 7.
+"""
+
+import math
+
+from snake_sim_ros.comparison.baselines.penalty import penalty_forces
+from snake_sim_ros.contact.contacts import contact_velocities
+from snake_sim_ros.contact.contacts import GAMMA
+from snake_sim_ros.contact.contacts import IMPULSE
+from snake_sim_ros.contact.delassus import load_chain
+from snake_sim_ros.contact.detection import contacts_of
+from snake_sim_ros.contact.detection import deepest
+from snake_sim_ros.dynamics.articulated_body import factor_chain
+from snake_sim_ros.dynamics.articulated_body import line
+from snake_sim_ros.dynamics.articulated_body import solve_chain
+from snake_sim_ros.dynamics.articulated_body import unload_chain
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.kinematics import chain_geometry
+from snake_sim_ros.dynamics.kinematics import end_velocities
+from snake_sim_ros.dynamics.kinematics import half_rotation
+from snake_sim_ros.dynamics.kinematics import link_frames
+from snake_sim_ros.scene.gait import soft_start
+from snake_sim_ros.scene.gait import wave
+from snake_sim_ros.stepping.moreau import link_inertia
+from snake_sim_ros.stepping.moreau import smooth_momentum
+
+fade_at = compiled(soft_start)
+wave_at = compiled(wave)
+
+# y is [center (3) and Euler parameters (4) of the middle link, joint angles (n-1, 2), then its
+# velocity (3, in I) and angular velocity (3, in B), joint rates (n-1, 2), and the work that the
+# joints and that the contacts have done].
+ANGLES = 7
+
+
+@inlined
+def rates_begin(n):
+    """Return where the velocities begin in y; the work is in its last two entries."""
+    return ANGLES + 2 * (n - 1)
+
+
+@inlined
+def turned_about_y(p, angle):
+    """Return p o (cos angle/2, 0, sin angle/2, 0)."""
+    c, s = math.cos(angle / 2), math.sin(angle / 2)
+    return p[0] * c - p[2] * s, p[1] * c - p[3] * s, p[2] * c + p[0] * s, p[3] * c + p[1] * s
+
+
+@inlined
+def turned_about_x(p, angle):
+    """Return p o (cos angle/2, sin angle/2, 0, 0)."""
+    c, s = math.cos(angle / 2), math.sin(angle / 2)
+    return p[0] * c - p[1] * s, p[1] * c + p[0] * s, p[2] * c + p[3] * s, p[3] * c - p[2] * s
+
+
+@inlined
+def place_links(half_length, y, work):
+    """Fill coordinates, frames, centers from O and joint axes of all links."""
+    q, n = work.q_mid, len(work.R)
+    root = n // 2
+    for k in range(7):
+        q[root, k] = y[k]
+    p = y[3], y[4], y[5], y[6]
+    for j in range(root, n - 1):
+        p = turned_about_x(turned_about_y(p, y[ANGLES + 2 * j]), y[ANGLES + 2 * j + 1])
+        q[j + 1, 3], q[j + 1, 4], q[j + 1, 5], q[j + 1, 6] = p
+    p = y[3], y[4], y[5], y[6]
+    for j in range(root - 1, -1, -1):
+        p = turned_about_y(turned_about_x(p, -y[ANGLES + 2 * j + 1]), -y[ANGLES + 2 * j])
+        q[j, 3], q[j, 4], q[j, 5], q[j, 6] = p
+    link_frames(q[:, 3:], work.R)
+    chain_geometry(half_length, work.R, work.center, work.chain.axis)
+    for i in range(n):
+        for k in range(3):
+            q[i, k] = y[k] + work.center[i, k]
+
+
+@merged
+def add_moved_axis(twist, axis, rate, acceleration):
+    """Add the acceleration of a joint axis that a link with this twist carries along."""
+    wx, wy, wz, vx, vy, vz = twist
+    ax, ay, az, bx, by, bz = axis
+    acceleration[0] += rate * (wy * az - wz * ay)
+    acceleration[1] += rate * (wz * ax - wx * az)
+    acceleration[2] += rate * (wx * ay - wy * ax)
+    acceleration[3] += rate * (wy * bz - wz * by + vy * az - vz * ay)
+    acceleration[4] += rate * (wz * bx - wx * bz + vz * ax - vx * az)
+    acceleration[5] += rate * (wx * by - wy * bx + vx * ay - vy * ax)
+
+
+@inlined
+def move_joint(j, inner, outer, rates, chain):
+    """Fill twist and acceleration (chain.correction) of the link beyond joint j."""
+    axis, twist, acceleration = chain.axis, chain.twist, chain.correction
+    for k in range(6):
+        moved = axis[j, 0, k] * rates[2 * j] + axis[j, 1, k] * rates[2 * j + 1]
+        twist[outer, k] = twist[inner, k] + moved
+        acceleration[outer, k] = acceleration[inner, k]
+    for k in range(2):  # yaw turns about an axis of link j, pitch about one of link j+1
+        add_moved_axis(line(twist, j + k), line(axis[j], k), rates[2 * j + k], acceleration[outer])
+
+
+@inlined
+def move_links(y, work):
+    """
+    Fill twists and velocities of all links, and the accelerations of their twists.
+
+    The accelerations are those without any of the middle link and of the joint rates.
+    """
+    chain, n, R = work.chain, len(work.R), work.R
+    root = n // 2
+    u = y[rates_begin(n) :]
+    for k in range(3):
+        chain.twist[root, k] = R[root, k, 0] * u[3] + R[root, k, 1] * u[4] + R[root, k, 2] * u[5]
+        chain.twist[root, 3 + k] = u[k]
+        chain.correction[root, k] = chain.correction[root, 3 + k] = 0.0
+    for j in range(root, n - 1):
+        move_joint(j, j, j + 1, u[6:], chain)
+    for j in range(root - 1, -1, -1):
+        move_joint(j, j + 1, j, u[6:], chain)
+    end_velocities(chain.twist, R, work.center, work.u_hat)
+
+
+@merged
+def balance(model, work):
+    """
+    Fill the wrenches that gravity and inertia leave to joints and middle link, as momentum.
+
+    A twist is of the body point that passes a fixed O, so that the center of a link has the
+    acceleration ``a_O + alpha x r + omega x v``. The momentum of these accelerations is that of
+    velocities with the opposite sign.
+    """
+    twist, u, rest = work.chain.twist, work.u_hat, work.u_star
+    end_velocities(work.chain.correction, work.R, work.center, rest)
+    for i in range(len(u)):
+        wx, wy, wz = twist[i, 0], twist[i, 1], twist[i, 2]
+        rest[i, 0] = -rest[i, 0] - (wy * u[i, 2] - wz * u[i, 1])
+        rest[i, 1] = -rest[i, 1] - (wz * u[i, 0] - wx * u[i, 2])
+        rest[i, 2] = -rest[i, 2] - (wx * u[i, 1] - wy * u[i, 0])
+        for k in range(3, 6):
+            rest[i, k] = -rest[i, k]
+    smooth_momentum(model, 1.0, rest, u, work.R, work.center, work.chain.momentum)
+    link_inertia(model, work.R, work.center, work.chain.bare)
+
+
+@merged
+def joint_torques(model, waves, t, y, torque):
+    """Fill the torques of the joint controllers [N m]; return their power [W]."""
+    begin, power = rates_begin(len(torque) + 1) + 6, 0.0
+    fade = fade_at(t, waves[1])
+    for j in range(len(torque)):
+        for k in range(2):
+            angle, rate = wave_at(waves[0][k], fade, t, j)
+            joint_rate = y[begin + 2 * j + k]
+            torque[j, k] = model.stiffness[j, k] * (angle - y[ANGLES + 2 * j + k])
+            torque[j, k] += model.damping[j, k] * (rate - joint_rate)
+            power += torque[j, k] * joint_rate
+    return power
+
+
+@merged
+def carried_acceleration(twist):
+    """Return omega x v of the link whose center is O, and no angular acceleration."""
+    wx, wy, wz, vx, vy, vz = twist
+    return wy * vz - wz * vy, wz * vx - wx * vz, wx * vy - wy * vx, 0.0, 0.0, 0.0
+
+
+@merged
+def rate_of_change(model, law, waves, work, t, y, y_dot):
+    """
+    Fill the time derivative of y; its layout is written at ANGLES.
+
+    Parameters
+    ----------
+    model : spatial.Model
+    law : penalty.PenaltyLaw
+    waves : tuple
+        Numbers of the yaw wave and of the pitch wave, and the time of the soft start.
+    work : spatial.Workspace
+        Its middle coordinates are those of y, with u_hat as velocities.
+    t : float
+        [s]
+    y, y_dot : ndarray, shape (15 + 4 (n-1),)
+
+    """
+    chain, table, n = work.chain, work.table, len(work.R)
+    root, begin = n // 2, rates_begin(n)
+    place_links(model.half_length, y, work)
+    move_links(y, work)
+    balance(model, work)
+    y_dot[-2] = joint_torques(model, waves, t, y, chain.torque)
+    contact = work.contact[: contacts_of(model.obstacles, 0.0, model, work, work.q_mid)]
+    contact_velocities(contact, table, chain.frame, chain.twist)
+    penalty_forces(law, model.laws, contact, table, model.mass)
+    y_dot[-1] = 0.0
+    for a in contact:
+        for k in range(3):
+            y_dot[-1] += table[a, IMPULSE + k] * table[a, GAMMA + k]
+    carried = carried_acceleration(line(chain.twist, root))
+    unload_chain(chain)
+    factor_chain(chain)
+    load_chain(contact, table, chain)
+    solve_chain(chain, chain.torque)
+    for k in range(3):
+        y_dot[k] = y[begin + k]
+    p, omega = (y[3], y[4], y[5], y[6]), (y[begin + 3], y[begin + 4], y[begin + 5])
+    turned = half_rotation(p, omega, 0.5)
+    for k in range(4):
+        y_dot[3 + k] = turned[k] - p[k]
+    for k in range(2 * (n - 1)):
+        y_dot[ANGLES + k] = y[begin + 6 + k]
+        y_dot[begin + 6 + k] = chain.rate[k // 2, k % 2]
+    end_velocities(chain.twist, work.R, work.center, work.u_star)
+    for k in range(6):
+        y_dot[begin + k] = work.u_star[root, k] + carried[k]
+
+
+@compiled
+def rates_of_change(model, law, waves, work, t, y, y_dot):
+    """Fill the time derivative of every row of y, shape (m, 15 + 4 (n-1))."""
+    for k in range(len(y)):
+        rate_of_change(model, law, waves, work, t, y[k], y_dot[k])
+
+
+@compiled
+def configuration(model, work, y):
+    """Fill work.q_mid and work.u_hat with all links; return the deepest gap below zero [m]."""
+    place_links(model.half_length, y, work)
+    move_links(y, work)
+    return deepest(model.obstacles, model.contact_offset, model.contact_radius, work.q_mid)

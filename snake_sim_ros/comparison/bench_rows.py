@@ -1,0 +1,144 @@
+"""Rows of the bench: what was run and what came out, how they are read, and what makes them."""
+
+from collections.abc import Callable
+from collections.abc import Mapping
+from dataclasses import asdict
+from dataclasses import dataclass
+from dataclasses import fields
+from dataclasses import replace
+import math
+from typing import Any
+
+from snake_sim_ros.comparison.csv_tables import is_empty
+from snake_sim_ros.comparison.csv_tables import records_of
+from snake_sim_ros.comparison.csv_tables import Table
+from snake_sim_ros.scene.quantities import ParameterError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """
+    A run: what it was, in the columns of KEY, and what came out; nan or None: it means nothing.
+
+    Times are wall times; errors are the largest at any time. `error_path` and what is derived from
+    it or like it are relative to the distance of the middle link from start to end.
+    """
+
+    part: str
+    case: str
+    method: str
+    level: str = ''
+    setting: str = ''
+    dt: float = math.nan  # s; mean step of a method that chooses it
+    tolerance: float = math.nan  # of a method that chooses its steps, or at which a solver stops
+    n: int | None = None
+    duration: float = math.nan  # s
+    status: str = ''
+    error_path: float = math.nan
+    path_difference: float = math.nan  # from the path of newton at the same step
+    error_angle: float = math.nan  # rad
+    error_heading: float = math.nan  # rad
+    reference_error: float = math.nan  # how far the converged solution is from converged
+    error_limit: float = math.nan
+    model_error: float = math.nan
+    energy_error: float = math.nan
+    seconds: float = math.nan
+    seconds_per_second: float = math.nan
+    median_us: float = math.nan
+    p99_us: float = math.nan
+    calibration_us: float = math.nan  # of a fixed amount of arithmetic, timed beside the run
+    compile_seconds: float = math.nan
+    steps: int | None = None
+    planar_steps: int | None = None
+    iterations: int | None = None
+    iterations_max: int | None = None
+    fallbacks: int | None = None
+    unconverged: int | None = None
+    residual_max: float = math.nan  # m/s
+    penetration_max: float = math.nan  # m
+    penetration_end: float = math.nan  # m, largest of the last second
+    joint_gap_max: float = math.nan  # m
+    joint_twist_max: float = math.nan
+    memory_begin: int | None = None  # resident, of the process [B]
+    memory_end: int | None = None
+    message: str = ''
+
+
+COLUMNS = tuple(item.name for item in fields(Row))
+KEY = ('part', 'case', 'method', 'level', 'setting', 'dt', 'tolerance', 'n', 'duration')
+
+
+@dataclass(frozen=True)
+class Entry:
+    """
+    Something to run for one row or some.
+
+    Attributes
+    ----------
+    keys : tuple of Row
+        Rows with nothing but their keys.
+    run : callable
+        Returns the rows; those without a key of `keys` follow from the same run.
+    guess : float
+        How long it may take, for the progress bar [s].
+
+    """
+
+    keys: tuple[Row, ...]
+    run: Callable[[], list[Row]]
+    guess: float
+
+    def is_in(self, done: set[tuple[str, ...]]) -> bool:
+        """Return whether a file with rows of these keys has all of this entry already."""
+        return done.issuperset(key(asdict(row)) for row in self.keys)
+
+
+def key(row: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return what identifies a row; a method that chooses its steps is known by its tolerance."""
+    texts = {name: '' if is_empty(row[name]) else str(row[name]) for name in KEY}
+    if texts['tolerance']:
+        texts['dt'] = ''
+    return tuple(texts.values())
+
+
+def outcome(entry: Entry) -> list[Row]:
+    """Run an entry: anything that it raises is a row, too, except an end from the keyboard."""
+    try:
+        return entry.run()
+    except Exception as error:  # the bench goes on, the row says what happened
+        status = 'refused' if isinstance(error, ParameterError) else 'error'
+        message = ' '.join(f'{type(error).__name__}: {error}'.split())
+        return [replace(row, status=status, message=message) for row in entry.keys]
+
+
+def line(row: Row) -> str:
+    """Return a row in short, for people who wait."""
+    what = [row.part, row.case, row.method, row.level, row.setting]
+    if row.dt > 0.0:
+        what.append(f'dt {row.dt:.2g} s')
+    if row.n:
+        what.append(f'n = {row.n}')
+    if row.part == 'iterations' and row.iterations:
+        what.append(f'{row.iterations} iterations to {row.residual_max:.1e} m/s')
+    if row.median_us > 0.0:
+        what.append(f'{row.median_us:.2f} us')
+    if math.isfinite(row.path_difference):
+        what.append(f'{row.path_difference:.1e} from newton, {row.unconverged} unconverged')
+    if row.part == 'soak' and row.steps:
+        what.append(f'{row.steps} steps, {row.penetration_end:.1e} m deep')
+    if math.isfinite(row.error_path):
+        what.append(f'{100 * row.error_path:.3g} %')
+    return ' | '.join(part for part in [*what, row.status, row.message] if part)
+
+
+def rows_of(table: Table) -> list[Row]:
+    """
+    Return the rows of a file with numbers for their texts.
+
+    Raises
+    ------
+    ParameterError
+        See `csv_tables.records_of`.
+
+    """
+    return records_of(table, 'bench', Row)

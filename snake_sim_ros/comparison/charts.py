@@ -1,0 +1,393 @@
+"""
+Pictures; no other modules but `animation`, `figures` and `stability_chart` import matplotlib.
+
+Colors are those of Okabe and Ito, which people with any kind of color vision tell apart; a method
+has the same color and the same mark everywhere. The planar level is drawn with hollow marks.
+"""
+
+from collections.abc import Iterable
+from collections.abc import Mapping
+from collections.abc import Sequence
+from itertools import groupby
+import math
+from pathlib import Path
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+import numpy as np
+
+from snake_sim_ros.comparison import artefacts
+from snake_sim_ros.comparison.bench_rows import Row
+from snake_sim_ros.comparison.bench_rows import rows_of
+from snake_sim_ros.comparison.bench_tables import agreement_table
+from snake_sim_ros.comparison.bench_tables import soak_table
+from snake_sim_ros.comparison.csv_tables import records_of
+from snake_sim_ros.comparison.csv_tables import Table
+from snake_sim_ros.comparison.pareto import fitted_order
+from snake_sim_ros.comparison.pareto import fitted_power
+from snake_sim_ros.comparison.pareto import pareto_table
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.quantities import ParameterError
+
+PATH_COLOR = '#0072b2'
+POSTURE_COLORS = ('#999999', '#56b4e9', '#009e73', '#e69f00', '#d55e00')
+STYLES = {  # method: color, mark, name
+    'newton': ('#0072b2', 'o', 'newton'),
+    'bdf2': ('#009e73', 's', 'bdf2'),
+    'newton_dense': ('#56b4e9', 'v', 'newton_dense'),
+    'gauss_seidel': ('#e69f00', '^', 'gauss_seidel'),
+    'paper': ('#000000', 'D', "paper's iteration"),
+    'pyramid': ('#999999', 'h', 'friction pyramid'),
+    'semi_implicit_euler': ('#cc79a7', 'P', 'regularized, semi-implicit Euler'),
+    'rk45': ('#cc79a7', '1', 'regularized, RK45'),
+    'lsoda': ('#cc79a7', '2', 'regularized, LSODA'),
+    'radau': ('#cc79a7', '3', 'regularized, Radau'),
+    'bdf': ('#cc79a7', '4', 'regularized, BDF'),
+    'mujoco': ('#d55e00', 'X', 'MuJoCo'),
+}
+MAIN = {  # setting that stands for a method; all are drawn, the others thin
+    'newton': 'default',
+    'bdf2': 'residual 1e-5 m/s',
+    'gauss_seidel': 'residual 1e-5 m/s',
+    **dict.fromkeys(('rk45', 'lsoda', 'radau', 'bdf'), 'tanh 0.001 m/s, 1e+05 N/m'),
+    'paper': 'as printed, 1e-07 N s',
+    'semi_implicit_euler': 'tanh 0.001 m/s, 1e+05 N/m',
+    'mujoco': 'accurate, spring, discrete',
+}
+DEFAULT_DT = 1 / 4000
+NAMES = {
+    'lateral_undulation': 'A: lateral undulation',
+    'lateral_undulation_isotropic': 'B: the same, isotropic friction',
+    'sidewinding': 'C: sidewinding',
+    'sinus_lifting': 'D: sinus-lifting',
+}
+SMALL = {'font.size': 8.5, 'svg.hashsalt': 'snake_sim_ros', 'svg.fonttype': 'none'}
+
+
+def draw_bench(table: Table, folder: Path) -> list[Path]:
+    """
+    Draw everything that a bench measured, as SVG and PNG, and write its tables.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    ParameterError
+        If the table is not one of a bench, has a method without a style, or nothing to draw.
+
+    """
+    rows = rows_of(table)
+    for method in {row.method for row in rows} - set(STYLES):
+        raise ParameterError(f'method must be one of {", ".join(STYLES)}; got {method!r}')
+    parts = {name: [row for row in rows if row.part == name] for name in {r.part for r in rows}}
+    if not cases_with_errors(parts.get('precision', ())):
+        parts.pop('precision', None)
+    drawn: list[Path] = []
+    figures = {
+        'work_precision': ('precision', work_precision),
+        'error_over_dt': ('precision', error_over_dt),
+        'cost_over_links': ('links', cost_over_links),
+        'residual_over_iterations': ('iterations', residual_over_iterations),
+        'where_time_goes': ('stages', where_time_goes),
+    }
+    for name, (part, draw) in figures.items():
+        if part not in parts:
+            continue
+        with rc_context(SMALL):
+            figure = draw(parts[part] + parts.get('situations', []) * (part == 'stages'))
+            drawn += save(figure, folder / name, table.header)
+    tables = {
+        'pareto': ('precision', pareto_table),
+        'agreement': ('agreement', agreement_table),
+        'soak': ('soak', soak_table),
+    }
+    for name, (part, write) in tables.items():
+        if part in parts:
+            path = folder / f'{name}.md'
+            path.write_text(write(rows), encoding='utf-8')
+            drawn.append(path)
+    if not drawn:
+        raise ParameterError('nothing to draw: no run of the file has an error or a time')
+    return drawn
+
+
+def draw_artefacts(table: Table, folder: Path) -> list[Path]:
+    """
+    Write the table of artefacts in Markdown, and return its file.
+
+    Raises
+    ------
+    ParameterError
+        If the table is not one of artefacts, or has no rows.
+
+    """
+    rows = records_of(table, 'artefacts', artefacts.Row)
+    if not rows:
+        raise ParameterError('no artefact to show: the file has no rows')
+    path = folder / 'artefacts.md'
+    path.write_text(artefacts.text_table(rows), encoding='utf-8')
+    return [path]
+
+
+def save(figure: Figure, path: Path, header: Mapping[str, str]) -> list[Path]:
+    """Write a figure as SVG and PNG, with where it was measured at its top."""
+    where = ', '.join(header[key] for key in ('processor', 'date') if key in header)
+    commit = header.get('commit', 'unknown')
+    doubt = 'provenance unknown; says of itself: ' * ('provenance' in header)
+    figure.suptitle(
+        f'{doubt}commit {commit}, {where}', fontsize=6.5, x=0.99, ha='right', color='#555555'
+    )
+    FigureCanvasAgg(figure)
+    files = [path.with_suffix(suffix) for suffix in ('.svg', '.png')]
+    figure.savefig(files[0], dpi=220, metadata={'Date': None})
+    figure.savefig(files[1], dpi=110)
+    return files
+
+
+def panels(count: int, columns: int, height: float) -> tuple[Figure, list[Axes]]:
+    """Return a figure as wide as a README, with axes of a height [inch] each."""
+    rows = math.ceil(count / columns)
+    figure = Figure(figsize=(9.0, rows * height + 0.8), layout='constrained')
+    return figure, [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
+
+
+def lines(rows: Iterable[Row]) -> dict[tuple[str, str, str], list[Row]]:
+    """Return the rows of every line: (method, level, setting) -> rows, small steps first."""
+    found: dict[tuple[str, str, str], list[Row]] = {}
+    for row in rows:
+        if row.error_path > 0.0:
+            found.setdefault((row.method, row.level, row.setting), []).append(row)
+    for line in found.values():
+        line.sort(key=lambda row: row.dt)
+    return dict(sorted(found.items(), key=lambda item: list(STYLES).index(item[0][0])))
+
+
+def plot_line(axes: Axes, x: Any, y: Any, method: str, level: str, *, main: bool) -> Any:
+    """Draw the line of a method, thin if its setting is not the one that stands for it."""
+    color, mark, _ = STYLES[method]
+    fill = 'white' if level == 'planar' and mark not in '1234' else color
+    look: dict[str, Any] = {'lw': 1.5, 'ms': 5.0} if main else {'lw': 0.6, 'ms': 2.5, 'alpha': 0.5}
+    (line,) = axes.plot(x, y, '-', marker=mark, color=color, mfc=fill, zorder=2 + main, **look)
+    return line
+
+
+def is_main(method: str, setting: str, rows: Iterable[Row]) -> bool:
+    """Return whether a setting stands for its method; any does where that of MAIN was not run."""
+    settings = {row.setting for row in rows if row.method == method}
+    return MAIN.get(method) not in settings - {setting}
+
+
+def cases_with_errors(rows: Iterable[Row]) -> list[str]:
+    """Return the cases in which a run got through and has an error."""
+    return list(dict.fromkeys(row.case for row in rows if row.error_path > 0.0))
+
+
+def errors_figure(rows: Sequence[Row], column: str) -> tuple[Figure, list[Axes]]:
+    """Draw the path errors of all cases over a column, with fitted orders in the legend."""
+    cases = cases_with_errors(rows)
+    figure, all_axes = panels(len(cases), min(2, len(cases)), 3.2)
+    legend: dict[str, Any] = {}
+    orders: dict[str, list[float]] = {}
+    for axes, case in zip(all_axes, cases, strict=True):
+        here = [row for row in rows if row.case == case]
+        for (method, level, setting), line in lines(here).items():
+            main = is_main(method, setting, here)
+            x = [getattr(row, column) for row in line]
+            y = [row.error_path for row in line]
+            handle = plot_line(axes, x, y, method, level, main=main)
+            if main:
+                name = STYLES[method][2] + ', planar' * (level == 'planar')
+                legend.setdefault(name, handle)
+                orders.setdefault(name, []).append(fitted_order(line))
+        shown = [row for row in here if row.error_path > 0.0]
+        doubt = max(row.reference_error for row in shown)
+        axes.axhspan(1e-9, max(doubt, 1e-9), color='#dddddd', zorder=0)
+        low = min([doubt, *(row.error_path for row in shown)])
+        axes.set(xscale='log', yscale='log', title=NAMES.get(case, case), ylim=(low / 2, 2.0))
+        axes.set_ylabel('error / distance from start to end')
+        axes.grid(alpha=0.3, which='major')
+    names = {
+        name: name + ''.join({f' (order {np.nanmedian(fits):.1f})' for fits in [orders[name]]
+                              if np.isfinite(fits).any()})
+        for name in legend
+    }  # fmt: skip
+    figure.legend(
+        legend.values(), names.values(), loc='outside lower center', ncols=3, frameon=False
+    )
+    return figure, all_axes
+
+
+def slope_triangle(axes: Axes, order: int, direction: int, at: tuple[float, float]) -> None:
+    """
+    Draw a triangle with the slope of an order.
+
+    Parameters
+    ----------
+    axes : Axes
+    order : int
+    direction : {1, -1}
+        1 over time steps, -1 over times.
+    at : tuple of float
+        Its lower corner, as fractions of the axes.
+
+    """
+    (x0, x1), (y0, y1) = np.log10(axes.get_xlim()), np.log10(axes.get_ylim())
+    x, y = x0 + at[0] * (x1 - x0), y0 + at[1] * (y1 - y0)
+    run = 0.5
+    corners = [(x, y), (x + direction * run, y), (x + direction * run, y + order * run)]
+    points = 10.0 ** np.array([*corners, corners[0]])
+    axes.plot(*points.T, '-', color='#555555', lw=0.8, zorder=1)
+    axes.annotate(
+        f'{order}', tuple(points[2]), fontsize=7, color='#555555',
+        ha='left' if direction > 0 else 'right', va='top',
+    )  # fmt: skip
+
+
+def work_precision(rows: Sequence[Row]) -> Figure:
+    """Draw error over wall time per simulated second: down and to the left is better."""
+    figure, all_axes = errors_figure(rows, 'seconds_per_second')
+    cases = cases_with_errors(rows)
+    for axes, case in zip(all_axes, cases, strict=True):
+        here = [row for row in rows if row.case == case and row.error_path > 0.0]
+        default = {row.level: row for row in here if row.dt == DEFAULT_DT
+                   and (row.method, row.setting) == ('newton', 'default')}  # fmt: skip
+        printed = [row for row in here if row.dt == DEFAULT_DT
+                   and (row.method, row.setting) == ('paper', MAIN['paper'])]  # fmt: skip
+        chosen = default.get('planar') or default.get('spatial')
+        for row, text in [(chosen, 'default'), (printed[0] if printed else None, 'paper')]:
+            if row is not None:
+                point = row.seconds_per_second, row.error_path
+                axes.plot(*point, 'o', ms=11, mfc='none', mec='black', mew=1.2, zorder=5)
+                axes.annotate(text, point, xytext=(7, 7), textcoords='offset points', zorder=5)
+        axes.axvline(1.0, color='black', lw=0.8, ls=':')
+        axes.annotate('real time', (1.0, 0.99), xycoords=('data', 'axes fraction'), rotation=90,
+                      ha='right', va='top', fontsize=7)  # fmt: skip
+        axes.set_xlabel('wall time / simulated time')
+        for order, at in ((1, (0.14, 0.06)), (2, (0.24, 0.06))):
+            slope_triangle(axes, order, -1, at)
+    return figure
+
+
+def error_over_dt(rows: Sequence[Row]) -> Figure:
+    """Draw error over time step, with the slopes of first and second order."""
+    figure, all_axes = errors_figure(rows, 'dt')
+    for axes in all_axes:
+        axes.set_xlabel('time step [s]')
+        for order, at in ((1, (0.72, 0.06)), (2, (0.84, 0.06))):
+            slope_triangle(axes, order, 1, at)
+    return figure
+
+
+def cost_over_links(rows: Sequence[Row]) -> Figure:
+    """Draw the median step over the number of links, with the exponents of fitted power laws."""
+    figure, (axes,) = panels(1, 1, 3.6)
+    rows = [row for row in rows if row.median_us > 0.0]
+    for method in STYLES:
+        for level in ('spatial', 'planar'):
+            line = [
+                row
+                for row in rows
+                if (row.method, row.level) == (method, level)
+                and is_main(method, row.setting, rows)
+            ]
+            if not line:
+                continue
+            n, cost = [row.n or 0 for row in line], [row.median_us for row in line]
+            handle = plot_line(axes, n, cost, method, level, main=True)
+            exponent = f', n^{fitted_power(n, cost):.2f}' * (len(line) > 1)
+            handle.set_label(STYLES[method][2] + ', planar' * (level == 'planar') + exponent)
+    axes.set(xscale='log', yscale='log', xlabel='number of links', ylabel='median step [us]')
+    axes.grid(alpha=0.3, which='both')
+    figure.legend(loc='outside right center', frameon=False)
+    return figure
+
+
+def residual_over_iterations(rows: Sequence[Row]) -> Figure:
+    """Draw what is left of the contact laws over iterations, for stored hard problems."""
+    cases = list(dict.fromkeys(row.case for row in rows))
+    figure, all_axes = panels(len(cases), 3, 2.4)
+    legend: dict[str, Any] = {}
+    for axes, case in zip(all_axes, cases, strict=True):
+        here = [row for row in rows if row.case == case]
+        for method, line in groupby(here, key=lambda row: row.method):
+            steps = list(line)
+            x = [row.iterations for row in steps]
+            y = [max(row.residual_max, 1e-16) for row in steps]
+            legend[method] = plot_line(axes, x, y, method, 'spatial', main=True)
+        axes.axhline(1e-9, color='black', lw=0.8, ls=':')
+        axes.set(xscale='log', yscale='log', title=case)
+        axes.grid(alpha=0.3)
+    for axes in all_axes[::3]:
+        axes.set_ylabel('residual [m/s]')
+    for axes in all_axes[-3:]:
+        axes.set_xlabel('iterations (dotted: where newton stops)')
+    names = [STYLES[method][2] for method in legend]
+    figure.legend(legend.values(), names, loc='outside lower center', ncols=3, frameon=False)
+    return figure
+
+
+def where_time_goes(rows: Sequence[Row]) -> Figure:
+    """Draw the stages of a step, and what it costs by what there is to pay for."""
+    figure, (left, right) = panels(2, 2, 2.8)
+    colors = ('#0072b2', '#56b4e9', '#009e73', '#e69f00')
+    for y, level in enumerate(('spatial', 'planar')):
+        start = 0.0
+        stages = [row for row in rows if (row.part, row.level) == ('stages', level)]
+        for row, color in zip(stages[:3], colors, strict=False):
+            label = row.setting if level == 'spatial' else None
+            left.barh(y, row.median_us, left=start, color=color, label=label)
+            start += row.median_us
+        for row in stages[3:]:
+            begin = stages[0].median_us
+            left.barh(y, row.median_us, 0.35, left=begin, color=colors[3], label=row.setting)
+    left.set(yticks=[0, 1], yticklabels=['spatial', 'planar'], xlabel='median [us]')
+    left.set_title('stages of a step of newton')
+    left.legend(loc='upper right', frameon=False, fontsize=7)
+    left.set_ylim(-0.6, 2.3)
+    found = [row for row in rows if row.part == 'situations']
+    right.barh([row.case for row in found], [row.median_us for row in found], color='#0072b2')
+    right.invert_yaxis()
+    right.set(xlabel='median step [us]', title='what there is to pay for')
+    return figure
+
+
+def path_figure(
+    file: Path, title: str, time: Array, position: Array, link: int, postures: int = 4
+) -> None:
+    """
+    Draw the path of one link and some postures of the robot from above, as PNG or SVG.
+
+    Parameters
+    ----------
+    file : Path
+    title : str
+    time : ndarray, shape (m,)
+        [s]
+    position : ndarray, shape (m, n, 3)
+        Link centers [m, frame I].
+    link : int
+        Index of the link whose path is drawn.
+    postures : int, optional
+        Postures to draw, evenly spaced in time from the first to the last.
+
+    """
+    figure = Figure(figsize=(8.0, 4.5), layout='constrained')
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    shown = np.unique(np.linspace(0, len(time) - 1, postures).round().astype(int))
+    for k, color in zip(shown, POSTURE_COLORS, strict=False):
+        label = f't = {time[k] - time[0]:.1f} s'
+        axes.plot(position[k, :, 0], position[k, :, 1], 'o-', color=color, lw=3, ms=5, label=label)
+    path = position[:, link]
+    axes.plot(path[:, 0], path[:, 1], color=PATH_COLOR, lw=1.5, label=f'link {link + 1}', zorder=3)
+    axes.set(xlabel='x [m]', ylabel='y [m]', title=title)
+    axes.set_aspect('equal', adjustable='datalim')
+    axes.grid(alpha=0.3)
+    figure.legend(loc='outside lower center', ncols=len(shown) + 1, frameon=False)
+    figure.savefig(file, dpi=120)

@@ -1,0 +1,363 @@
+"""
+CSV files of measurements: a head that says what was measured where, then one row per run.
+
+A head is a few lines ``# name: value``; with ``comment='#'`` any reader of CSV skips them. Whoever
+goes on with a file later writes another head above the new rows, so that nobody has a reason to
+edit one. The program writes heads and rows, and seals them: `seals` tells whether somebody did.
+"""
+
+from collections.abc import Iterable
+from collections.abc import Mapping
+from collections.abc import Sequence
+import csv
+from dataclasses import asdict
+from dataclasses import dataclass
+from dataclasses import fields
+from dataclasses import MISSING
+from datetime import datetime
+from datetime import timezone
+from hashlib import sha256
+import importlib.metadata
+import io
+import math
+from pathlib import Path
+import platform
+import subprocess
+from typing import Any
+
+from snake_sim_ros import __version__
+from snake_sim_ros import PACKAGE
+from snake_sim_ros.comparison.seals import Chain
+from snake_sim_ros.comparison.seals import check
+from snake_sim_ros.comparison.seals import SEAL
+from snake_sim_ros.comparison.seals import sealed
+from snake_sim_ros.comparison.seals import unsealed
+from snake_sim_ros.scene.quantities import ParameterError
+
+LIBRARIES = ('numpy', 'scipy', 'numba', 'mujoco')
+SAME = ('table', 'provenance', 'processor', 'settings')  # of all rows of a file
+SOURCES = ('commit', 'sources')  # the same too, unless somebody asks for another
+
+
+def provenance(table: str) -> dict[str, str]:
+    """Return what identifies a measurement: kind of table, sources, processor, versions, date."""
+    versions = {name: _version(name) for name in LIBRARIES}
+    return {
+        'table': table,
+        'commit': _commit(),
+        'sources': _sources(),
+        'processor': _processor(),
+        'python': platform.python_version(),
+        **{name: version for name, version in versions.items() if version},
+        'date': _now(),
+    }
+
+
+def _now() -> str:
+    return datetime.now(timezone.utc).strftime('%Y-%m-%d %H:%M UTC')
+
+
+def _version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return ''
+
+
+def _commit() -> str:
+    """Return the last commit of the sources, marked if changed since; else the version."""
+    sources = [str(PACKAGE), str((PACKAGE / 'config').resolve())]
+    commit = _git('log', '-1', '--format=%h', '--abbrev=12', '--', *sources)
+    if not commit:
+        return f'version {__version__}'
+    return commit + ' and changes' * bool(_git('status', '--porcelain', '--', *sources))
+
+
+def _sources() -> str:
+    """Return a digest of the sources: it tells apart what was changed since a commit, too."""
+    digest = sha256()
+    for path in sorted([*PACKAGE.rglob('*.py'), *(PACKAGE / 'config').iterdir()]):
+        if path.is_file():
+            content = sha256(path.read_bytes()).hexdigest()
+            digest.update(f'{path.relative_to(PACKAGE)} {content}\n'.encode())
+    return digest.hexdigest()[:12]
+
+
+def _git(*arguments: str) -> str:
+    command = ['git', '-C', str(PACKAGE), *arguments]
+    try:
+        finished = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return ''
+    return finished.stdout.strip()
+
+
+def _processor() -> str:
+    try:
+        text = Path('/proc/cpuinfo').read_text(encoding='utf-8')
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.partition(':')[2].strip() for line in text.splitlines() if 'model name' in line]
+    return names[0] if names else platform.machine()
+
+
+@dataclass(frozen=True)
+class Table:
+    """
+    A CSV file.
+
+    Attributes
+    ----------
+    header : dict
+        Name -> value of the comment lines; where heads differ, all values, first to last.
+    rows : list of dict
+        Column -> text.
+
+    """
+
+    header: dict[str, str]
+    rows: list[dict[str, str]]
+
+
+def read_table(path: Path) -> Table:
+    """
+    Read a file that TableWriter wrote.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such file, or it has no head or no columns, or is not as it was written.
+
+    """
+    lines, heads, columns = _read(path)
+    if SEAL not in columns:
+        raise ParameterError(
+            f'{path}: the rows have no seals: mark the file as one of unknown provenance with '
+            'snake-sim seal'
+        )
+    try:
+        check(lines)
+    except ParameterError as error:
+        raise ParameterError(f'{path}: {error}') from None
+    names = list(dict.fromkeys(name for head in heads for name in head))
+    header = {
+        name: ' and '.join(dict.fromkeys(head[name] for head in heads if name in head))
+        for name in names
+    }
+    reader = csv.DictReader(line for line in unsealed(lines) if not line.startswith('#'))
+    return Table(header, [row for row in reader if None not in row.values() and None not in row])
+
+
+def _read(path: Path) -> tuple[list[str], list[dict[str, str]], list[str]]:
+    """Return the whole lines of a file, what its heads say, and its columns."""
+    try:
+        text = path.read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        raise ParameterError(f'{path}: not readable as CSV: {error}') from None
+    lines = text.split('\n')[:-1]  # a row that was cut short is none
+    heads: list[dict[str, str]] = []
+    for line in lines:
+        name, _, value = (part.strip() for part in line[1:].partition(':'))
+        if not line.startswith('#') or name == SEAL:
+            continue
+        if name == 'table':
+            heads.append({})
+        if not heads:
+            break
+        heads[-1][name] = value
+    if not heads:
+        raise ParameterError(
+            f'{path}: the first line must say what it is, such as "# table: bench"; '
+            f'got {text.splitlines()[0][:60] if text else "an empty file"!r}'
+        )
+    columns = next((line for line in lines if not line.startswith('#')), '')
+    if not columns:
+        raise ParameterError(f'{path}: a line with the names of columns must follow the header')
+    return lines, heads, columns.split(',')
+
+
+def mark_unknown(path: Path) -> bool:
+    """
+    Seal a file that has no seals or none that fit, as one of which nobody knows who wrote what.
+
+    Its heads and rows stay as they are, but every head says so from then on, and so does what is
+    drawn of it. A file whose seals fit is left alone.
+
+    Returns
+    -------
+    bool
+        Whether the file was changed.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such file, or it has no head or no columns.
+
+    """
+    lines, _, columns = _read(path)
+    if SEAL in columns:
+        try:
+            check(lines)
+        except ParameterError:
+            pass
+        else:
+            return False
+    said = f'# provenance: unknown; found as it is and sealed on {_now()}'
+    marked: list[str] = []
+    for line in unsealed(lines):
+        if line.startswith('# provenance:'):
+            continue
+        marked += [line, said] if line.startswith('# table:') else [line]
+    new = path.with_name(f'{path.name}.new')
+    new.write_text(_text(sealed(marked)), encoding='utf-8')
+    new.replace(path)
+    return True
+
+
+def _text(lines: Iterable[str]) -> str:
+    return ''.join(f'{line}\n' for line in lines)
+
+
+def records_of(table: Table, kind: str, cls: type[Any]) -> list[Any]:
+    """
+    Return the rows of a table as records, with numbers for their texts.
+
+    Parameters
+    ----------
+    table : Table
+    kind : str
+        What the header must say that it is.
+    cls : type
+        A dataclass with fields str, float, int, or one of these or None. A float that is empty
+        is nan, if it cannot be None.
+
+    Raises
+    ------
+    ParameterError
+        If the table is of another kind, or has other columns, or a number is none. A column that
+        the dataclass has a default for may be missing: older files do not have all.
+
+    """
+    if table.header.get('table') != kind:
+        raise ParameterError(f'table must be {kind!r}, got {table.header.get("table")!r}')
+    kinds = {item.name: item.type for item in fields(cls)}
+    needed = {item.name for item in fields(cls) if item.default is MISSING}
+    found = []
+    for texts in table.rows:
+        if not needed <= set(texts) <= set(kinds):
+            differ = ', '.join(sorted(set(kinds) ^ set(texts)))
+            raise ParameterError(f'columns must be those of {kind}; these differ: {differ}')
+        found.append(
+            cls(**{name: _value(name, text, kinds[name]) for name, text in texts.items()})
+        )
+    return found
+
+
+def _value(name: str, text: str, kind: Any) -> Any:
+    if kind is str:
+        return text
+    if not text and kind is not int:
+        return math.nan if kind is float else None
+    try:
+        return int(text) if kind in (int, int | None) else float(text)
+    except ValueError:
+        raise ParameterError(f'{name} must be a number, got {text!r}') from None
+
+
+def is_empty(value: Any) -> bool:
+    """Return whether a value is written as an empty cell: nothing, or no finite number."""
+    return value is None or (isinstance(value, float) and not math.isfinite(value))
+
+
+def plain(record: Any) -> dict[str, Any]:
+    """Return a dataclass as a row that `TableWriter.append` takes; what is_empty is None."""
+    return {name: None if is_empty(value) else value for name, value in asdict(record).items()}
+
+
+class TableWriter:
+    """
+    A CSV file that grows row by row; one that is there already is gone on with.
+
+    Parameters
+    ----------
+    path : Path
+    table : str
+        Kind of table, as in the head.
+    columns : iterable of str
+    settings : sequence of str, optional
+        What all rows have in common beside what is in their columns, such as ``['dt=0.001']``.
+    other_sources : bool, optional
+        Whether to go on with a file whose rows are of other sources, or of unknown provenance: the
+        new rows have a head of their own.
+
+    Attributes
+    ----------
+    rows : list of dict
+        Rows that the file had, column -> text.
+
+    Raises
+    ------
+    ParameterError
+        If the folder does not exist, or the file holds rows of another kind, of other columns, of
+        other sources, of another processor or other settings, or is not as it was written, or is
+        no table at all: it is left as it is.
+
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        table: str,
+        columns: Iterable[str],
+        settings: Sequence[str] = (),
+        *,
+        other_sources: bool = False,
+    ) -> None:
+        self.path, self.columns = path, list(columns)
+        self.rows: list[dict[str, str]] = []
+        header = provenance(table)
+        if settings:
+            header['settings'] = ' '.join(' '.join(settings).split())
+        if not path.absolute().parent.is_dir():
+            raise ParameterError(f'no folder {path.absolute().parent} for {path.name}')
+        head = [f'# {name}: {value}' for name, value in header.items()]
+        if not path.exists() or path.stat().st_size == 0:
+            self._chain, self._head = Chain(), list[str]()
+            lines = [*self._chain.head(head), self._chain.columns(','.join(self.columns))]
+            path.write_text(_text(lines), encoding='utf-8')
+            return
+        self.rows = read_table(path).rows
+        lines, heads, found = _read(path)
+        names = [name for name in SAME if name != 'provenance' or not other_sources]
+        for name in names + list(SOURCES) * (not other_sources):
+            for old in (there.get(name, '') for there in heads):
+                if old != header.get(name, ''):
+                    raise ParameterError(
+                        f'{path} holds rows of {name} {old!r}, these would be of '
+                        f'{header.get(name, "")!r}: name another file, or remove that one'
+                        + ', or go on with --other-sources'
+                        * (name in ('provenance', *SOURCES))
+                    )
+        if found != [*self.columns, SEAL]:
+            raise ParameterError(
+                f'{path} has other columns: name another file, or remove that one'
+            )
+        self._chain, self._head = check(lines), head  # written above the first new row
+        path.write_text(_text(lines), encoding='utf-8')  # without a row that was cut short
+
+    def append(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        """Add rows; None is empty, a float is written so that reading gives the same number."""
+        lines: list[str] = []
+        for row in rows:
+            if self._head:
+                lines += self._chain.head(self._head)
+                self._head = []
+            lines.append(self._chain.row(self._line(row)))
+        with self.path.open('a', encoding='utf-8', newline='') as file:
+            file.write(_text(lines))
+
+    def _line(self, row: Mapping[str, Any]) -> str:
+        """Return a row as text; a line break, which would end it, becomes a blank."""
+        text = io.StringIO()
+        csv.DictWriter(text, self.columns, lineterminator='').writerow(row)
+        return text.getvalue().replace('\r', ' ').replace('\n', ' ')

@@ -1,0 +1,81 @@
+"""
+Hard contact problems, stored as single steps, and how the solvers get on with them.
+
+They are in ``config/hard_contacts.npz``. The first twenty are the steps that took most iterations
+of method newton in 15 s of cases A to D, ``mu 5`` are steps of lateral undulation with mu = 5 on
+which an earlier solver gave up. The others are postures put on the floor with a gap of -1e-9 m and
+moved as one rigid body: at rest or nearly so (redundant contacts), thrown down at 0.3 m/s while
+turning (every contact lands and slides at once), with a link of 1000 times the mass, with an
+upright link, and a pitched link that slides on its leading end, below and beyond Painlevé's
+threshold.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import CONFIG
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import scene_from_text
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.stepping.base import make_stepper
+from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.base import PREVIOUS
+from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.base import State
+
+
+class Problem(NamedTuple):
+    """One step: of a scene, from a state and history, with joint references (n-1, 2)."""
+
+    scene: Scene
+    state: State
+    history: Array
+    angle: Array
+    rate: Array
+
+
+def load_problems() -> dict[str, Problem]:
+    """Return the stored problems by their names."""
+    with np.load(CONFIG / 'hard_contacts.npz') as file:
+        names, texts, links, numbers = (file[key] for key in ('name', 'scene', 'links', 'numbers'))
+    problems, start = {}, 0
+    for name, text, n in zip(names, texts, links, strict=True):
+        parts = []
+        for shape in ((n, 7), (n, 6), (5, 2 * n, 5), (n - 1, 2), (n - 1, 2)):
+            size = int(np.prod(shape))
+            parts.append(numbers[start : start + size].reshape(shape))
+            start += size
+        scene = replace(scene_from_text(text.decode()), level='spatial')
+        history = no_history(scene)
+        history[:PREVIOUS] = parts[2][:PREVIOUS]  # what methods keep themselves is not stored
+        problems[str(name)] = Problem(scene, State(*parts[:2]), history, *parts[3:])
+    assert start == len(numbers)
+    return problems
+
+
+def reports_by_limit(problem: Problem, method: str, most: int) -> Iterator[Report]:
+    """
+    Yield the reports of a step whose solver may take 1, 2, 3, 5, 7, 10 ... iterations.
+
+    Ends with the first that converged, or at most `most` iterations. The tolerances are too small
+    to stop a solver that can still improve: 1e-12 m/s, for the paper's iteration 1e-14 N s.
+    """
+    limits = np.unique(np.round(np.geomspace(1, most, 6 * int(np.log10(most)) + 1)).astype(int))
+    for limit in limits:
+        settings = {
+            'method': method,
+            'solver.iteration_limit': int(limit),
+            'solver.residual_tolerance': 1e-12,
+            'solver.tolerance': 1e-14,
+        }
+        stepper = make_stepper(with_settings(problem.scene, settings))
+        _, _, report = stepper.advance(
+            problem.state, problem.history, problem.angle[None], problem.rate[None]
+        )
+        yield report
+        if not report.unconverged:
+            return

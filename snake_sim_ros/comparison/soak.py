@@ -1,0 +1,107 @@
+"""
+Very long runs: whether penetration stays bounded, and memory flat.
+
+The robot in `sidewinding` and `lateral_undulation` goes on and on; among pegs, which it passes in
+some seconds, it begins anew after every duration of the scene.
+"""
+
+from collections.abc import Iterator
+from collections.abc import Sequence
+from dataclasses import dataclass
+import os
+from pathlib import Path
+import time
+from typing import Any
+
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.simulation import steps_in
+
+MARKS = (10**4, 10**5, 10**6, 10**7)  # steps after which a soak is looked at
+QUICK_MARKS = (10**3, 10**4, 10**5)
+SECOND = 1.0  # s, over which the penetration at the end is looked for
+SOAKED: dict[str, dict[str, Any]] = {  # scene: settings
+    'lateral_undulation': {'level': 'spatial'},
+    'sidewinding': {},
+    'obstacle_aided': {},
+}
+
+
+@dataclass(frozen=True)
+class Mark:
+    """
+    How a soak stands after some steps.
+
+    Attributes
+    ----------
+    steps : int
+        Asked for; those done are in the report.
+    seconds : float
+        Wall time of all steps.
+    report : Report
+        Of all steps.
+    penetration_end : float
+        Largest of the last second, or since the mark before if that is less [m].
+    memory_begin, memory_end : int or None
+        Resident memory of the process, when everything was compiled and at the mark [B]; None
+        where the system does not tell.
+
+    """
+
+    steps: int
+    seconds: float
+    report: Report
+    penetration_end: float
+    memory_begin: int | None
+    memory_end: int | None
+
+
+def resident_memory() -> int | None:
+    """Return the memory of this process that is in use [B], None where the system has no /proc."""
+    try:
+        pages = Path('/proc/self/statm').read_text(encoding='ascii').split()[1]
+    except OSError:
+        return None
+    return int(pages) * os.sysconf('SC_PAGE_SIZE')
+
+
+def soaked_scene(name: str) -> Scene:
+    """Return one of the scenes of SOAKED."""
+    return with_settings(load_scene(name), SOAKED[name])
+
+
+def soak(scene: Scene, marks: Sequence[int], *, restarts: bool) -> Iterator[Mark]:
+    """
+    Run a scene for very many steps, and yield how it stands at some of them.
+
+    Parameters
+    ----------
+    scene : Scene
+    marks : sequence of int
+        Steps at which to look, ascending; the run ends with the last one, or where it diverges.
+    restarts : bool
+        Whether the robot begins anew after every duration of the scene.
+
+    """
+    simulation = Simulation(scene)
+    simulation.compile()
+    chunk = steps_in(SECOND, scene.dt, 'second')
+    whole = steps_in(scene.duration, scene.dt, 'duration')
+    total, seconds, latest = Report(), 0.0, Report()
+    memory = resident_memory()
+    for mark in marks:
+        while total.steps < mark and not total.failure:
+            if restarts and simulation.step_count == whole:
+                simulation = Simulation(scene)
+            steps = min(chunk, mark - total.steps)
+            if restarts:
+                steps = min(steps, whole - simulation.step_count)
+            reference = simulation.gait_reference(steps)
+            begin = time.perf_counter()
+            latest = simulation.advance(*reference)
+            seconds += time.perf_counter() - begin
+            total += latest
+        yield Mark(mark, seconds, total, latest.penetration_max, memory, resident_memory())

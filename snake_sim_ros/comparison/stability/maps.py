@@ -1,0 +1,178 @@
+"""The maps of `stability`: quantities, methods, scenes, limits of theory."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+
+from snake_sim_ros.comparison.course import SAMPLE
+from snake_sim_ros.comparison.mujoco_peer import MujocoSettings
+from snake_sim_ros.comparison.mujoco_peer import run_mujoco
+from snake_sim_ros.comparison.stability.runs import Axis
+from snake_sim_ros.comparison.stability.runs import Case
+from snake_sim_ros.comparison.stability.runs import Run
+from snake_sim_ros.comparison.stability.runs import simulate
+from snake_sim_ros.comparison.stability.runs import StabilityMap
+from snake_sim_ros.comparison.stability.scenes import AIKO
+from snake_sim_ros.comparison.stability.scenes import angle_error
+from snake_sim_ros.comparison.stability.scenes import control_limit
+from snake_sim_ros.comparison.stability.scenes import damped
+from snake_sim_ros.comparison.stability.scenes import dropped_flat
+from snake_sim_ros.comparison.stability.scenes import dropped_precisely
+from snake_sim_ros.comparison.stability.scenes import dropped_tilted
+from snake_sim_ros.comparison.stability.scenes import heavy
+from snake_sim_ros.comparison.stability.scenes import in_flight
+from snake_sim_ros.comparison.stability.scenes import landing_error
+from snake_sim_ros.comparison.stability.scenes import landing_limit
+from snake_sim_ros.comparison.stability.scenes import on_the_ground
+from snake_sim_ros.comparison.stability.scenes import path_error
+from snake_sim_ros.comparison.stability.scenes import prox_limit
+from snake_sim_ros.comparison.stability.scenes import pushed_along
+from snake_sim_ros.comparison.stability.scenes import pushed_down
+from snake_sim_ros.comparison.stability.scenes import rod
+from snake_sim_ros.comparison.stability.scenes import rod_error
+from snake_sim_ros.comparison.stability.scenes import rod_limit
+from snake_sim_ros.comparison.stability.scenes import sinking
+from snake_sim_ros.comparison.stability.scenes import smooth_limit
+from snake_sim_ros.comparison.stability.scenes import speed
+from snake_sim_ros.comparison.stability.scenes import spin_limit
+from snake_sim_ros.comparison.stability.scenes import spinning
+from snake_sim_ros.comparison.stability.scenes import spring_limit
+from snake_sim_ros.comparison.stability.scenes import sticking
+from snake_sim_ros.comparison.stability.scenes import transverse_gain
+from snake_sim_ros.comparison.stability.scenes import undulating
+from snake_sim_ros.comparison.stability.scenes import upright
+from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.base import no_history
+
+SCHEMES = ('newton start', 'newton midpoint', 'newton average', 'newton end', 'bdf2')
+SOLVERS = ('newton', 'newton_dense', 'gauss_seidel', 'paper', 'bdf2')
+PATIENCE = 10.0  # s of wall time for a run of a peer
+
+
+def time_steps(first: float, last: float, count: int) -> Axis:
+    """Return time steps that divide SAMPLE, evenly spaced on a logarithmic axis [s]."""
+    counts = np.unique(np.round(SAMPLE / np.geomspace(first, last, count)))[::-1]
+    return Axis('dt', 's', tuple((SAMPLE / counts).tolist()))
+
+
+def spaced(name: str, unit: str, first: float, last: float, count: int) -> Axis:
+    """Return values that are evenly spaced on a logarithmic axis."""
+    return Axis(name, unit, tuple(np.geomspace(first, last, count).tolist()))
+
+
+def no_limit(method: str, y: float) -> float:
+    """Return nan: theory names none."""
+    return math.nan
+
+
+def run_case(method: str, case: Case) -> Run:
+    """Run a case with a method: one of `base.METHODS`, a baseline or a peer."""
+    if method != 'mujoco':
+        return simulate(case)
+    course = run_mujoco(replace(case.scene, duration=case.duration), MujocoSettings(), PATIENCE)
+    position = course.position
+    v = np.diff(position, axis=0) / SAMPLE
+    q = np.concatenate([position, np.zeros((*position.shape[:2], 4))], axis=-1)
+    mass = case.scene.robot.per_link('link_mass')
+    return Run(
+        q=q,
+        u=np.zeros((*position.shape[:2], 6)),
+        impulse=no_history(case.scene)[IMPULSE],
+        energy=float((0.5 * mass * (v**2).sum(axis=-1)).sum(axis=-1).max(initial=0.0)),
+        report=course.report,
+        complete=course.simulated > case.duration - SAMPLE / 2,
+        seconds=course.seconds,
+    )
+
+
+FINE_DT = SAMPLE / 6400
+STIFFNESS = spaced('robot.pitch_stiffness', 'N m/rad', 50, 3200, 7)
+MAPS = (
+    StabilityMap(
+        'stiffness_in_flight', 'Joint control in flight: stiffness',
+        time_steps(1e-4, 1e-2, 16), STIFFNESS, SCHEMES,
+        lambda method, dt, K: in_flight(method, dt, pitch_stiffness=K),
+        angle_error, 'joint angle, relative', 0.05,
+        lambda method, K: control_limit(method, replace(AIKO, pitch_stiffness=K)),
+        'newton average', FINE_DT,
+    ),
+    StabilityMap(
+        'stiffness_on_the_ground',
+        'The same on the ground, whose contacts hold the modes; lines as in flight',
+        time_steps(1e-4, 1e-2, 16), STIFFNESS, SCHEMES,
+        lambda method, dt, K: on_the_ground(method, dt, pitch_stiffness=K),
+        path_error, 'path, relative', 0.02,
+        lambda method, K: control_limit(method, replace(AIKO, pitch_stiffness=K)),
+        'newton average', FINE_DT,
+    ),
+    StabilityMap(
+        'damping_in_flight', 'Joint control in flight: damping',
+        time_steps(1e-4, 1e-2, 16), spaced('damping', 'N m s/rad', 0.02, 5.12, 9), SCHEMES,
+        lambda method, dt, K: in_flight(method, dt, yaw_damping=K, pitch_damping=K),
+        angle_error, 'joint angle, relative', 0.05,
+        lambda method, K: control_limit(method, damped(K)),
+        'newton average', FINE_DT,
+    ),
+    StabilityMap(
+        'friction', 'Friction across the links, case A',
+        time_steps(2.5e-4, 5e-2, 10), spaced('friction.transversal', '1', 0.05, 3.2, 7),
+        (*SOLVERS, 'regularized', 'mujoco'),
+        undulating, path_error, 'path, relative', 0.02, no_limit, 'newton', FINE_DT,
+    ),
+    StabilityMap(
+        'prox_parameters', 'Prox parameters, sticking on a slope',
+        spaced('factor on r', '1', 0.25, 16, 19),
+        Axis('inertia radius/link radius', '1', (0.5, 0.6, 0.7, 0.85, 1.0)),
+        ('paper', 'gauss_seidel', 'newton'),
+        sticking, speed, 'speed, m/s', 1e-3, prox_limit,
+    ),
+    StabilityMap(
+        'painleve', "Painlevé's rod in its first step: it jams beyond the line",
+        spaced('mu', '1', 0.8, 2.0, 16),
+        spaced('dt', 's', 1e-6, 1e-2, 5), SOLVERS[:-1],
+        rod, rod_error, 'normal impulse, relative', 1e-3, rod_limit,
+    ),
+    StabilityMap(
+        'mass_ratio', 'A heavy middle link at rest',
+        spaced('mass ratio', '1', 1, 1e4, 9), Axis('link_count', '1', (2, 5, 11)),
+        SOLVERS, heavy, sinking, 'speed over that of a fall', 0.01, no_limit,
+    ),
+    StabilityMap(
+        'contact_stiffness', 'Contact springs',
+        time_steps(1e-5, 1e-2, 13), spaced('stiffness', 'N/m', 1e3, 1e7, 9),
+        ('regularized',), pushed_down, speed, 'speed, m/s', 1e-6, spring_limit,
+    ),
+    StabilityMap(
+        'sliding_velocity', 'Smooth friction',
+        time_steps(1e-5, 1e-2, 13), spaced('sliding_velocity', 'm/s', 1e-5, 1e-1, 9),
+        ('regularized',), pushed_along, speed, 'speed, m/s', 1e-6, smooth_limit,
+    ),
+    StabilityMap(
+        'drop_flat', 'Dropped flat: the floor is noticed less than a step late',
+        time_steps(1e-4, 2.5e-2, 12), spaced('height', 'm', 1e-3, 1, 7),
+        (*SOLVERS, 'regularized'),
+        dropped_flat, landing_error, 'gap over radius', 0.01, landing_limit,
+    ),
+    StabilityMap(
+        'drop_tilted', 'Dropped, tilted by 30 deg',
+        time_steps(1e-4, 2.5e-2, 12), spaced('height', 'm', 1e-3, 1, 7),
+        (*SOLVERS, 'regularized'),
+        dropped_tilted, landing_error, 'gap over radius', 0.01, no_limit,
+    ),
+    StabilityMap(
+        'residual_tolerance', 'Dropped, tilted: what the solvers reach, 1/4000 s',
+        spaced('residual_tolerance', 'm/s', 1e-12, 1e-3, 10), spaced('height', 'm', 1e-3, 1, 7),
+        SOLVERS, dropped_precisely, landing_error, 'gap over radius', math.inf, no_limit,
+    ),
+    StabilityMap(
+        'spin', 'Free spin: energy from explicit gyroscopic terms',
+        time_steps(1e-5, 1e-1, 13), spaced('omega_z', 'rad/s', 1, 100, 7), ('newton', 'bdf2'),
+        spinning, transverse_gain, 'energy across the axis, relative', 0.1, spin_limit,
+    ),
+    StabilityMap(
+        'upright', 'A link that stands upright, slides and spins',
+        time_steps(1e-4, 2e-2, 10), spaced('tilt', 'rad', 1e-8, 1, 9), SOLVERS,
+        upright, path_error, 'path, relative', 0.05, no_limit, 'newton', FINE_DT,
+    ),
+)  # fmt: skip

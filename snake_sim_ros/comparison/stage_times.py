@@ -1,0 +1,91 @@
+"""Where the time of a step of method newton goes, by time stamps inside of real steps."""
+
+import time
+
+import numpy as np
+
+from snake_sim_ros.contact.newton import solve_contacts
+from snake_sim_ros.dynamics.articulated_body import factor_chain
+from snake_sim_ros.dynamics.articulated_body import solve_chain
+from snake_sim_ros.dynamics.articulated_body import unload_chain
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.compilation import cycle_counter
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.moreau import begin_step
+from snake_sim_ros.stepping.moreau import end_step
+from snake_sim_ros.stepping.moreau import SpatialStepper
+from snake_sim_ros.stepping.planar import moreau as planar
+from snake_sim_ros.stepping.planar import newton as planar_newton
+from snake_sim_ros.stepping.planar.stepper import PlanarStepper
+from snake_sim_ros.stepping.simulation import Simulation
+
+STAGES = ('kinematics, control, contacts', 'contact laws and chain', 'end of step, drift')
+CHAIN = 'one sweep over the chain'  # part of the second stage, about one in every iteration
+STEPS = 1000
+
+
+@compiled
+def spatial_stages(model, work, q, u, history, angle, rate, report, stamps):
+    """Do what `newton.advance` does, with a time stamp after every stage, and a sweep apart."""
+    for k in range(len(angle)):
+        stamps[k, 0] = cycle_counter()
+        count, laws = begin_step(model, work, q, u, history[0], angle[k], rate[k])
+        stamps[k, 1] = cycle_counter()
+        outcome = solve_contacts(
+            model, laws, work.contact[:count], work.table, work.chain, None, history
+        )
+        stamps[k, 2] = cycle_counter()
+        if not end_step(model, work, q, u, history, count, outcome, report):
+            break
+        stamps[k, 3] = cycle_counter()
+        unload_chain(work.chain)
+        factor_chain(work.chain)
+        solve_chain(work.chain, work.chain.torque)
+        stamps[k, 4] = cycle_counter()
+
+
+@compiled
+def planar_stages(model, work, q, u, history, angle, rate, report, stamps):
+    """Do what `newton.advance` does, with a time stamp after every stage."""
+    for k in range(len(angle)):
+        stamps[k, 0] = cycle_counter()
+        count = planar.begin_step(model, work, q, u, angle[k], rate[k])
+        stamps[k, 1] = cycle_counter()
+        contact = work.contact[:count]
+        outcome = planar_newton.solve_contacts(model, work, contact, None, history)
+        stamps[k, 2] = cycle_counter()
+        if not planar.end_step(model, work, q, u, history, count, outcome, report):
+            break
+        stamps[k, 3] = cycle_counter()
+        stamps[k, 4] = stamps[k, 3]
+
+
+def stage_times(scene: Scene, level: str) -> dict[str, float]:
+    """
+    Return the median time of every stage of a step, and at the spatial level of CHAIN [us].
+
+    Of STEPS steps after the first second of the scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    level : str
+        `spatial` or `planar`.
+
+    """
+    stamps = np.zeros((STEPS, 5), np.int64)
+    stages = planar_stages if level == 'planar' else spatial_stages
+
+    def loop(model, work, q, u, history, angle, rate, report, cycles):  # type: ignore[no-untyped-def]
+        stages(model, work, q, u, history, angle, rate, report, stamps)
+
+    make = PlanarStepper if level == 'planar' else SpatialStepper
+    simulation = Simulation(scene, make(scene, loop))
+    for steps in [STEPS] * (round(1 / scene.dt / STEPS) + 1):
+        reference = simulation.gait_reference(steps)
+        start = time.perf_counter(), cycle_counter()
+        simulation.advance(*reference)
+        wall, ticks = time.perf_counter() - start[0], cycle_counter() - start[1]
+    medians = 1e6 * wall / ticks * np.median(np.diff(stamps, axis=1), axis=0)
+    names = (*STAGES, CHAIN) if level == 'spatial' else STAGES
+    return {name: float(median) for name, median in zip(names, medians, strict=False)}

@@ -1,0 +1,175 @@
+"""
+The Delassus operator: contact velocities as they follow from contact impulses, joints eliminated.
+
+``gamma = G P + gamma_free``, section VII: dense, one row and column for every component of a
+closed contact. It costs one solve of the chain a column, so the solver that is linear in the
+number of links does without it.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from snake_sim_ros.contact.contacts import add_contact_wrench
+from snake_sim_ros.contact.contacts import contact_velocities
+from snake_sim_ros.contact.contacts import GAMMA
+from snake_sim_ros.contact.contacts import IMPULSE
+from snake_sim_ros.dynamics.articulated_body import solve_chain
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.scene.parameters import Array
+
+
+class Delassus(NamedTuple):
+    """Row and column ``width k + j`` belong to component j of the k-th closed contact."""
+
+    operator: Array  # (c, c) G
+    system: Array  # (c, c+1) matrix and right side of a linear problem
+    free: Array  # (c,) velocities without contact impulses
+    packed: Array  # (c,) velocities
+
+
+def make_delassus(size: int) -> Delassus | None:
+    """Return the arrays for a number of rows, None for none."""
+    if size == 0:
+        return None
+    return Delassus(
+        operator=np.zeros((size, size)),
+        system=np.zeros((size, size + 1)),
+        free=np.zeros(size),
+        packed=np.zeros(size),
+    )
+
+
+@inlined
+def load_chain(contact, table, chain):
+    """Fill the wrenches of the links: momentum and contact impulses S, eqs. (75), (76)."""
+    for i in range(len(chain.wrench)):
+        for k in range(6):
+            chain.wrench[i, k] = chain.momentum[i, k]
+    add_contact_wrench(contact, table, chain.frame, chain.wrench)
+
+
+@compiled
+def end_twists(contact, table, chain):
+    """Fill twists and relative velocities that the impulses lead to, (84), (86), (90)-(92)."""
+    load_chain(contact, table, chain)
+    solve_chain(chain, chain.torque)
+    contact_velocities(contact, table, chain.frame, chain.twist)
+
+
+@compiled
+def condense(contact, width, table, chain, delassus):
+    """Fill G and the free velocities for `width` components a contact: 3, or 5 with rolling."""
+    for a in contact:
+        table[a, IMPULSE : IMPULSE + 5] = 0.0
+    end_twists(contact, table, chain)
+    for k, a in enumerate(contact):
+        for j in range(width):
+            delassus.free[width * k + j] = table[a, GAMMA + j]
+    for k, a in enumerate(contact):
+        for j in range(width):
+            table[a, IMPULSE + j] = 1.0
+            chain.wrench[:] = 0.0
+            add_contact_wrench(contact[k : k + 1], table, chain.frame, chain.wrench)
+            table[a, IMPULSE + j] = 0.0
+            solve_chain(chain, chain.no_torque)
+            contact_velocities(contact, table, chain.frame, chain.twist)
+            for other, b in enumerate(contact):
+                for i in range(width):
+                    delassus.operator[width * k + j, width * other + i] = table[b, GAMMA + i]
+
+
+@compiled
+def condensed_velocities(contact, width, table, delassus):
+    """Fill the relative velocities with ``G P + gamma_free``."""
+    rows = width * len(contact)
+    packed = delassus.packed
+    for row in range(rows):
+        packed[row] = delassus.free[row]
+    for k, a in enumerate(contact):
+        for j in range(width):
+            P = table[a, IMPULSE + j]
+            for row in range(rows):
+                packed[row] += delassus.operator[width * k + j, row] * P  # G is symmetric
+    for k, a in enumerate(contact):
+        for j in range(width):
+            table[a, GAMMA + j] = packed[width * k + j]
+
+
+@compiled
+def solve_condensed(contact, width, table, law, delassus):
+    """
+    Fill impulses and velocities with the solution of ``P = P_0 - S (G P + gamma_free)``.
+
+    S and P_0 are in the columns from `law` on, see `newton`.
+
+    Returns
+    -------
+    bool
+        Whether the solution is finite.
+
+    """
+    rows = width * len(contact)
+    B = delassus.system
+    condensed_system(contact, width, table, law, delassus)
+    for k, a in enumerate(contact):
+        for j in range(width):
+            row = width * k + j
+            start = law if j == 0 else law + 2 + 7 * ((j - 1) // 2) + (j - 1) % 2
+            B[row, rows] = table[a, start] - B[row, rows]
+    eliminate(B, rows)
+    finite = 0.0
+    for k, a in enumerate(contact):
+        for j in range(width):
+            table[a, IMPULSE + j] = B[width * k + j, rows]
+            finite += B[width * k + j, rows]
+    condensed_velocities(contact, width, table, delassus)
+    return math.isfinite(finite)
+
+
+@merged
+def condensed_system(contact, width, table, law, delassus):
+    """Fill the matrix 1 + S G, and S gamma_free next to it."""
+    rows = width * len(contact)
+    B = delassus.system
+    for column in range(rows + 1):
+        g = delassus.free if column == rows else delassus.operator[column]
+        for k, a in enumerate(contact):
+            row = width * k
+            g_N = g[row]
+            B[row, column] = table[a, law + 1] * g_N
+            for j in range(1, width, 2):
+                tangential = law + 2 + 7 * (j // 2)
+                g_x, g_y = g[row + j], g[row + j + 1]
+                S_xx, S_xy = table[a, tangential + 2], table[a, tangential + 3]
+                S_yy = table[a, tangential + 4]
+                S_xN, S_yN = table[a, tangential + 5], table[a, tangential + 6]
+                B[row + j, column] = S_xN * g_N + S_xx * g_x + S_xy * g_y
+                B[row + j + 1, column] = S_yN * g_N + S_xy * g_x + S_yy * g_y
+    for row in range(rows):
+        B[row, row] += 1.0
+
+
+@merged
+def eliminate(B, rows):
+    """Replace column `rows` of B by the solution x of ``B[:, :rows] x = B[:, rows]``."""
+    for k in range(rows):
+        pivot = k
+        for i in range(k + 1, rows):
+            if abs(B[i, k]) > abs(B[pivot, k]):
+                pivot = i
+        if pivot != k:
+            for j in range(k, rows + 1):
+                B[k, j], B[pivot, j] = B[pivot, j], B[k, j]
+        for i in range(k + 1, rows):
+            share = B[i, k] / B[k, k]
+            if share != 0.0:
+                for j in range(k + 1, rows + 1):
+                    B[i, j] -= share * B[k, j]
+    for k in range(rows - 1, -1, -1):
+        for j in range(k + 1, rows):
+            B[k, rows] -= B[k, j] * B[j, rows]
+        B[k, rows] /= B[k, k]

@@ -1,0 +1,66 @@
+"""
+Sets of admissible contact impulses and the projections on them, section V of the paper.
+
+A set-valued law is an inclusion in the normal cone of a convex set C, ``-gamma in N_C(P)``, which
+is the same as ``P = prox_C(P - r gamma)`` for any r > 0. The sets are cones in the normal impulse,
+so one law covers contact forces and impacts. All functions are compiled; they take and return
+numbers.
+"""
+
+import math
+
+from snake_sim_ros.dynamics.compilation import compiled
+
+PRESS = 5e-7  # velocity at which the selection rule may press a contact into the floor [m/s]
+IMPACT = 10.0  # an impulse of more than so many weights of the robot in a step is of an impact
+REST = 1e-6  # velocity up to which a contact that carries load is at rest [m/s]
+DEPTH = 5e-7  # penetration beyond which the selection rule presses no deeper [m]
+# Steps up to this one look at the depth of each contact, larger ones more and more at the mean of
+# all: what they move the links by makes the depths of single contacts rough [s].
+FINE = 2.5e-4
+LEAST = 1e-6  # compliance that it is not reduced below, relative to the Delassus operator
+
+
+@compiled
+def prox_half_line(x):
+    """Return the nearest number that is not negative: Signorini's law, eqs. (52)-(54)."""
+    return max(0.0, x)
+
+
+@compiled
+def prox_disc(x, y, radius):
+    """Return the nearest point of the disc of given radius: isotropic and rolling friction."""
+    length = math.sqrt(x * x + y * y)
+    if length <= radius:
+        return x, y
+    return x * radius / length, y * radius / length
+
+
+@compiled
+def prox_ellipse(x, y, a, b):
+    """
+    Return the nearest point of the ellipse with half axes a, b: orthotropic Coulomb friction.
+
+    The point is ``(x a^2/(t + a^2), y b^2/(t + b^2))`` where t > 0 puts it on the boundary.
+    Newton's method from the left for ``1/s(t) = 1``, s^2 the left side of the ellipse's equation,
+    is monotone because 1/s is increasing and concave, so it needs no safeguard.
+    """
+    if a <= 0.0 or b <= 0.0:
+        return min(max(x, -a), a) if a > 0.0 else 0.0, min(max(y, -b), b) if b > 0.0 else 0.0
+    if a == b:
+        return prox_disc(x, y, a)
+    if x * x * b * b + y * y * a * a <= a * a * b * b:
+        return x, y
+    scale = 1.0 / max(a, b)
+    a, b = scale * a, scale * b
+    aa, bb = a * a, b * b
+    ux, uy = a * abs(scale * x), b * abs(scale * y)
+    t = max(ux - aa, uy - bb, 0.0)
+    step = math.inf
+    while step > 1e-8 * (t + min(aa, bb)):  # its square is below rounding
+        over_a, over_b = 1.0 / (t + aa), 1.0 / (t + bb)
+        p, q = (ux * over_a) ** 2, (uy * over_b) ** 2
+        square = p + q
+        step = square * (math.sqrt(square) - 1.0) / (p * over_a + q * over_b)
+        t += step
+    return x * aa / (t + aa), y * bb / (t + bb)

@@ -1,0 +1,361 @@
+"""
+Forward dynamics of a chain of links with two hinge axes a joint, linear in the number of links.
+
+The articulated-body algorithm [1] on impulses: given the impulse wrenches on all links, find the
+twists that satisfy the joint constraints. All quantities are about one common point in common
+axes, twists as (angular, linear), wrenches as (moment, impulse), so that nothing is transformed on
+the way along the chain. `articulated_inertia` prepares a configuration once; then
+`articulated_velocity` solves for any number of wrenches.
+
+The inertia of a link may be any 6x6 matrix that its wrench depends on its twist by: a contact adds
+the derivative of its impulse, which is not symmetric when friction follows the normal impulse.
+
+The root is the middle link: its two arms do not depend on each other, and a processor works on
+both at the same time. With S the two axis twists of the joint between a link and its parent, which
+is the next one toward the root, and A the articulated inertia of everything from the link outward,
+``D = S^T A S + damping``, the rates of the joint are
+``q' = D^-1 (torque + S^T wrench) - D^-1 S^T A twist_parent``, and the parent feels the inertia
+``A - A S D^-1 S^T A``.
+
+.. [1] R. Featherstone, "Rigid Body Dynamics Algorithms", Springer 2008, ch. 7.
+"""
+
+from typing import Any
+from typing import NamedTuple
+
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.scene.parameters import Array
+
+ZERO = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class Chain(NamedTuple):
+    """A chain of links as the sweeps take it, and what they fill."""
+
+    axis: Array  # (n-1, 2, 6) twists of the joint axes: of the outer link against its parent
+    torque: Array  # (n-1, 2) impulse on every joint axis [N m s]
+    damping: Array  # (n-1, 3) entries 11, 12, 22 of the impulse per rate that resists the axes
+    bare: Array  # (n, 6, 6) inertia of the links about O
+    momentum: Array  # (n, 6) impulse wrench of everything but contacts and torques
+    inertia: Array  # (n, 6, 6) inertia as it is folded; in inertia[n // 2] factors of the root
+    wrench: Array  # (n, 6) momentum and impulse wrench of every link together
+    left: Array  # (n-1, 2, 6) A S D^-1
+    right: Array  # (n-1, 2, 6) D^-1 S^T A
+    compliance: Array  # (n-1, 4) entries 11, 12, 21, 22 of D^-1
+    load: Array  # (n-1, 2) loads of the joint axes
+    rate: Array  # (n-1, 2) rates of the joint axes
+    rate_correction: Array  # (n-1, 2) what is added to them
+    left_over: Array  # (n-1, 2) torque that the rates leave
+    twist: Array  # (n, 6) the solution
+    correction: Array  # (n, 6) what is added to it
+    no_torque: Array  # (n-1, 2) zero
+    frame: Array | None = None  # (contacts, 3, 3) contact frames; None on a flat floor
+    pairs: Any = None  # Delassus operator of contacts of two links, where there can be any
+
+
+@inlined
+def unload_chain(chain):
+    """Fill inertia and wrench with those of the links alone, twists and rates with 0."""
+    for i in range(len(chain.wrench)):
+        for k in range(6):
+            chain.wrench[i, k] = chain.momentum[i, k]
+            for j in range(6):
+                chain.inertia[i, k, j] = chain.bare[i, k, j]
+            chain.twist[i, k] = 0.0
+    for j in range(len(chain.torque)):
+        chain.left_over[j, 0], chain.left_over[j, 1] = chain.torque[j, 0], chain.torque[j, 1]
+        chain.rate[j, 0] = chain.rate[j, 1] = 0.0
+
+
+@inlined
+def factor_chain(chain):
+    """Prepare the chain with the inertias in chain.inertia."""
+    articulated_inertia(
+        chain.axis, chain.damping, chain.inertia, chain.left, chain.right, chain.compliance
+    )
+
+
+@inlined
+def solve_chain(chain, torque):
+    """Fill chain.twist with what torques and chain.wrench make of the prepared chain."""
+    articulated_velocity(
+        chain.axis, chain.left, chain.right, chain.compliance,
+        chain.inertia[len(chain.inertia) // 2], torque, chain.wrench,
+        chain.load, chain.rate, chain.twist,
+    )  # fmt: skip
+
+
+@inlined
+def respond(chain):
+    """Fill chain.correction with what chain.left_over and chain.wrench make of the chain."""
+    articulated_velocity(
+        chain.axis, chain.left, chain.right, chain.compliance,
+        chain.inertia[len(chain.inertia) // 2], chain.left_over, chain.wrench,
+        chain.load, chain.rate_correction, chain.correction,
+    )  # fmt: skip
+
+
+@inlined
+def correct_chain(chain):
+    """
+    Solve the prepared chain for what is left over, and add the solution to twists and rates.
+
+    Returns
+    -------
+    float
+        Largest component of a twist that was added.
+
+    """
+    respond(chain)
+    largest = 0.0
+    for i in range(len(chain.twist)):
+        for k in range(6):
+            chain.twist[i, k] += chain.correction[i, k]
+            largest = max(largest, abs(chain.correction[i, k]))
+    for j in range(len(chain.rate)):
+        chain.rate[j, 0] += chain.rate_correction[j, 0]
+        chain.rate[j, 1] += chain.rate_correction[j, 1]
+    return largest
+
+
+@merged
+def left_over(chain):
+    """
+    Fill what chain.twist leaves of the balance of momentum: chain.wrench and chain.left_over.
+
+    On entry chain.wrench is that of all loads, contacts at this twist among them. The stiffness of
+    contacts in a factored inertia costs up to eight digits; solving once more for the rest, which
+    is evaluated with the bare inertia, brings them back (iterative refinement).
+    """
+    for i in range(len(chain.twist)):
+        v = line(chain.twist, i)
+        for k in range(6):
+            chain.wrench[i, k] -= dot(line(chain.bare[i], k), v)
+    for j in range(len(chain.rate)):
+        rate0, rate1 = chain.rate[j, 0], chain.rate[j, 1]
+        d00, d01, d11 = chain.damping[j, 0], chain.damping[j, 1], chain.damping[j, 2]
+        chain.left_over[j, 0] = chain.torque[j, 0] - d00 * rate0 - d01 * rate1
+        chain.left_over[j, 1] = chain.torque[j, 1] - d01 * rate0 - d11 * rate1
+
+
+@compiled
+def articulated_inertia(axis, damping, inertia, left, right, compliance):
+    """
+    Turn link inertias into articulated-body inertias, and that of the root into its LU factors.
+
+    Joint j is between link j and link j+1 (counted from 0).
+
+    Parameters
+    ----------
+    axis : ndarray, shape (n-1, 2, 6)
+        Twists S of the joint axes: of the outer link against its parent.
+    damping : ndarray, shape (n-1, 3)
+        Entries 11, 12, 22 of the impulse per rate that resists the axes [N m s^2].
+    inertia : ndarray, shape (n, 6, 6)
+        On entry inertia of the links; on return articulated inertia, and in ``inertia[n // 2]``
+        the factors of the articulated inertia of the root.
+    left, right : ndarray, shape (n-1, 2, 6)
+        Filled with A S D^-1 and D^-1 S^T A.
+    compliance : ndarray, shape (n-1, 4)
+        Filled with the entries 11, 12, 21, 22 of D^-1.
+
+    """
+    n = len(inertia)
+    root = n // 2
+    for k in range(root):
+        fold_inertia(k, axis, damping, inertia[k], inertia[k + 1], left, right, compliance)
+        i = n - 1 - k
+        if i > root:
+            parent = inertia[i - 1]
+            fold_inertia(i - 1, axis, damping, inertia[i], parent, left, right, compliance)
+    factor(inertia[root])
+
+
+@inlined
+def fold_inertia(j, axis, damping, A, parent, left, right, compliance):
+    """Add to the inertia of the parent what joint j lets it feel of the inertia A beyond."""
+    s0, s1 = line(axis[j], 0), line(axis[j], 1)
+    a0, a1, a2, a3, a4, a5 = lines(A)
+    g0 = (dot(a0, s0), dot(a1, s0), dot(a2, s0), dot(a3, s0), dot(a4, s0), dot(a5, s0))
+    g1 = (dot(a0, s1), dot(a1, s1), dot(a2, s1), dot(a3, s1), dot(a4, s1), dot(a5, s1))
+    h0, h1 = blend(s0, a0, a1, a2, a3, a4, a5), blend(s1, a0, a1, a2, a3, a4, a5)
+    d00, d01 = damping[j, 0] + dot(s0, g0), damping[j, 1] + dot(s0, g1)
+    d10, d11 = damping[j, 1] + dot(s1, g0), damping[j, 2] + dot(s1, g1)
+    scale = 1.0 / (d00 * d11 - d01 * d10)
+    c00, c01, c10, c11 = d11 * scale, -d01 * scale, -d10 * scale, d00 * scale
+    compliance[j, 0], compliance[j, 1] = c00, c01
+    compliance[j, 2], compliance[j, 3] = c10, c11
+    g0, g1 = pair(c00, g0, c10, g1), pair(c01, g0, c11, g1)
+    add_reduced(parent, (a0, a1, a2, a3, a4, a5), g0, h0, g1, h1)
+    store(left[j], 0, g0)
+    store(left[j], 1, g1)
+    store(right[j], 0, pair(c00, h0, c01, h1))
+    store(right[j], 1, pair(c10, h0, c11, h1))
+
+
+@compiled
+def articulated_velocity(
+    axis, left, right, compliance, root_factor, torque, wrench, load, rate, twist
+):
+    """
+    Fill the twists of all links under given loads.
+
+    Parameters
+    ----------
+    axis, left, right, compliance : ndarray
+        As filled by `articulated_inertia`.
+    root_factor : ndarray, shape (6, 6)
+        LU factors of the articulated inertia of the root.
+    torque : ndarray, shape (n-1, 2)
+        Impulse on every joint axis [N m s].
+    wrench : ndarray, shape (n, 6)
+        Momentum and impulse wrench of every link together.
+    load : ndarray, shape (n-1, 2)
+        Filled with the loads of the joint axes.
+    rate : ndarray, shape (n-1, 2)
+        Filled with the rates of the joint axes.
+    twist : ndarray, shape (n, 6)
+        Filled with the twists.
+
+    """
+    n = len(wrench)
+    root = n // 2
+    arm, other = ZERO, ZERO
+    for k in range(root):
+        arm = fold(k, axis, left, torque, load, total(arm, line(wrench, k)))
+        i = n - 1 - k
+        if i > root:
+            other = fold(i - 1, axis, left, torque, load, total(other, line(wrench, i)))
+    arm = solve(root_factor, total(total(arm, other), line(wrench, root)))
+    other = arm
+    store(twist, root, arm)
+    for k in range(root):
+        i = root - 1 - k
+        arm = unfold(i, axis, right, compliance, load, rate, arm)
+        store(twist, i, arm)
+        i = root + 1 + k
+        if i < n:
+            other = unfold(i - 1, axis, right, compliance, load, rate, other)
+            store(twist, i, other)
+
+
+@inlined
+def fold(j, axis, left, torque, load, w):
+    """Return what the parent of joint j feels of the wrench w beyond; keep its load."""
+    load0 = torque[j, 0] + dot(line(axis[j], 0), w)
+    load1 = torque[j, 1] + dot(line(axis[j], 1), w)
+    load[j, 0], load[j, 1] = load0, load1
+    return (
+        w[0] - left[j, 0, 0] * load0 - left[j, 1, 0] * load1,
+        w[1] - left[j, 0, 1] * load0 - left[j, 1, 1] * load1,
+        w[2] - left[j, 0, 2] * load0 - left[j, 1, 2] * load1,
+        w[3] - left[j, 0, 3] * load0 - left[j, 1, 3] * load1,
+        w[4] - left[j, 0, 4] * load0 - left[j, 1, 4] * load1,
+        w[5] - left[j, 0, 5] * load0 - left[j, 1, 5] * load1,
+    )
+
+
+@inlined
+def unfold(j, axis, right, compliance, load, rate, v):
+    """Return the twist of the link beyond joint j from that of its parent, v; keep the rates."""
+    load0, load1 = load[j, 0], load[j, 1]
+    rate0 = compliance[j, 0] * load0 + compliance[j, 1] * load1 - dot(line(right[j], 0), v)
+    rate1 = compliance[j, 2] * load0 + compliance[j, 3] * load1 - dot(line(right[j], 1), v)
+    rate[j, 0], rate[j, 1] = rate0, rate1
+    return total(v, pair(rate0, line(axis[j], 0), rate1, line(axis[j], 1)))
+
+
+@compiled
+def factor(A):
+    """Replace a matrix by its factors L and U, the diagonal of U inverted (no pivoting)."""
+    for k in range(6):
+        A[k, k] = 1.0 / A[k, k]
+        for i in range(k + 1, 6):
+            A[i, k] *= A[k, k]
+            for j in range(k + 1, 6):
+                A[i, j] -= A[i, k] * A[k, j]
+
+
+@compiled
+def solve(A, w):
+    """Return x with L U x = w, for the factors that `factor` left in A."""
+    x0 = w[0]
+    x1 = w[1] - A[1, 0] * x0
+    x2 = w[2] - A[2, 0] * x0 - A[2, 1] * x1
+    x3 = w[3] - A[3, 0] * x0 - A[3, 1] * x1 - A[3, 2] * x2
+    x4 = w[4] - A[4, 0] * x0 - A[4, 1] * x1 - A[4, 2] * x2 - A[4, 3] * x3
+    x5 = w[5] - A[5, 0] * x0 - A[5, 1] * x1 - A[5, 2] * x2 - A[5, 3] * x3 - A[5, 4] * x4
+    x5 = x5 * A[5, 5]
+    x4 = (x4 - A[4, 5] * x5) * A[4, 4]
+    x3 = (x3 - A[3, 5] * x5 - A[3, 4] * x4) * A[3, 3]
+    x2 = (x2 - A[2, 5] * x5 - A[2, 4] * x4 - A[2, 3] * x3) * A[2, 2]
+    x1 = (x1 - A[1, 5] * x5 - A[1, 4] * x4 - A[1, 3] * x3 - A[1, 2] * x2) * A[1, 1]
+    x0 = x0 - A[0, 5] * x5 - A[0, 4] * x4 - A[0, 3] * x3 - A[0, 2] * x2 - A[0, 1] * x1
+    return x0 * A[0, 0], x1, x2, x3, x4, x5
+
+
+# Six numbers at a time: a processor keeps them in registers.
+
+
+@inlined
+def line(A, i):
+    """Return A[i] as a tuple."""
+    return A[i, 0], A[i, 1], A[i, 2], A[i, 3], A[i, 4], A[i, 5]
+
+
+@merged
+def lines(A):
+    """Return the six rows of A as tuples."""
+    return (
+        (A[0, 0], A[0, 1], A[0, 2], A[0, 3], A[0, 4], A[0, 5]),
+        (A[1, 0], A[1, 1], A[1, 2], A[1, 3], A[1, 4], A[1, 5]),
+        (A[2, 0], A[2, 1], A[2, 2], A[2, 3], A[2, 4], A[2, 5]),
+        (A[3, 0], A[3, 1], A[3, 2], A[3, 3], A[3, 4], A[3, 5]),
+        (A[4, 0], A[4, 1], A[4, 2], A[4, 3], A[4, 4], A[4, 5]),
+        (A[5, 0], A[5, 1], A[5, 2], A[5, 3], A[5, 4], A[5, 5]),
+    )
+
+
+@compiled
+def store(A, i, w):
+    """Write the tuple w to A[i]."""
+    A[i, 0], A[i, 1], A[i, 2], A[i, 3], A[i, 4], A[i, 5] = w
+
+
+@inlined
+def dot(a, b):
+    """Return a . b."""
+    return (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3]) + (a[4] * b[4] + a[5] * b[5])
+
+
+@inlined
+def total(a, b):
+    """Return a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5]
+
+
+@inlined
+def pair(x, a, y, b):
+    """Return x a + y b."""
+    return (
+        x * a[0] + y * b[0], x * a[1] + y * b[1], x * a[2] + y * b[2],
+        x * a[3] + y * b[3], x * a[4] + y * b[4], x * a[5] + y * b[5],
+    )  # fmt: skip
+
+
+@inlined
+def blend(s, a0, a1, a2, a3, a4, a5):
+    """Return the sum of s[k] a_k."""
+    return total(
+        total(pair(s[0], a0, s[1], a1), pair(s[2], a2, s[3], a3)), pair(s[4], a4, s[5], a5)
+    )
+
+
+@merged
+def add_reduced(A, rows, x, b, y, c):
+    """Add the matrix of the given rows to A, less x b^T and y c^T."""
+    for i in range(6):
+        for j in range(6):
+            A[i, j] += rows[i][j] - x[i] * b[j] - y[i] * c[j]

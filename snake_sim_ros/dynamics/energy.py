@@ -1,0 +1,126 @@
+"""
+Mechanical energy, and the work that changes it: the balance that no method solves for.
+
+In exact arithmetic and without time step the energy changes by the work of the joint controllers
+and of the contacts, and by nothing else. What is left over is energy that a method loses or makes
+out of nothing.
+"""
+
+import math
+
+import numpy as np
+
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.posture import joint_rates
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.reference import mass_matrix
+
+BALANCE = 1.0  # s from the start over which the balance of a run is drawn up
+
+
+def mechanical_energy(scene: Scene, q: Array, u: Array) -> Array:
+    """
+    Return kinetic and potential energy, eqs. (47), (48) [J].
+
+    Parameters
+    ----------
+    scene : Scene
+    q : ndarray, shape (..., n, 7)
+    u : ndarray, shape (..., n, 6)
+
+    """
+    inertia = np.diag(mass_matrix(scene.robot)).reshape(-1, 6)
+    potential = -inertia[:, 0] * (q[..., :3] @ np.array(scene.gravity))
+    return np.asarray(0.5 * (inertia * u**2).sum(axis=(-2, -1)) + potential.sum(axis=-1))
+
+
+def contact_velocities(robot: Robot, q: Array, u: Array) -> Array:
+    """
+    Return gamma_N, gamma_Tx, gamma_Ty of all floor contacts, front ones first, eqs. (17)-(31).
+
+    Parameters
+    ----------
+    robot : Robot
+    q : ndarray, shape (..., n, 7)
+    u : ndarray, shape (..., n, 6)
+
+    Returns
+    -------
+    ndarray, shape (..., 2n, 3)
+        [m/s]
+
+    """
+    R = rotation_matrices(q[..., 3:])
+    omega = (R @ u[..., 3:, None])[..., 0]
+    along = R[..., :, 2]
+    lever = robot.per_link('contact_offset')[:, None] * along
+    below = robot.per_link('contact_radius')[:, None] * np.array([0.0, 0.0, 1.0])
+    ends = [u[..., :3] + np.cross(omega, sign * lever - below) for sign in (1, -1)]
+    heading = along[..., :2] / np.linalg.norm(along[..., :2], axis=-1, keepdims=True)
+    left = np.stack([-heading[..., 1], heading[..., 0]], axis=-1)
+    gammas = [
+        np.stack([v[..., 2], (v[..., :2] * heading).sum(-1), (v[..., :2] * left).sum(-1)], axis=-1)
+        for v in ends
+    ]
+    return np.concatenate(gammas, axis=-2)
+
+
+def work_of_steps(
+    scene: Scene, q: Array, u: Array, impulse: Array, torque: Array
+) -> tuple[Array, Array]:
+    """
+    Return the work of the contacts and of the joints in every step, shape (m,) each [J].
+
+    Work is that of impulses and torques with the mean velocity of a step, in which the balance
+    (75) of a step without joints holds exactly.
+
+    Parameters
+    ----------
+    scene : Scene
+        On a flat floor, without rolling friction.
+    q : ndarray, shape (m+1, n, 7)
+        Coordinates before the first and after every step.
+    u : ndarray, shape (m+1, n, 6)
+    impulse : ndarray, shape (m, 2n, 3)
+        Contact impulses P_N, P_Tx, P_Ty of every step [N s].
+    torque : ndarray, shape (m, n-1, 2)
+        (yaw, pitch) [N m]
+
+    """
+    middle, mean = 0.5 * (q[1:] + q[:-1]), 0.5 * (u[1:] + u[:-1])
+    middle[..., 3:] /= np.linalg.norm(middle[..., 3:], axis=-1, keepdims=True)
+    gamma = contact_velocities(scene.robot, middle, mean)
+    contacts = (impulse * gamma).sum(axis=(1, 2))
+    joints = scene.dt * (torque * joint_rates(middle, mean)).sum(axis=(1, 2))
+    return contacts, joints
+
+
+def balance_error(scene: Scene, q: Array, u: Array, impulse: Array, torque: Array) -> float:
+    """
+    Return how much energy steps lost or made, over the work that the joints did either way.
+
+    Parameters are those of `work_of_steps`.
+    """
+    contacts, joints = work_of_steps(scene, q, u, impulse, torque)
+    return imbalance(mechanical_energy(scene, q, u), contacts, joints)
+
+
+def imbalance(energy: Array, contacts: Array, joints: Array) -> float:
+    """
+    Return the largest energy that no work accounts for, over the work of the joints either way.
+
+    nan where joints do no work.
+
+    Parameters
+    ----------
+    energy : ndarray, shape (m+1,)
+        Before the first and after every step [J].
+    contacts, joints : ndarray, shape (m,)
+        Work in every step [J].
+
+    """
+    work = np.abs(joints).sum()
+    left_over = energy[1:] - energy[0] - np.cumsum(contacts + joints)
+    return float(np.abs(left_over).max() / work) if work else math.nan

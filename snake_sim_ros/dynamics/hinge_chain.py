@@ -1,0 +1,122 @@
+"""
+A chain of links with one hinge a joint, linear in the number of links: `planar` has two of them.
+
+The articulated-body algorithm of `articulated_body` for three numbers a twist instead of six, and
+for inertias that are symmetric. In the plane a twist is (angular velocity, velocity of the body
+point at O), a wrench (moment about O, impulse); out of the plane they are (angular velocities
+about x and y, vertical velocity) and (moments, vertical impulse). The sweeps do not know which.
+
+The root is the middle link, so that the two arms do not wait for each other.
+"""
+
+from typing import NamedTuple
+
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.scene.parameters import Array
+
+
+class HingeChain(NamedTuple):
+    """A chain as the sweeps take it, and what they fill; s is the axis, A the inertia beyond."""
+
+    axis: Array  # (n-1, 3) twist s of the outer link against its parent
+    damping: Array  # (n-1,) impulse per rate that resists a joint
+    inertia: Array  # (n, 6) entries 11, 12, 13, 22, 23, 33; factored from the root on
+    left: Array  # (n-1, 3) A s/D with D = s . A s + damping
+    compliance: Array  # (n-1,) 1/D
+    load: Array  # (n-1,) loads of the joints
+    wrench: Array  # (n, 3) momentum and impulse wrench of every link together
+    rate: Array  # (n-1,) rates of the joints
+    twist: Array  # (n, 3) the solution
+
+
+@compiled
+def factor_hinges(chain):
+    """Turn link inertias into articulated ones, and that of the root into its factors L D L^T."""
+    axis, damping, inertia = chain.axis, chain.damping, chain.inertia
+    left, compliance = chain.left, chain.compliance
+    n = len(inertia)
+    root = n // 2
+    for k in range(root):
+        fold_hinge(k, axis, damping, inertia[k], inertia[k + 1], left, compliance)
+        i = n - 1 - k
+        if i > root:
+            fold_hinge(i - 1, axis, damping, inertia[i], inertia[i - 1], left, compliance)
+    A = inertia[root]
+    over = 1.0 / A[5]  # the last one first: a chain along x has no other to begin with
+    a, b = A[2] * over, A[4] * over
+    d01, d11 = A[1] - a * A[4], 1.0 / (A[3] - b * A[4])
+    c = d01 * d11
+    A[0] = 1.0 / (A[0] - a * A[2] - c * d01)
+    A[1], A[2], A[3], A[4], A[5] = c, a, d11, b, over
+
+
+@inlined
+def fold_hinge(j, axis, damping, A, parent, left, compliance):
+    """Add to the inertia of the parent what joint j lets it feel of the inertia A beyond."""
+    s0, s1, s2 = axis[j, 0], axis[j, 1], axis[j, 2]
+    g0 = A[0] * s0 + A[1] * s1 + A[2] * s2
+    g1 = A[1] * s0 + A[3] * s1 + A[4] * s2
+    g2 = A[2] * s0 + A[4] * s1 + A[5] * s2
+    over = 1.0 / (damping[j] + (s0 * g0 + s1 * g1 + s2 * g2))
+    l0, l1, l2 = g0 * over, g1 * over, g2 * over
+    compliance[j] = over
+    left[j, 0], left[j, 1], left[j, 2] = l0, l1, l2
+    parent[0] += A[0] - l0 * g0
+    parent[1] += A[1] - l0 * g1
+    parent[2] += A[2] - l0 * g2
+    parent[3] += A[3] - l1 * g1
+    parent[4] += A[4] - l1 * g2
+    parent[5] += A[5] - l2 * g2
+
+
+@compiled
+def solve_hinges(chain, torque):
+    """Fill twists and rates with what chain.wrench and torques (n-1,) make of the chain."""
+    n = len(chain.wrench)
+    root = n // 2
+    axis, left, load, wrench = chain.axis, chain.left, chain.load, chain.wrench
+    arm, other = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for k in range(root):
+        arm = fold(k, axis, left, torque, load, wrench[k], arm)
+        i = n - 1 - k
+        if i > root:
+            other = fold(i - 1, axis, left, torque, load, wrench[i], other)
+    w0 = wrench[root, 0] + arm[0] + other[0]
+    w1 = wrench[root, 1] + arm[1] + other[1]
+    w2 = wrench[root, 2] + arm[2] + other[2]
+    A = chain.inertia[root]
+    w1 -= A[4] * w2
+    w0 -= A[2] * w2 + A[1] * w1
+    v0 = A[0] * w0
+    v1 = A[3] * w1 - A[1] * v0
+    arm = v0, v1, A[5] * w2 - A[2] * v0 - A[4] * v1
+    other = arm
+    twist, compliance, rate = chain.twist, chain.compliance, chain.rate
+    twist[root, 0], twist[root, 1], twist[root, 2] = arm
+    for k in range(root):
+        i = root - 1 - k
+        arm = unfold(i, axis, left, compliance, load, rate, twist[i], arm)
+        i = root + 1 + k
+        if i < n:
+            other = unfold(i - 1, axis, left, compliance, load, rate, twist[i], other)
+
+
+@inlined
+def fold(j, axis, left, torque, load, wrench, beyond):
+    """Return what the parent of joint j feels of the wrenches beyond; keep its load."""
+    w0, w1, w2 = wrench[0] + beyond[0], wrench[1] + beyond[1], wrench[2] + beyond[2]
+    s = torque[j] + (axis[j, 0] * w0 + axis[j, 1] * w1 + axis[j, 2] * w2)
+    load[j] = s
+    return w0 - left[j, 0] * s, w1 - left[j, 1] * s, w2 - left[j, 2] * s
+
+
+@inlined
+def unfold(j, axis, left, compliance, load, rate, twist, v):
+    """Fill and return the twist of the link beyond joint j from that of its parent, v."""
+    s = compliance[j] * load[j] - (left[j, 0] * v[0] + left[j, 1] * v[1] + left[j, 2] * v[2])
+    rate[j] = s
+    twist[0] = v[0] + axis[j, 0] * s
+    twist[1] = v[1] + axis[j, 1] * s
+    twist[2] = v[2] + axis[j, 2] * s
+    return twist[0], twist[1], twist[2]

@@ -1,0 +1,231 @@
+"""
+Gaits that change while they run, without a jump in angles or rates.
+
+A gait is a carrier phase of each wave and, for each joint, what it makes of it: a complex number
+z, ``alpha = Im(z exp(i phi)) + psi`` with ``z = A exp(i ((j - 1) delta + delta_0))``. A change
+blends z, the offset psi and the frequency linearly from the old gait to the new one, with the
+weight s of `gait.soft_start` over a fixed time; phi is the exact integral of the frequency, so a
+new frequency keeps the phase. Changes may come at any time, also in the middle of a blend: the
+weights of all gaits are then still positive and sum to 1. So all that is convex holds in between
+if it holds for every gait, and the limits of the joints do, see `check_limits`.
+"""
+
+from dataclasses import dataclass
+from dataclasses import replace
+import math
+
+import numpy as np
+
+from snake_sim_ros.scene.gait import soft_start
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Gait
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.scene.quantities import ParameterError
+
+MULTIPLES = range(-4, 5)  # of the yaw frequency: the pitch wave has a fixed place on the yaw wave
+
+
+@dataclass(frozen=True)
+class Blend:
+    """
+    The gaits of the last `duration`, each blended into the next, and one joint reference of them.
+
+    Attributes
+    ----------
+    gait : Gait
+        The one it ends with.
+    joint_count : int
+    duration : float
+        Time of every blend [s].
+    fade_in : float
+        Time of the soft start of the first gait of all [s].
+    begins : ndarray, shape (m,)
+        Times at which all gaits but the first begin to replace the one before [s].
+    frequency, offset : ndarray, shape (m+1, 2)
+        Of the yaw and the pitch wave of every gait [rad/s], [rad].
+    amplitude : ndarray of complex, shape (m+1, n-1, 2)
+        z of every gait and joint [rad].
+    phase : ndarray, shape (2,)
+        Phases of the waves at time 0, had the first of these gaits always run [rad].
+    shift : float
+        What the phase of the pitch wave of the last gait is more than its parameters say [rad].
+
+    """
+
+    gait: Gait
+    joint_count: int
+    duration: float
+    fade_in: float
+    begins: Array
+    frequency: Array
+    offset: Array
+    amplitude: Array
+    phase: Array
+    shift: float
+
+    @classmethod
+    def of(cls, gait: Gait, joint_count: int, duration: float) -> 'Blend':
+        """Return the reference of one gait from its time 0 on, that of `gait.reference`."""
+        return cls(
+            gait=gait,
+            joint_count=joint_count,
+            duration=duration,
+            fade_in=gait.soft_start,
+            begins=np.zeros(0),
+            frequency=_frequency(gait)[None],
+            offset=_offset(gait)[None],
+            amplitude=_amplitude(gait, joint_count, 0.0)[None],
+            phase=np.zeros(2),
+            shift=0.0,
+        )
+
+    def changed(self, time: float, gait: Gait) -> 'Blend':
+        """
+        Return the reference that begins to blend into another gait now.
+
+        Both waves keep their phase, with one exception: where the pitch frequency is one of
+        `MULTIPLES` of the yaw frequency, the two waves make up one motion, as in sidewinding.
+        Then the phases in the parameters say where the pitch wave lies on the yaw wave, and the
+        blend ends there.
+
+        Parameters
+        ----------
+        time : float
+            Now, not before any earlier change [s].
+        gait : Gait
+            Its soft start is not used.
+
+        """
+        over = np.searchsorted(self.begins + self.duration, time, side='right')
+        phase = self.phase - self._delays[:over].sum(axis=0)
+        later = replace(
+            self,
+            gait=gait,
+            begins=np.append(self.begins[over:], time),
+            frequency=np.vstack([self.frequency[over:], _frequency(gait)]),
+            offset=np.vstack([self.offset[over:], _offset(gait)]),
+            phase=phase,
+        )
+        yaw, pitch = later.frequency[-1]
+        shift, waves = self.shift, yaw * gait.yaw.amplitude * gait.pitch.amplitude
+        for multiple in MULTIPLES:
+            if waves != 0.0 and abs(pitch - multiple * yaw) < 1e-9 * abs(yaw):
+                on_yaw, on_pitch = phase - later._delays.sum(axis=0)
+                shift = multiple * on_yaw - on_pitch
+        amplitude = _amplitude(gait, self.joint_count, shift)[None]
+        return replace(later, amplitude=np.vstack([self.amplitude[over:], amplitude]), shift=shift)
+
+    def reference(self, time: float | Array) -> tuple[Array, Array]:
+        """
+        Return joint reference angles and rates; the rates are the exact derivatives.
+
+        Parameters
+        ----------
+        time : float or ndarray, shape (k,)
+            Time since the first gait of all began, not before the last change [s].
+
+        Returns
+        -------
+        angle, rate : ndarray, shape (n-1, 2) or (k, n-1, 2)
+            (yaw, pitch) [rad], [rad/s].
+
+        """
+        t = np.asarray(time, dtype=float)[..., None]
+        age = t - self.begins
+        s, s_dot = soft_start(age, self.duration)
+        weight, weight_dot = _weights(s, 1.0), _weights(s_dot, 0.0)
+        # The integral of s is T (x^3 - x^4/2) up to x = age/T = 1, then age - T/2.
+        x = np.clip(age / self.duration, 0.0, 1.0)
+        area = self.duration * x**3 * (1.0 - x / 2.0) + np.maximum(age - self.duration, 0.0)
+        phase = self.phase + self.frequency[0] * t + area @ np.diff(self.frequency, axis=0)
+        carrier = np.exp(1j * phase)[..., None, :]
+        omega = (weight @ self.frequency)[..., None, :]
+        z, z_dot = (np.tensordot(w, self.amplitude, 1) for w in (weight, weight_dot))
+        angle = (z * carrier).imag + (weight @ self.offset)[..., None, :]
+        rate = ((z_dot + 1j * omega * z) * carrier).imag
+        rate += (weight_dot @ self.offset)[..., None, :]
+        fade, fade_dot = (value[..., None] for value in soft_start(t, self.fade_in))
+        return fade * angle, fade * rate + fade_dot * angle
+
+    @property
+    def _delays(self) -> Array:
+        """What every change takes from the phases at time 0 in the end, shape (m, 2) [rad]."""
+        return (self.begins + self.duration / 2)[:, None] * np.diff(self.frequency, axis=0)
+
+
+def largest_values(robot: Robot) -> dict[str, float]:
+    """
+    Return name -> largest magnitude of the numbers of a wave.
+
+    With half of the joint rate limit left to the wave, whatever its amplitude, and half to the
+    blends, see `shortest_blend`, no change of a gait exceeds it.
+    """
+    return {
+        'amplitude': robot.joint_limit,
+        'angular_frequency': robot.joint_rate_limit / (2 * robot.joint_limit),
+        'phase_lag': 2 * math.pi,
+        'phase': 2 * math.pi,
+        'offset': robot.joint_limit,
+    }
+
+
+def shortest_blend(robot: Robot) -> float:
+    """
+    Return the shortest time of a blend [s].
+
+    With waves up to the joint limit alpha, the blends of any sequence of gaits add to the rate of
+    a joint ``alpha sum_k |w_k'| <= 2 alpha max s' = 3 alpha/T``: half of the joint rate limit.
+    """
+    return 6 * robot.joint_limit / robot.joint_rate_limit
+
+
+def check_limits(gait: Gait, robot: Robot) -> None:
+    """
+    Check that the joints can follow a gait and any blend between gaits that pass.
+
+    Raises
+    ------
+    ParameterError
+        If a number of a wave, or amplitude plus offset, is too large.
+
+    """
+    for axis, wave in (('yaw', gait.yaw), ('pitch', gait.pitch)):
+        for name, largest in largest_values(robot).items():
+            value = getattr(wave, name)
+            if abs(value) > largest:
+                unit = Wave.__dataclass_fields__[name].metadata['unit']
+                raise ParameterError(
+                    f'gait.{axis}.{name} must be within +-{largest:.4g} {unit}, '
+                    f'got {value:.4g} {unit}'
+                )
+        reach = abs(wave.amplitude) + abs(wave.offset)
+        if reach > robot.joint_limit:
+            raise ParameterError(
+                f'amplitude plus offset of gait.{axis} must be within the joint limit, '
+                f'{robot.joint_limit:.4g} rad, got {reach:.4g} rad'
+            )
+
+
+def _frequency(gait: Gait) -> Array:
+    return np.array([gait.yaw.angular_frequency, gait.pitch.angular_frequency])
+
+
+def _offset(gait: Gait) -> Array:
+    return np.array([gait.yaw.offset, gait.pitch.offset])
+
+
+def _amplitude(gait: Gait, joint_count: int, shift: float) -> Array:
+    """Return z of every joint, with the pitch wave shifted by an angle, shape (n-1, 2)."""
+    joint = np.arange(joint_count)
+    yaw, pitch = (
+        wave.amplitude * np.exp(1j * (joint * wave.phase_lag + wave.phase + angle))
+        for wave, angle in ((gait.yaw, 0.0), (gait.pitch, shift))
+    )
+    return np.column_stack([yaw, pitch])
+
+
+def _weights(s: Array, first: float) -> Array:
+    """Return the weights of the gaits from the progress of the changes, shape (..., m+1)."""
+    edge = np.zeros((*s.shape[:-1], 1))
+    return -np.diff(np.concatenate([edge + first, s, edge], axis=-1), axis=-1)

@@ -1,0 +1,49 @@
+"""
+Compiled sampling of what joints are told; see `joint_reference`.
+
+Rows of the arrays angle [rad] and rate [rad/s] are times, their columns axes; both are written.
+"""
+
+import math
+
+import numpy as np
+
+from snake_sim_ros.dynamics.compilation import compiled
+
+
+@compiled
+def extrapolate(times, stamp, told_angle, told_rate, horizon, angle, rate):
+    """Write angles that change by their rates for a while after their stamps, then are held."""
+    for i in range(len(times)):
+        for k in range(len(stamp)):
+            age = times[i] - stamp[k]
+            angle[i, k] = told_angle[k] + min(age, horizon) * told_rate[k]
+            rate[i, k] = told_rate[k] if age <= horizon else 0.0
+
+
+@compiled
+def move(times, axes, knots, coefficients, angle, rate):
+    """Write what some axes do from the begin of a motion on; see `Motion`."""
+    piece, last = 0, len(knots) - 1
+    for i in range(len(times)):
+        if times[i] < knots[0]:
+            continue
+        if knots[piece + 1] <= times[i]:
+            piece = min(np.searchsorted(knots, times[i], 'right'), last) - 1
+        moving = times[i] < knots[last]
+        s = min(times[i], knots[last]) - knots[piece]
+        for k in range(len(axes)):
+            a, b = coefficients[0, piece, k], coefficients[1, piece, k]
+            c, d = coefficients[2, piece, k], coefficients[3, piece, k]
+            angle[i, axes[k]] = a + s * (b + s * (c + s * d))
+            rate[i, axes[k]] = b + s * (2.0 * c + s * (3.0 * d)) if moving else 0.0
+
+
+@compiled
+def hold_within(limit, angle, rate):
+    """Let what is beyond a limit stand still there."""
+    for i in range(angle.shape[0]):
+        for k in range(angle.shape[1]):
+            if abs(angle[i, k]) > limit:
+                angle[i, k] = math.copysign(limit, angle[i, k])
+                rate[i, k] = 0.0

@@ -1,0 +1,210 @@
+"""What the joints are told over time: commands, held or extrapolated, and trajectories."""
+
+from dataclasses import dataclass
+from dataclasses import replace
+
+import numpy as np
+
+from snake_sim_ros.gaits.interpolation import extrapolate
+from snake_sim_ros.gaits.interpolation import hold_within
+from snake_sim_ros.gaits.interpolation import move
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.stepping.base import initial_state
+
+INSTANT = 1e-3  # s, the length of a motion that has one point only
+
+
+@dataclass(frozen=True)
+class Motion:
+    """
+    A trajectory of some joint axes, cubic in time between its points; after its end they hold.
+
+    Attributes
+    ----------
+    axes : ndarray of int, shape (k,)
+        Which axes, counted along the robot, yaw before pitch.
+    times : ndarray, shape (points,)
+        [s]
+    coefficients : ndarray, shape (4, points-1, k)
+        Of the powers 0 to 3 of the time since the begin of a piece.
+
+    """
+
+    axes: Array
+    times: Array
+    coefficients: Array
+
+    @property
+    def begin(self) -> float:
+        """Time of the first point [s]."""
+        return float(self.times[0])
+
+    @property
+    def end(self) -> float:
+        """Time of the last point [s]."""
+        return float(self.times[-1])
+
+    def extremes(self) -> tuple[Array, Array]:
+        """Return largest magnitudes of angle [rad] and rate [rad/s], shape (points-1, k)."""
+        a, b, c, d = self.coefficients
+        span = np.diff(self.times)[:, None]
+        with np.errstate(divide='ignore', invalid='ignore'):
+            root = np.sqrt(c * c - 3 * b * d)
+            # Roots of the rate, in the form that takes no difference of near numbers.
+            half = -(c + np.copysign(root, c))
+            turns = half / (3 * d), b / half
+            bends = -c / (3 * d)
+        moments = [np.zeros_like(a), span + 0.0 * a]
+        for s in (*turns, bends):
+            moments.append(np.where((s > 0) & (s < span), s, 0.0))
+        s = np.array(moments)
+        angle = a + s * (b + s * (c + s * d))
+        rate = b + s * (2.0 * c + s * (3.0 * d))
+        return np.abs(angle).max(axis=0), np.abs(rate).max(axis=0)
+
+    def without(self, axes: Array) -> 'Motion':
+        """Return the motion of all axes but some."""
+        keep = ~np.isin(self.axes, axes)
+        coefficients = np.ascontiguousarray(self.coefficients[..., keep])
+        return Motion(self.axes[keep], self.times, coefficients)
+
+
+def motion_through(axes: Array, times: Array, angle: Array, rate: Array | None) -> Motion:
+    """
+    Return the motion through some points, as a joint_trajectory_controller interpolates them.
+
+    Parameters
+    ----------
+    axes : ndarray of int, shape (k,)
+    times : ndarray, shape (points,)
+        Increasing [s].
+    angle : ndarray, shape (points, k)
+        [rad]
+    rate : ndarray, shape (points, k), or None
+        [rad/s]. With rates the motion is cubic in time between two points, without it is linear.
+
+    """
+    if len(times) == 1:
+        times, angle = times[0] + np.array([0.0, INSTANT]), np.repeat(angle, 2, axis=0)
+        rate = None
+    span = np.diff(times)[:, None]
+    slope = np.diff(angle, axis=0) / span
+    first, last = (slope, slope) if rate is None else (rate[:-1], rate[1:])
+    square, cube = (3 * slope - 2 * first - last) / span, (first + last - 2 * slope) / span**2
+    return Motion(axes, times, np.array([angle[:-1], first, square, cube]))
+
+
+@dataclass(frozen=True)
+class JointReference:
+    """
+    What the joints were last told, each axis at its own time.
+
+    Attributes
+    ----------
+    stamp : ndarray, shape (n-1, 2)
+        Time at which the angle holds [s].
+    angle, rate : ndarray, shape (n-1, 2)
+        (yaw, pitch) [rad], [rad/s].
+    motions : tuple of Motion
+        In the order in which they begin. Once one has begun it goes before angle and rate, and
+        before the motions that began earlier.
+
+    """
+
+    stamp: Array
+    angle: Array
+    rate: Array
+    motions: tuple[Motion, ...] = ()
+
+    def sample(self, times: Array, horizon: float, limit: float) -> tuple[Array, Array]:
+        """
+        Return the reference at given times; a command is extrapolated with its rate for a while.
+
+        Parameters
+        ----------
+        times : ndarray, shape (m,)
+            Increasing [s].
+        horizon : float
+            How long a command is extrapolated [s]; then its angle is held and the rate is zero.
+        limit : float
+            Largest angle [rad]; a reference beyond it stands still there.
+
+        Returns
+        -------
+        angle, rate : ndarray, shape (m, n-1, 2)
+
+        """
+        shape = (len(times), *self.stamp.shape)
+        sampled = np.empty((2, len(times), self.stamp.size))
+        told = self.stamp.ravel(), self.angle.ravel(), self.rate.ravel()
+        extrapolate(times, *told, float(horizon), *sampled)
+        for motion in self.motions:
+            if motion.begin > times[-1]:
+                break
+            move(times, motion.axes, motion.times, motion.coefficients, *sampled)
+        hold_within(float(limit), *sampled)
+        return sampled[0].reshape(shape), sampled[1].reshape(shape)
+
+    def commanded(self, axes: Array, stamp: float, angle: Array, rate: Array) -> 'JointReference':
+        """
+        Return the reference after a command for some axes; their motions end.
+
+        Parameters
+        ----------
+        axes : ndarray of int, shape (k,)
+            Counted along the robot, yaw before pitch.
+        stamp : float
+            Time at which the angle holds [s].
+        angle, rate : ndarray, shape (k,)
+            [rad], [rad/s]
+
+        """
+        numbers = self.stamp.copy(), self.angle.copy(), self.rate.copy()
+        for array, values in zip(numbers, (stamp, angle, rate), strict=True):
+            array.flat[axes] = values
+        return JointReference(*numbers, _without(self.motions, axes))
+
+    def moved(self, motion: Motion) -> 'JointReference':
+        """Return the reference with a motion; what its axes would do from its begin on is void."""
+        earlier = tuple(item for item in self.motions if item.begin < motion.begin)
+        later = tuple(item for item in self.motions if item.begin >= motion.begin)
+        return replace(self, motions=(*earlier, motion, *_without(later, motion.axes)))
+
+    def settled(self, now: float) -> 'JointReference':
+        """Return the same from now on, without motions that are over or covered by others."""
+        begun = [item for item in self.motions if item.begin <= now]
+        if not begun or (len(begun) == 1 and begun[0].end > now):
+            return self
+        kept: tuple[Motion, ...] = ()
+        for motion in reversed(begun):
+            covered = [item.axes for item in kept]
+            kept = (*_without((motion,), np.concatenate([[], *covered])), *kept)
+        waiting, reference = self.motions[len(begun) :], self
+        while kept and kept[0].end <= now:
+            over, *rest = kept
+            kept = tuple(rest)
+            sampled = np.empty((2, 1, self.stamp.size))
+            move(np.array([over.end]), over.axes, over.times, over.coefficients, *sampled)
+            told = sampled[:, 0, over.axes]
+            reference = replace(reference, motions=()).commanded(over.axes, over.end, *told)
+        return replace(reference, motions=(*kept, *waiting))
+
+
+def _without(motions: tuple[Motion, ...], axes: Array) -> tuple[Motion, ...]:
+    """Return what is left of some motions without some axes."""
+    left = (item.without(axes) for item in motions)
+    return tuple(item for item in left if len(item.axes))
+
+
+def start_posture(scene: Scene, now: float = 0.0) -> JointReference:
+    """Return the reference that holds the initial posture of a scene."""
+    angle = joint_angles(initial_state(scene).q)
+    return JointReference(np.full(angle.shape, now), angle, np.zeros(angle.shape))
+
+
+def compile_sampling(scene: Scene) -> None:
+    """Compile what samples references, also with motions, or load it from the cache."""
+    still = motion_through(np.array([0]), np.zeros(1), np.zeros((1, 1)), None)
+    start_posture(scene).moved(still).sample(np.zeros(1), 0.0, 1.0)

@@ -1,0 +1,1 @@
+"""Programs around the nodes: the demo, measuring their pace, recording topics."""

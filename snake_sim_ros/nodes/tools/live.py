@@ -1,0 +1,63 @@
+"""The command `snake-sim view` of a live robot: the node viewer, and of a scene its nodes, too."""
+
+import sys
+from threading import Event
+
+from snake_sim_ros.nodes.tools.processes import Child
+from snake_sim_ros.nodes.tools.processes import children
+from snake_sim_ros.nodes.tools.processes import interruptible
+from snake_sim_ros.nodes.tools.processes import NodeDied
+from snake_sim_ros.nodes.tools.processes import start
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.view.page import check_address
+
+LOOK_PERIOD = 0.2  # s between two looks at the nodes
+
+
+def view(source: str | None, host: str, port: int, open_browser: bool) -> int:
+    """
+    Show the robot that is on the topics, or run a scene and show it, until SIGINT or SIGTERM.
+
+    Parameters
+    ----------
+    source : str, optional
+        Scene, a YAML file or a name.
+    host : str
+    port : int
+        Of the page.
+    open_browser : bool
+
+    Returns
+    -------
+    int
+        0; 1 if a node died.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such scene, or the page cannot be served there.
+
+    """
+    check_address(host, port)
+    browser = f'open_browser:={str(open_browser).lower()}'
+    page = f'host:={host}', f'port:={port}', browser
+    if source:
+        load_scene(source)
+    with interruptible() as stop, children() as nodes:
+        try:
+            if source:
+                nodes.append(start('sim', f'scene:={source}'))
+                nodes.append(start('gait', f'scene:={source}', 'use_sim_time:=true'))
+            nodes.append(start('viewer', *page, echo=True))
+            _watch(nodes, stop)
+        except NodeDied as error:
+            print(f'snake-sim view: {error}', file=sys.stderr)
+            return 1
+    return 0
+
+
+def _watch(nodes: list[Child], stop: Event) -> None:
+    """Wait until all is to end; raise if a node ends before."""
+    while not stop.wait(LOOK_PERIOD):
+        for node in nodes:
+            node.check()

@@ -1,0 +1,121 @@
+"""The command `snake-sim record`: all that is on the topics as an MCAP bag, until it is ended."""
+
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+import sys
+import time
+
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy
+from rclpy.qos import QoSProfile
+from rclpy.qos import ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+
+from snake_sim_ros.nodes.bag_writer import BagWriter
+from snake_sim_ros.nodes.running import make_executor
+from snake_sim_ros.nodes.tools.processes import interruptible
+from snake_sim_ros.scene.quantities import ParameterError
+
+QUEUE = 10_000  # messages of a topic that may wait, some ten seconds of the fastest one
+LOOK_PERIOD = 0.2  # s between two looks for new topics
+DRAIN = 0.2  # s for what was sent before the end and is still on its way
+
+
+class Recorder(Node):
+    """A node that subscribes to whatever is published and writes the bytes as they come."""
+
+    def __init__(self, bag: BagWriter) -> None:
+        super().__init__('recorder')
+        self._bag = bag
+        self._refused: set[tuple[str, str]] = set()
+
+    def look(self) -> None:
+        """Subscribe to topics that are new."""
+        for topic, kinds in self.get_topic_names_and_types():
+            if topic in self._bag.counts or not self.count_publishers(topic):
+                continue
+            if len(kinds) == 1:
+                self._subscribe(topic, kinds[0])
+            else:
+                self._refuse(topic, f'it has several types: {", ".join(sorted(kinds))}')
+
+    def _subscribe(self, topic: str, kind: str) -> None:
+        """Subscribe with the quality of service that all publishers offer."""
+        profiles = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+        reliable = all(each.reliability == ReliabilityPolicy.RELIABLE for each in profiles)
+        latched = all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in profiles)
+        qos = QoSProfile(
+            depth=QUEUE,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=(
+                DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+            ),
+        )
+        package, _, name = kind.split('/')
+        try:
+            message = getattr(import_module(f'{package}.msg'), name)
+            self._bag.add_topic(topic, message, qos)
+        except (ImportError, AttributeError, FileNotFoundError):
+            self._refuse(topic, f'its type {kind} is not installed')
+            return
+        self.create_subscription(message, topic, partial(self._take, topic), qos, raw=True)
+
+    def _take(self, topic: str, data: bytes) -> None:
+        self._bag.write(topic, time.time_ns(), data)
+
+    def _refuse(self, topic: str, why: str) -> None:
+        """Say once why a topic is not recorded."""
+        if (topic, why) not in self._refused:
+            self._refused.add((topic, why))
+            print(f'{topic} is not recorded: {why}', file=sys.stderr)
+
+
+def record(path: Path) -> int:
+    """
+    Record all topics until SIGINT or SIGTERM; times of the bag are those of their arrival.
+
+    Returns
+    -------
+    int
+        0
+
+    Raises
+    ------
+    ParameterError
+        If the file exists already, or its folder does not.
+
+    """
+    if path.exists():
+        raise ParameterError(f'{path} exists; remove it, or choose another name')
+    if not path.absolute().parent.is_dir():
+        raise ParameterError(f'{path}: no folder {path.absolute().parent}')
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        with interruptible() as stop, BagWriter(path) as bag:
+            node = Recorder(bag)
+            executor = make_executor(node)
+            print(f'recording all topics in {path}; Ctrl-C ends it', flush=True)
+            looked = shown = 0.0
+            end: float | None = None
+            while end is None or time.monotonic() < end:
+                executor.spin_once(timeout_sec=0.05)
+                now = time.monotonic()
+                if stop.is_set() and end is None:
+                    end = now + DRAIN
+                if now - looked > LOOK_PERIOD:
+                    looked = now
+                    node.look()
+                if now - shown > 1.0:
+                    shown = now
+                    print(f'\r{_summary(bag)}', end='', flush=True)
+            node.destroy_node()
+            print(f'\r{_summary(bag)} in {path}')
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+def _summary(bag: BagWriter) -> str:
+    return f'{sum(bag.counts.values())} messages of {len(bag.counts)} topics'

@@ -1,0 +1,1 @@
+"""The experiments of the paper: its cases, figures, tables and printed errors."""

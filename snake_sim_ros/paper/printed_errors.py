@@ -1,0 +1,69 @@
+"""
+What the printed errors of the paper do: the inertia from half the radius, the sign in eq. (84).
+
+The steps here are those of `reference` without contacts, dense and slow.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.reference import end_coordinates
+from snake_sim_ros.stepping.reference import joint_directions
+from snake_sim_ros.stepping.reference import joint_torque_law
+from snake_sim_ros.stepping.reference import mass_matrix
+from snake_sim_ros.stepping.reference import middle_coordinates
+from snake_sim_ros.stepping.reference import smooth_forces
+from snake_sim_ros.stepping.reference import torque_directions
+from snake_sim_ros.stepping.reference import without_drift
+
+
+def consistent(scene: Scene) -> Scene:
+    """Return the scene with moments of inertia from the radius as the paper states it."""
+    return replace(scene, robot=replace(scene.robot, inertia='consistent'))
+
+
+def step_in_the_air(
+    scene: Scene, state: State, angle: Array, rate: Array, sign: float
+) -> tuple[State, float, float]:
+    """
+    Take a step without contacts, with a sign for the first term of eq. (84).
+
+    The step is ``P_J = -G_J^-1 (sign W_J^T u_A + W_J^T M^-1 (h + tau_C) dt)`` with
+    ``G_J = W_J^T M^-1 W_J``, so that ``W_J^T u_E = (1 - sign) W_J^T u_A``.
+
+    Parameters
+    ----------
+    scene : Scene
+        With a joint controller of the start or the middle of the step.
+    state : State
+    angle, rate : ndarray, shape (n-1, 2)
+        Joint references [rad], [rad/s].
+    sign : float
+        1 as derived, -1 as printed.
+
+    Returns
+    -------
+    state : State
+    before, after : float
+        Largest rate of a joint gap, in the directions of the step, that u_A and u_E have [m/s].
+
+    """
+    robot, dt, u_A = scene.robot, scene.dt, state.u.ravel()
+    q_M = middle_coordinates(state, dt)
+    R = rotation_matrices(q_M[:, 3:])
+    W_J, M_inv = joint_directions(robot, R), 1.0 / np.diag(mass_matrix(robot))
+    torque, _ = joint_torque_law(scene, state, q_M, angle, rate)
+    h = smooth_forces(robot, np.array(scene.gravity), state.u)
+    gained = M_inv * (h + torque_directions(R) @ torque) * dt
+    G_J = W_J.T @ (M_inv[:, None] * W_J)
+    P_J = -np.linalg.solve(G_J, sign * W_J.T @ u_A + W_J.T @ gained)
+    u_E = u_A + gained + M_inv * (W_J @ P_J)
+    u = u_E.reshape(state.u.shape)
+    q = end_coordinates(state.q, q_M, state.u, u, dt)
+    rates = [float(np.abs(W_J.T @ v).reshape(-1, 4)[:, :3].max()) for v in (u_A, u_E)]
+    return State(without_drift(robot, q, scene.drift_correction), u), rates[0], rates[1]

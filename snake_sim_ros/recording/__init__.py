@@ -1,0 +1,1 @@
+"""Recorded runs in files and what messages say of a robot, read without ROS."""

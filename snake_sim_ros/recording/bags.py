@@ -1,0 +1,251 @@
+"""Bags read back: an MCAP file of `snake-sim`, of `ros2 bag` or of a real robot as a run."""
+
+from collections.abc import Iterator
+from os import SEEK_END
+from pathlib import Path
+from typing import Any
+from typing import BinaryIO
+
+import numpy as np
+
+from snake_sim_ros.recording import from_messages as wire
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import scene_from_text
+from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import gaps
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.trajectory import Trajectory
+
+METADATA = 'snake_sim_ros'  # name of the record that has the scene of a run
+MAGIC = b'\x89MCAP0\r\n'  # at both ends of a file that is whole
+KINDS = {  # last part of a topic's name: its type
+    'joint_states': 'sensor_msgs/msg/JointState',
+    'link_poses': 'geometry_msgs/msg/PoseArray',
+    'markers': 'visualization_msgs/msg/MarkerArray',
+    'robot_description': 'std_msgs/msg/String',
+    'diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
+}
+NOTHING = np.zeros((0, 3)), np.zeros((0, 3))  # points, forces
+Messages = list[tuple[float, Any]]  # time [s], message
+Raw = list[tuple[float, float, Any]]  # stamp of its header [s], time of its recording [s], message
+
+
+def read_bag(path: Path, namespace: str | None = None) -> Trajectory:
+    """
+    Return what a robot did in a bag.
+
+    The samples are those of `link_poses`; without them, as a real robot has none, those of
+    `joint_states`, and the robot lies at the origin. Contacts are those of the last markers before
+    a sample. Where stamps go back, as after a reset of time, time stands still. Without a
+    robot_description it is Aiko.
+
+    Parameters
+    ----------
+    path : Path
+        An MCAP file, or the folder that `ros2 bag record -s mcap` makes.
+    namespace : str, optional
+        Of the robot, such as ``/aiko``; needed if there are several.
+
+    Raises
+    ------
+    ParameterError
+        If it is no such file, not whole, or has neither link poses nor joint states.
+
+    """
+    found: dict[str, Raw] = {}
+    others: dict[str, str] = {}
+    text = ''
+    for file in _files(path):
+        text = _read(file, found, others) or text
+    robots = _robots(found, namespace)
+    if not robots:
+        there = ', '.join(f'{name} ({kind})' for name, kind in others.items()) or 'no messages'
+        of = f' of {namespace}' if namespace else ''
+        raise ParameterError(
+            f'{path} has neither link_poses (geometry_msgs/PoseArray) nor joint_states '
+            f'(sensor_msgs/JointState){of}; it has {there}'
+        )
+    if len(robots) > 1:
+        raise ParameterError(
+            f'{path} has several robots; choose one with --namespace: {", ".join(robots)}'
+        )
+    topics = {kind: f'{robots[0].rstrip("/")}/{kind}' for kind in KINDS}
+    topics['diagnostics'] = '/diagnostics'
+    of_robot = {kind: _timed(found.get(topic, [])) for kind, topic in topics.items()}
+    try:
+        return _trajectory(of_robot, text)
+    except ParameterError as error:
+        raise ParameterError(f'{path}: {error}') from None
+
+
+def _robots(found: dict[str, Raw], namespace: str | None) -> list[str]:
+    """Return the namespaces in which robots are."""
+    topics = [name for name in found if name.endswith(('/link_poses', '/joint_states'))]
+    spaces = dict.fromkeys(name.rpartition('/')[0] or '/' for name in topics)
+    wanted = namespace and '/' + namespace.strip('/')
+    return [space for space in spaces if wanted in (None, space)]
+
+
+def _timed(raw: Raw) -> Messages:
+    """Return messages with their stamps, or if they have none with the times of recording."""
+    stamped = any(stamp for stamp, _, _ in raw)
+    return [(stamp if stamped else recorded, message) for stamp, recorded, message in raw]
+
+
+def _trajectory(found: dict[str, Messages], text: str) -> Trajectory:
+    source = found['link_poses'] or found['joint_states']
+    scene = _scene(found, text)
+    n, stamp = scene.robot.link_count, np.array([time for time, _ in source])
+    angle, velocity, torque = (
+        _joints(found['joint_states'], part, stamp, n - 1)
+        for part in ('position', 'velocity', 'effort')
+    )
+    if found['link_poses']:
+        poses = [wire.poses(message) for _, message in source]
+        for position, _ in poses:
+            if len(position) != n:
+                raise ParameterError(
+                    f'link_poses must have the {n} links of the robot, got {len(position)}'
+                )
+        position, orientation = (np.array(parts) for parts in zip(*poses, strict=True))
+    else:
+        q = np.array([chain(scene.robot, each) for each in np.nan_to_num(angle)])
+        q[..., 2] -= gaps(scene.robot, q).min(axis=-1, keepdims=True)
+        position, orientation = q[..., :3], q[..., 3:]
+    sample, point, force = _contacts(found['markers'], stamp)
+    return Trajectory(
+        scene=scene,
+        time=stamp[0] + np.concatenate([[0.0], np.cumsum(np.maximum(np.diff(stamp), 0.0))]),
+        position=position,
+        orientation=orientation,
+        joint_angle=angle,
+        joint_velocity=velocity,
+        joint_torque=torque,
+        contact_sample=sample,
+        contact_number=np.full(len(sample), -1),
+        contact_point=point,
+        contact_force=force,
+        level=_levels(found['diagnostics'], stamp),
+        report=Report(),
+        seconds=0.0,
+        interrupted=False,
+    )
+
+
+def _files(path: Path) -> list[Path]:
+    """Return the MCAP files of a bag."""
+    if not path.exists():
+        raise ParameterError(f'no file {path}')
+    files = sorted(path.glob('*.mcap')) if path.is_dir() else [path]
+    if not files:
+        raise ParameterError(f'{path} has no .mcap file; record with ros2 bag record -s mcap')
+    return files
+
+
+def _read(path: Path, found: dict[str, Raw], others: dict[str, str]) -> str:
+    """Add the messages and topics of a file in the order of their times; return its scene."""
+    try:
+        from mcap.reader import make_reader
+    except ImportError:
+        raise ParameterError(
+            "bags need the package mcap-ros2-support: pip install 'snake_sim_ros[bags]'"
+        ) from None
+    with path.open('rb') as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            raise ParameterError(
+                f'{path} is not an MCAP file; snake-sim run --bag and ros2 bag record -s mcap '
+                f'write one'
+            )
+        if file.seek(0, SEEK_END) < 2 * len(MAGIC) or _last(file) != MAGIC:
+            raise ParameterError(
+                f'{path} is not whole, its end is missing; `mcap recover` of the MCAP tools saves '
+                f'what is there'
+            )
+        file.seek(0)
+        try:
+            reader = make_reader(file, validate_crcs=True)
+            scene = [r.metadata['scene'] for r in reader.iter_metadata() if r.name == METADATA]
+            for topic, *raw in _decoded(reader, others):
+                found.setdefault(topic, []).append(tuple(raw))
+        except Exception as error:  # broken data makes decoders raise whatever they like
+            raise ParameterError(
+                f'{path} cannot be read as a bag of ROS 2: {type(error).__name__}: {error}'
+            ) from None
+    return scene[-1] if scene else ''
+
+
+def _last(file: BinaryIO) -> bytes:
+    """Return the last bytes of a file, as many as MAGIC has."""
+    file.seek(-len(MAGIC), SEEK_END)
+    return file.read()
+
+
+def _decoded(reader: Any, others: dict[str, str]) -> Iterator[tuple[str, float, float, Any]]:
+    """Yield topic, stamp [s], time [s] and message of what is read; add other topics."""
+    from mcap_ros2.decoder import DecoderFactory
+
+    factory, decoders = DecoderFactory(), dict[int, Any]()
+    for schema, channel, message in reader.iter_messages():
+        name = channel.topic.rpartition('/')[2]
+        if schema is None or schema.name != KINDS.get(name):
+            others[channel.topic] = schema.name if schema else channel.message_encoding
+            continue
+        if channel.id not in decoders:
+            decoders[channel.id] = factory.decoder_for(channel.message_encoding, schema)
+        if decoders[channel.id] is None:
+            raise ValueError(
+                f'{channel.topic} is encoded as {channel.message_encoding!r}, not cdr'
+            )
+        content = decoders[channel.id](message.data)
+        yield channel.topic, _stamp(content), 1e-9 * message.log_time, content
+
+
+def _stamp(message: Any) -> float:
+    """Return the stamp of a message, 0 if it has none [s]."""
+    first = next(iter(getattr(message, 'markers', ())), message)
+    header = getattr(first, 'header', None)
+    return float(header.stamp.sec + 1e-9 * header.stamp.nanosec) if header else 0.0
+
+
+def _scene(found: dict[str, Messages], text: str) -> Scene:
+    """Return the scene that a run kept, or what its topics say of it."""
+    if text:
+        return scene_from_text(text)
+    if not found['robot_description']:
+        return Scene()
+    markers = found['markers'][-1][1].markers if found['markers'] else ()
+    return wire.scene_of(found['robot_description'][-1][1].data, markers)
+
+
+def _joints(messages: Messages, part: str, stamp: Array, count: int) -> Array:
+    """Return values of the joints at some times, nan where none were before: (m, count, 2)."""
+    rows = [np.full((count, 2), np.nan)]
+    rows += [wire.joint_axes(item.name, getattr(item, part), count) for _, item in messages]
+    return np.asarray(np.array(rows)[_latest(messages, stamp) + 1])
+
+
+def _latest(messages: Messages, stamp: Array) -> Array:
+    """Return the index of the last message up to each time, -1 where there is none."""
+    times = np.maximum.accumulate([time for time, _ in messages]) if messages else np.zeros(0)
+    return np.searchsorted(times, np.maximum.accumulate(stamp), side='right') - 1
+
+
+def _contacts(messages: Messages, stamp: Array) -> tuple[Array, Array, Array]:
+    """Return sample, point [m] and force [N] of all contacts, of the last markers each."""
+    touched = [wire.contacts(item.markers) or NOTHING for _, item in messages]
+    parts = [NOTHING if k < 0 else touched[k] for k in _latest(messages, stamp)]
+    sample = np.repeat(np.arange(len(stamp)), [len(point) for point, _ in parts])
+    point, force = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return sample, point, force
+
+
+def _levels(messages: Messages, stamp: Array) -> Array:
+    """Return the level that the last diagnostics before each time tell, or nothing."""
+    told = [''] + [
+        next((item.value for status in message.status for item in status.values
+              if item.key == 'level'), '')
+        for _, message in messages
+    ]  # fmt: skip
+    return np.asarray(np.array(told)[_latest(messages, stamp) + 1])

@@ -1,0 +1,129 @@
+"""
+What messages say, as arrays and scenes: the opposite of `nodes.messages` and `nodes.markers`.
+
+Messages are taken by their attributes, whoever made them: rclpy or a reader of bags. Nothing of
+ROS is needed.
+
+A link frame on the wire has x along the link toward the next one, y to the left and z up when the
+link lies flat (REP 103); its axes are e_z, e_x and e_y of the paper's frame B. Quaternions on the
+wire are x y z w.
+"""
+
+from collections.abc import Iterable
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Ground
+from snake_sim_ros.scene.parameters import Pegs
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.robot_description import robot_of
+from snake_sim_ros.scene.rotations import product
+
+B_TO_WIRE = np.array(
+    [0.5, -0.5, -0.5, -0.5]
+)  # columns e_z, e_x, e_y: the inverse of rotations.FLAT
+# Euler parameters of B, scalar first, times this matrix are the quaternion x y z w on the wire.
+TO_WIRE = product(np.eye(4), B_TO_WIRE)[:, [1, 2, 3, 0]]
+FORCE_SCALE = 0.02  # length of the line of a force [m/N]
+CYLINDER, LINE_LIST, CUBE_LIST, SPHERE_LIST = 3, 5, 6, 7  # types of visualization_msgs/Marker
+ADD = 0  # its action
+
+
+def poses(message: Any) -> tuple[Array, Array]:
+    """
+    Return the poses of links from a geometry_msgs/PoseArray.
+
+    Returns
+    -------
+    position : ndarray, shape (n, 3)
+        [m]
+    orientation : ndarray, shape (n, 4)
+        Euler parameters of the link frames B, scalar first.
+
+    """
+    rows = [(pose.position, pose.orientation) for pose in message.poses]
+    numbers = np.array([(r.x, r.y, r.z, p.x, p.y, p.z, p.w) for r, p in rows]).reshape(-1, 7)
+    return numbers[:, :3], numbers[:, 3:] @ TO_WIRE.T
+
+
+def joint_axes(names: Sequence[str], values: Sequence[float], count: int) -> Array:
+    """
+    Return values of joints by name, shape (count, 2) as yaw and pitch; nan where there is none.
+
+    Parameters
+    ----------
+    names : sequence of str
+    values : sequence of float
+        One for each name; empty if the message has none.
+    count : int
+        Number of joints.
+
+    """
+    given = dict(zip(names, values, strict=False))
+    axes = [[f'joint_{j + 1}_yaw', f'joint_{j + 1}_pitch'] for j in range(count)]
+    return np.array([[given.get(name, np.nan) for name in pair] for pair in axes]).reshape(-1, 2)
+
+
+def contacts(markers: Iterable[Any]) -> tuple[Array, Array] | None:
+    """
+    Return points [m] and forces [N] of the contacts, shape (k, 3) each; None if markers say none.
+
+    Parameters
+    ----------
+    markers : iterable of visualization_msgs/Marker
+
+    """
+    lines = [item for item in markers if (item.ns, item.type) == ('contacts', LINE_LIST)]
+    if not lines:
+        return None
+    ends = lines[-1].points if lines[-1].action == ADD else []
+    ends = np.array([(point.x, point.y, point.z) for point in ends]).reshape(-1, 2, 3)
+    return ends[:, 0], (ends[:, 1] - ends[:, 0]) / FORCE_SCALE
+
+
+def scene_of(urdf: str, markers: Iterable[Any] = ()) -> Scene:
+    """
+    Return what there is to see: the robot of a description, pegs and ground of markers.
+
+    Friction, gains and gait are not in them: those are defaults.
+
+    Parameters
+    ----------
+    urdf : str
+        As `robot_description` writes it.
+    markers : iterable of visualization_msgs/Marker
+
+    Raises
+    ------
+    ParameterError
+        If the description is not that of a chain of links as `robot_description` writes it.
+
+    """
+    there = [item for item in markers if item.ns == 'scene' and item.action == ADD]
+    pegs = [item for item in there if item.type == CYLINDER]
+    ground = [item for item in there if item.type == CUBE_LIST]
+    return Scene(
+        robot=robot_of(urdf),
+        pegs=Pegs(
+            x=tuple(peg.pose.position.x for peg in pegs),
+            y=tuple(peg.pose.position.y for peg in pegs),
+            radius=tuple(peg.scale.x / 2 for peg in pegs) or Pegs().radius,
+        ),
+        ground=_ground(ground[-1]) if ground else Ground(),
+    )
+
+
+def _ground(marker: Any) -> Ground:
+    """Return the cells of boxes that are all of one size."""
+    cell, height = marker.scale.x, marker.scale.z
+    points = np.array([(point.x, point.y, point.z) for point in marker.points])
+    corner = points.min(axis=0) - cell / 2
+    columns, rows = np.round((points[:, :2] - corner[:2]) / cell - 0.5).astype(int).T
+    heights = np.zeros((rows.max() + 1, columns.max() + 1))
+    heights[rows, columns] = points[:, 2] + height / 2
+    return Ground(
+        heights=tuple(map(tuple, heights.tolist())), cell=cell, origin=tuple(corner[:2].tolist())
+    )

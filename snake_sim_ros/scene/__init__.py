@@ -1,0 +1,1 @@
+"""What is simulated: records of robot, friction, gait and obstacles, and their geometry."""

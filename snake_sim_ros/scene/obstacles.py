@@ -1,0 +1,281 @@
+"""
+What a robot can touch besides a flat floor: ground of cells and pegs; gaps and contact frames.
+
+This is the definition, in NumPy, that `detection.py` compiles. Contacts are numbered in slots of
+one for each link, so that contact a belongs to link a % n: the front and the rear spheres on the
+ground below them, as in eq. (10); where the ground has cells, six more slots for the higher cells
+beside the front and the rear spheres; then a slot for every peg. Contacts of links with each other
+come last: four of every two that are not neighbors, of the spheres of one with those of the other.
+
+A sphere is in contact with the box below each cell at the nearest point of the box. The cell below
+its center is always there; a neighbor only where it is higher, so that a flat ground is flat
+whatever its cells. A diagonal neighbor counts only where its nearest point is not on one of the
+two others, too: a straight wall is straight.
+
+A link is in contact with a peg as a capsule, the cylinder around its axis with the two contact
+spheres as its ends, at the height of the nearest point of its axis.
+"""
+
+from collections import Counter
+import math
+from typing import Any
+
+import numpy as np
+
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Ground
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.rotations import rotation_matrices
+
+BESIDE = 6  # slots of the cells beside the two spheres of a link: along x, along y, diagonal
+E_X, E_Y, E_Z = np.eye(3)
+# How pictures show what has no end: pegs so high, in contact radii, and boxes of the ground so far
+# below the lowest of them [m].
+PEG_HEIGHT, FOUNDATION = 4.0, 0.01
+
+
+def is_flat(scene: Scene) -> bool:
+    """Return whether there is nothing but the floor z = 0."""
+    return not scene.ground.heights and not scene.pegs.x and not scene.self_contact
+
+
+def first_peg(scene: Scene) -> int:
+    """Return the number of the first contact with a peg."""
+    return scene.robot.link_count * (2 + (BESIDE if scene.ground.heights else 0))
+
+
+def first_pair(scene: Scene) -> int:
+    """Return the number of the first contact of two links."""
+    return first_peg(scene) + scene.robot.link_count * len(scene.pegs.x)
+
+
+def pairs(scene: Scene) -> list[tuple[int, int, int, int]]:
+    """Return link, other link, and the signs of their spheres, of every contact of two links."""
+    n = scene.robot.link_count if scene.self_contact else 0
+    apart = [(i, j) for i in range(n) for j in range(i + 2, n)]
+    return [(i, j, s, t) for i, j in apart for s in (1, -1) for t in (1, -1)]
+
+
+def contact_count(scene: Scene) -> int:
+    """Return the number of contacts, closed or not: 2n on a flat floor."""
+    n = scene.robot.link_count
+    return first_pair(scene) + (2 * (n - 1) * (n - 2) if scene.self_contact else 0)
+
+
+def contact_keys(scene: Scene) -> list[tuple[Any, ...]]:
+    """
+    Return what touches what in every contact, whatever its number: by it scenes are compared.
+
+    Returns
+    -------
+    list of tuple
+        ('floor', side, link); ('cell', slot, link), of a ground of which nothing more is said;
+        ('peg', x, y, radius, how many of the same come before it, link); ('pair', link, other
+        link, and the signs of their spheres).
+
+    """
+    n, count = scene.robot.link_count, first_peg(scene)
+    keys: list[tuple[Any, ...]] = [
+        ('floor' if slot < 2 else 'cell', slot, i) for slot in range(count // n) for i in range(n)
+    ]
+    before: Counter[tuple[float, ...]] = Counter()
+    for peg in map(tuple, scene.pegs.axes.tolist()):
+        keys += [('peg', *peg, before[peg], i) for i in range(n)]
+        before[peg] += 1
+    return keys + [('pair', *pair) for pair in pairs(scene)]
+
+
+def same_contacts(before: Scene, after: Scene) -> tuple[Array, Array]:
+    """
+    Return the numbers of the contacts that two scenes have in common, in each of them.
+
+    Returns
+    -------
+    old, new : ndarray of int, shape (k,)
+        Contact ``old[k]`` of the first scene is contact ``new[k]`` of the second one. Cells of
+        another ground are others; the spheres on the ground below them are the same.
+
+    """
+    number = {key: a for a, key in enumerate(contact_keys(before))}
+    ground = before.ground == after.ground
+    common = [
+        (number[key], a)
+        for a, key in enumerate(contact_keys(after))
+        if key in number and (ground or key[0] != 'cell')
+    ]
+    old, new = np.array(common, dtype=int).reshape(-1, 2).T
+    return old, new
+
+
+def links(scene: Scene) -> Array:
+    """Return the link of every contact and the one it touches, or -1, shape (contacts, 2)."""
+    n, first = scene.robot.link_count, first_pair(scene)
+    of_world = [(a % n, -1) for a in range(first)]
+    return np.array(of_world + [(i, j) for i, j, _, _ in pairs(scene)])
+
+
+def friction(scene: Scene, a: int) -> tuple[float, float, float]:
+    """Return mu along e_x and e_y of the contact frame, and of rolling, of contact a."""
+    if a >= first_pair(scene):
+        return scene.self_contact_friction, scene.self_contact_friction, 0.0
+    if a >= first_peg(scene):
+        return scene.pegs.friction, scene.pegs.friction, 0.0
+    floor = scene.friction
+    return floor.longitudinal, floor.transversal, floor.rolling
+
+
+def height(ground: Ground, column: int, row: int) -> float:
+    """Return the height of a cell [m]."""
+    if 0 <= row < len(ground.heights) and 0 <= column < len(ground.heights[0]):
+        return ground.heights[row][column]
+    return 0.0
+
+
+def cell_centers(ground: Ground) -> Array:
+    """Return x and y of the middle of every cell, shape (rows, columns, 2) [m]."""
+    rows, columns = np.indices(np.shape(ground.heights))
+    return np.asarray(ground.origin + ground.cell * (np.stack([columns, rows], axis=-1) + 0.5))
+
+
+def cell_of(ground: Ground, x: float, y: float) -> tuple[int, int]:
+    """Return column and row of the cell at a point."""
+    x, y = x - ground.origin[0], y - ground.origin[1]
+    return math.floor(x / ground.cell), math.floor(y / ground.cell)
+
+
+def nearest_points(ground: Ground, center: Array) -> list[Array | None]:
+    """
+    Return the nearest point to a sphere center of each of four boxes that can touch the sphere.
+
+    Of the cell below it, then of its neighbors along x, along y and diagonally, on the side where
+    they are nearer; None where there is no contact.
+    """
+    column, row = cell_of(ground, center[0], center[1])
+    middle = np.array(ground.origin) + ground.cell * (np.array([column, row]) + 0.5)
+    side = np.where(center[:2] < middle, -1, 1)
+    edge = middle + side * ground.cell / 2
+    own = height(ground, column, row)
+    points: list[Array | None] = [np.array([center[0], center[1], own])]
+    tops: list[float] = []
+    for beyond in ((1, 0), (0, 1), (1, 1)):
+        step = side * beyond
+        top = height(ground, column + step[0], row + step[1])
+        x, y = np.where(beyond, edge, center[:2])
+        z = min(center[2], top)
+        hidden = beyond == (1, 1) and max(tops) >= z
+        points.append(None if top <= own or hidden else np.array([x, y, z]))
+        tops.append(top)
+    return points
+
+
+def tangents(normal: Array, axis: Array) -> tuple[Array, Array]:
+    """
+    Return e_x and e_y of a contact frame: along a link and across it, in the tangent plane.
+
+    Deviation: a link at right angles to the plane has no direction in it; e_x of I, or e_y of I at
+    a wall across e_x, stands in for its axis.
+    """
+    e_x = axis - (axis @ normal) * normal
+    if np.linalg.norm(e_x) <= 1e-6:
+        axis = E_Y if abs(normal[0]) > 0.7 else E_X
+        e_x = axis - (axis @ normal) * normal
+    e_x = e_x / np.linalg.norm(e_x)
+    return e_x, np.cross(normal, e_x)
+
+
+def contact_geometry(
+    scene: Scene, q: Array, wanted: Array | None = None
+) -> tuple[Array, Array, Array]:
+    """
+    Return gaps, levers and frames of all contacts of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    q : ndarray, shape (n, 7)
+    wanted : ndarray of bool, shape (contacts,), optional
+        Contacts to look at, with those of the same sphere on the ground; default: all.
+
+    Returns
+    -------
+    gap : ndarray, shape (contacts,)
+        [m]; infinite where a neighbor is not higher, and of contacts that are not wanted.
+    lever : ndarray, shape (contacts, 3)
+        Link center to contact point [m, frame I].
+    frame : ndarray, shape (contacts, 3, 3)
+        Normal, from the obstacle or other link to the link, e_x and e_y of every contact, in I.
+
+    """
+    robot, count = scene.robot, contact_count(scene)
+    n, R, first = robot.link_count, rotation_matrices(q[:, 3:]), first_peg(scene)
+    gap, lever, frame = np.full(count, np.inf), np.zeros((count, 3)), np.zeros((count, 3, 3))
+    wanted = np.ones(count, dtype=bool) if wanted is None else wanted
+    offset, radius = robot.per_link('contact_offset'), robot.per_link('contact_radius')
+    for i in range(n):
+        axis = R[i] @ E_Z
+        for side, sign in enumerate((1, -1)):
+            arm = sign * offset[i] * axis
+            slots = (side, *(2 + BESIDE // 2 * side + k for k in range(BESIDE // 2)))
+            if not any(wanted[slot * n + i] for slot in slots if slot * n < first):
+                continue
+            points = nearest_points(scene.ground, q[i, :3] + arm)
+            for slot, point in zip(slots, points, strict=True):
+                if point is None:
+                    continue
+                a = slot * n + i
+                apart = q[i, :3] + arm - point
+                distance = apart[2] if slot < 2 else np.linalg.norm(apart)
+                normal = E_Z if slot < 2 else apart / distance
+                gap[a] = distance - radius[i]
+                lever[a] = arm - radius[i] * normal
+                frame[a] = normal, *tangents(normal, axis)
+        for k, (x, y, peg_radius) in enumerate(scene.pegs.axes):
+            a = first + k * n + i
+            if not wanted[a]:
+                continue
+            apart = np.array([x, y]) - q[i, :2]
+            square = axis[:2] @ axis[:2]
+            along = apart @ axis[:2] / square if square > 1e-12 else 0.0
+            arm = min(max(along, -offset[i]), offset[i]) * axis
+            apart = arm[:2] - apart
+            normal = np.array([*apart, 0.0]) / np.linalg.norm(apart)
+            gap[a] = np.linalg.norm(apart) - peg_radius - radius[i]
+            lever[a] = arm - radius[i] * normal
+            frame[a] = normal, np.cross(E_Z, normal), E_Z
+    for a, (i, j, s, t) in enumerate(pairs(scene), first_pair(scene)):
+        if not wanted[a]:
+            continue
+        arm = s * offset[i] * R[i] @ E_Z
+        apart = q[i, :3] + arm - q[j, :3] - t * offset[j] * R[j] @ E_Z
+        distance = np.linalg.norm(apart)
+        gap[a] = distance - radius[i] - radius[j]
+        lever[a] = arm - radius[i] * apart / distance
+        frame[a] = apart / distance, *tangents(apart / distance, R[i] @ E_Z)
+    return gap, lever, frame
+
+
+def support(ground: Ground, x: float, y: float, radius: float) -> float:
+    """Return the height at which a sphere above (x, y) rests on the ground [m]."""
+    column, row = cell_of(ground, x, y)
+    most = -np.inf
+    for step in np.ndindex(3, 3):
+        cell = np.array([column, row]) + step - 1
+        corner = np.array(ground.origin) + ground.cell * cell
+        apart = np.array([x, y]) - np.clip([x, y], corner, corner + ground.cell)
+        inside = radius**2 - apart @ apart
+        if inside >= 0.0:
+            most = max(most, height(ground, *cell) + math.sqrt(inside))
+    return most
+
+
+def lift(scene: Scene, q: Array) -> float:
+    """Return how far up the robot touches the ground and is nowhere inside it [m]."""
+    robot, lifts = scene.robot, []
+    R = rotation_matrices(q[:, 3:])
+    for i, (offset, radius) in enumerate(
+        zip(robot.per_link('contact_offset'), robot.per_link('contact_radius'), strict=True)
+    ):
+        for arm in (offset, -offset):
+            x, y, z = q[i, :3] + arm * R[i, :, 2]
+            lifts.append(support(scene.ground, x, y, radius) - z)
+    return float(max(lifts))

@@ -1,0 +1,419 @@
+"""
+Every physical number of a scene: its records, and YAML in and out.
+
+The defaults are the numbers of the paper [1]; what the paper leaves open is called an assumption.
+NOTATION.md maps the symbols of the paper to the names used here. All values are SI and radians; in
+YAML a key may end in ``_deg`` and is then converted.
+
+.. [1] A. A. Transeth, R. I. Leine, Ch. Glocker, K. Y. Pettersen, "3-D snake robot motion:
+   nonsmooth modeling, simulations, and experiments", IEEE T-RO 24(2), 2008.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from dataclasses import fields
+import math
+from pathlib import Path
+import re
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+import yaml
+
+from snake_sim_ros import PACKAGE
+from snake_sim_ros.scene.quantities import mapping_from
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.quantities import quantity
+from snake_sim_ros.scene.quantities import Record
+from snake_sim_ros.scene.quantities import record_from
+from snake_sim_ros.scene.quantities import replaced
+
+Array = NDArray[Any]
+Numbers = tuple[float, ...]
+PerLink = float | Numbers
+PerJoint = float | Numbers
+
+STICKY = 1e6  # friction above which nothing slides that pushes back within what is rounded
+CONFIG = PACKAGE / 'config'
+
+INERTIAS = ('as_printed', 'consistent')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Robot(Record):
+    """
+    Links and joints of the robot, section VIII-A.
+
+    A quantity of a link is one number for all links or one number for each, a gain of a joint one
+    number for all joints or one for each. With the inertia `as_printed` the moments of inertia are
+    those given; with `consistent` they follow from mass, length and contact radius of each link.
+    """
+
+    link_count: int = quantity(11, '1', 'number of links n', minimum=1, maximum=200)
+    link_length: PerLink = quantity(0.122, 'm', 'distance between adjacent joints L', above=0)
+    link_mass: PerLink = quantity(7.5 / 11, 'kg', 'link mass m', above=0)
+    inertia: str = quantity(
+        'as_printed',
+        '',
+        'moments of inertia: the values given, or those of a uniform cylinder',
+        choices=INERTIAS,
+    )
+    inertia_transversal: PerLink = quantity(
+        9.63e-4, 'kg m^2', 'moment of inertia Theta_1 across the link', above=0
+    )
+    inertia_axial: PerLink = quantity(
+        2.35e-4, 'kg m^2', 'moment of inertia Theta_3 along the link', above=0
+    )
+    contact_offset: PerLink = quantity(
+        0.0393, 'm', 'distance L_GS from the center of a link to a contact sphere', minimum=0
+    )
+    contact_radius: PerLink = quantity(0.0525, 'm', 'contact sphere radius L_SC', minimum=0)
+    yaw_stiffness: PerJoint = quantity(40.0, 'N m/rad', 'horizontal gain K_hp', minimum=0)
+    yaw_damping: PerJoint = quantity(0.2, 'N m s/rad', 'horizontal gain K_hd', minimum=0)
+    pitch_stiffness: PerJoint = quantity(800.0, 'N m/rad', 'vertical gain K_vp', minimum=0)
+    pitch_damping: PerJoint = quantity(0.2, 'N m s/rad', 'vertical gain K_vd', minimum=0)
+    joint_rate_limit: float = quantity(
+        10.0, 'rad/s', 'largest joint reference rate accepted (assumption)', above=0
+    )
+    joint_limit: float = quantity(
+        math.pi / 4, 'rad', 'largest joint reference accepted', above=0, maximum=math.pi / 2
+    )
+
+    def __post_init__(self) -> None:
+        """Check every field, the lengths of lists, and that a cylinder has a radius."""
+        super().__post_init__()
+        for item in fields(self):
+            value = getattr(self, item.name)
+            count, parts = self.link_count, 'links'
+            if item.name.endswith(('_stiffness', '_damping')):
+                count, parts = self.link_count - 1, 'joints'
+            if isinstance(value, tuple) and len(value) != count:
+                raise ParameterError(
+                    f'{item.name} must be one number or one for each of the {count} {parts}, '
+                    f'got {len(value)} numbers'
+                )
+        if self.inertia == 'consistent' and not self.per_link('contact_radius').all():
+            raise ParameterError(
+                'contact_radius must be above 0 m for the inertia of a cylinder (consistent), '
+                'got 0 m'
+            )
+
+    def per_link(self, name: str) -> Array:
+        """
+        Return the quantity `name` of every link, shape (n,).
+
+        Consistent moments of inertia are those of a uniform cylinder of the link's mass m, length
+        L and contact radius r: ``Theta_1 = m (3 r^2 + L^2)/12``, ``Theta_3 = m r^2/2``.
+        """
+        if self.inertia == 'consistent' and name in ('inertia_transversal', 'inertia_axial'):
+            m, L, r = map(self.per_link, ('link_mass', 'link_length', 'contact_radius'))
+            across, along = m * (3 * r**2 + L**2) / 12, m * r**2 / 2
+            return np.asarray(along if name == 'inertia_axial' else across)
+        return self._each(name, self.link_count)
+
+    def per_joint(self, name: str) -> Array:
+        """Return the gains (yaw, pitch) of every joint, shape (n-1, 2): stiffness or damping."""
+        axes = [self._each(f'{axis}_{name}', self.link_count - 1) for axis in ('yaw', 'pitch')]
+        return np.column_stack(axes)
+
+    def _each(self, name: str, count: int) -> Array:
+        """Return the quantity `name` of all of some links or joints, shape (count,)."""
+        value = np.asarray(getattr(self, name), dtype=float)
+        return np.array(np.broadcast_to(value, (count,)))
+
+    @property
+    def middle_link(self) -> int:
+        """Index of the middle link: 5 for Aiko, the paper's link 6."""
+        return self.link_count // 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Friction(Record):
+    """Coefficients of spatial Coulomb friction (an ellipse) and of rolling friction."""
+
+    longitudinal: float = quantity(
+        0.1, '1', 'Coulomb mu_Tx along the link', minimum=0, maximum=STICKY
+    )
+    transversal: float = quantity(
+        0.5, '1', 'Coulomb mu_Ty across the link', minimum=0, maximum=STICKY
+    )
+    rolling: float = quantity(
+        0.0, '1', 'rolling friction mu_V (assumption: none)', minimum=0, maximum=STICKY
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pegs(Record):
+    """Round vertical posts of any height, fixed to the ground: one entry for each."""
+
+    x: Numbers = quantity((), 'm', 'x of the peg axes')
+    y: Numbers = quantity((), 'm', 'y of the peg axes')
+    radius: PerLink = quantity(0.05, 'm', 'radius of all pegs or of each', above=0)
+    friction: float = quantity(
+        0.2, '1', 'Coulomb friction in all directions', minimum=0, maximum=STICKY
+    )
+
+    def __post_init__(self) -> None:
+        """Check every field, and that there are as many x as y and radii."""
+        super().__post_init__()
+        if len(self.x) != len(self.y):
+            raise ParameterError(
+                f'x and y must be of one length, got {len(self.x)} and {len(self.y)} numbers'
+            )
+        if isinstance(self.radius, tuple) and len(self.radius) != len(self.x):
+            raise ParameterError(
+                f'radius must be one number or one for each of the {len(self.x)} pegs, '
+                f'got {len(self.radius)} numbers'
+            )
+
+    @property
+    def axes(self) -> Array:
+        """x, y and radius of every peg, shape (pegs, 3) [m]."""
+        radius = np.broadcast_to(np.asarray(self.radius, dtype=float), (len(self.x),))
+        return np.column_stack([self.x, self.y, radius]).reshape(-1, 3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ground(Record):
+    """The ground as square cells of constant height; around them, and without any, it is z = 0."""
+
+    heights: tuple[Numbers, ...] = quantity(
+        (), 'm', 'heights of the cells: along x in a row, the rows along y'
+    )
+    cell: float = quantity(0.2, 'm', 'side of a cell', above=0)
+    origin: Numbers = quantity((0.0, 0.0), 'm', 'corner of the cells with the least x and y')
+
+    def __post_init__(self) -> None:
+        """Check every field, that rows have one length, and that the origin is a point."""
+        super().__post_init__()
+        lengths = sorted({len(row) for row in self.heights})
+        if len(lengths) > 1:
+            raise ParameterError(
+                f'heights must be rows of one length, got rows of {lengths[0]} and of '
+                f'{lengths[-1]} numbers'
+            )
+        if len(self.origin) != 2:
+            raise ParameterError(f'origin must have 2 components, got {len(self.origin)}')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wave(Record):
+    """A wave of joint references, eqs. (70), (71)."""
+
+    amplitude: float = quantity(0.0, 'rad', 'amplitude A')
+    angular_frequency: float = quantity(0.0, 'rad/s', 'angular frequency omega')
+    phase_lag: float = quantity(0.0, 'rad', 'phase lag delta from one joint to the next')
+    phase: float = quantity(0.0, 'rad', 'phase delta_0 of the first joint')
+    offset: float = quantity(0.0, 'rad', 'offset psi')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gait(Record):
+    """A yaw wave, a pitch wave and the time over which both fade in."""
+
+    yaw: Wave = Wave()
+    pitch: Wave = Wave()
+    soft_start: float = quantity(0.0, 's', 'time T_s over which both waves fade in', minimum=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solver(Record):
+    """Numbers of the contact iteration, section VII-B."""
+
+    normal_compliance: float = quantity(
+        1e-4,
+        '1',
+        'selection rule: normal compliance delta, relative to the Delassus operator; 0 is none',
+        minimum=0,
+    )
+    activation_tolerance: float = quantity(
+        1e-6, 'm', 'gap up to which a contact counts as closed', minimum=0
+    )
+    residual_tolerance: float = quantity(
+        1e-9, 'm/s', 'natural-map residual at which Newton and Gauss-Seidel methods stop', above=0
+    )
+    tolerance: float = quantity(
+        1e-7,
+        'N s',
+        "stopping tolerance eps of eq. (93), the paper's iteration (assumption)",
+        above=0,
+    )
+    iteration_limit: int = quantity(
+        5000, '1', 'iterations after which a step counts as unconverged', minimum=1
+    )
+    r_normal: float = quantity(0.1, 'kg', 'prox parameter r_N', above=0)
+    r_sliding: float = quantity(0.01, 'kg', 'prox parameter r_T', above=0)
+    r_rolling: float = quantity(0.05, 'kg', 'prox parameter r_V', above=0)
+
+
+# Explicit at the start and the middle of a step, implicit with its mean and its end. The method
+# bdf2 has only the implicit ones, and one law of second order for both.
+PD_SCHEMES = ('start', 'midpoint', 'average', 'end')
+LEVELS = ('auto', 'planar', 'spatial')
+DRIFT_CORRECTIONS = ('paper', 'center_of_mass', 'none')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene(Record):
+    """All that is needed to repeat a run."""
+
+    robot: Robot = Robot()
+    friction: Friction = Friction()
+    ground: Ground = Ground()
+    pegs: Pegs = Pegs()
+    self_contact: bool = quantity(False, '', 'whether links that are not neighbors touch')
+    self_contact_friction: float = quantity(
+        0.2, '1', 'Coulomb friction of links on each other', minimum=0, maximum=STICKY
+    )
+    gait: Gait = Gait()
+    solver: Solver = Solver()
+    gravity: tuple[float, ...] = quantity(
+        (0.0, 0.0, -9.81), 'm/s^2', 'gravity in the inertial frame; tilt it for a slope'
+    )
+    dt: float = quantity(1 / 4000, 's', 'time step', above=0, maximum=0.1)
+    duration: float = quantity(15.0, 's', 'length of an offline run', above=0)
+    method: str = quantity('newton', '', 'time stepper, a name of stepping.METHODS or auto')
+    level: str = quantity(
+        'auto', '', 'model level; auto is planar while that is exact', choices=LEVELS
+    )
+    settling_time: float = quantity(
+        0.1, 's', 'how long a robot lies flat and still before auto is planar again', above=0
+    )
+    pd_scheme: str = quantity(
+        'average', '', 'where in the step the joint controller acts', choices=PD_SCHEMES
+    )
+    drift_correction: str = quantity(
+        'center_of_mass', '', 'what section VII-C holds fixed', choices=DRIFT_CORRECTIONS
+    )
+
+    def __post_init__(self) -> None:
+        """Check every field, that gravity is a vector, and that a sphere fits on a cell."""
+        super().__post_init__()
+        if len(self.gravity) != 3:
+            raise ParameterError(f'gravity must have 3 components, got {len(self.gravity)}')
+        widest = 2 * float(self.robot.per_link('contact_radius').max())
+        if self.ground.heights and self.ground.cell < widest:
+            raise ParameterError(
+                f'ground.cell must be at least twice the largest contact radius, {widest:g} m, '
+                f'got {self.ground.cell:g} m'
+            )
+
+
+def load_scene(source: str | Path) -> Scene:
+    """
+    Read a scene from a YAML file, or by name from those that come with the package.
+
+    Parameters
+    ----------
+    source : str or Path
+        A file, or the name of a scene in config/ with or without ``.yaml``. The robot that a scene
+        names is looked for in the folder of the scene, then in config/.
+
+    Raises
+    ------
+    ParameterError
+        If the file is missing or unreadable, or if anything in it is not usable.
+
+    """
+    path = _find(source, Path())
+    mapping = _read(path)
+    if isinstance(mapping.get('robot'), str):
+        mapping['robot'] = _read(_find(mapping['robot'], path.parent))
+    scene: Scene = record_from(Scene, mapping, str(path.name))
+    return scene
+
+
+def scene_from_text(text: str) -> Scene:
+    """Return the scene that `scene_to_text` wrote."""
+    scene: Scene = record_from(Scene, parse_yaml(text), 'scene')
+    return scene
+
+
+def scene_to_text(scene: Scene) -> str:
+    """Return the scene as YAML text, in SI and radians, with nothing left to a default."""
+    return yaml.safe_dump(mapping_from(scene), sort_keys=False)
+
+
+def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
+    """
+    Return the scene with some values replaced.
+
+    Parameters
+    ----------
+    scene : Scene
+    settings : mapping
+        Dotted names to values, such as ``{'friction.longitudinal': 0.2}``.
+
+    Raises
+    ------
+    ParameterError
+        If a name is unknown or a value not usable.
+
+    """
+    groups: dict[str, dict[str, Any]] = {}
+    for name, value in settings.items():
+        group, _, leaf = name.rpartition('.')
+        groups.setdefault(group, {})[leaf] = value
+    for group, values in groups.items():
+        scene = replaced(scene, [part for part in group.split('.') if part], values, '')
+    return scene
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML in which a key is written once and 1e-8 is a number."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        mapping = super().construct_mapping(node, deep)
+        if len(mapping) < len(node.value):
+            keys = [self.construct_object(key, deep) for key, _ in node.value]
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise yaml.YAMLError(f'key {twice!r} is written twice')
+        return mapping
+
+
+_Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:float',
+    re.compile(r'[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+$'),
+    list('-+.0123456789'),
+)
+
+
+def parse_yaml(text: str) -> Any:
+    """
+    Return what a YAML text says.
+
+    Raises
+    ------
+    ParameterError
+        If it is not YAML, or if a key is written twice.
+
+    """
+    try:
+        return yaml.load(text, _Loader)
+    except yaml.YAMLError as error:
+        reason = ' '.join(str(error).split())
+        raise ParameterError(f'not readable as YAML: {reason}') from None
+
+
+def _find(source: str | Path, folder: Path) -> Path:
+    """Return a file in a folder or, if the source is a mere name, of those of the package."""
+    names = [Path(source), Path(f'{source}.yaml')]
+    packaged = [CONFIG / name for name in names if name.name == str(name)]
+    for candidate in [folder / name for name in names] + packaged:
+        if candidate.is_file():
+            return candidate
+    scenes = ', '.join(sorted(path.stem for path in CONFIG.glob('*.yaml')))
+    raise ParameterError(f'no file {source}; the scenes that come with the package: {scenes}')
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        mapping = parse_yaml(path.read_text(encoding='utf-8'))
+    except ParameterError as error:
+        raise ParameterError(f'{path}: {error}') from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ParameterError(f'{path}: not readable as YAML: {error}') from None
+    if not isinstance(mapping, dict):
+        raise ParameterError(f'{path}: must be a mapping of names to values, got {mapping!r}')
+    return mapping

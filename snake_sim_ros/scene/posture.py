@@ -1,0 +1,159 @@
+"""Posture of the robot: joint angles from coordinates and coordinates from joint angles."""
+
+import math
+
+import numpy as np
+
+from snake_sim_ros.scene import gait
+from snake_sim_ros.scene import obstacles as scenery
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.rotations import about
+from snake_sim_ros.scene.rotations import FLAT
+from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.rotations import rotation_matrices
+
+
+def joint_angles(q: Array) -> Array:
+    """
+    Return the cardan angles of every joint, eq. (66) in the form that is regular at all angles.
+
+    ``R = R_i^T R_{i+1} = R_y(yaw) R_x(pitch)``.
+
+    Parameters
+    ----------
+    q : ndarray, shape (..., n, 7)
+        Link centers [m, frame I] and Euler parameters, scalar first.
+
+    Returns
+    -------
+    ndarray, shape (..., n-1, 2)
+        Yaw alpha_h about e_y of link i, pitch alpha_v about e_x of link i+1 [rad].
+
+    """
+    R = rotation_matrices(q[..., 3:])
+    R = np.swapaxes(R[..., :-1, :, :], -1, -2) @ R[..., 1:, :, :]
+    yaw = np.arctan2(-R[..., 2, 0], R[..., 0, 0])
+    pitch = np.arctan2(-R[..., 1, 2], R[..., 1, 1])
+    return np.stack([yaw, pitch], axis=-1)
+
+
+def joint_rates(q: Array, u: Array) -> Array:
+    """
+    Return the rates of `joint_angles`, shape (..., n-1, 2) [rad/s].
+
+    Parameters
+    ----------
+    q : ndarray, shape (..., n, 7)
+    u : ndarray, shape (..., n, 6)
+        Velocity [m/s, frame I] and angular velocity [rad/s, frame B] of every link.
+
+    """
+    R = rotation_matrices(q[..., 3:])
+    omega = np.einsum('...ij,...j->...i', R, u[..., 3:])
+    omega = omega[..., 1:, :] - omega[..., :-1, :]
+    axes = np.stack([R[..., :-1, :, 1], R[..., 1:, :, 0]], axis=-2)
+    return np.asarray(np.einsum('...ak,...k->...a', axes, omega))
+
+
+def gaps(robot: Robot, q: Array) -> Array:
+    """
+    Return the gap functions of the contact spheres, eqs. (9), (10).
+
+    The gap is the height of the lowest point of a sphere over the floor z = 0: positive when
+    apart.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : ndarray, shape (..., n, 7)
+
+    Returns
+    -------
+    ndarray, shape (..., 2n)
+        Gaps [m], all front spheres first, then all rear ones.
+
+    """
+    offset = robot.per_link('contact_offset') * rotation_matrices(q[..., 3:])[..., 2, 2]
+    radius = robot.per_link('contact_radius')
+    height = q[..., 2]
+    return np.concatenate([height + offset - radius, height - offset - radius], axis=-1)
+
+
+def center_of_mass(robot: Robot, q: Array) -> Array:
+    """Return the center of mass of the robot [m, frame I], shape (..., 3)."""
+    mass = robot.per_link('link_mass')
+    return np.asarray(np.einsum('i,...ij->...j', mass, q[..., :3]) / mass.sum())
+
+
+def chain(robot: Robot, angle: Array) -> Array:
+    """
+    Return the coordinates of the robot with given joint angles, link 1 flat at the origin.
+
+    Parameters
+    ----------
+    robot : Robot
+    angle : ndarray, shape (n-1, 2)
+        Yaw and pitch of every joint [rad].
+
+    Returns
+    -------
+    ndarray, shape (n, 7)
+
+    """
+    half = robot.per_link('link_length') / 2
+    q = np.zeros((robot.link_count, 7))
+    q[0, 3:] = FLAT
+    for i, (yaw, pitch) in enumerate(angle):
+        q[i + 1, 3:] = product(product(q[i, 3:], about(1, yaw)), about(0, pitch))
+        e_z = rotation_matrices(q[i : i + 2, 3:])[:, :, 2]
+        q[i + 1, :3] = q[i, :3] + half[i] * e_z[0] + half[i + 1] * e_z[1]
+    return q
+
+
+def initial_coordinates(scene: Scene) -> Array:
+    """
+    Return the coordinates at the start of a scene, shape (n, 7).
+
+    The joints have the angles of the gait at t = 0, the centroid of the links is above the origin,
+    their principal axis is along e_x of I, and the lowest sphere touches the ground.
+
+    Raises
+    ------
+    ParameterError
+        If a link is inside a peg or inside another link.
+
+    """
+    robot = scene.robot
+    q = chain(robot, gait.reference(scene.gait, 0.0, robot.link_count - 1)[0])
+    q[:, :2] -= q[:, :2].mean(axis=0)
+    (xx, xy), (_, yy) = q[:, :2].T @ q[:, :2]
+    turn = about(2, -math.atan2(2 * xy, xx - yy) / 2)
+    q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
+    q[:, 3:] = product(turn, q[:, 3:])
+    q[:, 2] += scenery.lift(scene, q) if scene.ground.heights else -gaps(robot, q).min()
+    if scene.pegs.x or scene.self_contact:
+        refuse_overlap(scene, q)
+    return q
+
+
+def refuse_overlap(scene: Scene, q: Array) -> None:
+    """Raise if a link is inside a peg or another link."""
+    first = scenery.first_peg(scene)
+    gap = scenery.contact_geometry(scene, q)[0][first:]
+    a = first + int(gap.argmin())
+    if gap.min() >= 0.0:
+        return
+    depth, (link, other) = -gap.min(), scenery.links(scene)[a] + 1
+    if other > 0:
+        raise ParameterError(
+            f'links must be apart at the start: link {link} is {depth:.3g} m inside link {other}'
+        )
+    peg = (a - first) // scene.robot.link_count
+    x, y, radius = scene.pegs.axes[peg]
+    raise ParameterError(
+        f'pegs must be beside the robot at its start: peg {peg + 1} at ({x:g}, {y:g}) m with '
+        f'radius {radius:g} m is {depth:.3g} m inside link {link}'
+    )

@@ -1,0 +1,217 @@
+"""
+The robot as a URDF, for viewers and for whatever computes with its kinematics or its masses.
+
+The tree begins at `base_link`, the middle link turned around, so that x is forward, toward link 1
+(REP 103). Frames of `link_i` are as on the wire: at the center, x along the link toward the next
+one, y to the left and z up when the link lies flat. Joint coordinates are those of the model: the
+next link is turned against a link by ``R_z(yaw) R_y(pitch)``. Between link 1 and the base the tree
+runs backward: there pitch comes first, and both axes are turned around.
+
+In a URDF a link has its frame at its joint. A link therefore hangs on a frame `link_i_end`, at the
+joint that leads to it. Between the two axes of a joint is `cross_i`, which has a mass only because
+parsers want one.
+
+Stiffness and damping belong to the controller and are not in it.
+"""
+
+import math
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.quantities import ParameterError
+
+# Mass and moments of inertia of a cross, over those of the link that hangs on it: parsers take
+# moments above 1e-14 kg m^2, which is little for 200 links of 7 mm.
+CROSS = np.array([1e-6, 1e-5, 1e-5, 1e-5])
+COLORS = {
+    'head': (0.80, 0.25, 0.10, 1.0),
+    'odd': (0.93, 0.69, 0.13, 1.0),
+    'even': (0.25, 0.27, 0.30, 1.0),
+}
+AXES = {'yaw': np.array([0, 0, 1]), 'pitch': np.array([0, 1, 0])}
+ALONG_X = (0.0, math.pi / 2, 0.0)  # roll, pitch and yaw of a cylinder, which is along z
+
+
+def robot_description(robot: Robot) -> str:
+    """
+    Return a robot as a URDF.
+
+    Joints are limited to the angles and rates that references may have. The effort is the largest
+    torque of the controller within these limits: reference and joint are at opposite ones. The
+    model has no limit of the torque.
+    """
+    root = ElementTree.Element('robot', name='snake_robot')
+    for name, color in COLORS.items():
+        element(element(root, 'material', name=name), 'color', rgba=color)
+    middle, half = robot.middle_link, robot.per_link('link_length') / 2
+    element(root, 'link', name='base_link')
+    for i in range(robot.link_count):
+        _add_link(root, robot, i)
+    base = _join(root, 'base', 'base_link', f'link_{middle + 1}', 0.0)
+    element(base, 'origin', xyz=(0, 0, 0), rpy=(0.0, 0.0, math.pi))
+    for j in range(robot.link_count - 1):
+        parent, child, sign = (j, j + 1, 1) if j >= middle else (j + 1, j, -1)
+        cross, end = f'cross_{j + 1}', f'link_{child + 1}_end'
+        _add_inertia(element(root, 'link', name=cross), CROSS * _inertia(robot, child))
+        element(root, 'link', name=end)
+        first, second = list(AXES)[::sign]
+        for axis, inner, outer, x in (
+            (first, f'link_{parent + 1}', cross, sign * half[parent]),
+            (second, cross, end, 0.0),
+        ):
+            joint = _join(root, f'joint_{j + 1}_{axis}', inner, outer, x, 'revolute')
+            element(joint, 'axis', xyz=sign * AXES[axis])
+            element(joint, 'limit', **_limits(robot, j, axis))
+        _join(root, end, end, f'link_{child + 1}', sign * half[child])
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding='unicode')
+
+
+def robot_of(urdf: str) -> Robot:
+    """
+    Return the robot that a URDF of `robot_description` describes; gains are defaults.
+
+    Raises
+    ------
+    ParameterError
+        If it is not such a URDF.
+
+    """
+    try:
+        root = ElementTree.fromstring(urdf)
+        links = {link.get('name', ''): link for link in root.iter('link')}
+        n = sum(name.startswith('link_') and not name.endswith('_end') for name in links)
+        joints = {joint.get('name', ''): joint for joint in root.iter('joint')}
+        limit = _child(joints['joint_1_yaw'], 'limit')
+        limits = {name: float(limit[name]) for name in ('upper', 'velocity')}
+        rows = [_robot_link(links[f'link_{i + 1}'], joints) for i in range(n)]
+    except (ElementTree.ParseError, KeyError, ValueError) as error:
+        raise ParameterError(
+            f'robot_description must be a URDF as snake-sim urdf prints it, with links link_1, '
+            f'link_2, ... in a chain; {type(error).__name__}: {error}'
+        ) from None
+    columns = {name: tuple(row[name] for row in rows) for name in rows[0]}
+    values: dict[str, Any] = {
+        name: column[0] if len(set(column)) == 1 else column for name, column in columns.items()
+    }
+    upper, rate = limits['upper'], limits['velocity']
+    return Robot(link_count=n, joint_limit=upper, joint_rate_limit=rate, **values)
+
+
+def _robot_link(
+    link: ElementTree.Element, joints: dict[str, ElementTree.Element]
+) -> dict[str, float]:
+    """Return what a link adds to the lists of a robot."""
+    name = link.get('name', '')
+    # The joint at an end of it: what it hangs on; the middle link hangs on none, but carries two.
+    on_it = [item for item in joints.values() if _child(item, 'parent')['link'] == name]
+    joint = joints.get(f'{name}_end', on_it[0] if on_it else None)
+    if joint is None:
+        raise KeyError(f'a joint of {name}')
+    spheres = [shape for shape in link.iter('visual') if shape.find('geometry/sphere') is not None]
+    radii = [float(_child(shape, 'geometry/sphere')['radius']) for shape in spheres]
+    inertia = _child(link, 'inertial/inertia')
+    return {
+        'link_length': 2 * abs(_x(joint)),
+        'link_mass': float(_child(link, 'inertial/mass')['value']),
+        'inertia_axial': float(inertia['ixx']),
+        'inertia_transversal': float(inertia['iyy']),
+        'contact_radius': max(radii, default=0.0),
+        'contact_offset': max((_x(shape) for shape in spheres), default=0.0),
+    }
+
+
+def _x(part: ElementTree.Element) -> float:
+    """Return x of the origin of a part [m]."""
+    numbers = _child(part, 'origin')['xyz'].split()
+    if len(numbers) != 3:
+        raise ValueError(
+            f'xyz of an origin must be three numbers, got {" ".join(numbers) or "nothing"}'
+        )
+    return float(numbers[0])
+
+
+def _child(parent: ElementTree.Element, path: str) -> dict[str, str]:
+    """Return the attributes of the element at a path."""
+    found = parent.find(path)
+    if found is None:
+        raise KeyError(f'{path} of {parent.get("name", parent.tag)}')
+    return found.attrib
+
+
+def color_name(link: int) -> str:
+    """Return the name in COLORS of the color of a link."""
+    return 'head' if link == 0 else ('odd', 'even')[link % 2]
+
+
+def _add_link(root: ElementTree.Element, robot: Robot, i: int) -> None:
+    """Append link i: it looks like a capsule and touches with the spheres at its ends."""
+    link = element(root, 'link', name=f'link_{i + 1}')
+    _add_inertia(link, _inertia(robot, i))
+    radius, offset = robot.per_link('contact_radius')[i], robot.per_link('contact_offset')[i]
+    if not radius:
+        return
+    color = color_name(i)
+    for x in (offset, -offset) if offset else (0.0,):
+        for kind in ('visual', 'collision'):
+            element(_add_shape(link, kind, color, x), 'sphere', radius=radius)
+    if offset:
+        geometry = _add_shape(link, 'visual', color, 0.0)
+        element(geometry, 'cylinder', radius=radius, length=2 * offset)
+
+
+def _add_shape(link: ElementTree.Element, kind: str, color: str, x: float) -> ElementTree.Element:
+    """Append a visual or collision element along x of a link; return its geometry."""
+    shape = element(link, kind)
+    element(shape, 'origin', xyz=(x, 0, 0), rpy=ALONG_X)
+    if kind == 'visual':
+        element(shape, 'material', name=color)
+    return element(shape, 'geometry')
+
+
+def _inertia(robot: Robot, i: int) -> Array:
+    """Return mass [kg] and moments of inertia about x, y, z [kg m^2] of link i, shape (4,)."""
+    names = 'link_mass', 'inertia_axial', 'inertia_transversal', 'inertia_transversal'
+    return np.array([robot.per_link(name)[i] for name in names])
+
+
+def _add_inertia(link: ElementTree.Element, inertia: Array) -> None:
+    """Append mass and moments of inertia to a link, as `_inertia` returns them."""
+    mass, ixx, iyy, izz = inertia
+    inertial = element(link, 'inertial')
+    element(inertial, 'mass', value=mass)
+    element(inertial, 'inertia', ixx=ixx, iyy=iyy, izz=izz, ixy=0, ixz=0, iyz=0)
+
+
+def _join(
+    root: ElementTree.Element, name: str, parent: str, child: str, x: float, kind: str = 'fixed'
+) -> ElementTree.Element:
+    """Append a joint whose frame is at x of the parent [m]."""
+    joint = element(root, 'joint', name=name, type=kind)
+    element(joint, 'parent', link=parent)
+    element(joint, 'child', link=child)
+    if x:
+        element(joint, 'origin', xyz=(x, 0, 0))
+    return joint
+
+
+def _limits(robot: Robot, j: int, axis: str) -> dict[str, float]:
+    """Return the limits of an axis of joint j [rad], [rad/s], [N m]."""
+    angle, rate = robot.joint_limit, robot.joint_rate_limit
+    k = list(AXES).index(axis)
+    stiffness, damping = (robot.per_joint(name)[j, k] for name in ('stiffness', 'damping'))
+    effort = 2 * (stiffness * angle + damping * rate)
+    return {'lower': -angle, 'upper': angle, 'velocity': rate, 'effort': effort}
+
+
+def element(parent: ElementTree.Element, tag: str, /, **attributes: Any) -> ElementTree.Element:
+    """Append an element; numbers are written with all their digits."""
+    texts = {
+        key: value if isinstance(value, str) else ' '.join(map(str, np.ravel(value).tolist()))
+        for key, value in attributes.items()
+    }
+    return ElementTree.SubElement(parent, tag, texts)

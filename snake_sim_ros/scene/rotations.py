@@ -1,0 +1,75 @@
+"""
+Euler parameters, rotation matrices and the kinematic map, section II of the paper.
+
+Euler parameters p = (e0, e1, e2, e3) are unit quaternions, scalar first. Link frames B have e_z
+along the link toward the next one; lying flat along e_x of I, e_y points up and e_x to the left.
+"""
+
+import math
+
+import numpy as np
+
+from snake_sim_ros.scene.parameters import Array
+
+FLAT = np.array([0.5, 0.5, 0.5, 0.5])  # e_x^B = e_y^I, e_y^B = e_z^I, e_z^B = e_x^I
+
+
+def tilde(a: Array) -> Array:
+    """Return the skew matrix of a (3,), so that tilde(a) b = a x b."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
+def H(p: Array) -> Array:
+    """Return H = [-e, tilde(e) + e0 I] of Euler parameters (4,), eq. (7), shape (3, 4)."""
+    return np.column_stack([-p[1:], tilde(p[1:]) + p[0] * np.eye(3)])
+
+
+def H_bar(p: Array) -> Array:
+    """Return H_bar = [-e, -tilde(e) + e0 I] of Euler parameters (4,), eq. (7), shape (3, 4)."""
+    return np.column_stack([-p[1:], -tilde(p[1:]) + p[0] * np.eye(3)])
+
+
+def rotation_matrix(p: Array) -> Array:
+    """Return R^I_B = H H_bar^T of unit Euler parameters (4,), eq. (6), shape (3, 3)."""
+    return H(p) @ H_bar(p).T
+
+
+def rotation_matrices(p: Array) -> Array:
+    """Return R^I_B of many unit Euler parameters (..., 4), shape (..., 3, 3)."""
+    e0, e1, e2, e3 = p[..., 0], p[..., 1], p[..., 2], p[..., 3]
+    e00, e11, e22, e33 = e0 * e0, e1 * e1, e2 * e2, e3 * e3
+    e01, e02, e03, e12, e13, e23 = e0 * e1, e0 * e2, e0 * e3, e1 * e2, e1 * e3, e2 * e3
+    R = np.empty((*p.shape[:-1], 3, 3))
+    R[..., 0, 0], R[..., 0, 1], R[..., 0, 2] = (
+        e00 + e11 - e22 - e33, 2 * (e12 - e03), 2 * (e13 + e02)
+    )  # fmt: skip
+    R[..., 1, 0], R[..., 1, 1], R[..., 1, 2] = (
+        2 * (e12 + e03), e00 - e11 + e22 - e33, 2 * (e23 - e01)
+    )  # fmt: skip
+    R[..., 2, 0], R[..., 2, 1], R[..., 2, 2] = (
+        2 * (e13 - e02), 2 * (e23 + e01), e00 - e11 - e22 + e33
+    )  # fmt: skip
+    return R
+
+
+def product(a: Array, b: Array) -> Array:
+    """Return the Euler parameters a o b of the rotation R(a) R(b), shapes (..., 4)."""
+    a0, a1, a2, a3 = np.moveaxis(a, -1, 0)
+    b0, b1, b2, b3 = np.moveaxis(b, -1, 0)
+    return np.stack(
+        [
+            a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
+            a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2,
+            a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1,
+            a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0,
+        ],
+        axis=-1,
+    )
+
+
+def about(axis: int, angle: float) -> Array:
+    """Return the Euler parameters of a turn by `angle` [rad] about coordinate axis 0, 1 or 2."""
+    p = np.zeros(4)
+    p[0] = math.cos(angle / 2)
+    p[1 + axis] = math.sin(angle / 2)
+    return p

@@ -1,0 +1,1 @@
+"""Time stepping: the methods, the model levels, and a scene that runs."""

@@ -1,0 +1,1 @@
+"""The planar model level: the same steps for a robot that lies flat."""

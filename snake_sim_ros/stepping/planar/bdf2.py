@@ -1,0 +1,204 @@
+"""
+Second order in the plane: the step of `bdf2` for planar coordinates.
+
+All contacts stay closed and loads follow from equilibrium, so that nothing lands and no impulse is
+sudden: the only event is a state that is not the one the step before left.
+"""
+
+import math
+
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.compilation import cycle_counter
+from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.joint_control import implicit_pd_law
+from snake_sim_ros.stepping.bdf2 import AGREE
+from snake_sim_ros.stepping.bdf2 import ANEW
+from snake_sim_ros.stepping.bdf2 import PARTS
+from snake_sim_ros.stepping.bdf2 import SMOOTH
+from snake_sim_ros.stepping.bdf2 import UNKNOWN
+from snake_sim_ros.stepping.planar.moreau import end_velocities
+from snake_sim_ros.stepping.planar.moreau import fill_momentum
+from snake_sim_ros.stepping.planar.moreau import held_point
+from snake_sim_ros.stepping.planar.moreau import is_planar
+from snake_sim_ros.stepping.planar.moreau import move
+from snake_sim_ros.stepping.planar.moreau import place_links
+from snake_sim_ros.stepping.planar.newton import BEND
+from snake_sim_ros.stepping.planar.newton import solve_contacts
+from snake_sim_ros.stepping.report import CONTACTS
+from snake_sim_ros.stepping.report import FALLBACKS
+from snake_sim_ros.stepping.report import note_outcome
+from snake_sim_ros.stepping.report import STEPS
+from snake_sim_ros.stepping.report import UNCONVERGED
+
+# What the method keeps in history, from PREVIOUS on and behind the 8n + 2 numbers of
+# `planar_stepper`, for n links: q (n+2) and u (3n) of the start of the last step, rates of the yaw
+# references (n-1), and then the time that the last impulses acted for, 0 if nothing is known, and
+# what is known of the motion (see bdf2).
+
+
+@merged
+def formula(model, dt, phase, q, u, earlier, work):
+    """
+    Fill q_hat, u_hat and u_star of a step, see `bdf2.formula`; q_hat begins with the held point.
+
+    Returns
+    -------
+    h, h_q : float
+        Time over which forces act on the velocity, and the velocity on coordinates [s].
+
+    """
+    n, hat = len(u), work.q_hat
+    smooth = phase == SMOOTH
+    for i in range(n):
+        for k in range(3):
+            before = earlier[n + 2 + 3 * i + k]
+            work.u_hat[i, k] = (4.0 * u[i, k] - before) / 3.0 if smooth else u[i, k]
+            work.u_star[i, k] = 2.0 * u[i, k] - before if smooth else u[i, k]
+    for i in range(n + 2):
+        hat[i] = q[i]
+    held = held_point(model, q)
+    if smooth:
+        for i in range(n):
+            hat[2 + i] = (4.0 * q[2 + i] - earlier[2 + i]) / 3.0
+        before_x, before_y = held_point(model, earlier)
+        hat[0] = (4.0 * (q[0] + held[0]) - (earlier[0] + before_x)) / 3.0
+        hat[1] = (4.0 * (q[1] + held[1]) - (earlier[1] + before_y)) / 3.0
+        return 2.0 / 3.0 * dt, 2.0 / 3.0 * dt
+    hat[0] += held[0]
+    hat[1] += held[1]
+    if phase == UNKNOWN:
+        return dt, dt
+    move(model, dt / 2, hat, u)
+    return dt, dt / 2
+
+
+@merged
+def begin(model, work, h, h_q, late, angle, rate, earlier_rate, known):
+    """
+    Fill all that the contact solver needs.
+
+    The reference is that of the middle of the step, and the part of it ends `late` [s] after that.
+    """
+    hat, u_star = work.q_hat, work.u_star
+    for i in range(len(u_star)):
+        theta = hat[2 + i] + h_q * u_star[i, 2]
+        work.heading[i, 0], work.heading[i, 1] = math.cos(theta), math.sin(theta)
+    place_links(model, work, model.fall * (h / model.dt))
+    for j in range(len(angle)):
+        turn = u_star[j + 1, 2] - u_star[j, 2]
+        bend = hat[3 + j] - hat[2 + j] + h_q * turn
+        acceleration = (rate[j, 0] - earlier_rate[j]) / model.dt if known else 0.0
+        end_angle = angle[j, 0] + late * (rate[j, 0] + 0.5 * late * acceleration)
+        torque, damping = implicit_pd_law(
+            h_q, bend, turn, (end_angle, rate[j, 0] + late * acceleration),
+            model.stiffness[j], model.damping[j],
+        )  # fmt: skip
+        work.torque[j], work.chain.damping[j] = torque * h, damping * h
+    fill_momentum(model, work, work.u_hat, u_star)
+
+
+@merged
+def starts_anew(model, work, q, u):
+    """Return whether joints and floor agree with the velocities of a state that is given."""
+    for i in range(len(u)):
+        for k in range(3):
+            if work.impact[i, k] != 0.0:
+                return False
+    fastest = 0.0
+    for j in range(len(u) - 1):
+        c, s = math.cos(q[2 + j]), math.sin(q[2 + j])
+        next_c, next_s = math.cos(q[3 + j]), math.sin(q[3 + j])
+        inner, outer = model.half_length[j] * u[j, 2], model.half_length[j + 1] * u[j + 1, 2]
+        apart_x = u[j + 1, 0] - u[j, 0] + inner * s + outer * next_s
+        apart_y = u[j + 1, 1] - u[j, 1] - inner * c - outer * next_c
+        fastest = max(fastest, abs(apart_x), abs(apart_y))
+    return fastest <= AGREE
+
+
+@merged
+def one_part(model, work, dt, late, known, q, u, history, memory, angle, rate, report):
+    """Advance q, u and history by dt, a step or a part of it; return whether it was done."""
+    n = len(u)
+    span, phase = memory[5 * n + 1], memory[5 * n + 2]
+    h, h_q = formula(model, dt, phase, q, u, memory, work)
+    scale = h / (span if span > 0.0 else model.dt)
+    for a in work.contact:
+        for j in range(3):
+            history[0, a, j] *= scale
+        history[2, a, 0] *= scale
+        history[2, a, BEND] *= scale
+    begin(model, work, h, h_q, late, angle, rate, memory[4 * n + 2 :], known)
+    outcome = solve_contacts(model, work, work.contact, None, history)
+    memory[5 * n + 1] = h
+    if not is_planar(model, work, history, outcome, report):
+        return False
+    for i in range(n + 2):
+        memory[i] = q[i]
+        q[i] = work.q_hat[i]
+    for i in range(n):
+        for k in range(3):
+            memory[n + 2 + 3 * i + k] = u[i, k]
+    end_velocities(model, work, u)
+    move(model, h_q, q, u)
+    held_x, held_y = held_point(model, q)
+    q[0] -= held_x
+    q[1] -= held_y
+    for j in range(n - 1):
+        work.applied[j, 0] *= model.dt / h
+        work.applied[j, 1] *= model.dt / h
+    memory[5 * n + 2] = ANEW if phase == UNKNOWN else SMOOTH
+    note_outcome(outcome, report)
+    return True
+
+
+@merged
+def step(model, work, q, u, history, angle, rate, report):
+    """Advance q, u and history by one step; return whether it was done."""
+    n = len(u)
+    memory = history[3:].reshape(history[3:].size)[8 * n + 2 :]
+    known, phase = memory[5 * n + 1] > 0.0, memory[5 * n + 2]
+    if phase == UNKNOWN and starts_anew(model, work, q, u):
+        phase = memory[5 * n + 2] = ANEW
+    parts = 1 if phase == SMOOTH else PARTS
+    unconverged, fallbacks = report[UNCONVERGED], report[FALLBACKS]
+    keep(q, u, work.q_start, work.u_start)
+    for part in range(parts):
+        late, dt = model.dt * ((part + 1) / parts - 0.5), model.dt / parts
+        if not one_part(model, work, dt, late, known, q, u, history, memory, angle, rate, report):
+            keep(work.q_start, work.u_start, q, u)
+            return False
+    if phase != SMOOTH:
+        for i in range(n + 2):
+            memory[i] = work.q_start[i]
+        for i in range(n):
+            for k in range(3):
+                memory[n + 2 + 3 * i + k] = work.u_start[i, k]
+    for j in range(n - 1):
+        memory[4 * n + 2 + j] = rate[j, 0]
+    memory[5 * n + 2] = ANEW if phase == UNKNOWN else SMOOTH
+    report[UNCONVERGED] = min(report[UNCONVERGED], unconverged + 1)  # steps, not parts of them
+    report[FALLBACKS] = min(report[FALLBACKS], fallbacks + 1)
+    report[STEPS] += 1
+    report[CONTACTS] = 2 * n
+    return True
+
+
+@inlined
+def keep(q, u, q_to, u_to):
+    """Fill q_to and u_to."""
+    for i in range(len(q)):
+        q_to[i] = q[i]
+    for i in range(len(u)):
+        for k in range(3):
+            u_to[i, k] = u[i, k]
+
+
+@compiled
+def advance(model, work, q, u, history, angle, rate, report, cycles):
+    """Advance q, u and history in place by one step a reference; see `planar_stepper`."""
+    for k in range(len(angle)):
+        cycles[k] = cycle_counter()
+        if not step(model, work, q, u, history, angle[k], rate[k], report):
+            break
+    cycles[len(angle)] = cycle_counter()

@@ -1,0 +1,433 @@
+"""
+The time step of the paper as printed: dense matrices in NumPy, to read beside the paper [1].
+
+This is the definition that the compiled steppers are tested against; it is slow. Single letters
+are the paper's; NOTATION.md maps them to names. Time is marked ``_A`` (start), ``_M`` (middle) and
+``_E`` (end of the step). Contacts are numbered as in eq. (10): the front spheres F of all links,
+then the rear spheres R.
+
+.. [1] A. A. Transeth, R. I. Leine, Ch. Glocker, K. Y. Pettersen, "3-D snake robot motion:
+   nonsmooth modeling, simulations, and experiments", IEEE T-RO 24(2), 2008.
+"""
+
+from functools import lru_cache
+import math
+
+import numpy as np
+
+from snake_sim_ros.contact.projections import LEAST
+from snake_sim_ros.contact.projections import prox_disc
+from snake_sim_ros.contact.projections import prox_ellipse
+from snake_sim_ros.contact.projections import prox_half_line
+from snake_sim_ros.contact.selection import selection_center
+from snake_sim_ros.contact.selection import selection_compliance
+from snake_sim_ros.dynamics.joint_control import pd_law
+from snake_sim_ros.scene import obstacles as scenery
+from snake_sim_ros.scene import posture
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import PD_SCHEMES
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.rotations import H_bar
+from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.rotations import tilde
+from snake_sim_ros.stepping.base import check_arguments
+from snake_sim_ros.stepping.base import divergence
+from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.base import State
+
+E_X, E_Y, E_Z = np.eye(3)
+
+
+def link_rows(i: int) -> slice:
+    """Return the rows of link i in u, h and W."""
+    return slice(6 * i, 6 * i + 6)
+
+
+def contact_lever(robot: Robot, R: Array, i: int, sign: int) -> Array:
+    """Return r_GC, link center to contact point, eq. (14) [m, frame I]; sign 1 front, -1 rear."""
+    offset = sign * robot.per_link('contact_offset')[i] * R[i] @ E_Z
+    return np.asarray(offset - robot.per_link('contact_radius')[i] * E_Z)
+
+
+def contact_frame(R: Array, i: int) -> tuple[Array, Array]:
+    """
+    Return e_x and e_y of the contact frame Pi of link i: along and across the link, horizontal.
+
+    Deviation: the direction of a vertical link has no meaning; e_x^I stands in for it, so that a
+    step depends on nothing but its arguments.
+    """
+    a = R[i] @ E_Z
+    c = math.hypot(a[0], a[1])
+    e_x = np.array([a[0] / c, a[1] / c, 0.0]) if c > 1e-6 else E_X
+    return e_x, np.cross(E_Z, e_x)
+
+
+def contact_directions(robot: Robot, R: Array) -> tuple[Array, Array, Array]:
+    """
+    Return the generalized force directions of the contacts, eqs. (17)-(37).
+
+    Returns
+    -------
+    W_N : ndarray, shape (6n, 2n)
+        ``gamma_N = W_N^T u``: normal velocities [m/s].
+    W_T : ndarray, shape (6n, 4n)
+        ``gamma_T = W_T^T u``: sliding velocities along and across the link [m/s].
+    W_V : ndarray, shape (6n, 4n)
+        ``gamma_V = W_V^T u``: rolling velocities along e_x, e_y of I [m/s].
+
+    """
+    n = robot.link_count
+    W_N, W_T, W_V = np.zeros((6 * n, 2 * n)), np.zeros((6 * n, 4 * n)), np.zeros((6 * n, 4 * n))
+    for a in range(2 * n):
+        i, sign = a % n, 1 if a < n else -1
+        r_GC = contact_lever(robot, R, i, sign)
+        e_x, e_y = contact_frame(R, i)
+        W_N[link_rows(i), a] = _point_direction(R[i], r_GC, E_Z)
+        W_T[link_rows(i), 2 * a] = _point_direction(R[i], r_GC, e_x)
+        W_T[link_rows(i), 2 * a + 1] = _point_direction(R[i], r_GC, e_y)
+        D = np.column_stack([E_X, E_Y])
+        r_CS = robot.per_link('contact_radius')[i] * E_Z
+        W_V[6 * i + 3 : 6 * i + 6, 2 * a : 2 * a + 2] = (D.T @ tilde(r_CS) @ R[i]).T
+    return W_N, W_T, W_V
+
+
+def scene_contacts(scene: Scene, q: Array) -> tuple[Array, Array, Array, Array]:
+    """
+    Return gaps and W_N, W_T, W_V of all contacts of a scene: with the floor, or all in `scenery`.
+
+    Where there is more than a flat floor, rolling velocities are along the axes of the contact
+    frames.
+    """
+    robot, R = scene.robot, rotation_matrices(q[:, 3:])
+    if scenery.is_flat(scene):
+        return posture.gaps(robot, q), *contact_directions(robot, R)
+    gap, lever, frame = scenery.contact_geometry(scene, q)
+    n, count = robot.link_count, len(gap)
+    W_N, W_T, W_V = (np.zeros((6 * n, width * count)) for width in (1, 2, 2))
+    for a, (i, j) in enumerate(scenery.links(scene)):
+        normal, *tangents = frame[a]
+        for link, sign in ((i, 1), (j, -1)) if j >= 0 else ((i, 1),):
+            arm = q[i, :3] + lever[a] - q[link, :3]
+            W_N[link_rows(link), a] = sign * _point_direction(R[link], arm, normal)
+            for k, e in enumerate(tangents):
+                W_T[link_rows(link), 2 * a + k] = sign * _point_direction(R[link], arm, e)
+        r_CS, D = robot.per_link('contact_radius')[i] * normal, np.column_stack(tangents)
+        W_V[6 * i + 3 : 6 * i + 6, 2 * a : 2 * a + 2] = (D.T @ tilde(r_CS) @ R[i]).T
+    return gap, W_N, W_T, W_V
+
+
+def joint_gaps(robot: Robot, q: Array) -> Array:
+    """Return the joint violations g_J, eqs. (11)-(13), shape (n-1, 4) [m, m, m, 1]."""
+    R, half = rotation_matrices(q[:, 3:]), robot.per_link('link_length') / 2
+    g_J = np.zeros((robot.link_count - 1, 4))
+    for i in range(robot.link_count - 1):
+        r_JF = q[i, :3] + half[i] * R[i] @ E_Z
+        r_JR = q[i + 1, :3] - half[i + 1] * R[i + 1] @ E_Z
+        g_J[i, :3] = r_JF - r_JR
+        g_J[i, 3] = (R[i] @ E_Y) @ (R[i + 1] @ E_X)
+    return g_J
+
+
+def joint_directions(robot: Robot, R: Array) -> Array:
+    """Return W_J, eqs. (38)-(43), so that ``dg_J/dt = W_J^T u``, shape (6n, 4(n-1))."""
+    n, half = robot.link_count, robot.per_link('link_length') / 2
+    W_J = np.zeros((6 * n, 4 * (n - 1)))
+    for i in range(n - 1):
+        for k, e_chi in enumerate((E_X, E_Y, E_Z)):
+            W_J[link_rows(i), 4 * i + k] = _point_direction(R[i], half[i] * R[i] @ E_Z, e_chi)
+            arm = -half[i + 1] * R[i + 1] @ E_Z
+            W_J[link_rows(i + 1), 4 * i + k] = -_point_direction(R[i + 1], arm, e_chi)
+        cross = np.cross(R[i] @ E_Y, R[i + 1] @ E_X)
+        W_J[6 * i + 3 : 6 * i + 6, 4 * i + 3] = R[i].T @ cross
+        W_J[6 * i + 9 : 6 * i + 12, 4 * i + 3] = -R[i + 1].T @ cross
+    return W_J
+
+
+def torque_directions(R: Array) -> Array:
+    """
+    Return W_tau, so that the rates of (yaw, pitch) are ``W_tau^T u``, shape (6n, 2(n-1)).
+
+    Yaw turns about e_y of link i, pitch about e_x of link i+1; a joint torque acts on link i+1
+    and, with the opposite sign, on link i.
+    """
+    n = len(R)
+    W_tau = np.zeros((6 * n, 2 * (n - 1)))
+    for i in range(n - 1):
+        for k, axis in enumerate((R[i] @ E_Y, R[i + 1] @ E_X)):
+            W_tau[6 * i + 3 : 6 * i + 6, 2 * i + k] = -R[i].T @ axis
+            W_tau[6 * i + 9 : 6 * i + 12, 2 * i + k] = R[i + 1].T @ axis
+    return W_tau
+
+
+def mass_matrix(robot: Robot) -> Array:
+    """Return M, eqs. (47), (48), shape (6n, 6n): constant and diagonal."""
+    m, theta_1, theta_3 = (
+        robot.per_link(name) for name in ('link_mass', 'inertia_transversal', 'inertia_axial')
+    )
+    return np.diag(np.column_stack([m, m, m, theta_1, theta_1, theta_3]).ravel())
+
+
+@lru_cache(maxsize=64)
+def mean_delassus(robot: Robot) -> float:
+    """
+    Return the mean diagonal entry of G_NN of the straight robot with all spheres on the floor.
+
+    The Delassus operator G = W_N^T M^-1 W_N less what the joints take off, section 7.3 [1/kg]. The
+    selection rule is measured in it; one number for a robot, whatever its posture.
+    """
+    R = np.tile(rotation_matrices(np.full((1, 4), 0.5)), (robot.link_count, 1, 1))
+    M_inv, W_J = 1.0 / np.diag(mass_matrix(robot))[:, None], joint_directions(robot, R)
+    W_N, _, _ = contact_directions(robot, R)
+    G = W_N.T @ (M_inv * W_N)
+    if robot.link_count > 1:
+        G_JN = W_J.T @ (M_inv * W_N)
+        G -= G_JN.T @ np.linalg.solve(W_J.T @ (M_inv * W_J), G_JN)
+    return float(np.mean(np.diag(G)))
+
+
+def smooth_forces(robot: Robot, gravity: Array, u: Array) -> Array:
+    """Return h(u): gravity and gyroscopic torque -omega x Theta omega, shape (6n,)."""
+    h = np.zeros_like(u)
+    for i, m in enumerate(robot.per_link('link_mass')):
+        theta_1, theta_3 = (
+            robot.per_link(name)[i] for name in ('inertia_transversal', 'inertia_axial')
+        )
+        omega = u[i, 3:]
+        h[i, :3] = m * gravity
+        h[i, 3:] = -tilde(omega) @ (np.array([theta_1, theta_1, theta_3]) * omega)
+    return h.ravel()
+
+
+def joint_torque_law(
+    scene: Scene, state: State, q_M: Array, angle: Array, rate: Array
+) -> tuple[Array, Array]:
+    """Return torque [N m] and damping [N m s] of `pd_law` for all axes, shapes (2(n-1),)."""
+    robot = scene.robot
+    kp, kd = robot.per_joint('stiffness'), robot.per_joint('damping')
+    starts = np.stack([posture.joint_angles(state.q), posture.joint_rates(state.q, state.u)], -1)
+    mids = np.stack([posture.joint_angles(q_M), posture.joint_rates(q_M, state.u)], -1)
+    scheme = PD_SCHEMES.index(scene.pd_scheme)
+    terms = [
+        pd_law(scheme, scene.dt, tuple(starts[j, k]), tuple(mids[j, k]),
+               (angle[j, k], rate[j, k]), kp[j, k], kd[j, k])
+        for j in range(robot.link_count - 1)
+        for k in range(2)
+    ]  # fmt: skip
+    torque, damping = np.array(terms).reshape(-1, 2).T
+    return torque, damping
+
+
+def middle_coordinates(state: State, dt: float) -> Array:
+    """
+    Return q_M = q_A + dt/2 F(q_M) u_A, eq. (72), with Euler parameters of length 1.
+
+    F(q_M) makes the equation implicit; it is linear in p_M and solved in closed form.
+    """
+    q_M = state.q.copy()
+    for i, (v, omega) in enumerate(zip(state.u[:, :3], state.u[:, 3:], strict=True)):
+        q_M[i, :3] += dt / 2 * v
+        p_M = q_M[i, 3:] + dt / 4 * H_bar(q_M[i, 3:]).T @ omega
+        q_M[i, 3:] = p_M / np.linalg.norm(p_M)
+    return q_M
+
+
+def end_coordinates(q_A: Array, q_M: Array, u_A: Array, u_E: Array, dt: float) -> Array:
+    """Return q_E = q_M + dt/2 F(q_M) u_E, eq. (83); p_M has the length that eq. (72) gives it."""
+    q_E = q_M.copy()
+    for i in range(len(q_M)):
+        length = 1.0 / math.sqrt(1.0 + dt**2 / 16 * (u_A[i, 3:] @ u_A[i, 3:]))
+        p_M = length * np.linalg.norm(q_A[i, 3:]) * q_M[i, 3:]
+        q_E[i, :3] += dt / 2 * u_E[i, :3]
+        q_E[i, 3:] = p_M + dt / 4 * H_bar(p_M).T @ u_E[i, 3:]
+    return q_E
+
+
+def without_drift(robot: Robot, q: Array, rule: str) -> Array:
+    """
+    Return the coordinates with joints closed, section VII-C: link 1 is held, velocities are kept.
+
+    Deviation: the paper turns link i+1 about its own e_z until its e_x is at right angles to e_y
+    of link i, which no such turn does at a pitch of 90 degrees, and a flip of the link does
+    beyond. Here it is turned about the common normal of both: the smallest turn there is.
+
+    Deviation, for the rule ``center_of_mass``: afterwards the robot is moved back so that its
+    center of mass is where it was, which section VII-C does not keep.
+    """
+    q = q.copy()
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1)[:, None]
+    if rule == 'none':
+        return q
+    center = posture.center_of_mass(robot, q)
+    half = robot.per_link('link_length') / 2
+    for i in range(robot.link_count - 1):
+        R_i, R_next = rotation_matrices(q[i : i + 2, 3:])
+        normal = np.cross(R_i @ E_Y, R_next @ E_X)
+        cosine = float(np.linalg.norm(normal))
+        theta = math.atan2((R_i @ E_Y) @ (R_next @ E_X), cosine)
+        turn = np.array([math.cos(theta / 2), *(math.sin(theta / 2) / cosine * normal)])
+        q[i + 1, 3:] = product(turn, q[i + 1, 3:])
+        R_next = rotation_matrices(q[i + 1 : i + 2, 3:])[0]
+        q[i + 1, :3] = q[i, :3] + half[i] * R_i @ E_Z + half[i + 1] * R_next @ E_Z
+    if rule == 'center_of_mass':
+        q[:, :3] += center - posture.center_of_mass(robot, q)
+    return q
+
+
+def contact_prox(
+    scene: Scene, compliance: float, a: int, center: float, P: Array, gamma: Array
+) -> Array:
+    """
+    Return the impulses of contact a after one projection, eqs. (87)-(89), shape (5,).
+
+    The sliding and rolling sets take the new normal impulse.
+
+    Deviation: the selection rule takes ``gamma_N + compliance (P_N - center)`` for gamma_N.
+    The normal forces of a robot that lies flat are not unique, and friction depends on them; this
+    tiny compliance makes them the ones of least norm. The scene can switch it off.
+    """
+    (mu_x, mu_y, mu_V), r = scenery.friction(scene, a), scene.solver
+    P_N = prox_half_line(P[0] - r.r_normal * (gamma[0] + compliance * (P[0] - center)))
+    P_T = prox_ellipse(*(P[1:3] - r.r_sliding * gamma[1:3]), mu_x * P_N, mu_y * P_N)
+    P_V = prox_disc(*(P[3:] - r.r_rolling * gamma[3:]), mu_V * P_N)
+    return np.array([P_N, *P_T, *P_V])
+
+
+class ReferenceStepper:
+    """The time step (72)-(93) of the paper for a scene; see `base.Stepper`."""
+
+    level = 'spatial'
+    cycles = np.zeros(0, np.int64)
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.size = mean_delassus(scene.robot)
+
+    def advance(
+        self, state: State, history: Array, angle: Array, rate: Array
+    ) -> tuple[State, Array, Report]:
+        """Return state, history and report after as many steps as there are references."""
+        counts = self.scene.robot.link_count, scenery.contact_count(self.scene)
+        check_arguments(*counts, state, history, angle, rate)
+        report = Report()
+        for step_angle, step_rate in zip(angle, rate, strict=True):
+            end, end_history, step_report = self.step(state, history, step_angle, step_rate)
+            omega = end.u[:, 3:]
+            turn = np.where(np.isfinite(end.u).all(axis=1), np.linalg.norm(omega, axis=1), np.inf)
+            if not (turn * self.scene.dt < math.pi / 2).all():
+                link = int(turn.argmax())
+                turned = float(turn[link] * self.scene.dt)
+                report.failure = divergence(link + 1, turned, self.scene.dt, report.steps)
+                return state, np.zeros_like(history), report
+            state, history, report = end, end_history, report + step_report
+        return state, history, report
+
+    def step(
+        self, state: State, history: Array, angle: Array, rate: Array
+    ) -> tuple[State, Array, Report]:
+        """Return state, history and report after one step, section VII."""
+        scene, robot, dt = self.scene, self.scene.robot, self.scene.dt
+        n, history, links = robot.link_count, history.copy(), scenery.links(scene)
+        impulse = history[IMPULSE]
+        u_A = state.u.ravel()
+
+        q_M = middle_coordinates(state, dt)  # (72)
+        R = rotation_matrices(q_M[:, 3:])
+        gap, *directions = scene_contacts(scene, q_M)
+        active = np.flatnonzero(gap <= scene.solver.activation_tolerance)
+        W_N, W_T, W_V = (_columns(W, active, len(gap)) for W in directions)
+        W_J = joint_directions(robot, R)
+        h = smooth_forces(robot, np.array(scene.gravity), state.u)
+        W_tau = torque_directions(R)
+        torque, damping = joint_torque_law(scene, state, q_M, angle, rate)
+
+        # (75): M (u_E - u_A) - h dt - S - W_J P_J = tau_C dt. What an implicit controller takes
+        # from u_E joins the mass matrix.
+        M_inv = np.linalg.inv(mass_matrix(robot) + dt * (W_tau * damping) @ W_tau.T)
+        momentum = mass_matrix(robot) @ u_A + h * dt + W_tau @ torque * dt
+        G_J = W_J.T @ M_inv @ W_J
+
+        P, iterations, change = impulse[active], 0, math.inf
+        fall = -dt * scene.gravity[2]
+        gamma_A = np.column_stack([W_N.T @ u_A, (W_T.T @ u_A).reshape(-1, 2)])
+        stops = robot.per_link('link_mass')[links[active, 0]] * (0.5 * fall - 2.0 * gamma_A[:, 0])
+        most = max(0.0, float(np.append(P[:, 0], stops).max(initial=0.0)))
+        compliance = selection_compliance(
+            scene.solver.normal_compliance * self.size, LEAST * self.size, most
+        )
+        weight = fall * float(robot.per_link('link_mass').sum())
+        center = selection_center(dt, P[:, 0], gamma_A, gap[active], compliance, most, weight)
+        while not change < scene.solver.tolerance and iterations < scene.solver.iteration_limit:
+            S = W_N @ P[:, 0] + W_T @ P[:, 1:3].ravel() + W_V @ P[:, 3:].ravel()  # (76)
+            # (84), with both terms negative; the paper's first sign is lost in print.
+            right = W_J.T @ M_inv @ (momentum + S)
+            P_J = -np.linalg.solve(G_J, right)
+            u_E = M_inv @ (momentum + S + W_J @ P_J)  # (86)
+            gamma_N = (W_N.T @ u_E)[:, None]  # (90)-(92)
+            gamma_T, gamma_V = (W_T.T @ u_E).reshape(-1, 2), (W_V.T @ u_E).reshape(-1, 2)
+            gamma = np.hstack([gamma_N, gamma_T, gamma_V])
+            P_new = np.array(
+                [
+                    contact_prox(scene, compliance, *args)
+                    for args in zip(active.tolist(), center, P, gamma, strict=True)
+                ]
+            )
+            step = P_new.reshape(P.shape) - P
+            change = sum(float(np.linalg.norm(step[:, k])) for k in ([0], [1, 2], [3, 4]))  # (93)
+            P = P + step
+            iterations += 1
+        impulse[active] = P
+
+        u_E = u_E.reshape(n, 6)
+        q_free = end_coordinates(state.q, q_M, state.u, u_E, dt)  # (83)
+        q_E = without_drift(robot, q_free, scene.drift_correction)
+        g_J = joint_gaps(robot, without_drift(robot, q_free, 'none'))
+
+        def residual(delta: float) -> float:
+            each = zip(active.tolist(), center, P - step, gamma, strict=True)  # P that gave u_E
+            return max((natural_map(scene, delta, *contact) for contact in each), default=0.0)
+
+        report = Report(
+            steps=1,
+            iterations=iterations,
+            iterations_max=iterations,
+            unconverged=int(not change < scene.solver.tolerance),
+            residual_max=residual(compliance),
+            printed_residual_max=residual(0.0),
+            penetration_max=max(0.0, -float(scene_contacts(scene, q_E)[0].min())),
+            joint_gap_max=_largest(g_J[:, :3]),
+            joint_twist_max=_largest(g_J[:, 3]),
+            contacts=len(active),
+            joint_torque=(torque - damping * (W_tau.T @ u_E.ravel())).reshape(n - 1, 2),
+        )
+        return State(q_E, u_E), history, report
+
+
+def natural_map(
+    scene: Scene, compliance: float, a: int, center: float, P: Array, gamma: Array
+) -> float:
+    """Return ``max |P - prox_C(P - r gamma)|/r`` of contact a, sets of the given P_N [m/s]."""
+    (mu_x, mu_y, mu_V), r = scenery.friction(scene, a), scene.solver
+    P_T = prox_ellipse(*(P[1:3] - r.r_sliding * gamma[1:3]), mu_x * P[0], mu_y * P[0])
+    P_V = prox_disc(*(P[3:] - r.r_rolling * gamma[3:]), mu_V * P[0])
+    P_N = prox_half_line(P[0] - r.r_normal * (gamma[0] + compliance * (P[0] - center)))
+    sliding = float(np.linalg.norm(P[1:3] - P_T)) / r.r_sliding
+    rolling = float(np.linalg.norm(P[3:] - P_V)) / r.r_rolling
+    return max(float(abs(P[0] - P_N)) / r.r_normal, sliding, rolling)
+
+
+def _point_direction(R: Array, lever: Array, e: Array) -> Array:
+    """Return w, shape (6,), so that a body-fixed point at `lever` has velocity w^T u along e."""
+    return np.concatenate([e, -(e @ tilde(lever) @ R)])
+
+
+def _columns(W: Array, contacts: Array, count: int) -> Array:
+    """Return the columns of W that belong to the given contacts of `count`."""
+    width = W.shape[1] // count
+    return W[:, (contacts[:, None] * width + np.arange(width)).ravel()]
+
+
+def _largest(values: Array) -> float:
+    return float(np.abs(values).max(initial=0.0))

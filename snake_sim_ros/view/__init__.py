@@ -1,0 +1,1 @@
+"""What a run looks like: a page in the browser, animations."""

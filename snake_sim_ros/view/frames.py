@@ -1,0 +1,253 @@
+"""
+What the viewer shows, as arrays: the robot at one time, what it did lately, and their shapes.
+
+Nothing here knows a browser or ROS. All poses are in frame I, z up; link frames are frames B.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import gaps
+from snake_sim_ros.scene.rotations import about
+from snake_sim_ros.scene.rotations import FLAT
+from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.rotations import rotation_matrices
+
+WINDOW = 10.0  # s that are plotted
+PLOT_PERIOD = 0.025  # s between two samples that are plotted
+PATH_STEP = 0.01  # m between two points of a path
+PATH_LENGTH = 2000  # points
+REACH = 3.0  # weight of the robot as an arrow, in lengths of the robot
+UPWARD = 0.2  # scale of vertical forces: they are larger by one over the friction coefficient
+AXES = 'yaw', 'pitch'
+SEGMENTS, RINGS = 24, 6  # of a capsule: around it, and of each of its ends
+
+
+@dataclass(frozen=True)
+class Frame:
+    """
+    The robot at one time.
+
+    Attributes
+    ----------
+    time : float
+        [s]
+    position : ndarray, shape (n, 3)
+        Link centers [m, frame I].
+    orientation : ndarray, shape (n, 4)
+        Euler parameters of the link frames B, scalar first.
+    joint_angle, joint_torque : ndarray, shape (n-1, 2)
+        (yaw, pitch) [rad], [N m]; NaN where it is not known.
+    reference : ndarray, shape (n-1, 2)
+        What the joints are told [rad]; NaN where it is not known.
+    points, forces : ndarray, shape (k, 3)
+        Of the contacts, as `contact_forces` returns them [m], [N].
+
+    """
+
+    time: float
+    position: Array
+    orientation: Array
+    joint_angle: Array
+    joint_torque: Array
+    reference: Array
+    points: Array
+    forces: Array
+
+
+@dataclass(frozen=True)
+class Trace:
+    """
+    What the robot did lately.
+
+    Attributes
+    ----------
+    time : ndarray, shape (m,)
+        [s]
+    joint_angle, reference, joint_torque : ndarray, shape (m, n-1, 2)
+        As in `Frame`.
+    path : ndarray, shape (k, 3)
+        Of the middle link [m].
+
+    """
+
+    time: Array
+    joint_angle: Array
+    reference: Array
+    joint_torque: Array
+    path: Array
+
+
+class Recorder:
+    """The trace of frames that come one after the other; it begins again when time goes back."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._middle, self._joints = robot.middle_link, robot.link_count - 1
+        self._samples: deque[tuple[float, Array]] = deque()
+        self._path: deque[Array] = deque(maxlen=PATH_LENGTH)
+        self.begin: Array | None = None  # where the middle link was first [m]
+
+    def add(self, frame: Frame) -> None:
+        """Add a frame, unless it is hardly later than the last one."""
+        if self._samples and frame.time < self._samples[-1][0]:
+            self._samples.clear()
+            self._path.clear()
+            self.begin = None
+        here = frame.position[self._middle]
+        if self.begin is None:
+            self.begin = here
+        if not self._path or np.linalg.norm(here - self._path[-1]) >= PATH_STEP:
+            self._path.append(here)
+        if self._samples and frame.time - self._samples[-1][0] < PLOT_PERIOD:
+            return
+        joints = np.stack([frame.joint_angle, frame.reference, frame.joint_torque])
+        self._samples.append((frame.time, joints))
+        while self._samples[0][0] < frame.time - WINDOW:
+            self._samples.popleft()
+
+    def distance(self, frame: Frame) -> float:
+        """Return how far the middle link is from where it was first [m]."""
+        begin = frame.position[self._middle] if self.begin is None else self.begin
+        return float(np.linalg.norm(frame.position[self._middle] - begin))
+
+    @property
+    def trace(self) -> Trace:
+        """What was recorded."""
+        time = np.array([time for time, _ in self._samples])
+        joints = np.array([joints for _, joints in self._samples])
+        joints = joints.reshape(len(time), 3, self._joints, 2)
+        angle, reference, torque = np.moveaxis(joints, 1, 0)
+        return Trace(time, angle, reference, torque, np.array(self._path).reshape(-1, 3))
+
+
+def placed(robot: Robot, angle: Array, base: tuple[Array, Array] | None) -> Array:
+    """
+    Return the coordinates of a robot of which joint angles are known, shape (n, 7).
+
+    Parameters
+    ----------
+    robot : Robot
+    angle : ndarray, shape (n-1, 2)
+        (yaw, pitch) [rad]
+    base : tuple of ndarray, optional
+        Position [m] and Euler parameters of `base_link`, the middle link turned around, with x
+        forward and z up. Without it the robot lies on the floor around the origin, along x.
+
+    """
+    q = chain(robot, angle)
+    middle, center = q[robot.middle_link].copy(), q[:, :3].mean(axis=0)
+    if base is None:
+        along = q[-1, :2] - q[0, :2]
+        turn, place, fixed = about(2, -math.atan2(along[1], along[0])), np.zeros(3), center
+    else:
+        inverse = middle[3:] * [1.0, -1.0, -1.0, -1.0]
+        turn = product(product(product(base[1], about(2, math.pi)), FLAT), inverse)
+        place, fixed = base[0], middle[:3]
+    q[:, :3] = place + (q[:, :3] - fixed) @ rotation_matrices(turn).T
+    q[:, 3:] = product(turn, q[:, 3:])
+    if base is None:
+        q[:, 2] -= gaps(robot, q).min()
+    return q
+
+
+def at_rest(robot: Robot) -> Frame:
+    """Return a robot of which nothing is known yet: straight, on the floor."""
+    q = placed(robot, np.zeros((robot.link_count - 1, 2)), None)
+    unknown, none = np.full((robot.link_count - 1, 2), math.nan), np.zeros((0, 3))
+    return Frame(0.0, q[:, :3], q[:, 3:], unknown, unknown, unknown, none, none)
+
+
+def curves(trace: Trace, what: str, joint: int) -> tuple[Array, dict[str, Array]]:
+    """
+    Return the curves of a plot, from the time on at which all that is known is known.
+
+    Parameters
+    ----------
+    trace : Trace
+    what : str
+        ``angle`` [deg], with what the joint is told where that is known, or ``torque`` [N m].
+    joint : int
+        Index of a joint, for both its axes; -1 is yaw of all joints, -2 pitch of all joints.
+
+    Returns
+    -------
+    time : ndarray, shape (m,)
+        [s]
+    curves : dict
+        Name -> values, shape (m,).
+
+    """
+    values = np.degrees(trace.joint_angle) if what == 'angle' else trace.joint_torque
+    if joint < 0:
+        named = {f'joint {j + 1}': values[:, j, -1 - joint] for j in range(values.shape[1])}
+    else:
+        named = {name: values[:, joint, k] for k, name in enumerate(AXES)}
+        if what == 'angle':
+            told = np.degrees(trace.reference[:, joint])
+            named |= {f'{name}, told': told[:, k] for k, name in enumerate(AXES)}
+    named = {name: curve for name, curve in named.items() if np.isfinite(curve[-1:]).all()}
+    missing = np.isnan(list(named.values())).any(axis=0)
+    first = int(np.flatnonzero(missing)[-1]) + 1 if missing.any() else 0
+    return trace.time[first:], {name: curve[first:] for name, curve in named.items()}
+
+
+def force_scale(robot: Robot) -> float:
+    """Return how long the arrow of a force is [m/N]: 1, 2 or 5 times a power of ten."""
+    weight = 9.81 * robot.per_link('link_mass').sum()
+    wanted = REACH * robot.per_link('link_length').sum() / weight
+    power = 10.0 ** math.floor(math.log10(wanted))
+    return max(power * digit for digit in (1, 2, 5) if power * digit <= wanted)
+
+
+def arrows(points: Array, forces: Array, scale: float) -> tuple[Array, Array]:
+    """
+    Return begin and end of the arrows of forces, along the floor and upward.
+
+    Parameters
+    ----------
+    points, forces : ndarray, shape (k, 3)
+        [m], [N]
+    scale : float
+        [m/N]
+
+    Returns
+    -------
+    along, upward : ndarray, shape (k, 2, 3)
+        Of the horizontal part, and of the vertical part on a scale of UPWARD times that [m].
+
+    """
+    along, upward = scale * forces, UPWARD * scale * forces
+    along[:, 2] = upward[:, :2] = 0.0
+    return np.stack([points, points + along], axis=1), np.stack([points, points + upward], axis=1)
+
+
+def capsule(radius: float, offset: float) -> tuple[Array, Array]:
+    """
+    Return vertices (v, 3) [m] and triangles (f, 3) of a link in its frame B.
+
+    Parameters
+    ----------
+    radius : float
+        Of the spheres at its ends and the cylinder between them [m].
+    offset : float
+        From the center of the link to those of the spheres, along e_z [m].
+
+    """
+    half = np.linspace(0.0, math.pi / 2, RINGS + 1)
+    polar = np.concatenate([half, half + math.pi / 2])  # from the end in front to the rear one
+    center = np.repeat([offset, -offset], RINGS + 1)
+    around = np.arange(SEGMENTS) * 2 * math.pi / SEGMENTS
+    across = np.sin(polar)[:, None] * np.stack([np.cos(around), np.sin(around)])[:, None, :]
+    along = np.broadcast_to((center + radius * np.cos(polar))[:, None], across.shape[1:])
+    vertices = np.stack([radius * across[0], radius * across[1], along], axis=-1)
+    ring, k = np.indices((len(polar) - 1, SEGMENTS))
+    a, b = ring * SEGMENTS + k, ring * SEGMENTS + (k + 1) % SEGMENTS
+    c, d = a + SEGMENTS, b + SEGMENTS
+    faces = np.concatenate([np.stack([a, c, b], axis=-1), np.stack([b, c, d], axis=-1)])
+    return vertices.reshape(-1, 3), faces.reshape(-1, 3)

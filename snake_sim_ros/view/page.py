@@ -1,0 +1,262 @@
+"""
+A page in the browser that shows a robot in 3-D, with plots and controls; only here is viser known.
+
+Whoever has a robot makes a `Page`, calls `build` with its scene, `show` with each frame and `plot`
+now and then. viser calls back in threads of its own; a page only notes there what was chosen.
+"""
+
+from collections.abc import Callable
+from collections.abc import Mapping
+from contextlib import redirect_stdout
+from errno import EADDRINUSE
+from io import StringIO
+import math
+import socket
+from typing import Any
+import webbrowser
+
+import numpy as np
+
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.view.frames import at_rest
+from snake_sim_ros.view.frames import curves
+from snake_sim_ros.view.frames import Frame
+from snake_sim_ros.view.frames import Trace
+from snake_sim_ros.view.frames import UPWARD
+from snake_sim_ros.view.stage import Stage
+
+SHOW_PERIOD, PLOT_PERIOD = 1 / 30, 1 / 10  # s of wall time, the shortest between two updates
+PANEL_WIDTH = 310  # pixels
+PLOT_HEIGHT = 210  # pixels
+COLORS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#000000', '#999999')
+ALL = {'yaw of all joints': -1, 'pitch of all joints': -2}
+TITLES = {'angle': 'joint angles [deg]', 'torque': 'joint torques [N m]'}
+LEGEND_LIMIT = 10  # curves
+
+
+class Page:
+    """
+    A page, served to any number of browsers.
+
+    Parameters
+    ----------
+    title : str
+    host : str
+        Address of this machine to bind to.
+    port : int
+        0 is any free one.
+
+    Attributes
+    ----------
+    gui : viser.GuiApi
+        For controls; `controls` is the folder for them.
+    url : str
+
+    Raises
+    ------
+    ParameterError
+        If the port is in use, the host is not of this machine, or viser is not installed.
+
+    """
+
+    def __init__(self, title: str, host: str, port: int) -> None:
+        make_server = _server_class()
+        check_address(host, port)
+        with redirect_stdout(StringIO()):  # where it is served is said by whoever made the page
+            self._server = make_server(host=host, port=port, label=title, verbose=False)
+        self.url = f'http://{host}:{self._server.get_port()}'
+        self.gui = self._server.gui
+        self.gui.configure_theme(show_logo=False, show_share_button=False)
+        self.gui.main_panel.dock_right()
+        self.gui.main_panel.set_width(PANEL_WIDTH)
+        self._status = self.gui.add_markdown('waiting for joint_states ...')
+        self.controls = self.gui.add_folder('Control')
+        self._add_switches()
+        panel = self.gui.add_panel()
+        self._plots = panel.add_tab('Joints')
+        panel.dock_left()
+        panel.set_width(PANEL_WIDTH)
+        self._stage: Stage | None = None
+        self._joint: Any = None
+        self._charts: dict[str, Any] = {}
+        self._changed = False
+        self._drawn: dict[str, list[str]] = {}  # plot -> names of its curves
+
+    @property
+    def watched(self) -> bool:
+        """Whether a browser shows the page."""
+        return bool(self._server.get_clients())
+
+    def changed(self) -> bool:
+        """Return whether something else was chosen to be seen since this was asked last."""
+        changed, self._changed = self._changed, False
+        return changed
+
+    def build(self, scene: Scene) -> None:
+        """Begin with a scene: its obstacles, its robot."""
+        with self._server.atomic():
+            self._server.scene.reset()
+            self._stage = Stage(self._server.scene, scene)
+            along = 100 * self._stage.scale
+            self._scale.content = (
+                f'Orange: forces along the floor, 1 N is {along:g} cm. '
+                f'Light blue: forces upward, 1 N is {UPWARD * along:g} cm.'
+            )
+            self._set_camera(scene)
+            self._choose_joints(scene)
+            self._stage.show(at_rest(scene.robot))
+
+    def show(self, frame: Frame) -> None:
+        """Show a frame."""
+        stage = self._stage
+        assert stage is not None, 'build comes first'
+        with self._server.atomic():
+            stage.follow = self._follow.value
+            stage.show(frame)
+            stage.friction.visible = self._friction.value
+            stage.points.visible = self._friction.value or self._normal.value
+            stage.normal.visible = self._normal.value
+            stage.path.visible = self._path.value
+            if stage.see_through != self._see_through.value:
+                stage.see_through = self._see_through.value
+                stage.set_see_through(stage.see_through)
+
+    def tell(self, frame: Frame, status: Mapping[str, str]) -> None:
+        """Write the time of a frame, and a status: name -> text."""
+        texts = {'time': f'{frame.time:.2f} s', **status}
+        rows = [f'| {name} | **{text}** |' for name, text in texts.items()]
+        self._status.content = '\n'.join(['| | |', '|:--|:--|', *rows])
+
+    def plot(self, trace: Trace) -> None:
+        """Draw path and curves."""
+        assert self._stage is not None, 'build comes first'
+        joint = self._joint_of(self._joint.value)
+        with self._server.atomic():
+            if len(trace.path) > 1:
+                self._stage.show_path(trace.path)
+            if not len(trace.time):
+                return
+            for what in TITLES:
+                time, values = curves(trace, what, joint)
+                if list(values) != self._drawn.get(what):
+                    self._drawn[what] = list(values)
+                    self._replace_chart(what, time, values)
+                elif values:
+                    self._charts[what].data = (time, *values.values())
+
+    def say(self, title: str, sentence: str) -> None:
+        """Show a message on top of the page for some seconds."""
+        for client in self._server.get_clients().values():
+            client.add_notification(title, sentence, auto_close_seconds=8.0)
+
+    def close(self) -> None:
+        """End the server."""
+        with redirect_stdout(StringIO()):
+            self._server.stop()
+
+    def _add_switches(self) -> None:
+        with self.gui.add_folder('View'):
+            self._follow = self.gui.add_checkbox('follow', True)
+            self._friction = self.gui.add_checkbox('friction', True)
+            self._normal = self.gui.add_checkbox('normal forces', False)
+            self._path = self.gui.add_checkbox('path', True)
+            self._see_through = self.gui.add_checkbox('see-through', False)
+            self._scale = self.gui.add_markdown('')
+        switches = self._follow, self._friction, self._normal, self._path, self._see_through
+        for switch in switches:
+            switch.on_update(self._note)
+
+    def _note(self, _: object) -> None:
+        self._changed = True
+
+    def _set_camera(self, scene: Scene) -> None:
+        """Look at the robot obliquely from above."""
+        length = scene.robot.per_link('link_length').sum()
+        camera = self._server.initial_camera
+        camera.position = tuple(length * np.array([-0.45, -1.05, 0.85]))
+        camera.look_at = (0.0, 0.0, 0.0)
+        camera.fov = math.radians(50)
+
+    def _choose_joints(self, scene: Scene) -> None:
+        for chart in self._charts.values():
+            chart.remove()
+        self._charts, self._drawn = {}, {}
+        count = scene.robot.link_count - 1
+        names = (*(f'joint {j + 1}' for j in range(count)), *ALL)
+        if self._joint is not None:
+            self._joint.remove()
+        with self._plots:
+            self._joint = self.gui.add_dropdown(
+                'show', names, initial_value=names[count // 2] if count else names[0], order=0
+            )
+        self._joint.on_update(self._note)
+
+    def _joint_of(self, name: str) -> int:
+        return ALL[name] if name in ALL else int(name.split()[1]) - 1
+
+    def _replace_chart(self, what: str, time: Array, values: dict[str, Array]) -> None:
+        if what in self._charts:
+            self._charts.pop(what).remove()
+        if not values:
+            return
+        series: list[dict[str, Any]] = [{'label': 't [s]'}]
+        for k, name in enumerate(values):
+            told = name.endswith('told')
+            color = COLORS[(k % 2 if told else k) % len(COLORS)]
+            style = {'dash': [4, 4], 'width': 1.0} if told else {'width': 1.5}
+            series.append({'label': name, 'stroke': color, 'points': {'show': False}, **style})
+        with self._plots:
+            self._charts[what] = self.gui.add_uplot(
+                (time, *values.values()),
+                tuple(series),
+                title=TITLES[what],
+                scales={'x': {'time': False}},
+                legend={'show': len(values) <= LEGEND_LIMIT, 'live': False},
+                height=PLOT_HEIGHT,
+                order=1 + list(TITLES).index(what),
+            )
+
+
+def _server_class() -> Callable[..., Any]:
+    try:
+        from viser import ViserServer
+    except ImportError:
+        raise ParameterError(
+            "the viewer needs viser, which is not installed: pip install 'snake_sim_ros[viewer]'"
+        ) from None
+    return ViserServer
+
+
+def check_address(host: str, port: int) -> None:
+    """
+    Raise if no page can be served there; viser would silently take another port.
+
+    Raises
+    ------
+    ParameterError
+
+    """
+    if not 0 <= port <= 65535:
+        raise ParameterError(f'port must be 0 (any free one) to 65535, got {port}')
+    try:
+        family, kind, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind) as trial:
+            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            trial.bind(address)
+    except PermissionError:
+        raise ParameterError(f'port {port} needs root rights; choose one from 1024 on') from None
+    except socket.gaierror:
+        raise ParameterError(f'host must be an address of this machine, got {host!r}') from None
+    except OSError as error:
+        in_use = f'port {port} of {host} is in use; choose another one, or 0 for any free one'
+        elsewhere = f'host must be an address of this machine, got {host!r}'
+        raise ParameterError(in_use if error.errno == EADDRINUSE else elsewhere) from None
+
+
+def announce(page: Page, open_browser: bool) -> None:
+    """Say where the page is, and open it in a browser if one is there."""
+    print(f'the viewer is at {page.url}', flush=True)
+    if open_browser and not webbrowser.open(page.url):
+        print(f'there is no browser here; open {page.url} in one yourself', flush=True)

@@ -1,0 +1,169 @@
+"""Playing a recorded run on a page in the browser, with a time slider."""
+
+import math
+import signal
+from threading import Event
+import time
+
+import numpy as np
+
+from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.stepping.trajectory import Trajectory
+from snake_sim_ros.view.frames import Frame
+from snake_sim_ros.view.frames import PATH_LENGTH
+from snake_sim_ros.view.frames import Trace
+from snake_sim_ros.view.frames import WINDOW
+from snake_sim_ros.view.page import announce
+from snake_sim_ros.view.page import Page
+from snake_sim_ros.view.page import PLOT_PERIOD
+from snake_sim_ros.view.page import SHOW_PERIOD
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SPEEDS = {'1/10': 0.1, '1/4': 0.25, '1/2': 0.5, '1': 1.0, '2': 2.0, '4': 4.0}
+
+
+class Recording:
+    """A trajectory as frames and traces."""
+
+    def __init__(self, trajectory: Trajectory) -> None:
+        self.run, self.middle = trajectory, trajectory.scene.robot.middle_link
+        waves, told = trajectory.scene.gait, np.full_like(trajectory.joint_angle, math.nan)
+        if waves.yaw.amplitude or waves.pitch.amplitude:
+            told = gait.reference(waves, trajectory.time, told.shape[1])[0]
+        self.reference: Array = told
+
+    def frame(self, k: int) -> Frame:
+        """Return the robot at sample k."""
+        run = self.run
+        return Frame(
+            float(run.time[k]),
+            run.position[k],
+            run.orientation[k],
+            run.joint_angle[k],
+            run.joint_torque[k],
+            self.reference[k],
+            *run.contacts(k),
+        )
+
+    def status(self, k: int) -> dict[str, str]:
+        """Return what is to be read at sample k."""
+        run = self.run
+        path = run.position[k, self.middle] - run.position[0, self.middle]
+        return {'distance': f'{np.linalg.norm(path):.3f} m', 'level': str(run.level[k])}
+
+    def trace(self, k: int) -> Trace:
+        """Return what the robot did until sample k."""
+        run = self.run
+        first = int(np.searchsorted(run.time, run.time[k] - WINDOW))
+        part = slice(first, k + 1, 1 + (k - first) // 400)
+        path = run.position[: k + 1 : 1 + k // PATH_LENGTH, self.middle]
+        joints = run.joint_angle[part], self.reference[part], run.joint_torque[part]
+        return Trace(run.time[part], *joints, path)
+
+
+class Player:
+    """Where in a run the page is, and the controls that say so."""
+
+    def __init__(self, page: Page, times: Array) -> None:
+        self.times, self.now = times, float(times[0])
+        step = float(np.diff(times).min())
+        gui = page.gui
+        with page.controls:
+            self.slider = gui.add_slider(
+                'time [s]', float(times[0]), float(times[-1]), step, self.now
+            )
+            self.button = gui.add_button('pause')
+            self.speed = gui.add_dropdown('speed', tuple(SPEEDS), initial_value='1')
+            self.loop = gui.add_checkbox('again and again', True)
+        self.playing, self._wanted = True, math.nan
+        self.button.on_click(lambda _: self._toggle())
+        self.slider.on_update(self._on_slider)
+
+    def advance(self, seconds: float) -> int:
+        """Go on by some wall time, or to where the slider was put; return the sample."""
+        if not math.isnan(self._wanted):
+            self.now, self._wanted = self._wanted, math.nan
+        elif self.playing:
+            self.now += SPEEDS[self.speed.value] * seconds
+            if self.now > self.times[-1]:
+                self.now = float(self.times[0] if self.loop.value else self.times[-1])
+                self.playing = self.loop.value
+        return int(np.searchsorted(self.times, self.now, 'right')) - 1
+
+    def mark(self) -> None:
+        """Let the controls say where the page is."""
+        if math.isnan(self._wanted):
+            self.slider.value = round(self.now, 2)
+        self.button.label = 'pause' if self.playing else 'play'
+
+    def _toggle(self) -> None:
+        self.playing = not self.playing
+        if self.playing and self.now >= self.times[-1]:
+            self._wanted = float(self.times[0])
+
+    def _on_slider(self, event: object) -> None:
+        if getattr(event, 'client_id', None) is not None:  # a person moved it
+            self.playing, self._wanted = False, self.slider.value
+
+
+def play(trajectory: Trajectory, title: str, host: str, port: int, open_browser: bool) -> int:
+    """
+    Serve a recorded run until it is interrupted.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    title : str
+    host : str
+    port : int
+        0 is any free one.
+    open_browser : bool
+
+    Returns
+    -------
+    int
+        Exit status, 0.
+
+    Raises
+    ------
+    ParameterError
+        If there is less than two samples, or no page can be served there.
+
+    """
+    if len(trajectory.time) < 2:
+        raise ParameterError(
+            f'a run to be played must have at least 2 samples, got {len(trajectory.time)}'
+        )
+    page = Page(title, host, port)
+    stop, recording = Event(), Recording(trajectory)
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in SIGNALS}
+    try:
+        page.build(trajectory.scene)
+        player = Player(page, trajectory.time)
+        announce(page, open_browser)
+        _serve(page, player, recording, stop)
+    finally:
+        page.close()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    return 0
+
+
+def _serve(page: Page, player: Player, recording: Recording, stop: Event) -> None:
+    """Show what the player wants, again and again."""
+    last, plotted, shown, written = time.monotonic(), -math.inf, -1, -1
+    while not stop.is_set():
+        now = time.monotonic()
+        k = player.advance(now - last)
+        last, changed = now, page.changed()
+        if k != shown or changed:
+            page.show(recording.frame(k))
+            shown = k
+        if (k != written or changed) and now - plotted >= PLOT_PERIOD:
+            plotted, written = now, k
+            player.mark()
+            page.tell(recording.frame(k), recording.status(k))
+            page.plot(recording.trace(k))
+        stop.wait(max(SHOW_PERIOD - (time.monotonic() - now), 0.0))

@@ -1,0 +1,175 @@
+"""The 3-D part of the viewer: floor, obstacles, robot, contacts and path of one scene."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from snake_sim_ros.scene.obstacles import cell_centers
+from snake_sim_ros.scene.obstacles import FOUNDATION
+from snake_sim_ros.scene.obstacles import PEG_HEIGHT
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.robot_description import color_name
+from snake_sim_ros.scene.robot_description import COLORS
+from snake_sim_ros.view.frames import arrows
+from snake_sim_ros.view.frames import capsule
+from snake_sim_ros.view.frames import force_scale
+from snake_sim_ros.view.frames import Frame
+
+# Of Okabe and Ito, as in `charts`; red, green and blue.
+FRICTION, NORMAL, PATH, POINT = (213, 94, 0), (86, 180, 233), (0, 114, 178), (0, 158, 115)
+FLOOR, LINES, PEG, GROUND = (246, 247, 249), (205, 209, 214), (89, 115, 166), (176, 178, 184)
+FLOOR_SIZE = 60.0  # m
+CLEARANCE = 2e-3  # m, of what lies on the floor
+PATH_RADIUS = 0.08  # of lines and arrows, in contact radii
+SEE_THROUGH = 0.35  # opacity
+
+
+class Stage:
+    """
+    What is drawn of one scene, under one node that moves against the camera to follow the robot.
+
+    Parameters
+    ----------
+    canvas : Any
+        A `viser.SceneApi`.
+    scene : Scene
+
+    """
+
+    def __init__(self, canvas: Any, scene: Scene) -> None:
+        self.canvas, self.robot = canvas, scene.robot
+        self.scale = force_scale(scene.robot)
+        self.size = max(float(scene.robot.per_link('contact_radius').max()), 0.01)
+        self.follow = self.see_through = False
+        self._add_lights()
+        self.root = canvas.add_frame('/world', show_axes=False)
+        self._add_floor()
+        self._add_obstacles(scene)
+        self._add_links()
+        none, width = np.zeros((0, 2, 3)), PATH_RADIUS * self.size
+        thick = {'shaft_radius': width, 'head_radius': 2.5 * width, 'head_length': 5 * width}
+        thin = {'shaft_radius': width / 2, 'head_radius': 1.5 * width, 'head_length': 3 * width}
+        self.friction = canvas.add_arrows('/world/friction', none, linear(FRICTION), **thick)
+        self.normal = canvas.add_arrows('/world/normal', none, linear(NORMAL), **thin)
+        self.path = canvas.add_line_segments('/world/path', none, PATH, thickness=2 * width)
+        self.points = canvas.add_point_cloud(
+            '/world/contacts', np.zeros((0, 3)), POINT, point_size=3 * width, point_shape='circle'
+        )
+
+    def show(self, frame: Frame) -> None:
+        """Put the robot and its contacts where they are."""
+        for links, mesh in self.links:
+            mesh.batched_positions = frame.position[links].astype(np.float32)
+            mesh.batched_wxyzs = frame.orientation[links].astype(np.float32)
+        along, upward = arrows(frame.points, frame.forces, self.scale)
+        self.friction.points = along.astype(np.float32)
+        self.normal.points = upward.astype(np.float32)
+        self.points.points = frame.points.astype(np.float32)
+        if self.follow:
+            center = frame.position.mean(axis=0)
+            self.root.position = (-center[0], -center[1], 0.0)
+
+    def show_path(self, path: Array) -> None:
+        """Draw a path, shape (k, 3) [m], on the floor below it."""
+        flat = path * [1.0, 1.0, 0.0] + [0.0, 0.0, CLEARANCE]
+        self.path.points = np.stack([flat[:-1], flat[1:]], axis=1).astype(np.float32)
+
+    def set_see_through(self, on: bool) -> None:
+        """Make the links transparent, or not: contacts are below them."""
+        for _, mesh in self.links:
+            mesh.opacity = SEE_THROUGH if on else None
+
+    def _add_lights(self) -> None:
+        """Light the robot from the side of the first look at it, whether it is followed or not."""
+        self.canvas.configure_default_lights(False)
+        self.canvas.configure_environment_map('warehouse', environment_intensity=0.4)
+        self.canvas.add_light_ambient('/lights/sky', intensity=0.7)
+        self.canvas.add_light_directional(
+            '/lights/sun', intensity=2.2, cast_shadow=True, position=(-2.0, -1.0, 4.0)
+        )
+
+    def _add_floor(self) -> None:
+        self.canvas.add_grid(
+            '/world/floor',
+            FLOOR_SIZE,
+            FLOOR_SIZE,
+            cell_size=0.1,
+            cell_color=(228, 231, 235),
+            section_size=0.5,
+            section_color=LINES,
+            section_thickness=1.2,
+            plane_color=FLOOR,
+            plane_opacity=1.0,
+            shadow_opacity=0.25,
+            fade_distance=25.0,
+        )
+
+    def _add_obstacles(self, scene: Scene) -> None:
+        height = PEG_HEIGHT * self.size
+        for k, (x, y, radius) in enumerate(scene.pegs.axes):
+            place = (float(x), float(y), height / 2)
+            self.canvas.add_cylinder(
+                f'/world/pegs/{k}', float(radius), height, color=PEG, position=place
+            )
+        ground = scene.ground
+        if not ground.heights:
+            return
+        heights = np.array(ground.heights)
+        bottom = min(0.0, float(heights.min())) - FOUNDATION
+        centers = np.dstack([cell_centers(ground), (heights + bottom) / 2]).reshape(-1, 3)
+        sizes = np.stack([np.full(heights.shape, ground.cell)] * 2 + [heights - bottom], axis=-1)
+        vertices, faces = box()
+        self.canvas.add_batched_meshes_simple(
+            '/world/ground',
+            vertices,
+            faces,
+            np.tile([1.0, 0.0, 0.0, 0.0], (heights.size, 1)),
+            centers,
+            batched_scales=sizes.reshape(-1, 3),
+            batched_colors=linear(GROUND),
+            lod='off',
+            flat_shading=True,
+        )
+
+    def _add_links(self) -> None:
+        """Add links of the same shape as one mesh each."""
+        names = ('contact_radius', 'contact_offset')
+        shapes = np.column_stack([self.robot.per_link(name) for name in names])
+        kinds, kind = np.unique(shapes, axis=0, return_inverse=True)
+        colors = np.array([color_of(i) for i in range(self.robot.link_count)])
+        self.links = []
+        for k, (radius, offset) in enumerate(kinds.tolist()):
+            links = np.flatnonzero(kind.ravel() == k)
+            vertices, faces = capsule(radius or self.size, offset)
+            mesh = self.canvas.add_batched_meshes_simple(
+                f'/world/links/{k}',
+                vertices,
+                faces,
+                np.tile([1.0, 0.0, 0.0, 0.0], (len(links), 1)),
+                np.zeros((len(links), 3)),
+                batched_colors=linear(colors[links]),
+                lod='off',
+            )
+            self.links.append((links, mesh))
+
+
+def linear(color: ArrayLike) -> Array:
+    """Return colors up to 255 as viser takes those of batches and arrows: not as a screen does."""
+    part = np.asarray(color) / 255
+    part = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
+    return np.round(255 * part).astype(np.uint8)
+
+
+def color_of(link: int) -> tuple[int, ...]:
+    """Return the color of a link as in its URDF: red, green and blue up to 255."""
+    return tuple(round(255 * part) for part in COLORS[color_name(link)][:3])
+
+
+def box() -> tuple[Array, Array]:
+    """Return vertices (8, 3) and triangles (12, 3) of a box of size 1 around the origin."""
+    vertices = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3, indexing='ij'), axis=-1).reshape(-1, 3)
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [triangle for a, b, c, d in sides for triangle in ((a, b, c), (a, c, d))]
+    return vertices, np.array(faces)

@@ -7,6 +7,7 @@ import numpy as np
 from snake_sim_ros.contact.projections import LEAST
 from snake_sim_ros.contact.selection import selection_center
 from snake_sim_ros.contact.selection import selection_compliance
+from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import gaps
@@ -101,7 +102,7 @@ class DenseStep:
         times a number up to |u|: v and two products with lengths below 1 m, twice.
         """
         gamma, P_N = self.gamma(u), P[:, 0]
-        proximal = PROXIMAL * reference.mean_delassus(self.scene.robot)
+        proximal = PROXIMAL * force_directions.mean_delassus(self.scene.robot)
         S = np.zeros(P.shape)
         S[:, 0] = np.where(P_N > 0.0, 1.0 / (self.compliance + proximal), 0.0)
         friction = self.scene.friction
@@ -134,20 +135,20 @@ def dense_step(scene: Scene, state: State, history: Array, angle: Array, rate: A
     q_M = reference.middle_coordinates(state, dt)
     R = rotation_matrices(q_M[:, 3:])
     active = np.flatnonzero(gaps(robot, q_M) <= scene.solver.activation_tolerance)
-    W_N, W_T, W_V = reference.contact_directions(robot, R)
+    W_N, W_T, W_V = force_directions.contact_directions(robot, R)
     W = np.concatenate(
         [W_N[:, :, None], W_T.reshape(6 * n, -1, 2), W_V.reshape(6 * n, -1, 2)], axis=2
     )[:, active]
-    W_tau = reference.torque_directions(R)
+    W_tau = force_directions.torque_directions(R)
     torque, damping = reference.joint_torque_law(scene, state, q_M, angle, rate)
-    M, u_A = reference.mass_matrix(robot), state.u.ravel()
-    h = reference.smooth_forces(robot, np.array(scene.gravity), state.u)
+    M, u_A = force_directions.mass_matrix(robot), state.u.ravel()
+    h = force_directions.smooth_forces(robot, np.array(scene.gravity), state.u)
     gamma_A = np.einsum('rkj,r->kj', W[:, :, :3], u_A)
     stop = -dt * scene.gravity[2] / 2 - 2.0 * gamma_A[:, 0]
     last = history[IMPULSE, active, 0]
     expected = np.append(last, robot.per_link('link_mass')[active % n] * stop)
     most = float(expected.max(initial=0.0))
-    size = reference.mean_delassus(robot)
+    size = force_directions.mean_delassus(robot)
     compliance = selection_compliance(scene.solver.normal_compliance * size, LEAST * size, most)
     weight = -dt * scene.gravity[2] * robot.per_link('link_mass').sum()
     return DenseStep(
@@ -155,7 +156,7 @@ def dense_step(scene: Scene, state: State, history: Array, angle: Array, rate: A
         active=active,
         W=W,
         M=M + dt * (W_tau * damping) @ W_tau.T,
-        W_J=reference.joint_directions(robot, R),
+        W_J=force_directions.joint_directions(robot, R),
         momentum=M @ u_A + h * dt + W_tau @ torque * dt,
         compliance=compliance,
         center=selection_center(

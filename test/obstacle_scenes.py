@@ -12,8 +12,9 @@ from scenes import DT
 from scenes import references
 
 from snake_sim_ros.contact.projections import PRESS
+from snake_sim_ros.dynamics.force_directions import scene_contacts
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene import obstacles as scenery
+from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Ground
@@ -30,7 +31,6 @@ from snake_sim_ros.stepping.base import METHODS
 from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.contact_forces import where_impulses_acted
-from snake_sim_ros.stepping.reference import scene_contacts
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.simulation import steps_in
 
@@ -77,7 +77,7 @@ def lying_on(rng: np.random.Generator, scene: Scene) -> State:
     q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
     q[:, 3:] = product(turn, q[:, 3:])
     q[:, :2] -= q[:, :2].mean(axis=0)
-    q[:, 2] += scenery.lift(scene, q) - rng.uniform(0.0, 1e-2)
+    q[:, 2] += obstacles.lift(scene, q) - rng.uniform(0.0, 1e-2)
     return State(q, rng.uniform(-0.1, 0.1, (robot.link_count, 6)))
 
 
@@ -91,10 +91,10 @@ def check_directions(scene: Scene, state: State, contacts: Array, tolerance: flo
     """
     n, radius = scene.robot.link_count, scene.robot.per_link('contact_radius')
     R = rotation_matrices(state.q[:, 3:])
-    _, lever, frame = scenery.contact_geometry(scene, state.q)
+    _, lever, frame = obstacles.contact_geometry(scene, state.q)
     _, *directions = scene_contacts(scene, state.q)
     gamma_N, gamma_T, gamma_V = (W.T @ state.u.ravel() for W in directions)
-    rate = rate_of(lambda q: scenery.contact_geometry(scene, q)[0][contacts], state)
+    rate = rate_of(lambda q: obstacles.contact_geometry(scene, q)[0][contacts], state)
     assert np.abs(gamma_N[contacts] - rate).max(initial=0.0) < tolerance
     for a in contacts:
         i = a % n

@@ -19,6 +19,7 @@ from snake_sim_ros.contact.projections import LEAST
 from snake_sim_ros.contact.projections import PRESS
 from snake_sim_ros.contact.selection import selection_center
 from snake_sim_ros.contact.selection import selection_compliance
+from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.scene import posture
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
@@ -154,7 +155,7 @@ def bdf2_step(
     u_star = 2 * now.u - before.u
     frame = 2 * now.q - before.q
     q_star = moved(frame, q_hat, u_star, h)
-    R, M = rotation_matrices(q_star[:, 3:]), reference.mass_matrix(robot)
+    R, M = rotation_matrices(q_star[:, 3:]), force_directions.mass_matrix(robot)
 
     # Controller, linear about the predicted end; references go on as they did.
     acceleration = (rate - last_rate) / dt
@@ -164,13 +165,13 @@ def bdf2_step(
     torque = stiffness * (target[0] - posture.joint_angles(q_star) + h * rate_star)
     torque += damping * target[1]
     resistance = damping + h * stiffness
-    W_tau = reference.torque_directions(R)
+    W_tau = force_directions.torque_directions(R)
 
     # Contacts that may close, and what their gaps leave open.
     gap = gaps(robot, q_star)
     reach = max(scene.solver.activation_tolerance, bdf2.REACH * h)
     active = np.flatnonzero(gap <= reach)
-    W_N, W_T, W_V = reference.contact_directions(robot, R)
+    W_N, W_T, W_V = force_directions.contact_directions(robot, R)
     W = np.concatenate(
         [W_N[:, :, None], W_T.reshape(6 * n, -1, 2), W_V.reshape(6 * n, -1, 2)], axis=2
     )[:, active]
@@ -184,7 +185,7 @@ def bdf2_step(
     gamma[:, 0] += shift
 
     # The selection rule.
-    fall, size = -h * scene.gravity[2], reference.mean_delassus(robot)
+    fall, size = -h * scene.gravity[2], force_directions.mean_delassus(robot)
     mass = robot.per_link('link_mass')
     stops = mass[active % n] * (fall / 2 - 2 * gamma[:, 0])
     most = float(np.append(last, stops).max(initial=0.0))
@@ -199,9 +200,9 @@ def bdf2_step(
         active=active,
         W=W,
         M=M + h * (W_tau * resistance.ravel()) @ W_tau.T,
-        W_J=reference.joint_directions(robot, R),
+        W_J=force_directions.joint_directions(robot, R),
         momentum=M @ u_hat.ravel()
-        + h * reference.smooth_forces(robot, np.array(scene.gravity), u_star)
+        + h * force_directions.smooth_forces(robot, np.array(scene.gravity), u_star)
         + h * W_tau @ torque.ravel(),
         compliance=compliance,
         center=center,

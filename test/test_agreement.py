@@ -15,6 +15,7 @@ from random_states import random_velocities
 from scenes import PRINTED
 
 from snake_sim_ros.contact.projections import PRESS
+from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.dynamics.articulated_body import articulated_inertia
 from snake_sim_ros.dynamics.articulated_body import articulated_velocity
 from snake_sim_ros.dynamics.articulated_body import factor
@@ -246,7 +247,7 @@ def test_steps_agree_when_the_joints_open_in_the_step(link_count, pd_scheme):
     friction = FRICTIONS['orthotropic']
     scene, state, *others = random_step(9, link_count, friction, pd_scheme, 'paper')
     state = State(reference.middle_coordinates(state, scene.dt), state.u)
-    assert np.abs(reference.joint_gaps(scene.robot, state.q)).max() < 120 * EPS
+    assert np.abs(force_directions.joint_gaps(scene.robot, state.q)).max() < 120 * EPS
     assert_agreement(scene, state, *others)
 
 
@@ -297,14 +298,14 @@ def contact_operator(scene, state):
     q_M = reference.middle_coordinates(state, scene.dt)
     R = rotation_matrices(q_M[:, 3:])
     closed = posture.gaps(scene.robot, q_M) <= scene.solver.activation_tolerance
-    W_N, W_T, W_V = reference.contact_directions(scene.robot, R)
+    W_N, W_T, W_V = force_directions.contact_directions(scene.robot, R)
     pairs = np.repeat(closed, 2)
     W = np.hstack([W_N[:, closed], W_T[:, pairs], W_V[:, pairs]])
     if scene.friction.rolling == 0.0:
         W = W[:, : 3 * closed.sum()]
-    M_inv = np.linalg.inv(reference.mass_matrix(scene.robot))
+    M_inv = np.linalg.inv(force_directions.mass_matrix(scene.robot))
     if scene.robot.link_count > 1:
-        W_J = reference.joint_directions(scene.robot, R)
+        W_J = force_directions.joint_directions(scene.robot, R)
         M_inv = M_inv - M_inv @ W_J @ np.linalg.solve(W_J.T @ M_inv @ W_J, W_J.T @ M_inv)
     return M_inv @ W, W.T @ M_inv @ W
 
@@ -319,7 +320,7 @@ def test_solvers_find_the_same_velocities_and_normal_impulses(method, speed, lin
         scene, state, history, *others = random_step(
             seed, link_count, friction, laws=RULE, speed=speed
         )
-        size, n = reference.mean_delassus(scene.robot), link_count
+        size, n = force_directions.mean_delassus(scene.robot), link_count
         solver = Solver(
             residual_tolerance=RESIDUAL, tolerance=0.01 * RESIDUAL, iteration_limit=100_000
         )

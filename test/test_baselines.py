@@ -28,6 +28,7 @@ from snake_sim_ros.comparison.baselines.integrators import make_pyramid
 from snake_sim_ros.comparison.baselines.integrators import make_semi_implicit
 from snake_sim_ros.comparison.baselines.integrators import Penalty
 from snake_sim_ros.comparison.baselines.integrators import SmoothRobot
+from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import load_scene
@@ -38,7 +39,6 @@ from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.posture import joint_rates
 from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping import reference
 from snake_sim_ros.stepping.base import make_stepper
 from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import State
@@ -189,20 +189,20 @@ def dense_motion(scene, penalty, t, state):
     q, u = state.q, state.u.ravel()
     R = rotation_matrices(q[:, 3:])
     M, W_J, W_tau = (
-        reference.mass_matrix(robot),
-        reference.joint_directions(robot, R),
-        reference.torque_directions(R),
+        force_directions.mass_matrix(robot),
+        force_directions.joint_directions(robot, R),
+        force_directions.torque_directions(R),
     )
     W_J_dot = rate_of(
-        lambda q: reference.joint_directions(robot, rotation_matrices(q[:, 3:])), state
+        lambda q: force_directions.joint_directions(robot, rotation_matrices(q[:, 3:])), state
     )
     angle, rate = gait.reference(scene.gait, t, n - 1)
     rates = joint_rates(q, state.u)
     torque = robot.per_joint('stiffness') * (angle - joint_angles(q))
     torque += robot.per_joint('damping') * (rate - rates)
-    force = reference.smooth_forces(robot, np.array(scene.gravity), state.u)
+    force = force_directions.smooth_forces(robot, np.array(scene.gravity), state.u)
     force += W_tau @ torque.ravel()
-    gap, W_N, W_T, _ = reference.scene_contacts(scene, q)
+    gap, W_N, W_T, _ = force_directions.scene_contacts(scene, q)
     assert 0 < (gap < 0.0).sum() < 2 * n
     mu, power = np.array([scene.friction.longitudinal, scene.friction.transversal]), 0.0
     for a in np.flatnonzero(gap < 0.0):

@@ -9,6 +9,7 @@ import pytest
 from snake_sim_ros.contact.projections import IMPACT
 from snake_sim_ros.contact.projections import LEAST
 from snake_sim_ros.contact.projections import REST
+from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import load_scene
@@ -26,7 +27,6 @@ from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.base import VELOCITY
-from snake_sim_ros.stepping.reference import mean_delassus
 
 G = 9.81
 GRAVITY = np.array([0.0, 0.0, -G])

@@ -16,7 +16,7 @@ from obstacle_scenes import anywhere
 import pytest
 from scenes import isotropic
 
-from snake_sim_ros.scene import obstacles as scenery
+from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.parameters import Ground
 from snake_sim_ros.scene.parameters import LEVELS
 from snake_sim_ros.scene.parameters import Pegs
@@ -93,14 +93,14 @@ def closed_walk(places):
 @pytest.mark.parametrize(('one', 'two'), [*ALL_PAIRS, *((name, name) for name in OBSTACLES)])
 def test_the_same_contacts_are_at_the_same_places(one, two):
     before, after = scene_of(one), scene_of(two)
-    old, new = scenery.same_contacts(before, after)
+    old, new = obstacles.same_contacts(before, after)
     assert len({*old.tolist()}) == len(old) and len({*new.tolist()}) == len(new)
     rng, apart = np.random.default_rng(1), ([], [])
     for _ in range(3):
         q = anywhere(rng, 3).q
         q[:, 2] += 2.0  # above all cells
         for scene, places in zip((before, after), apart, strict=True):
-            gap, lever, frame = scenery.contact_geometry(scene, q)
+            gap, lever, frame = obstacles.contact_geometry(scene, q)
             count = len(gap)
             # On floors of other heights a sphere has another gap, and is the same contact.
             gap[: 2 * ROBOT.link_count] = 0.0
@@ -115,11 +115,11 @@ def test_the_same_contacts_are_at_the_same_places(one, two):
 
 def test_contacts_are_counted():
     # 2 spheres a link; 6 more slots with cells; a slot a peg; 4 contacts of links 1 and 3.
-    counts = [len(scenery.contact_keys(scene_of(name))) for name in OBSTACLES]
+    counts = [len(obstacles.contact_keys(scene_of(name))) for name in OBSTACLES]
     assert counts == [6, 12, 15, 24, 10, 16]
-    assert counts == [scenery.contact_count(scene_of(name)) for name in OBSTACLES]
+    assert counts == [obstacles.contact_count(scene_of(name)) for name in OBSTACLES]
     shared = [
-        len(scenery.same_contacts(scene_of(one), scene_of(two))[0])
+        len(obstacles.same_contacts(scene_of(one), scene_of(two))[0])
         for one, two in (('pegs', 'other pegs'), ('pegs', 'both'), ('ground', 'both'))
     ]
     assert shared == [9, 12, 6]
@@ -128,15 +128,15 @@ def test_contacts_are_counted():
 def test_cells_of_another_ground_are_others():
     scene = scene_of('ground')
     other = replace(scene, ground=replace(GROUND, origin=(0.3, 0.4)))
-    old, new = scenery.same_contacts(scene, other)
+    old, new = obstacles.same_contacts(scene, other)
     assert old.tolist() == new.tolist() == list(range(6))
 
 
 def test_pegs_at_one_place_are_told_apart():
     twice = replace(scene_of('flat'), pegs=Pegs(x=(1.0, 1.0), y=(1.0, 1.0)))
     once = replace(twice, pegs=Pegs(x=(1.0,), y=(1.0,)))
-    assert len({*scenery.contact_keys(twice)}) == scenery.contact_count(twice) == 12
-    assert len(scenery.same_contacts(twice, once)[0]) == 9
+    assert len({*obstacles.contact_keys(twice)}) == obstacles.contact_count(twice) == 12
+    assert len(obstacles.same_contacts(twice, once)[0]) == 9
 
 
 @pytest.mark.parametrize(('one', 'two'), ALL_PAIRS)
@@ -147,7 +147,7 @@ def test_what_is_known_of_contacts_is_carried_over_and_nothing_else(one, two):
     taken = carried(history, before, after, 1.5)
     assert (history == kept).all()
     assert taken.shape == no_history(after).shape
-    old, new = scenery.same_contacts(before, after)
+    old, new = obstacles.same_contacts(before, after)
     scale = np.ones((PREVIOUS, 1, 5))
     scale[IMPULSE] = 1.5
     scale[CHANGE, :, 0] = 1.5

@@ -13,7 +13,7 @@ from scenes import DT
 from scenes import isotropic
 from scenes import slope
 
-from snake_sim_ros.scene import obstacles as scenery
+from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
@@ -38,15 +38,15 @@ def test_points_and_frames_are_those_of_the_middle_of_the_step(seed):
     state, history = anywhere(rng, 5), no_history(scene)
     state.q[0, 3:] = [1.0, 0.0, 0.0, 0.0]  # upright, without a heading
     state.u[0, 3:] = 1e-12
-    gap, lever, frame = scenery.contact_geometry(scene, moved(state, -scene.dt / 2))
+    gap, lever, frame = obstacles.contact_geometry(scene, moved(state, -scene.dt / 2))
     loaded = np.isfinite(gap) & (rng.uniform(size=len(gap)) < 0.5)
     assert loaded[:10].any()
-    assert loaded[10 : scenery.first_peg(scene)].any()
-    assert loaded[scenery.first_pair(scene) :].any()
+    assert loaded[10 : obstacles.first_peg(scene)].any()
+    assert loaded[obstacles.first_pair(scene) :].any()
     history[IMPULSE, loaded] = rng.uniform(0.1, 1.0, (loaded.sum(), 5))
     points, forces = contact_forces(scene, state, history)
     # A turn by a is taken as one by 2 atan(a/2): a = 0.02 rad, a^3/12.
-    links = scenery.links(scene)[loaded, 0]
+    links = obstacles.links(scene)[loaded, 0]
     centers = state.q[links, :3] - scene.dt / 2 * state.u[links, :3]
     assert np.abs(points - centers - lever[loaded]).max() < 1e-6
     expected = np.einsum('ak,aki->ai', history[IMPULSE, loaded, :3], frame[loaded]) / scene.dt

@@ -14,6 +14,7 @@ from schemes import undisturbed
 from snake_sim_ros.contact.projections import prox_disc
 from snake_sim_ros.contact.projections import prox_ellipse
 from snake_sim_ros.contact.projections import prox_half_line
+from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
@@ -22,7 +23,6 @@ from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.parameters import STICKY
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import chain
-from snake_sim_ros.stepping import reference
 from snake_sim_ros.stepping.base import IMPULSE
 from snake_sim_ros.stepping.base import make_stepper
 from snake_sim_ros.stepping.base import METHODS
@@ -235,7 +235,7 @@ def test_a_solved_step_satisfies_the_scaled_disc_law(method, velocity, delta):
     end, history, report = make_stepper(scene).advance(start, before, zero, zero)
     assert (report.contacts, report.unconverged) == (2, 0)
     assert (step.active == [0, 1]).all()
-    gammas, compliance = step.gamma(end.u), delta * reference.mean_delassus(scene.robot)
+    gammas, compliance = step.gamma(end.u), delta * force_directions.mean_delassus(scene.robot)
     mu, r = np.array([0.1, 0.5]), scene.solver.r_sliding
     for P, gamma in zip(history[IMPULSE], gammas[:, 1:3], strict=True):
         scaled = mu * prox_disc(*(P[1:3] / mu - r * mu * gamma), P[0])

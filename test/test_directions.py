@@ -11,17 +11,17 @@ from random_states import moved
 from random_states import random_robot
 from random_states import rate_of
 
+from snake_sim_ros.dynamics import force_directions
+from snake_sim_ros.dynamics.force_directions import E_X
+from snake_sim_ros.dynamics.force_directions import E_Y
+from snake_sim_ros.dynamics.force_directions import E_Z
 from snake_sim_ros.scene import posture
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping import reference
 from snake_sim_ros.stepping.base import State
-from snake_sim_ros.stepping.reference import E_X
-from snake_sim_ros.stepping.reference import E_Y
-from snake_sim_ros.stepping.reference import E_Z
 
 # Central differences with step h = 1e-5 of r + R b: the third derivative of R b is |omega|^3 |b|.
 # Here |omega| <= 2 sqrt(3) = 3.5 rad/s and |b| <= 0.12 m, the longest lever: h^2/6 |omega|^3 |b|
@@ -73,7 +73,7 @@ def test_gaps_are_the_heights_of_the_lowest_sphere_points(free):
 
 def test_normal_directions(free):
     robot, state = free
-    W_N, _, _ = reference.contact_directions(robot, frames(state))
+    W_N, _, _ = force_directions.contact_directions(robot, frames(state))
     # gamma_N = W_N^T u = dg_N/dt, eqs. (17)-(20).
     expected = rate_of(lambda q: posture.gaps(robot, q), state)
     assert np.abs(W_N.T @ state.u.ravel() - expected).max() < POINT
@@ -82,7 +82,7 @@ def test_normal_directions(free):
 def test_sliding_directions(free):
     robot, state = free
     R = frames(state)
-    _, W_T, _ = reference.contact_directions(robot, R)
+    _, W_T, _ = force_directions.contact_directions(robot, R)
     gamma_T = (W_T.T @ state.u.ravel()).reshape(-1, 2)
     for a, i, sign in contacts(robot):
         # The body-fixed point that is at the contact now: gamma_T are its horizontal velocities
@@ -102,7 +102,7 @@ def test_sliding_directions(free):
 def test_rolling_directions(free):
     robot, state = free
     R = frames(state)
-    _, _, W_V = reference.contact_directions(robot, R)
+    _, _, W_V = force_directions.contact_directions(robot, R)
     gamma_V = (W_V.T @ state.u.ravel()).reshape(-1, 2)
     for a, i, _ in contacts(robot):
         # Where the contact is on its sphere, in B; it wanders as the link turns. The rolling
@@ -120,7 +120,7 @@ def test_rolling_directions(free):
 
 def test_joint_gaps_and_directions(free):
     robot, state = free
-    g_J = reference.joint_gaps(robot, state.q)
+    g_J = force_directions.joint_gaps(robot, state.q)
     R, half = frames(state), robot.per_link('link_length') / 2
     for i in range(4):
         # Eqs. (11)-(13): the difference of the two joint points, and e_y^i . e_x^i+1.
@@ -128,9 +128,9 @@ def test_joint_gaps_and_directions(free):
         rear = state.q[i + 1, :3] - half[i + 1] * R[i + 1, :, 2]
         expected = [*(front - rear), R[i, :, 1] @ R[i + 1, :, 0]]
         assert np.abs(g_J[i] - expected).max() < ROUNDING
-    W_J = reference.joint_directions(robot, R)
+    W_J = force_directions.joint_directions(robot, R)
     rate = (W_J.T @ state.u.ravel()).reshape(4, 4)
-    difference = rate - rate_of(lambda q: reference.joint_gaps(robot, q), state)
+    difference = rate - rate_of(lambda q: force_directions.joint_gaps(robot, q), state)
     assert np.abs(difference[:, :3]).max() < 2 * POINT  # of two points
     assert np.abs(difference[:, 3]).max() < ANGLE
 
@@ -144,13 +144,13 @@ def test_joint_angles_are_recovered(jointed):
 def test_closed_joints_have_no_gap(jointed):
     robot, _, state = jointed
     # Points up to 0.7 m from link 1, each from a dozen roundings.
-    assert np.abs(reference.joint_gaps(robot, state.q)).max() < ROUNDING
+    assert np.abs(force_directions.joint_gaps(robot, state.q)).max() < ROUNDING
 
 
 def test_torque_directions_give_the_joint_rates(jointed):
     robot, _, state = jointed
     R, u = frames(state), state.u.copy()
-    rates = (reference.torque_directions(R).T @ u.ravel()).reshape(-1, 2)
+    rates = (force_directions.torque_directions(R).T @ u.ravel()).reshape(-1, 2)
     # alphadot_h = e_y^i . omega_rel, alphadot_v = e_x^i+1 . omega_rel, also when the joint twists.
     assert np.abs(rates - posture.joint_rates(state.q, u)).max() < ROUNDING
 
@@ -161,7 +161,7 @@ def test_torque_directions_give_the_joint_rates(jointed):
         omega_rel = R[i + 1] @ u[i + 1, 3:] - R[i] @ u[i, 3:]
         u[i + 1, 3:] -= R[i + 1].T @ normal * (normal @ omega_rel)
     u /= np.linalg.norm(u[:, 3:], axis=1).max()
-    rates = (reference.torque_directions(R).T @ u.ravel()).reshape(-1, 2)
+    rates = (force_directions.torque_directions(R).T @ u.ravel()).reshape(-1, 2)
     # The k-th derivative of an entry of R is at most 2^k now that |omega| <= 1 rad/s. The third
     # one of the angle of a unit vector x is at most |x'''| + 3 |x'| |x''| + 2 |x'|^3 = 6 2^3, for
     # two entries sqrt(2) times that: h^2/6 68 = 1.1e-9. Rounding of angles: 8 eps/h = 2e-10.
@@ -184,8 +184,8 @@ def test_joint_motion_does_not_work_against_the_joint(jointed):
             v = v + np.cross(omega, half[i] * R[i, :, 2])
         u[i] = [*v, *(R[i].T @ omega)]
     # W_J^T u = 0 and W_tau^T u = rates. Angular velocities up to 20 rad/s: ten times ROUNDING.
-    assert np.abs(reference.joint_directions(robot, R).T @ u.ravel()).max() < 10 * ROUNDING
-    rates = (reference.torque_directions(R).T @ u.ravel()).reshape(-1, 2)
+    assert np.abs(force_directions.joint_directions(robot, R).T @ u.ravel()).max() < 10 * ROUNDING
+    rates = (force_directions.torque_directions(R).T @ u.ravel()).reshape(-1, 2)
     assert np.abs(rates - rate).max() < 10 * ROUNDING
 
 
@@ -193,7 +193,7 @@ def test_joint_torques_on_the_links(jointed):
     robot, _, state = jointed
     rng = np.random.default_rng(10)
     R, T = frames(state), rng.uniform(-1, 1, (4, 2))
-    tau_C = (reference.torque_directions(R) @ T.ravel()).reshape(5, 6)
+    tau_C = (force_directions.torque_directions(R) @ T.ravel()).reshape(5, 6)
     # M = T_h e_y^i + T_v e_x^i+1 acts on link i+1 and -M on link i, in their frames B.
     expected = np.zeros((5, 6))
     for i in range(robot.link_count - 1):
@@ -211,7 +211,7 @@ def test_joint_torques_on_the_links(jointed):
 
 def test_mass_matrix_is_that_of_the_kinetic_energy(free):
     robot, state = free
-    M = reference.mass_matrix(robot)
+    M = force_directions.mass_matrix(robot)
     # T = sum of m v^2/2 + Theta_1 (omega_x^2 + omega_y^2)/2 + Theta_3 omega_z^2/2
     kinetic = sum(
         robot.link_mass[i] * (u[:3] @ u[:3]) / 2
@@ -226,7 +226,7 @@ def test_mass_matrix_is_that_of_the_kinetic_energy(free):
 def test_smooth_forces(free):
     robot, state = free
     gravity = np.array([1.0, -2.0, -9.0])
-    h = reference.smooth_forces(robot, gravity, state.u).reshape(5, 6)
+    h = force_directions.smooth_forces(robot, gravity, state.u).reshape(5, 6)
     assert np.abs(h[:, :3] - np.outer(robot.link_mass, gravity)).max() < ROUNDING
     for i, (_, _, _, x, y, z) in enumerate(state.u):
         # -omega x Theta omega of a body of revolution, written out.
@@ -239,7 +239,7 @@ def test_smooth_forces(free):
 def test_smooth_forces_keep_the_angular_momentum(free):
     robot, state = free
     inertia = np.column_stack([robot.inertia_transversal] * 2 + [robot.inertia_axial])
-    torque = reference.smooth_forces(robot, np.zeros(3), state.u).reshape(5, 6)[:, 3:]
+    torque = force_directions.smooth_forces(robot, np.zeros(3), state.u).reshape(5, 6)[:, 3:]
 
     # Alone, Theta omegadot = h, and L = R Theta omega stays: with omega in R(t) constant, dL/dt is
     # R omega x Theta omega = -R h. Theta |omega| <= 1.2e-3 3.5 kg m^2/s stands where POINT has the
@@ -261,7 +261,7 @@ def tilted(angle, heading):
 @pytest.mark.parametrize('angle', [2e-6, 1e-3, 1.0, math.pi / 2, math.pi - 2e-6])
 @pytest.mark.parametrize('heading', [0.0, 1.0, -2.5])
 def test_contact_frame_follows_the_link(angle, heading):
-    e_x, e_y = reference.contact_frame(tilted(angle, heading), 0)
+    e_x, e_y = force_directions.contact_frame(tilted(angle, heading), 0)
     # e_x is the horizontal projection of the axis, sin(angle) long and rounded by 4 eps before it
     # is normalized, and e_y completes a right-handed frame with e_z up.
     bound = 8 * EPS / math.sin(angle)
@@ -273,10 +273,10 @@ def test_contact_frame_follows_the_link(angle, heading):
 @pytest.mark.parametrize('angle', [0.0, 5e-7, math.pi])
 @pytest.mark.parametrize('heading', [0.0, 1.0])
 def test_contact_frame_of_a_vertical_link_is_that_of_the_floor(angle, heading):
-    e_x, e_y = reference.contact_frame(tilted(angle, heading), 0)
+    e_x, e_y = force_directions.contact_frame(tilted(angle, heading), 0)
     assert (e_x == E_X).all()
     assert (e_y == E_Y).all()
-    directions = reference.contact_directions(Robot(link_count=1), tilted(angle, heading))
+    directions = force_directions.contact_directions(Robot(link_count=1), tilted(angle, heading))
     assert all(np.isfinite(W).all() for W in directions)
 
 

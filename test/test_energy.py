@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from snake_sim_ros.comparison.timing import energy_error
+from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.dynamics.energy import balance_error
 from snake_sim_ros.dynamics.energy import contact_velocities
 from snake_sim_ros.dynamics.energy import mechanical_energy
@@ -13,7 +14,6 @@ from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping import reference
 from snake_sim_ros.stepping.base import initial_state
 
 RNG = np.random.default_rng(0)
@@ -32,7 +32,7 @@ def test_contact_velocities_are_those_of_the_force_directions():
     robot = Robot()
     q, u = RNG.normal(size=(11, 7)), RNG.normal(size=(11, 6))
     q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
-    W_N, W_T, _ = reference.contact_directions(robot, rotation_matrices(q[:, 3:]))
+    W_N, W_T, _ = force_directions.contact_directions(robot, rotation_matrices(q[:, 3:]))
     gamma = contact_velocities(robot, q, u)
     assert gamma[:, 0] == pytest.approx(W_N.T @ u.ravel(), abs=1e-12)
     assert gamma[:, 1:].ravel() == pytest.approx(W_T.T @ u.ravel(), abs=1e-12)

@@ -33,7 +33,7 @@ from scenes import run
 from scenes import SPEED
 from scenes import SWEEPING
 
-from snake_sim_ros.scene import obstacles as scenery
+from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.parameters import Ground
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
@@ -70,15 +70,15 @@ def test_gaps_are_distances_from_the_ground(seed):
     scene = robot_scene(rng, ground=ground)
     robot, state = scene.robot, anywhere(rng, 5)
     state.q[:, 2] = np.abs(state.q[:, 2]) * 0.4
-    gap, _, _ = scenery.contact_geometry(scene, state.q)
+    gap, _, _ = obstacles.contact_geometry(scene, state.q)
     ends = 0
     for i in range(5):
         for side, sign in enumerate((1, -1)):
             arm = sign * robot.contact_offset[i]
-            axis = scenery.rotation_matrices(state.q[i : i + 1, 3:])[0, :, 2]
+            axis = obstacles.rotation_matrices(state.q[i : i + 1, 3:])[0, :, 2]
             center = state.q[i, :3] + arm * axis
-            column, row = scenery.cell_of(ground, *center[:2])
-            if center[2] <= scenery.height(ground, column, row):
+            column, row = obstacles.cell_of(ground, *center[:2])
+            if center[2] <= obstacles.height(ground, column, row):
                 continue  # inside the ground there is no nearest point
             # The nearest of all points of the boxes around, if it is within half a cell.
             nearest = math.inf
@@ -86,7 +86,7 @@ def test_gaps_are_distances_from_the_ground(seed):
                 cell = np.array([column, row]) + step - 2
                 low = np.array(ground.origin) + ground.cell * cell
                 box = np.clip(center[:2], low, low + ground.cell)
-                point = np.array([*box, min(center[2], scenery.height(ground, *cell))])
+                point = np.array([*box, min(center[2], obstacles.height(ground, *cell))])
                 nearest = min(nearest, float(np.linalg.norm(center - point)))
             if nearest > ground.cell / 2:
                 continue
@@ -101,7 +101,7 @@ def test_gaps_are_distances_from_the_ground(seed):
 def test_directions(seed):
     rng = np.random.default_rng(seed)
     scene, state = robot_scene(rng, ground=random_ground(rng)), anywhere(rng, 5)
-    gap, _, _ = scenery.contact_geometry(scene, state.q)
+    gap, _, _ = obstacles.contact_geometry(scene, state.q)
     # Distances from edges as in test_pegs: v < 1.5 m/s, d > 0.05 m, 1e-10/6 of 3 v^3/d^2 = 4000.
     # A sphere on its way into another cell changes its contacts; at 2e-5 m/cell none does here.
     check_directions(scene, state, np.flatnonzero((gap > 0.0) & np.isfinite(gap)), 1e-7)
@@ -111,12 +111,12 @@ def test_level_neighbors_are_not_felt():
     # Positions over the border of level cells, apart from and at a straight wall of several.
     for y, contacts in ((-0.07, 1), (-RADIUS, 2)):
         for x in np.linspace(-0.1, 0.1, 17):
-            points = scenery.nearest_points(WALL, np.array([x, y, RADIUS]))
+            points = obstacles.nearest_points(WALL, np.array([x, y, RADIUS]))
             assert [point is None for point in points] == [False, True, False, True]
             scene = Scene(robot=Robot(link_count=1, contact_offset=0.0), ground=WALL)
             state = lying()
             state.q[0, :3] = x, y, RADIUS
-            gap, _, frame = scenery.contact_geometry(scene, state.q)
+            gap, _, frame = obstacles.contact_geometry(scene, state.q)
             touching = np.flatnonzero(np.abs(gap[[0, 2, 3, 4]]) < 1e-9)
             assert len(touching) == contacts
             assert contacts == 1 or frame[3, 0].tolist() == [0.0, -1.0, 0.0]
@@ -124,7 +124,7 @@ def test_level_neighbors_are_not_felt():
 
 def test_a_pillar_beyond_the_corner_is_felt():
     pillar = Ground(heights=((0.2,),), cell=0.2, origin=(0.0, 0.0))
-    points = scenery.nearest_points(pillar, np.array([-0.01, -0.02, 0.1]))
+    points = obstacles.nearest_points(pillar, np.array([-0.01, -0.02, 0.1]))
     assert [point is None for point in points] == [False, True, True, False]
     assert points[3].tolist() == [0.0, 0.0, 0.1]
 
@@ -133,7 +133,7 @@ def test_a_pillar_beyond_the_corner_is_felt():
 def test_a_robot_begins_on_the_ground(seed):
     rng = np.random.default_rng(seed)
     scene = replace(load_scene('sidewinding'), ground=random_ground(rng))
-    gap, _, _ = scenery.contact_geometry(scene, initial_coordinates(scene))
+    gap, _, _ = obstacles.contact_geometry(scene, initial_coordinates(scene))
     assert abs(gap.min()) < 4 * EPS
 
 
@@ -227,7 +227,7 @@ def test_link_comes_to_rest_with_its_front_on_a_step(method, dt):
     # It lands with sqrt(2 g 1e-3) = 0.14 m/s, up to that times dt late.
     late = 0.15 * dt
     assert abs(landed.q[0, 2] - (RADIUS + STEP / 2)) < late
-    axis = scenery.rotation_matrices(landed.q[:, 3:])[0, :, 2]
+    axis = obstacles.rotation_matrices(landed.q[:, 3:])[0, :, 2]
     assert abs(2 * OFFSET * axis[2] - STEP) < 2 * late
     # Then it stays: no creep.
     end, _, _ = run(scene, landed, math.ceil(0.3 / dt), history)
@@ -248,7 +248,7 @@ def test_link_leans_on_an_edge(method, dt):
     middle = [center, 0.0, RADIUS + rise / 2 + CLOSED]
     q = np.concatenate([middle, product(about(1, -slope), FLAT)])
     state = State(q[None], np.zeros((1, 6)))
-    gap, _, frame = scenery.contact_geometry(scene, state.q)
+    gap, _, frame = obstacles.contact_geometry(scene, state.q)
     assert np.flatnonzero(gap <= 1e-9).tolist() == [1, 2]  # rear on the floor, front at the edge
     assert np.abs(frame[2, 0] - [-0.25, 0.0, math.sqrt(1 - 0.25**2)]).max() < 1e-9
     end, _, report = run(scene, state, math.ceil(0.1 / dt))
@@ -311,7 +311,7 @@ def test_sidewinding_robot_climbs_a_step():
     assert report.unconverged == 0
     assert report.penetration_max < 1e-3
     # All of it is on the plateau: no sphere is below its height.
-    gap, _, _ = scenery.contact_geometry(scene, q)
+    gap, _, _ = obstacles.contact_geometry(scene, q)
     n = scene.robot.link_count
     assert gap[: 2 * n].min() > -1e-3
     assert q[:, 2].min() >= 0.02 + RADIUS - 1e-3

@@ -33,11 +33,11 @@ from scenes import TIGHT
 from snake_sim_ros.contact.projections import IMPACT
 from snake_sim_ros.contact.projections import LEAST
 from snake_sim_ros.contact.projections import PRESS
+from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.stepping.base import IMPULSE
-from snake_sim_ros.stepping.reference import mean_delassus
 
 
 @each_method

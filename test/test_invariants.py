@@ -27,6 +27,8 @@ from schemes import step_of
 from snake_sim_ros.contact.projections import LEAST
 from snake_sim_ros.contact.selection import selection_center
 from snake_sim_ros.contact.selection import selection_compliance
+from snake_sim_ros.dynamics.force_directions import contact_directions
+from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import PD_SCHEMES
@@ -50,8 +52,6 @@ from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import VELOCITY
 from snake_sim_ros.stepping.moreau import PROXIMAL
-from snake_sim_ros.stepping.reference import contact_directions
-from snake_sim_ros.stepping.reference import mean_delassus
 from snake_sim_ros.stepping.reference import middle_coordinates
 
 

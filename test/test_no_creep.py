@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from snake_sim_ros.contact.projections import PRESS
+from snake_sim_ros.dynamics.force_directions import joint_gaps
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
@@ -20,7 +21,6 @@ from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.base import VELOCITY
-from snake_sim_ros.stepping.reference import joint_gaps
 
 DT = 1 / 1000
 TILT = np.radians(10.0)

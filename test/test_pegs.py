@@ -31,7 +31,7 @@ from scenes import RADIUS
 from scenes import run
 from scenes import SPEED
 
-from snake_sim_ros.scene import obstacles as scenery
+from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Pegs
 from snake_sim_ros.scene.parameters import Robot
@@ -65,11 +65,11 @@ def test_gaps_are_distances_seen_from_above(seed):
     rng = np.random.default_rng(seed)
     scene = robot_scene(rng, pegs=random_pegs(rng))
     robot, state = scene.robot, anywhere(rng, 5)
-    gap, lever, frame = scenery.contact_geometry(scene, state.q)
+    gap, lever, frame = obstacles.contact_geometry(scene, state.q)
     R = rotation_matrices(state.q[:, 3:])
     for k, (x, y, radius) in enumerate(scene.pegs.axes):
         for i in range(5):
-            a = scenery.first_peg(scene) + 5 * k + i
+            a = obstacles.first_peg(scene) + 5 * k + i
             s = np.linspace(-1.0, 1.0, 20001) * robot.contact_offset[i]
             axis = state.q[i, :3] + s[:, None] * R[i, :, 2]
             distance = np.linalg.norm(axis[:, :2] - [x, y], axis=1)
@@ -90,7 +90,7 @@ def test_gaps_are_distances_seen_from_above(seed):
 def test_directions(seed):
     rng = np.random.default_rng(seed)
     scene, state = robot_scene(rng, pegs=random_pegs(rng)), anywhere(rng, 5)
-    gap, _, _ = scenery.contact_geometry(scene, state.q)
+    gap, _, _ = obstacles.contact_geometry(scene, state.q)
     # The third derivative of a distance d is about 3 v^3/d^2; v < 2.2 m/s and d > 0.15 m make
     # 1e-10/6 of 1500: 3e-8. Pegs have a distance d > 0.07 m + gap, links turn past them likewise.
     far = np.flatnonzero(gap[10:] > 0.1) + 10

@@ -39,6 +39,11 @@ from snake_sim_ros.contact.projections import DEPTH
 from snake_sim_ros.contact.projections import LEAST
 from snake_sim_ros.contact.projections import PRESS
 from snake_sim_ros.contact.projections import REST
+from snake_sim_ros.dynamics.force_directions import contact_directions
+from snake_sim_ros.dynamics.force_directions import joint_directions
+from snake_sim_ros.dynamics.force_directions import mass_matrix
+from snake_sim_ros.dynamics.force_directions import mean_delassus
+from snake_sim_ros.dynamics.force_directions import torque_directions
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
@@ -57,11 +62,6 @@ from snake_sim_ros.stepping.base import PREVIOUS
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import where_impulses_acted
-from snake_sim_ros.stepping.reference import contact_directions
-from snake_sim_ros.stepping.reference import joint_directions
-from snake_sim_ros.stepping.reference import mass_matrix
-from snake_sim_ros.stepping.reference import mean_delassus
-from snake_sim_ros.stepping.reference import torque_directions
 
 
 def flying(scene):

@@ -12,6 +12,7 @@ from scipy.optimize import nnls
 
 from snake_sim_ros.contact.projections import LEAST
 from snake_sim_ros.contact.projections import PRESS
+from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Gait
@@ -28,7 +29,6 @@ from snake_sim_ros.stepping.base import make_stepper
 from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.reference import mean_delassus
 
 DELTA = 1e-4  # default of Solver.normal_compliance
 RESIDUAL = 1e-9  # m/s

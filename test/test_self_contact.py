@@ -18,7 +18,9 @@ from scenes import kinetic_energy
 from scenes import RADIUS
 
 from snake_sim_ros.contact.projections import LEAST
-from snake_sim_ros.scene import obstacles as scenery
+from snake_sim_ros.dynamics.force_directions import mean_delassus
+from snake_sim_ros.dynamics.force_directions import scene_contacts
+from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import Pegs
@@ -35,8 +37,6 @@ from snake_sim_ros.stepping.base import make_stepper
 from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import VELOCITY
-from snake_sim_ros.stepping.reference import mean_delassus
-from snake_sim_ros.stepping.reference import scene_contacts
 from snake_sim_ros.stepping.simulation import Simulation
 
 SLACK = dict.fromkeys(('yaw_stiffness', 'yaw_damping', 'pitch_stiffness', 'pitch_damping'), 0.0)
@@ -102,8 +102,8 @@ def curled(robot, gap=0.0, bend=1.0):
         q = chain(robot, angle)
         q[:, 2] = RADIUS
         scene = Scene(robot=robot, self_contact=True)
-        first = scenery.first_pair(scene)
-        closest = scenery.contact_geometry(scene, q)[0][first:].min()
+        first = obstacles.first_pair(scene)
+        closest = obstacles.contact_geometry(scene, q)[0][first:].min()
         low, high = (middle, high) if closest > gap else (low, middle)
     return q, angle
 
@@ -113,10 +113,10 @@ def test_gaps_and_directions(seed):
     rng = np.random.default_rng(seed)
     scene, state = robot_scene(rng, self_contact=True), anywhere(rng, 5)
     robot, R = scene.robot, rotation_matrices(state.q[:, 3:])
-    gap, lever, _ = scenery.contact_geometry(scene, state.q)
-    apart = scenery.pairs(scene)
+    gap, lever, _ = obstacles.contact_geometry(scene, state.q)
+    apart = obstacles.pairs(scene)
     assert len(apart) == 4 * 6  # links 1-3, 1-4, 1-5, 2-4, 2-5, 3-5
-    for a, (i, j, s, t) in enumerate(apart, scenery.first_pair(scene)):
+    for a, (i, j, s, t) in enumerate(apart, obstacles.first_pair(scene)):
         one = state.q[i, :3] + s * robot.contact_offset[i] * R[i, :, 2]
         two = state.q[j, :3] + t * robot.contact_offset[j] * R[j, :, 2]
         distance = np.linalg.norm(one - two)
@@ -128,11 +128,11 @@ def test_gaps_and_directions(seed):
         assert abs(np.linalg.norm(point - two) - (distance - radii[0])) < 8 * EPS
     # Of the rate of a gap: third derivatives of a distance d > 0.1 m at relative velocities below
     # 5 m/s, 1e-10/6 of 3 v^3/d^2 = 4e4. Velocities of body points: two links, as one in two.
-    first = scenery.first_pair(scene)
+    first = obstacles.first_pair(scene)
     gamma_N, gamma_T = (W.T @ state.u.ravel() for W in scene_contacts(scene, state.q)[1:3])
-    rate = rate_of(lambda q: scenery.contact_geometry(scene, q)[0][first:], state)
+    rate = rate_of(lambda q: obstacles.contact_geometry(scene, q)[0][first:], state)
     assert np.abs(gamma_N[first:] - rate).max() < 2e-6
-    _, lever, frame = scenery.contact_geometry(scene, state.q)
+    _, lever, frame = obstacles.contact_geometry(scene, state.q)
     v, omega = state.u[:, :3], np.einsum('ijk,ik->ij', R, state.u[:, 3:])
     for a, (i, j, _, _) in enumerate(apart, first):
         point = state.q[i, :3] + lever[a]
@@ -183,7 +183,7 @@ def test_ends_of_a_robot_hit_each_other(method):
             for k in (i - 1, i):
                 u[i, :2] += half[k] * u[k, 4] * np.array([-R[k, 1, 2], R[k, 0, 2]])
     states, impulses, report = course(scene, State(q, u), 40)
-    first = scenery.first_pair(scene)
+    first = obstacles.first_pair(scene)
     assert impulses[:, first:, 0].max() > 1e-3
     assert impulses[:, :first].max() < 1e-9  # the floor is there, but nothing weighs on it
     mass = robot.per_link('link_mass')
@@ -296,8 +296,8 @@ def test_a_robot_that_folds_stops_at_itself(method):
         rate[:, :, 0] = np.where(times < 0.6, math.radians(130) / 0.6, 0.0)[:, None]
         report = simulation.advance(angle, rate)
         assert not report.failure
-        gap, _, _ = scenery.contact_geometry(scene, simulation.state.q)
-        ends[contact] = gap[scenery.first_pair(scene) :].min(), report
+        gap, _, _ = obstacles.contact_geometry(scene, simulation.state.q)
+        ends[contact] = gap[obstacles.first_pair(scene) :].min(), report
     assert ends[False][0] < -0.02
     # A step late at the relative velocity of the ends, 2 * 0.1 m * 3.8 rad/s.
     assert ends[True][0] > -0.8 * dt

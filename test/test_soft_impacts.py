@@ -18,7 +18,8 @@ from scenes import OFFSET
 from scenes import RADIUS
 from scenes import SPEED
 
-from snake_sim_ros.scene import obstacles as scenery
+from snake_sim_ros.dynamics.force_directions import scene_contacts
+from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.parameters import Ground
 from snake_sim_ros.scene.parameters import Pegs
 from snake_sim_ros.scene.parameters import Robot
@@ -28,7 +29,6 @@ from snake_sim_ros.scene.posture import chain
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import METHODS
 from snake_sim_ros.stepping.base import State
-from snake_sim_ros.stepping.reference import scene_contacts
 
 PEG = 0.03  # m
 FAST = 1e-6  # velocity away from what it met up to which a body has not bounced [m/s]
@@ -107,7 +107,7 @@ def test_links_that_meet_each_other_stay_together(method, speed, dt):
         angle[:, 0] = (low + high) / 2
         q = chain(robot, angle)
         q[:, 2] = RADIUS + 1e-3  # above the floor
-        closest = scenery.contact_geometry(scene, q)[0][scenery.first_pair(scene) :].min()
+        closest = obstacles.contact_geometry(scene, q)[0][obstacles.first_pair(scene) :].min()
         low, high = (angle[0, 0], high) if closest > gap else (low, angle[0, 0])
     R, half, u = rotation_matrices(q[:, 3:]), robot.link_length / 2, np.zeros((3, 6))
     for i, sign in ((0, -1.0), (2, 1.0)):
@@ -116,7 +116,7 @@ def test_links_that_meet_each_other_stay_together(method, speed, dt):
         arm = sign * half * R[i, :, 2]
         u[i, :2] = sign * np.array([-arm[1], arm[0]])
     u[:, :3] -= u[:, :3].mean(axis=0)
-    first = scenery.first_pair(scene)
+    first = obstacles.first_pair(scene)
     rate = (scene_contacts(scene, q)[1].T @ u.ravel())[first:].min()
     states, _, report = course(scene, State(q, u * speed / -rate), 8)
     assert not report.unconverged

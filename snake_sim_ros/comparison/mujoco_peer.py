@@ -24,7 +24,7 @@ from snake_sim_ros.comparison.course import SAMPLE
 from snake_sim_ros.dynamics.energy import BALANCE
 from snake_sim_ros.dynamics.energy import imbalance
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene import obstacles as scenery
+from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import initial_coordinates
@@ -94,8 +94,10 @@ def mjcf(scene: Scene, settings: MujocoSettings) -> str:
         in other units, or if a link has no contact radius.
 
     """
-    if not scenery.is_flat(scene) or scene.friction.rolling:
-        got = f'friction.rolling={scene.friction.rolling:g}' if scenery.is_flat(scene) else 'more'
+    if not obstacles.is_flat(scene) or scene.friction.rolling:
+        got = (
+            f'friction.rolling={scene.friction.rolling:g}' if obstacles.is_flat(scene) else 'more'
+        )
         raise ParameterError(f'MuJoCo gets a flat floor without rolling friction only, got {got}')
     robot = scene.robot
     lengths = [

@@ -10,8 +10,8 @@ from snake_sim_ros.gaits.interpolation import hold_within
 from snake_sim_ros.gaits.interpolation import move
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.stepping.base import initial_state
 
 INSTANT = 1e-3  # s, the length of a motion that has one point only
 
@@ -200,7 +200,7 @@ def _without(motions: tuple[Motion, ...], axes: Array) -> tuple[Motion, ...]:
 
 def start_posture(scene: Scene, now: float = 0.0) -> JointReference:
     """Return the reference that holds the initial posture of a scene."""
-    angle = joint_angles(initial_state(scene).q)
+    angle = joint_angles(initial_coordinates(scene))
     return JointReference(np.full(angle.shape, now), angle, np.zeros(angle.shape))
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene import obstacles as scenery
+from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
@@ -133,7 +133,7 @@ def initial_coordinates(scene: Scene) -> Array:
     turn = about(2, -math.atan2(2 * xy, xx - yy) / 2)
     q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
     q[:, 3:] = product(turn, q[:, 3:])
-    q[:, 2] += scenery.lift(scene, q) if scene.ground.heights else -gaps(robot, q).min()
+    q[:, 2] += obstacles.lift(scene, q) if scene.ground.heights else -gaps(robot, q).min()
     if scene.pegs.x or scene.self_contact:
         refuse_overlap(scene, q)
     return q
@@ -141,12 +141,12 @@ def initial_coordinates(scene: Scene) -> Array:
 
 def refuse_overlap(scene: Scene, q: Array) -> None:
     """Raise if a link is inside a peg or another link."""
-    first = scenery.first_peg(scene)
-    gap = scenery.contact_geometry(scene, q)[0][first:]
+    first = obstacles.first_peg(scene)
+    gap = obstacles.contact_geometry(scene, q)[0][first:]
     a = first + int(gap.argmin())
     if gap.min() >= 0.0:
         return
-    depth, (link, other) = -gap.min(), scenery.links(scene)[a] + 1
+    depth, (link, other) = -gap.min(), obstacles.links(scene)[a] + 1
     if other > 0:
         raise ParameterError(
             f'links must be apart at the start: link {link} is {depth:.3g} m inside link {other}'

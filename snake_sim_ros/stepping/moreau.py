@@ -38,6 +38,7 @@ from snake_sim_ros.contact.projections import PRESS
 from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.dynamics.joint_control import START
 from snake_sim_ros.dynamics.kinematics import chain_geometry
@@ -62,7 +63,6 @@ from snake_sim_ros.stepping.base import check_arguments
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import SETTLING
 from snake_sim_ros.stepping.base import State
-from snake_sim_ros.stepping.reference import mean_delassus
 from snake_sim_ros.stepping.report import CONTACTS
 from snake_sim_ros.stepping.report import FAILED_LINK
 from snake_sim_ros.stepping.report import FAILED_VALUE

@@ -10,7 +10,6 @@ then the rear spheres R.
    nonsmooth modeling, simulations, and experiments", IEEE T-RO 24(2), 2008.
 """
 
-from functools import lru_cache
 import math
 
 import numpy as np
@@ -21,8 +20,18 @@ from snake_sim_ros.contact.projections import prox_ellipse
 from snake_sim_ros.contact.projections import prox_half_line
 from snake_sim_ros.contact.selection import selection_center
 from snake_sim_ros.contact.selection import selection_compliance
+from snake_sim_ros.dynamics.force_directions import E_X
+from snake_sim_ros.dynamics.force_directions import E_Y
+from snake_sim_ros.dynamics.force_directions import E_Z
+from snake_sim_ros.dynamics.force_directions import joint_directions
+from snake_sim_ros.dynamics.force_directions import joint_gaps
+from snake_sim_ros.dynamics.force_directions import mass_matrix
+from snake_sim_ros.dynamics.force_directions import mean_delassus
+from snake_sim_ros.dynamics.force_directions import scene_contacts
+from snake_sim_ros.dynamics.force_directions import smooth_forces
+from snake_sim_ros.dynamics.force_directions import torque_directions
 from snake_sim_ros.dynamics.joint_control import pd_law
-from snake_sim_ros.scene import obstacles as scenery
+from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene import posture
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import PD_SCHEMES
@@ -31,174 +40,11 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import H_bar
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.rotations import tilde
 from snake_sim_ros.stepping.base import check_arguments
 from snake_sim_ros.stepping.base import divergence
 from snake_sim_ros.stepping.base import IMPULSE
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
-
-E_X, E_Y, E_Z = np.eye(3)
-
-
-def link_rows(i: int) -> slice:
-    """Return the rows of link i in u, h and W."""
-    return slice(6 * i, 6 * i + 6)
-
-
-def contact_lever(robot: Robot, R: Array, i: int, sign: int) -> Array:
-    """Return r_GC, link center to contact point, eq. (14) [m, frame I]; sign 1 front, -1 rear."""
-    offset = sign * robot.per_link('contact_offset')[i] * R[i] @ E_Z
-    return np.asarray(offset - robot.per_link('contact_radius')[i] * E_Z)
-
-
-def contact_frame(R: Array, i: int) -> tuple[Array, Array]:
-    """
-    Return e_x and e_y of the contact frame Pi of link i: along and across the link, horizontal.
-
-    Deviation: the direction of a vertical link has no meaning; e_x^I stands in for it, so that a
-    step depends on nothing but its arguments.
-    """
-    a = R[i] @ E_Z
-    c = math.hypot(a[0], a[1])
-    e_x = np.array([a[0] / c, a[1] / c, 0.0]) if c > 1e-6 else E_X
-    return e_x, np.cross(E_Z, e_x)
-
-
-def contact_directions(robot: Robot, R: Array) -> tuple[Array, Array, Array]:
-    """
-    Return the generalized force directions of the contacts, eqs. (17)-(37).
-
-    Returns
-    -------
-    W_N : ndarray, shape (6n, 2n)
-        ``gamma_N = W_N^T u``: normal velocities [m/s].
-    W_T : ndarray, shape (6n, 4n)
-        ``gamma_T = W_T^T u``: sliding velocities along and across the link [m/s].
-    W_V : ndarray, shape (6n, 4n)
-        ``gamma_V = W_V^T u``: rolling velocities along e_x, e_y of I [m/s].
-
-    """
-    n = robot.link_count
-    W_N, W_T, W_V = np.zeros((6 * n, 2 * n)), np.zeros((6 * n, 4 * n)), np.zeros((6 * n, 4 * n))
-    for a in range(2 * n):
-        i, sign = a % n, 1 if a < n else -1
-        r_GC = contact_lever(robot, R, i, sign)
-        e_x, e_y = contact_frame(R, i)
-        W_N[link_rows(i), a] = _point_direction(R[i], r_GC, E_Z)
-        W_T[link_rows(i), 2 * a] = _point_direction(R[i], r_GC, e_x)
-        W_T[link_rows(i), 2 * a + 1] = _point_direction(R[i], r_GC, e_y)
-        D = np.column_stack([E_X, E_Y])
-        r_CS = robot.per_link('contact_radius')[i] * E_Z
-        W_V[6 * i + 3 : 6 * i + 6, 2 * a : 2 * a + 2] = (D.T @ tilde(r_CS) @ R[i]).T
-    return W_N, W_T, W_V
-
-
-def scene_contacts(scene: Scene, q: Array) -> tuple[Array, Array, Array, Array]:
-    """
-    Return gaps and W_N, W_T, W_V of all contacts of a scene: with the floor, or all in `scenery`.
-
-    Where there is more than a flat floor, rolling velocities are along the axes of the contact
-    frames.
-    """
-    robot, R = scene.robot, rotation_matrices(q[:, 3:])
-    if scenery.is_flat(scene):
-        return posture.gaps(robot, q), *contact_directions(robot, R)
-    gap, lever, frame = scenery.contact_geometry(scene, q)
-    n, count = robot.link_count, len(gap)
-    W_N, W_T, W_V = (np.zeros((6 * n, width * count)) for width in (1, 2, 2))
-    for a, (i, j) in enumerate(scenery.links(scene)):
-        normal, *tangents = frame[a]
-        for link, sign in ((i, 1), (j, -1)) if j >= 0 else ((i, 1),):
-            arm = q[i, :3] + lever[a] - q[link, :3]
-            W_N[link_rows(link), a] = sign * _point_direction(R[link], arm, normal)
-            for k, e in enumerate(tangents):
-                W_T[link_rows(link), 2 * a + k] = sign * _point_direction(R[link], arm, e)
-        r_CS, D = robot.per_link('contact_radius')[i] * normal, np.column_stack(tangents)
-        W_V[6 * i + 3 : 6 * i + 6, 2 * a : 2 * a + 2] = (D.T @ tilde(r_CS) @ R[i]).T
-    return gap, W_N, W_T, W_V
-
-
-def joint_gaps(robot: Robot, q: Array) -> Array:
-    """Return the joint violations g_J, eqs. (11)-(13), shape (n-1, 4) [m, m, m, 1]."""
-    R, half = rotation_matrices(q[:, 3:]), robot.per_link('link_length') / 2
-    g_J = np.zeros((robot.link_count - 1, 4))
-    for i in range(robot.link_count - 1):
-        r_JF = q[i, :3] + half[i] * R[i] @ E_Z
-        r_JR = q[i + 1, :3] - half[i + 1] * R[i + 1] @ E_Z
-        g_J[i, :3] = r_JF - r_JR
-        g_J[i, 3] = (R[i] @ E_Y) @ (R[i + 1] @ E_X)
-    return g_J
-
-
-def joint_directions(robot: Robot, R: Array) -> Array:
-    """Return W_J, eqs. (38)-(43), so that ``dg_J/dt = W_J^T u``, shape (6n, 4(n-1))."""
-    n, half = robot.link_count, robot.per_link('link_length') / 2
-    W_J = np.zeros((6 * n, 4 * (n - 1)))
-    for i in range(n - 1):
-        for k, e_chi in enumerate((E_X, E_Y, E_Z)):
-            W_J[link_rows(i), 4 * i + k] = _point_direction(R[i], half[i] * R[i] @ E_Z, e_chi)
-            arm = -half[i + 1] * R[i + 1] @ E_Z
-            W_J[link_rows(i + 1), 4 * i + k] = -_point_direction(R[i + 1], arm, e_chi)
-        cross = np.cross(R[i] @ E_Y, R[i + 1] @ E_X)
-        W_J[6 * i + 3 : 6 * i + 6, 4 * i + 3] = R[i].T @ cross
-        W_J[6 * i + 9 : 6 * i + 12, 4 * i + 3] = -R[i + 1].T @ cross
-    return W_J
-
-
-def torque_directions(R: Array) -> Array:
-    """
-    Return W_tau, so that the rates of (yaw, pitch) are ``W_tau^T u``, shape (6n, 2(n-1)).
-
-    Yaw turns about e_y of link i, pitch about e_x of link i+1; a joint torque acts on link i+1
-    and, with the opposite sign, on link i.
-    """
-    n = len(R)
-    W_tau = np.zeros((6 * n, 2 * (n - 1)))
-    for i in range(n - 1):
-        for k, axis in enumerate((R[i] @ E_Y, R[i + 1] @ E_X)):
-            W_tau[6 * i + 3 : 6 * i + 6, 2 * i + k] = -R[i].T @ axis
-            W_tau[6 * i + 9 : 6 * i + 12, 2 * i + k] = R[i + 1].T @ axis
-    return W_tau
-
-
-def mass_matrix(robot: Robot) -> Array:
-    """Return M, eqs. (47), (48), shape (6n, 6n): constant and diagonal."""
-    m, theta_1, theta_3 = (
-        robot.per_link(name) for name in ('link_mass', 'inertia_transversal', 'inertia_axial')
-    )
-    return np.diag(np.column_stack([m, m, m, theta_1, theta_1, theta_3]).ravel())
-
-
-@lru_cache(maxsize=64)
-def mean_delassus(robot: Robot) -> float:
-    """
-    Return the mean diagonal entry of G_NN of the straight robot with all spheres on the floor.
-
-    The Delassus operator G = W_N^T M^-1 W_N less what the joints take off, section 7.3 [1/kg]. The
-    selection rule is measured in it; one number for a robot, whatever its posture.
-    """
-    R = np.tile(rotation_matrices(np.full((1, 4), 0.5)), (robot.link_count, 1, 1))
-    M_inv, W_J = 1.0 / np.diag(mass_matrix(robot))[:, None], joint_directions(robot, R)
-    W_N, _, _ = contact_directions(robot, R)
-    G = W_N.T @ (M_inv * W_N)
-    if robot.link_count > 1:
-        G_JN = W_J.T @ (M_inv * W_N)
-        G -= G_JN.T @ np.linalg.solve(W_J.T @ (M_inv * W_J), G_JN)
-    return float(np.mean(np.diag(G)))
-
-
-def smooth_forces(robot: Robot, gravity: Array, u: Array) -> Array:
-    """Return h(u): gravity and gyroscopic torque -omega x Theta omega, shape (6n,)."""
-    h = np.zeros_like(u)
-    for i, m in enumerate(robot.per_link('link_mass')):
-        theta_1, theta_3 = (
-            robot.per_link(name)[i] for name in ('inertia_transversal', 'inertia_axial')
-        )
-        omega = u[i, 3:]
-        h[i, :3] = m * gravity
-        h[i, 3:] = -tilde(omega) @ (np.array([theta_1, theta_1, theta_3]) * omega)
-    return h.ravel()
 
 
 def joint_torque_law(
@@ -288,7 +134,7 @@ def contact_prox(
     The normal forces of a robot that lies flat are not unique, and friction depends on them; this
     tiny compliance makes them the ones of least norm. The scene can switch it off.
     """
-    (mu_x, mu_y, mu_V), r = scenery.friction(scene, a), scene.solver
+    (mu_x, mu_y, mu_V), r = obstacles.friction(scene, a), scene.solver
     P_N = prox_half_line(P[0] - r.r_normal * (gamma[0] + compliance * (P[0] - center)))
     P_T = prox_ellipse(*(P[1:3] - r.r_sliding * gamma[1:3]), mu_x * P_N, mu_y * P_N)
     P_V = prox_disc(*(P[3:] - r.r_rolling * gamma[3:]), mu_V * P_N)
@@ -309,7 +155,7 @@ class ReferenceStepper:
         self, state: State, history: Array, angle: Array, rate: Array
     ) -> tuple[State, Array, Report]:
         """Return state, history and report after as many steps as there are references."""
-        counts = self.scene.robot.link_count, scenery.contact_count(self.scene)
+        counts = self.scene.robot.link_count, obstacles.contact_count(self.scene)
         check_arguments(*counts, state, history, angle, rate)
         report = Report()
         for step_angle, step_rate in zip(angle, rate, strict=True):
@@ -329,7 +175,7 @@ class ReferenceStepper:
     ) -> tuple[State, Array, Report]:
         """Return state, history and report after one step, section VII."""
         scene, robot, dt = self.scene, self.scene.robot, self.scene.dt
-        n, history, links = robot.link_count, history.copy(), scenery.links(scene)
+        n, history, links = robot.link_count, history.copy(), obstacles.links(scene)
         impulse = history[IMPULSE]
         u_A = state.u.ravel()
 
@@ -409,18 +255,13 @@ def natural_map(
     scene: Scene, compliance: float, a: int, center: float, P: Array, gamma: Array
 ) -> float:
     """Return ``max |P - prox_C(P - r gamma)|/r`` of contact a, sets of the given P_N [m/s]."""
-    (mu_x, mu_y, mu_V), r = scenery.friction(scene, a), scene.solver
+    (mu_x, mu_y, mu_V), r = obstacles.friction(scene, a), scene.solver
     P_T = prox_ellipse(*(P[1:3] - r.r_sliding * gamma[1:3]), mu_x * P[0], mu_y * P[0])
     P_V = prox_disc(*(P[3:] - r.r_rolling * gamma[3:]), mu_V * P[0])
     P_N = prox_half_line(P[0] - r.r_normal * (gamma[0] + compliance * (P[0] - center)))
     sliding = float(np.linalg.norm(P[1:3] - P_T)) / r.r_sliding
     rolling = float(np.linalg.norm(P[3:] - P_V)) / r.r_rolling
     return max(float(abs(P[0] - P_N)) / r.r_normal, sliding, rolling)
-
-
-def _point_direction(R: Array, lever: Array, e: Array) -> Array:
-    """Return w, shape (6,), so that a body-fixed point at `lever` has velocity w^T u along e."""
-    return np.concatenate([e, -(e @ tilde(lever) @ R)])
 
 
 def _columns(W: Array, contacts: Array, count: int) -> Array:

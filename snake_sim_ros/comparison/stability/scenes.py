@@ -14,6 +14,10 @@ from snake_sim_ros.comparison.baselines.integrators import Penalty
 from snake_sim_ros.comparison.course import SAMPLE
 from snake_sim_ros.comparison.stability.runs import Case
 from snake_sim_ros.comparison.stability.runs import Run
+from snake_sim_ros.dynamics.force_directions import contact_directions
+from snake_sim_ros.dynamics.force_directions import joint_directions
+from snake_sim_ros.dynamics.force_directions import mass_matrix
+from snake_sim_ros.dynamics.force_directions import torque_directions
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import load_scene
@@ -30,10 +34,6 @@ from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import METHODS
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Stepper
-from snake_sim_ros.stepping.reference import contact_directions
-from snake_sim_ros.stepping.reference import joint_directions
-from snake_sim_ros.stepping.reference import mass_matrix
-from snake_sim_ros.stepping.reference import torque_directions
 
 G = 9.81  # m/s^2
 WEIGHTLESS = (0.0, 0.0, 0.0)

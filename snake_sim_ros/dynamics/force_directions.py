@@ -1,0 +1,186 @@
+"""
+Generalized force directions, mass matrix and smooth forces in dense NumPy, sections II to IV.
+
+Single letters are the paper's; NOTATION.md maps them to names. Contacts are numbered as in
+eq. (10): the front spheres F of all links, then the rear spheres R.
+"""
+
+from functools import lru_cache
+import math
+
+import numpy as np
+
+from snake_sim_ros.scene import obstacles
+from snake_sim_ros.scene import posture
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.rotations import tilde
+
+E_X, E_Y, E_Z = np.eye(3)
+
+
+def link_rows(i: int) -> slice:
+    """Return the rows of link i in u, h and W."""
+    return slice(6 * i, 6 * i + 6)
+
+
+def contact_lever(robot: Robot, R: Array, i: int, sign: int) -> Array:
+    """Return r_GC, link center to contact point, eq. (14) [m, frame I]; sign 1 front, -1 rear."""
+    offset = sign * robot.per_link('contact_offset')[i] * R[i] @ E_Z
+    return np.asarray(offset - robot.per_link('contact_radius')[i] * E_Z)
+
+
+def contact_frame(R: Array, i: int) -> tuple[Array, Array]:
+    """
+    Return e_x and e_y of the contact frame Pi of link i: along and across the link, horizontal.
+
+    Deviation: the direction of a vertical link has no meaning; e_x^I stands in for it, so that a
+    step depends on nothing but its arguments.
+    """
+    a = R[i] @ E_Z
+    c = math.hypot(a[0], a[1])
+    e_x = np.array([a[0] / c, a[1] / c, 0.0]) if c > 1e-6 else E_X
+    return e_x, np.cross(E_Z, e_x)
+
+
+def contact_directions(robot: Robot, R: Array) -> tuple[Array, Array, Array]:
+    """
+    Return the generalized force directions of the contacts, eqs. (17)-(37).
+
+    Returns
+    -------
+    W_N : ndarray, shape (6n, 2n)
+        ``gamma_N = W_N^T u``: normal velocities [m/s].
+    W_T : ndarray, shape (6n, 4n)
+        ``gamma_T = W_T^T u``: sliding velocities along and across the link [m/s].
+    W_V : ndarray, shape (6n, 4n)
+        ``gamma_V = W_V^T u``: rolling velocities along e_x, e_y of I [m/s].
+
+    """
+    n = robot.link_count
+    W_N, W_T, W_V = np.zeros((6 * n, 2 * n)), np.zeros((6 * n, 4 * n)), np.zeros((6 * n, 4 * n))
+    for a in range(2 * n):
+        i, sign = a % n, 1 if a < n else -1
+        r_GC = contact_lever(robot, R, i, sign)
+        e_x, e_y = contact_frame(R, i)
+        W_N[link_rows(i), a] = point_direction(R[i], r_GC, E_Z)
+        W_T[link_rows(i), 2 * a] = point_direction(R[i], r_GC, e_x)
+        W_T[link_rows(i), 2 * a + 1] = point_direction(R[i], r_GC, e_y)
+        D = np.column_stack([E_X, E_Y])
+        r_CS = robot.per_link('contact_radius')[i] * E_Z
+        W_V[6 * i + 3 : 6 * i + 6, 2 * a : 2 * a + 2] = (D.T @ tilde(r_CS) @ R[i]).T
+    return W_N, W_T, W_V
+
+
+def scene_contacts(scene: Scene, q: Array) -> tuple[Array, Array, Array, Array]:
+    """
+    Return gaps and W_N, W_T, W_V of all contacts of a scene.
+
+    Where there is more than a flat floor, rolling velocities are along the axes of the contact
+    frames.
+    """
+    robot, R = scene.robot, rotation_matrices(q[:, 3:])
+    if obstacles.is_flat(scene):
+        return posture.gaps(robot, q), *contact_directions(robot, R)
+    gap, lever, frame = obstacles.contact_geometry(scene, q)
+    n, count = robot.link_count, len(gap)
+    W_N, W_T, W_V = (np.zeros((6 * n, width * count)) for width in (1, 2, 2))
+    for a, (i, j) in enumerate(obstacles.links(scene)):
+        normal, *tangents = frame[a]
+        for link, sign in ((i, 1), (j, -1)) if j >= 0 else ((i, 1),):
+            arm = q[i, :3] + lever[a] - q[link, :3]
+            W_N[link_rows(link), a] = sign * point_direction(R[link], arm, normal)
+            for k, e in enumerate(tangents):
+                W_T[link_rows(link), 2 * a + k] = sign * point_direction(R[link], arm, e)
+        r_CS, D = robot.per_link('contact_radius')[i] * normal, np.column_stack(tangents)
+        W_V[6 * i + 3 : 6 * i + 6, 2 * a : 2 * a + 2] = (D.T @ tilde(r_CS) @ R[i]).T
+    return gap, W_N, W_T, W_V
+
+
+def joint_gaps(robot: Robot, q: Array) -> Array:
+    """Return the joint violations g_J, eqs. (11)-(13), shape (n-1, 4) [m, m, m, 1]."""
+    R, half = rotation_matrices(q[:, 3:]), robot.per_link('link_length') / 2
+    g_J = np.zeros((robot.link_count - 1, 4))
+    for i in range(robot.link_count - 1):
+        r_JF = q[i, :3] + half[i] * R[i] @ E_Z
+        r_JR = q[i + 1, :3] - half[i + 1] * R[i + 1] @ E_Z
+        g_J[i, :3] = r_JF - r_JR
+        g_J[i, 3] = (R[i] @ E_Y) @ (R[i + 1] @ E_X)
+    return g_J
+
+
+def joint_directions(robot: Robot, R: Array) -> Array:
+    """Return W_J, eqs. (38)-(43), so that ``dg_J/dt = W_J^T u``, shape (6n, 4(n-1))."""
+    n, half = robot.link_count, robot.per_link('link_length') / 2
+    W_J = np.zeros((6 * n, 4 * (n - 1)))
+    for i in range(n - 1):
+        for k, e_chi in enumerate((E_X, E_Y, E_Z)):
+            W_J[link_rows(i), 4 * i + k] = point_direction(R[i], half[i] * R[i] @ E_Z, e_chi)
+            arm = -half[i + 1] * R[i + 1] @ E_Z
+            W_J[link_rows(i + 1), 4 * i + k] = -point_direction(R[i + 1], arm, e_chi)
+        cross = np.cross(R[i] @ E_Y, R[i + 1] @ E_X)
+        W_J[6 * i + 3 : 6 * i + 6, 4 * i + 3] = R[i].T @ cross
+        W_J[6 * i + 9 : 6 * i + 12, 4 * i + 3] = -R[i + 1].T @ cross
+    return W_J
+
+
+def torque_directions(R: Array) -> Array:
+    """
+    Return W_tau, so that the rates of (yaw, pitch) are ``W_tau^T u``, shape (6n, 2(n-1)).
+
+    Yaw turns about e_y of link i, pitch about e_x of link i+1; a joint torque acts on link i+1
+    and, with the opposite sign, on link i.
+    """
+    n = len(R)
+    W_tau = np.zeros((6 * n, 2 * (n - 1)))
+    for i in range(n - 1):
+        for k, axis in enumerate((R[i] @ E_Y, R[i + 1] @ E_X)):
+            W_tau[6 * i + 3 : 6 * i + 6, 2 * i + k] = -R[i].T @ axis
+            W_tau[6 * i + 9 : 6 * i + 12, 2 * i + k] = R[i + 1].T @ axis
+    return W_tau
+
+
+def mass_matrix(robot: Robot) -> Array:
+    """Return M, eqs. (47), (48), shape (6n, 6n): constant and diagonal."""
+    m, theta_1, theta_3 = (
+        robot.per_link(name) for name in ('link_mass', 'inertia_transversal', 'inertia_axial')
+    )
+    return np.diag(np.column_stack([m, m, m, theta_1, theta_1, theta_3]).ravel())
+
+
+@lru_cache(maxsize=64)
+def mean_delassus(robot: Robot) -> float:
+    """
+    Return the mean diagonal entry of G_NN of the straight robot with all spheres on the floor.
+
+    The Delassus operator G = W_N^T M^-1 W_N less what the joints take off, section 7.3 [1/kg]. The
+    selection rule is measured in it; one number for a robot, whatever its posture.
+    """
+    R = np.tile(rotation_matrices(np.full((1, 4), 0.5)), (robot.link_count, 1, 1))
+    M_inv, W_J = 1.0 / np.diag(mass_matrix(robot))[:, None], joint_directions(robot, R)
+    W_N, _, _ = contact_directions(robot, R)
+    G = W_N.T @ (M_inv * W_N)
+    if robot.link_count > 1:
+        G_JN = W_J.T @ (M_inv * W_N)
+        G -= G_JN.T @ np.linalg.solve(W_J.T @ (M_inv * W_J), G_JN)
+    return float(np.mean(np.diag(G)))
+
+
+def smooth_forces(robot: Robot, gravity: Array, u: Array) -> Array:
+    """Return h(u): gravity and gyroscopic torque -omega x Theta omega, shape (6n,)."""
+    h = np.zeros_like(u)
+    for i, m in enumerate(robot.per_link('link_mass')):
+        theta_1, theta_3 = (
+            robot.per_link(name)[i] for name in ('inertia_transversal', 'inertia_axial')
+        )
+        omega = u[i, 3:]
+        h[i, :3] = m * gravity
+        h[i, 3:] = -tilde(omega) @ (np.array([theta_1, theta_1, theta_3]) * omega)
+    return h.ravel()
+
+
+def point_direction(R: Array, lever: Array, e: Array) -> Array:
+    """Return w, shape (6,), so that a body-fixed point at `lever` has velocity w^T u along e."""
+    return np.concatenate([e, -(e @ tilde(lever) @ R)])

@@ -17,7 +17,7 @@ from snake_sim_ros.stepping.base import IMPULSE
 from snake_sim_ros.stepping.base import make_stepper
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
-from snake_sim_ros.stepping.moreau import PROXIMAL
+from snake_sim_ros.stepping.model import PROXIMAL
 
 EPS = np.finfo(float).eps
 

@@ -22,7 +22,7 @@ from snake_sim_ros.stepping.base import METHODS
 from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
-from snake_sim_ros.stepping.moreau import PROXIMAL
+from snake_sim_ros.stepping.model import PROXIMAL
 
 EPS = np.finfo(float).eps
 G = 9.81

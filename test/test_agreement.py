@@ -41,7 +41,7 @@ from snake_sim_ros.stepping.base import METHODS
 from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
-from snake_sim_ros.stepping.moreau import PROXIMAL
+from snake_sim_ros.stepping.model import PROXIMAL
 
 # Laws of the paper as printed, and with the selection rule and the activation tolerance.
 RULE: dict[str, float] = {}

@@ -599,7 +599,7 @@ from snake_sim_ros import gait, newton, planar_newton, stages
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
-from snake_sim_ros.stepping.moreau import SpatialStepper
+from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.base import initial_state, no_history
 
 scene = load_scene('lateral_undulation')

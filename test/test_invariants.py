@@ -51,7 +51,7 @@ from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import VELOCITY
-from snake_sim_ros.stepping.moreau import PROXIMAL
+from snake_sim_ros.stepping.model import PROXIMAL
 from snake_sim_ros.stepping.reference import middle_coordinates
 
 

@@ -38,8 +38,8 @@ from snake_sim_ros.stepping.base import METHODS
 from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import where_impulses_acted
-from snake_sim_ros.stepping.planar.moreau import UNHELD
-from snake_sim_ros.stepping.planar.stepper import HOLD
+from snake_sim_ros.stepping.planar.equilibrium import UNHELD
+from snake_sim_ros.stepping.planar.model import HOLD
 
 RESIDUAL = 1e-12  # m/s
 # Impulses are some 1e-3 N s, rounded through the chain of joints: 1e5 EPS of it at most.

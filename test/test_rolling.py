@@ -27,10 +27,10 @@ from snake_sim_ros.stepping.base import PREVIOUS
 from snake_sim_ros.stepping.base import SETTLING
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.planar.model import LEAN
+from snake_sim_ros.stepping.planar.model import SLIPPING
 from snake_sim_ros.stepping.planar.moreau import LAST_ROLL
-from snake_sim_ros.stepping.planar.moreau import LEAN
 from snake_sim_ros.stepping.planar.moreau import SLIP
-from snake_sim_ros.stepping.planar.moreau import SLIPPING
 from snake_sim_ros.stepping.planar.moreau import WAY
 
 RADIUS = 0.0525

@@ -11,7 +11,6 @@ Delassus operator, 1/G_kk, and with the velocities that the impulses before have
 import math
 
 from snake_sim_ros.contact.contacts import CENTER
-from snake_sim_ros.contact.contacts import IMPULSE
 from snake_sim_ros.contact.contacts import natural_map
 from snake_sim_ros.contact.contacts import rolling_disc
 from snake_sim_ros.contact.contacts import sliding_disc
@@ -30,7 +29,6 @@ from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.stepping.moreau import begin_step
 from snake_sim_ros.stepping.moreau import end_step
-from snake_sim_ros.stepping.planar import moreau as planar
 
 
 @merged
@@ -112,7 +110,7 @@ def iterate(laws, tolerance, limit, contact, table, chain, delassus, impulse):
 
 @compiled
 def advance(delassus, model, work, q, u, history, angle, rate, report, cycles):
-    """Advance q, u and history in place by one step a reference; see `moreau.SpatialStepper`."""
+    """Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`."""
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
         count, laws = begin_step(model, work, q, u, history[0], angle[k], rate[k])
@@ -121,50 +119,5 @@ def advance(delassus, model, work, q, u, history, angle, rate, report, cycles):
             work.contact[:count], work.table, work.chain, delassus, history[0],
         )  # fmt: skip
         if not end_step(model, work, q, u, history, count, outcome, report):
-            break
-    cycles[len(angle)] = cycle_counter()
-
-
-@merged
-def iterate_in_plane(model, work, delassus, impulse):
-    """
-    Sweep as `iterate` does, in the plane: the loads follow from the friction.
-
-    They follow by half, since the load of a nearly straight robot answers to its friction with
-    more than that, so that both would go to and fro.
-    """
-    contact, table = work.contact, work.table
-    tolerance, rows = model.residual_tolerance, 3 * len(contact)
-    planar.factor_bare(work)
-    planar.condense(model, work, delassus)
-    iterations = 0
-    while True:
-        load(contact, impulse, table)
-        condensed_velocities(contact, 3, table, delassus)
-        planar.find_loads(model, work)
-        residual, printed = natural_map(model.laws, contact, table, tolerance)
-        if residual <= tolerance or iterations >= model.iteration_limit:
-            break
-        for k, a in enumerate(contact):
-            last = impulse[a, 0] if impulse[a, 0] > 0.0 else table[a, IMPULSE]
-            impulse[a, 0] = 0.5 * (last + table[a, IMPULSE])
-            radius = prox_half_line(impulse[a, 0])
-            G, gamma = delassus.operator, delassus.packed
-            project_sliding(model.laws, G, gamma, rows, 3 * k, impulse, a, radius)
-        iterations += 1
-    planar.end_twists(model, work)
-    for a in contact:
-        impulse[a, 0] = table[a, IMPULSE]
-    return iterations, residual <= tolerance, residual, printed, False
-
-
-@compiled
-def advance_in_plane(delassus, model, work, q, u, history, angle, rate, report, cycles):
-    """Advance q, u and history in place by one step a reference; see `planar_stepper`."""
-    for k in range(len(angle)):
-        cycles[k] = cycle_counter()
-        count = planar.begin_step(model, work, q, u, angle[k], rate[k])
-        outcome = iterate_in_plane(model, work, delassus, history[0])
-        if not planar.end_step(model, work, q, u, history, count, outcome, report):
             break
     cycles[len(angle)] = cycle_counter()

@@ -21,7 +21,6 @@ from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.stepping.moreau import begin_step
 from snake_sim_ros.stepping.moreau import end_step
-from snake_sim_ros.stepping.planar import moreau as planar
 
 # Most impulse components of a contact problem that is condensed: for larger ones it does not pay.
 CONDENSED = 48
@@ -105,7 +104,7 @@ def iterate(laws, tolerance, limit, contact, table, chain, delassus, impulse):
 
 @compiled
 def advance(delassus, model, work, q, u, history, angle, rate, report, cycles):
-    """Advance q, u and history in place by one step a reference; see `moreau.SpatialStepper`."""
+    """Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`."""
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
         count, laws = begin_step(model, work, q, u, history[0], angle[k], rate[k])
@@ -114,52 +113,5 @@ def advance(delassus, model, work, q, u, history, angle, rate, report, cycles):
             work.contact[:count], work.table, work.chain, delassus, history[0],
         )  # fmt: skip
         if not end_step(model, work, q, u, history, count, outcome, report):
-            break
-    cycles[len(angle)] = cycle_counter()
-
-
-@merged
-def prox_friction(model, work, impulse):
-    """Fill impulse as `prox_sweep` does, with loads that are known."""
-    laws, table = model.laws, work.table
-    normal = sliding = 0.0
-    for a in work.contact:
-        P_N, P_x, P_y = table[a, IMPULSE], table[a, IMPULSE + 1], table[a, IMPULSE + 2]
-        radius = prox_half_line(P_N)
-        new_x, new_y = prox_ellipse(
-            P_x - laws.r_T * table[a, GAMMA + 1],
-            P_y - laws.r_T * table[a, GAMMA + 2],
-            laws.sliding.mu_x * radius,
-            laws.sliding.mu_y * radius,
-        )
-        normal += (P_N - impulse[a, 0]) ** 2
-        sliding += (new_x - P_x) ** 2 + (new_y - P_y) ** 2
-        impulse[a, 0], impulse[a, 1], impulse[a, 2] = P_N, new_x, new_y
-    return math.sqrt(normal) + math.sqrt(sliding)
-
-
-@merged
-def iterate_in_plane(model, work, impulse):
-    """Iterate as `iterate` does, in the plane: the loads follow from the friction."""
-    planar.factor_bare(work)
-    iterations, change = 0, math.inf
-    while not change < model.tolerance and iterations < model.iteration_limit:
-        load(work.contact, impulse, work.table)
-        planar.end_twists(model, work)
-        planar.find_loads(model, work)
-        change = prox_friction(model, work, impulse)
-        iterations += 1
-    residual, printed = natural_map(model.laws, work.contact, work.table, 0.0)
-    return iterations, change < model.tolerance, residual, printed, False
-
-
-@compiled
-def advance_in_plane(model, work, q, u, history, angle, rate, report, cycles):
-    """Advance q, u and history in place by one step a reference; see `planar_stepper`."""
-    for k in range(len(angle)):
-        cycles[k] = cycle_counter()
-        count = planar.begin_step(model, work, q, u, angle[k], rate[k])
-        outcome = iterate_in_plane(model, work, history[0])
-        if not planar.end_step(model, work, q, u, history, count, outcome, report):
             break
     cycles[len(angle)] = cycle_counter()

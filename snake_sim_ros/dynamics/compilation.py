@@ -6,6 +6,7 @@ another file. Therefore the cache folder is named after the contents of all modu
 """
 
 from collections.abc import Callable
+from functools import wraps
 import hashlib
 import os
 from pathlib import Path
@@ -18,6 +19,7 @@ try:
     from numba.core import cgutils
     from numba.core import types
     from numba.extending import intrinsic
+    from numba.extending import overload
 except ImportError as error:
     raise ImportError(
         'snake_sim_ros compiles its physics with Numba, which is not installed: '
@@ -48,6 +50,8 @@ def _cache_folder() -> str:
             return str(folder)
     return ''
 
+
+OPTIONS = {'nogil': True, '_nrt': False, 'error_model': 'numpy'}  # of all that is compiled
 
 if 'NUMBA_CACHE_DIR' not in os.environ:
     numba.config.CACHE_DIR = _cache_folder()
@@ -89,9 +93,45 @@ def merged(function: Callable[..., Any]) -> Callable[..., Any]:
     return _compiled(function, inline='always', cache=False)
 
 
+def dispatched(function: Callable[..., Any]) -> Any:
+    """
+    Return `functools.singledispatch` of compiled functions: the first argument chooses by its type.
+
+    This is how one loop over steps serves all contact solvers: the cache on disk takes no function
+    that gets another function as an argument or from a closure, but it does take types. An
+    implementation is registered for a class of NamedTuple with ``function.register(cls)``.
+    """
+    chosen: dict[type, Callable[..., Any]] = {}
+
+    @wraps(function)
+    def choose(first: Any, *others: Any) -> Any:
+        return chosen[type(first)](first, *others)
+
+    def compile_choice(first: Any, *others: Any) -> Callable[..., Any] | None:
+        implementation = chosen.get(getattr(first, 'instance_class', type(None)))
+        if implementation is None:
+            return None
+
+        def call(first: Any, *others: Any) -> Any:
+            return implementation(first, *others)
+
+        return call
+
+    def register(cls: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+        def add(implementation: Callable[..., Any]) -> Callable[..., Any]:
+            chosen[cls] = implementation
+            return implementation
+
+        return add
+
+    overload(choose, jit_options={**OPTIONS, 'forceinline': True})(compile_choice)
+    choose.register = register  # type: ignore[attr-defined]
+    return choose
+
+
 def _compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
-    options = {'cache': True, 'nogil': True, '_nrt': False, 'no_cfunc_wrapper': True} | options
-    wrapper: Callable[..., Any] = numba.njit(error_model='numpy', **options)(function)
+    options = {'cache': True, 'no_cfunc_wrapper': True, **OPTIONS, **options}
+    wrapper: Callable[..., Any] = numba.njit(**options)(function)
     return wrapper
 
 

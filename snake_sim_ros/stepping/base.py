@@ -252,7 +252,7 @@ def _planar(scene: Scene, loop: Callable[..., None]) -> Stepper:
 
 
 def _spatial(scene: Scene, loop: Callable[..., None]) -> Stepper:
-    from snake_sim_ros.stepping.moreau import SpatialStepper
+    from snake_sim_ros.stepping.spatial import SpatialStepper
 
     return SpatialStepper(scene, loop)
 

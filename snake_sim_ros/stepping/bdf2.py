@@ -45,6 +45,10 @@ from snake_sim_ros.contact.contacts import START
 from snake_sim_ros.contact.detection import contacts_of
 from snake_sim_ros.contact.newton import solve_contacts
 from snake_sim_ros.contact.projections import IMPACT
+from snake_sim_ros.dynamics.balance import applied_torque
+from snake_sim_ros.dynamics.balance import axis_loads
+from snake_sim_ros.dynamics.balance import link_inertia
+from snake_sim_ros.dynamics.balance import smooth_momentum
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.dynamics.compilation import inlined
@@ -58,11 +62,7 @@ from snake_sim_ros.dynamics.kinematics import joint_speed
 from snake_sim_ros.dynamics.kinematics import link_frames
 from snake_sim_ros.dynamics.kinematics import rates_in_inertial_frame
 from snake_sim_ros.dynamics.kinematics import twists
-from snake_sim_ros.stepping.moreau import applied_torque
-from snake_sim_ros.stepping.moreau import axis_loads
 from snake_sim_ros.stepping.moreau import finish
-from snake_sim_ros.stepping.moreau import link_inertia
-from snake_sim_ros.stepping.moreau import smooth_momentum
 from snake_sim_ros.stepping.moreau import turns_are_small
 from snake_sim_ros.stepping.report import CONTACTS
 from snake_sim_ros.stepping.report import FALLBACKS
@@ -422,7 +422,7 @@ def remember(q, u, history):
 
 @compiled
 def advance(model, work, q, u, history, angle, rate, report, cycles):
-    """Advance q, u and history in place by one step a reference; see `moreau.SpatialStepper`."""
+    """Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`."""
     recognize(model, work, q, u, history)
     for k in range(len(angle)):
         cycles[k] = cycle_counter()

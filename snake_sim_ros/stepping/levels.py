@@ -30,12 +30,12 @@ from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import SETTLING
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Stepper
-from snake_sim_ros.stepping.moreau import SpatialStepper
 from snake_sim_ros.stepping.planar.moreau import SLIP
 from snake_sim_ros.stepping.planar.moreau import WAY
 from snake_sim_ros.stepping.planar.stepper import forget
 from snake_sim_ros.stepping.planar.stepper import KNOWN
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
+from snake_sim_ros.stepping.spatial import SpatialStepper
 
 LITTLE = 3e-4  # roll up to which leaving it out is exact enough to be chosen [rad]
 LITTLE_SLIP = 2e-3  # share of the way up to which the slip by rolling is, see planar

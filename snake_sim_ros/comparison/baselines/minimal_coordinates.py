@@ -22,6 +22,8 @@ from snake_sim_ros.dynamics.articulated_body import factor_chain
 from snake_sim_ros.dynamics.articulated_body import line
 from snake_sim_ros.dynamics.articulated_body import solve_chain
 from snake_sim_ros.dynamics.articulated_body import unload_chain
+from snake_sim_ros.dynamics.balance import link_inertia
+from snake_sim_ros.dynamics.balance import smooth_momentum
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
@@ -31,8 +33,6 @@ from snake_sim_ros.dynamics.kinematics import half_rotation
 from snake_sim_ros.dynamics.kinematics import link_frames
 from snake_sim_ros.scene.gait import soft_start
 from snake_sim_ros.scene.gait import wave
-from snake_sim_ros.stepping.moreau import link_inertia
-from snake_sim_ros.stepping.moreau import smooth_momentum
 
 fade_at = compiled(soft_start)
 wave_at = compiled(wave)

@@ -84,7 +84,7 @@ def make_impulses(dt, contact, table, impulse):
 @compiled
 def advance(law, model, work, q, u, history, angle, rate, report, cycles):
     """
-    Advance q, u and history in place by one step a reference; see `moreau.SpatialStepper`.
+    Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`.
 
     Forces are those of the middle configuration and of the velocities at the start. The residual
     says how far they and the velocities they lead to are from the set-valued laws.

@@ -96,7 +96,7 @@ def iterate(laws, tolerance, limit, contact, table, chain, delassus, impulse):
 
 @compiled
 def advance(delassus, model, work, q, u, history, angle, rate, report, cycles):
-    """Advance q, u and history in place by one step a reference; see `moreau.SpatialStepper`."""
+    """Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`."""
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
         count, laws = begin_step(model, work, q, u, history[0], angle[k], rate[k])

@@ -17,12 +17,12 @@ from snake_sim_ros.stepping.bdf2 import ANEW
 from snake_sim_ros.stepping.bdf2 import PARTS
 from snake_sim_ros.stepping.bdf2 import SMOOTH
 from snake_sim_ros.stepping.bdf2 import UNKNOWN
+from snake_sim_ros.stepping.planar.equilibrium import fill_momentum
+from snake_sim_ros.stepping.planar.equilibrium import place_links
 from snake_sim_ros.stepping.planar.moreau import end_velocities
-from snake_sim_ros.stepping.planar.moreau import fill_momentum
 from snake_sim_ros.stepping.planar.moreau import held_point
 from snake_sim_ros.stepping.planar.moreau import is_planar
 from snake_sim_ros.stepping.planar.moreau import move
-from snake_sim_ros.stepping.planar.moreau import place_links
 from snake_sim_ros.stepping.planar.newton import BEND
 from snake_sim_ros.stepping.planar.newton import solve_contacts
 from snake_sim_ros.stepping.report import CONTACTS

@@ -45,13 +45,13 @@ from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges
 from snake_sim_ros.dynamics.hinge_chain import solve_hinges
+from snake_sim_ros.stepping.planar.equilibrium import condense
+from snake_sim_ros.stepping.planar.equilibrium import contact_velocities
+from snake_sim_ros.stepping.planar.equilibrium import end_twists
+from snake_sim_ros.stepping.planar.equilibrium import factor_bare
+from snake_sim_ros.stepping.planar.equilibrium import find_loads
 from snake_sim_ros.stepping.planar.moreau import begin_step
-from snake_sim_ros.stepping.planar.moreau import condense
-from snake_sim_ros.stepping.planar.moreau import contact_velocities
 from snake_sim_ros.stepping.planar.moreau import end_step
-from snake_sim_ros.stepping.planar.moreau import end_twists
-from snake_sim_ros.stepping.planar.moreau import factor_bare
-from snake_sim_ros.stepping.planar.moreau import find_loads
 from snake_sim_ros.stepping.planar.pegs import peg_velocities
 
 # Where history keeps the change of the change of a load: in the plane nothing rolls.

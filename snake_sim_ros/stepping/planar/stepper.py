@@ -7,13 +7,7 @@ import numpy as np
 
 from snake_sim_ros.contact.contacts import IMPULSE
 from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.hinge_chain import HingeChain
-from snake_sim_ros.dynamics.kinematics import CENTER_OF_MASS
-from snake_sim_ros.scene.obstacles import contact_count
-from snake_sim_ros.scene.obstacles import first_peg
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
-from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import product
@@ -23,26 +17,18 @@ from snake_sim_ros.stepping.base import PREVIOUS
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import SETTLING
 from snake_sim_ros.stepping.base import State
-from snake_sim_ros.stepping.moreau import COLUMNS
-from snake_sim_ros.stepping.moreau import make_model
+from snake_sim_ros.stepping.planar.model import LEAST
+from snake_sim_ros.stepping.planar.model import make_planar_model
+from snake_sim_ros.stepping.planar.model import make_planar_workspace
+from snake_sim_ros.stepping.planar.model import ROLL
+from snake_sim_ros.stepping.planar.model import ROLLS
 from snake_sim_ros.stepping.planar.moreau import LAST_ROLL
-from snake_sim_ros.stepping.planar.moreau import LEAN
-from snake_sim_ros.stepping.planar.moreau import LEAST
-from snake_sim_ros.stepping.planar.moreau import PlanarModel
-from snake_sim_ros.stepping.planar.moreau import PlanarWorkspace
-from snake_sim_ros.stepping.planar.moreau import ROLL
-from snake_sim_ros.stepping.planar.moreau import ROLLS
 from snake_sim_ros.stepping.planar.moreau import SLIP
-from snake_sim_ros.stepping.planar.moreau import SLIPPING
 from snake_sim_ros.stepping.planar.moreau import WAY
 from snake_sim_ros.stepping.report import LEFT
 from snake_sim_ros.stepping.report import report_from
 from snake_sim_ros.stepping.report import REPORT_SIZE
 
-# Share of a contact's stiffness with which the pitch joints hold the robot while loads are found:
-# so small that they carry nothing else, so large that rounding does not matter.
-HOLD = 1e-5
-LIMP = 1e-6  # pitch stiffness that holds nothing but what rounding makes roll [N m/rad]
 ROUNDING = 1e-13  # Euler parameters nearer to FLAT than this are FLAT
 
 KNOWN = -2  # in history: whether it holds planar coordinates
@@ -120,90 +106,6 @@ def forget(history: Array) -> None:
     memory[SLIP], memory[WAY], history[SETTLING] = slip, way, settling
 
 
-def make_planar_model(scene: Scene) -> PlanarModel:
-    """Return the numbers of a scene as the compiled step takes them."""
-    spatial, n = make_model(scene), scene.robot.link_count
-    half, mass, dt = spatial.half_length, spatial.mass, scene.dt
-    stiffness, damping = spatial.stiffness, spatial.damping
-    pitch = stiffness[:, 1]
-    stiffest = pitch.max(initial=LIMP)
-    hold = HOLD * float(half.min()) ** 2
-    keeps_center = scene.drift_correction == DRIFT_CORRECTIONS[CENTER_OF_MASS]
-    share = mass / mass.sum() if keeps_center else np.eye(n)[0]
-    return PlanarModel(
-        half_length=half,
-        mass=mass,
-        inertia=spatial.inertia_transversal,
-        inertia_axial=spatial.inertia_axial,
-        offset=spatial.contact_offset,
-        radius=float(spatial.contact_radius[0]),
-        stiffness=np.ascontiguousarray(stiffness[:, 0]),
-        damping=np.ascontiguousarray(damping[:, 0]),
-        hold=hold * pitch / stiffest,
-        lean=hold / (stiffest * dt),
-        fall=dt * scene.gravity[2],
-        share=share,
-        laws=spatial.laws._replace(compliance=0.0),
-        dt=dt,
-        tolerance=scene.solver.tolerance,
-        residual_tolerance=scene.solver.residual_tolerance,
-        iteration_limit=scene.solver.iteration_limit,
-        most_lean=LEAN,
-        most_slip=SLIPPING,
-        held=bool(pitch.max(initial=0.0) > LIMP),
-        patient=True,
-        pd_scheme=PD_SCHEMES.index(scene.pd_scheme),
-        keeps_center=keeps_center,
-        pegs=scene.pegs.axes,
-        first_peg=first_peg(scene),
-        activation_tolerance=scene.solver.activation_tolerance,
-    )
-
-
-def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
-    """Return the arrays of the compiled step for a scene."""
-    n, count = scene.robot.link_count, contact_count(scene)
-    contact = np.zeros(count, np.int64)
-    contact[: 2 * n] = np.array([[i, n + i] for i in range(n)]).ravel()
-    return PlanarWorkspace(
-        heading=np.zeros((n, 2)),
-        center=np.zeros((n, 2)),
-        torque=np.zeros(n - 1),
-        momentum=np.zeros((n, 3)),
-        bare=np.zeros((n, 6)),
-        applied=np.zeros((n - 1, 2)),
-        impact=np.zeros((n, 3)),
-        weight=np.zeros((n, 3)),
-        no_torque=np.zeros(n - 1),
-        chain=make_chain(n),
-        upright=make_chain(n),
-        contact=contact,
-        table=np.zeros((count, COLUMNS)),
-        twist=np.zeros((n, 3)),
-        standing=np.zeros(4),
-        q_hat=np.zeros(n + 2),
-        u_hat=np.zeros((n, 3)),
-        u_star=np.zeros((n, 3)),
-        q_start=np.zeros(n + 2),
-        u_start=np.zeros((n, 3)),
-    )
-
-
-def make_chain(n: int) -> HingeChain:
-    """Return the arrays of a chain of n links."""
-    return HingeChain(
-        axis=np.zeros((n - 1, 3)),
-        damping=np.zeros(n - 1),
-        inertia=np.zeros((n, 6)),
-        left=np.zeros((n - 1, 3)),
-        compliance=np.zeros(n - 1),
-        load=np.zeros(n - 1),
-        wrench=np.zeros((n, 3)),
-        rate=np.zeros(n - 1),
-        twist=np.zeros((n, 3)),
-    )
-
-
 class PlanarStepper:
     """
     A compiled contact solver in the plane; see `base.Stepper`.
@@ -220,7 +122,7 @@ class PlanarStepper:
     scene : Scene
     loop : callable
         Compiled ``advance(model, work, q, u, history, angle, rate, report, cycles)``: as in
-        `moreau.SpatialStepper`, for planar coordinates q (n+2,) and velocities u (n, 3). It ends
+        `spatial.SpatialStepper`, for planar coordinates q (n+2,) and velocities u (n, 3). It ends
         before the first step that is not planar, and says so in the report.
 
     """

@@ -1,0 +1,100 @@
+"""What the balance (75) of the links takes: inertia, momentum and joint torques, about O."""
+
+from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.joint_control import pd_law
+
+
+@merged
+def joint_control(model, coordinate, angle, rate, torques, dampings):
+    """Fill the impulses and the implicit damping of the controller on every joint axis."""
+    start, mid = coordinate[0], coordinate[1]
+    for j in range(len(torques)):
+        for k in range(2):
+            torque, damping = pd_law(
+                model.pd_scheme,
+                model.dt,
+                (start[j, k, 0], start[j, k, 1]),
+                (mid[j, k, 0], mid[j, k, 1]),
+                (angle[j, k], rate[j, k]),
+                model.stiffness[j, k],
+                model.damping[j, k],
+            )
+            torques[j, k] = torque * model.dt
+            dampings[j, k] = damping * model.dt
+
+
+@inlined
+def axis_loads(axis, torque, damping, axis_torque, axis_damping):
+    """
+    Fill what the controller does to the rates s of the joint axes.
+
+    The axes a, b of a joint are at right angles only up to the drift of a step, c = a . b. A
+    relative angular velocity s_1 a + s_2 b has the joint rates J s with J = [[1, c], [c, 1]], so a
+    torque T is J T on the axes and a damping K is J K J.
+    """
+    for j in range(len(axis)):
+        c = 0.0
+        for k in range(3):
+            c += axis[j, 0, k] * axis[j, 1, k]
+        axis_torque[j, 0] = torque[j, 0] + c * torque[j, 1]
+        axis_torque[j, 1] = torque[j, 1] + c * torque[j, 0]
+        axis_damping[j, 0] = damping[j, 0] + c * c * damping[j, 1]
+        axis_damping[j, 1] = c * (damping[j, 0] + damping[j, 1])
+        axis_damping[j, 2] = damping[j, 1] + c * c * damping[j, 0]
+
+
+@inlined
+def applied_torque(R, twist, torque, damping, applied):
+    """Fill the impulse of the controller on every joint, with the rates at the end of the step."""
+    for j in range(len(torque)):
+        yaw_rate = pitch_rate = 0.0
+        for k in range(3):
+            relative = twist[j + 1, k] - twist[j, k]
+            yaw_rate += R[j, k, 1] * relative
+            pitch_rate += R[j + 1, k, 0] * relative
+        applied[j, 0] = torque[j, 0] - damping[j, 0] * yaw_rate
+        applied[j, 1] = torque[j, 1] - damping[j, 1] * pitch_rate
+
+
+@inlined
+def link_inertia(model, R, center, inertia):
+    """Fill the 6x6 inertia of every link about O, eqs. (47), (48)."""
+    for i in range(len(R)):
+        m, transversal = model.mass[i], model.inertia_transversal[i]
+        slender = model.inertia_axial[i] - transversal
+        x, y, z = center[i, 0], center[i, 1], center[i, 2]
+        square = x * x + y * y + z * z
+        A = inertia[i]
+        for k in range(3):
+            for j in range(3):
+                A[k, j] = slender * R[i, k, 2] * R[i, j, 2] - m * center[i, k] * center[i, j]
+                A[k + 3, j + 3] = 0.0
+            A[k, k] += transversal + m * square
+            A[k + 3, k + 3] = m
+            A[k, k + 3] = A[k + 3, k] = 0.0
+        A[0, 4] = A[4, 0] = -m * z
+        A[0, 5] = A[5, 0] = m * y
+        A[1, 3] = A[3, 1] = m * z
+        A[1, 5] = A[5, 1] = -m * x
+        A[2, 3] = A[3, 2] = -m * y
+        A[2, 4] = A[4, 2] = m * x
+
+
+@inlined
+def smooth_momentum(model, dt, u, u_h, R, center, momentum):
+    """Fill M u + h(u_h) dt of every link as an impulse wrench about O, eq. (75)."""
+    for i in range(len(u)):
+        slender = (model.inertia_axial[i] - model.inertia_transversal[i]) * dt
+        wx, wy, wz = u_h[i, 3], u_h[i, 4], u_h[i, 5]
+        lx = model.inertia_transversal[i] * u[i, 3] - slender * wy * wz
+        ly = model.inertia_transversal[i] * u[i, 4] + slender * wz * wx
+        lz = model.inertia_axial[i] * u[i, 5]
+        px = model.mass[i] * (u[i, 0] + dt * model.gravity[0])
+        py = model.mass[i] * (u[i, 1] + dt * model.gravity[1])
+        pz = model.mass[i] * (u[i, 2] + dt * model.gravity[2])
+        x, y, z = center[i, 0], center[i, 1], center[i, 2]
+        momentum[i, 0] = R[i, 0, 0] * lx + R[i, 0, 1] * ly + R[i, 0, 2] * lz + y * pz - z * py
+        momentum[i, 1] = R[i, 1, 0] * lx + R[i, 1, 1] * ly + R[i, 1, 2] * lz + z * px - x * pz
+        momentum[i, 2] = R[i, 2, 0] * lx + R[i, 2, 1] * ly + R[i, 2, 2] * lz + x * py - y * px
+        momentum[i, 3], momentum[i, 4], momentum[i, 5] = px, py, pz

@@ -1,0 +1,158 @@
+"""The numbers of a scene and the arrays of a step, as compiled code takes them."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from snake_sim_ros.contact.contacts import Laws
+from snake_sim_ros.contact.contacts import make_disc
+from snake_sim_ros.contact.delassus import make_delassus
+from snake_sim_ros.contact.detection import make_obstacles
+from snake_sim_ros.contact.detection import make_other_friction
+from snake_sim_ros.contact.detection import Obstacles
+from snake_sim_ros.contact.linear_laws import NOTED
+from snake_sim_ros.contact.projections import LEAST
+from snake_sim_ros.dynamics.articulated_body import Chain
+from snake_sim_ros.dynamics.force_directions import mean_delassus
+from snake_sim_ros.scene.obstacles import contact_count
+from snake_sim_ros.scene.obstacles import is_flat
+from snake_sim_ros.scene.obstacles import pairs
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
+from snake_sim_ros.scene.parameters import PD_SCHEMES
+from snake_sim_ros.scene.parameters import Scene
+
+COLUMNS = NOTED + 1  # of the table of contacts
+# Compliance of the proximal point method, relative to the Delassus operator: it changes no
+# solution. Smaller is closer to the laws in one iteration, and loses digits to rounding.
+PROXIMAL = 1e-5
+
+
+class Model(NamedTuple):
+    """The numbers of a scene as the compiled step takes them; names as in `parameters`."""
+
+    half_length: Array
+    mass: Array
+    inertia_transversal: Array
+    inertia_axial: Array
+    contact_offset: Array
+    contact_radius: Array
+    stiffness: Array
+    damping: Array
+    gravity: Array
+    laws: Laws
+    activation_tolerance: float
+    dt: float
+    tolerance: float
+    residual_tolerance: float
+    iteration_limit: int
+    pd_scheme: int
+    drift_correction: int
+    settle_steps: int  # steps to lie flat and still before the loop ends; 0 does not watch for it
+    obstacles: Obstacles | None  # None: a flat floor
+
+
+class Workspace(NamedTuple):
+    """Arrays that the step fills, made once."""
+
+    q_mid: Array  # (n, 7) coordinates at the middle of the step, Euler parameters not normalized
+    R: Array  # (n, 3, 3) link frames in I
+    omega: Array  # (n, 3) angular velocities at the start of the step, in I
+    center: Array  # (n, 3) link centers from O
+    coordinate: Array  # (2, n-1, 2, 2) joint (yaw, pitch) x (angle, rate), at start and middle
+    torque: Array  # (n-1, 2) impulse of the controller, without its implicit part [N m s]
+    damping: Array  # (n-1, 2) implicit part of the controller, times dt [N m s^2]
+    applied: Array  # (n-1, 2) impulse of the controller with its implicit part [N m s]
+    q_hat: Array  # (n, 7), u_hat, u_star (n, 6), q_start (n, 7), u_start (n, 6),
+    u_hat: Array  # end_angle, end_rate (n-1, 2): see bdf2
+    u_star: Array
+    q_start: Array
+    u_start: Array
+    end_angle: Array
+    end_rate: Array
+    chain: Chain
+    contact: Array  # (c,) indices of the closed contacts of c
+    table: Array  # (c, COLUMNS) see contacts and newton
+
+
+def make_model(scene: Scene) -> Model:
+    """Return the numbers of a scene as the compiled step takes them."""
+    robot, friction, solver = scene.robot, scene.friction, scene.solver
+    size = mean_delassus(robot)
+    laws = Laws(
+        sliding=make_disc(1, friction.longitudinal, friction.transversal, PROXIMAL * size),
+        rolling=make_disc(3, friction.rolling, friction.rolling, PROXIMAL * size),
+        compliance=solver.normal_compliance * size,
+        least=LEAST * size,
+        proximal=PROXIMAL * size,
+        r_N=solver.r_normal,
+        r_T=solver.r_sliding,
+        r_V=solver.r_rolling,
+        other=make_other_friction(scene, PROXIMAL * size),
+    )
+    return Model(
+        half_length=robot.per_link('link_length') / 2,
+        mass=robot.per_link('link_mass'),
+        inertia_transversal=robot.per_link('inertia_transversal'),
+        inertia_axial=robot.per_link('inertia_axial'),
+        contact_offset=robot.per_link('contact_offset'),
+        contact_radius=robot.per_link('contact_radius'),
+        stiffness=robot.per_joint('stiffness'),
+        damping=robot.per_joint('damping'),
+        gravity=np.array(scene.gravity),
+        laws=laws,
+        activation_tolerance=solver.activation_tolerance,
+        dt=scene.dt,
+        tolerance=solver.tolerance,
+        residual_tolerance=solver.residual_tolerance,
+        iteration_limit=solver.iteration_limit,
+        pd_scheme=PD_SCHEMES.index(scene.pd_scheme),
+        drift_correction=DRIFT_CORRECTIONS.index(scene.drift_correction),
+        settle_steps=0,
+        obstacles=make_obstacles(scene),
+    )
+
+
+def make_workspace(scene: Scene) -> Workspace:
+    """Return the arrays of the compiled step for a scene."""
+    n, count, zeros = scene.robot.link_count, contact_count(scene), np.zeros
+    return Workspace(
+        q_mid=zeros((n, 7)),
+        R=zeros((n, 3, 3)),
+        omega=zeros((n, 3)),
+        center=zeros((n, 3)),
+        coordinate=zeros((2, n - 1, 2, 2)),
+        torque=zeros((n - 1, 2)),
+        damping=zeros((n - 1, 2)),
+        applied=zeros((n - 1, 2)),
+        q_hat=zeros((n, 7)),
+        u_hat=zeros((n, 6)),
+        u_star=zeros((n, 6)),
+        q_start=zeros((n, 7)),
+        u_start=zeros((n, 6)),
+        end_angle=zeros((n - 1, 2)),
+        end_rate=zeros((n - 1, 2)),
+        chain=Chain(
+            axis=zeros((n - 1, 2, 6)),
+            torque=zeros((n - 1, 2)),
+            damping=zeros((n - 1, 3)),
+            bare=zeros((n, 6, 6)),
+            momentum=zeros((n, 6)),
+            inertia=zeros((n, 6, 6)),
+            wrench=zeros((n, 6)),
+            left=zeros((n - 1, 2, 6)),
+            right=zeros((n - 1, 2, 6)),
+            compliance=zeros((n - 1, 4)),
+            load=zeros((n - 1, 2)),
+            rate=zeros((n - 1, 2)),
+            rate_correction=zeros((n - 1, 2)),
+            left_over=zeros((n - 1, 2)),
+            twist=zeros((n, 6)),
+            correction=zeros((n, 6)),
+            no_torque=zeros((n - 1, 2)),
+            frame=None if is_flat(scene) else zeros((count, 3, 3)),
+            pairs=make_delassus(5 * len(pairs(scene))) if scene.self_contact else None,
+        ),
+        contact=np.zeros(count, np.int64),
+        table=zeros((count, COLUMNS)),
+    )

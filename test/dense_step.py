@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from snake_sim_ros.contact.projections import LEAST
+from snake_sim_ros.contact.selection import LEAST
 from snake_sim_ros.contact.selection import selection_center
 from snake_sim_ros.contact.selection import selection_compliance
 from snake_sim_ros.dynamics import force_directions
@@ -13,10 +13,9 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping import reference
-from snake_sim_ros.stepping.base import IMPULSE
-from snake_sim_ros.stepping.base import make_stepper
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.model import PROXIMAL
 
 EPS = np.finfo(float).eps
@@ -145,7 +144,7 @@ def dense_step(scene: Scene, state: State, history: Array, angle: Array, rate: A
     h = force_directions.smooth_forces(robot, np.array(scene.gravity), state.u)
     gamma_A = np.einsum('rkj,r->kj', W[:, :, :3], u_A)
     stop = -dt * scene.gravity[2] / 2 - 2.0 * gamma_A[:, 0]
-    last = history[IMPULSE, active, 0]
+    last = history.impulse[active, 0]
     expected = np.append(last, robot.per_link('link_mass')[active % n] * stop)
     most = float(expected.max(initial=0.0))
     size = force_directions.mean_delassus(robot)

@@ -11,7 +11,7 @@ from random_states import rate_of
 from scenes import DT
 from scenes import references
 
-from snake_sim_ros.contact.projections import PRESS
+from snake_sim_ros.contact.selection import PRESS
 from snake_sim_ros.dynamics.force_directions import scene_contacts
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene import obstacles
@@ -25,12 +25,11 @@ from snake_sim_ros.scene.posture import chain
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import IMPULSE
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import METHODS
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.contact_forces import where_impulses_acted
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.simulation import steps_in
 
@@ -134,7 +133,7 @@ def check_agreement(scene: Scene, state: State, rng: np.random.Generator, method
     )
     scene = replace(scene, solver=solver)
     angle = rng.uniform(-0.5, 0.5, (1, scene.robot.link_count - 1, 2))
-    start = state, no_history(scene), angle, np.zeros(angle.shape)
+    start = state, empty_history(scene), angle, np.zeros(angle.shape)
     expected, impulses, dense = make_stepper(replace(scene, method='reference')).advance(*start)
     end, history, report = make_stepper(replace(scene, method=method)).advance(*start)
     bound = 1e-10 if method == 'paper' else 1e3 * residual
@@ -158,7 +157,7 @@ def check_impact(scene: Scene, state: State, method: str) -> int:
     )
     scene = replace(scene, solver=solver, dt=1e-12)
     still = np.zeros((1, scene.robot.link_count - 1, 2))
-    start = state, no_history(scene), still, still
+    start = state, empty_history(scene), still, still
     expected, _, dense = make_stepper(replace(scene, method='reference')).advance(*start)
     end, _, report = make_stepper(replace(scene, method=method)).advance(*start)
     assert dense.unconverged == report.unconverged == 0
@@ -179,14 +178,14 @@ def robot_scene(rng: np.random.Generator, **settings) -> Scene:
 
 def pushed(scene: Scene, state: State, steps: int) -> tuple[State, Array]:
     """Return states at the start and after every step, and the normal forces of the steps [N]."""
-    stepper, history = make_stepper(scene), no_history(scene)
+    stepper, history = make_stepper(scene), empty_history(scene)
     states, forces = [state], []
     angle, rate = references(scene, steps)
     for k in range(steps):
         state, history, _ = stepper.advance(state, history, angle[k : k + 1], rate[k : k + 1])
         _, span = where_impulses_acted(scene, state, history)
         states.append(state)
-        forces.append(history[IMPULSE, :, 0] / span)
+        forces.append(history.impulse[:, 0] / span)
     q, u = (np.array([getattr(entry, name) for entry in states]) for name in 'qu')
     return State(q, u), np.array(forces)
 

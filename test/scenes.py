@@ -16,12 +16,11 @@ from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.stepping.base import IMPULSE
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import METHODS
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.model import PROXIMAL
 
 EPS = np.finfo(float).eps
@@ -183,21 +182,21 @@ def run(
     scene: Scene, state: State, steps: int, history: Array | None = None
 ) -> tuple[State, Array, Report]:
     """Return state, history and report after some steps of a scene."""
-    history = no_history(scene) if history is None else history
+    history = empty_history(scene) if history is None else history
     return make_stepper(scene).advance(state, history, *references(scene, steps))
 
 
 def course(scene: Scene, state: State, steps: int, every: int = 1) -> tuple[State, Array, Report]:
     """Return states and impulses at the start and after `every` steps each, and the report."""
-    stepper, history, report = make_stepper(scene), no_history(scene), Report()
-    states, impulses = [state], [history[IMPULSE]]
+    stepper, history, report = make_stepper(scene), empty_history(scene), Report()
+    states, impulses = [state], [history.impulse]
     angle, rate = references(scene, steps)
     for k in range(0, steps, every):
         part = slice(k, k + every)
         state, history, news = stepper.advance(state, history, angle[part], rate[part])
         report += news
         states.append(state)
-        impulses.append(history[IMPULSE])
+        impulses.append(history.impulse)
     q, u = (np.array([getattr(entry, name) for entry in states]) for name in 'qu')
     return State(q, u), np.array(impulses), report
 

@@ -15,8 +15,8 @@ from dense_step import EPS
 import numpy as np
 from scenes import whole_steps
 
-from snake_sim_ros.contact.projections import LEAST
-from snake_sim_ros.contact.projections import PRESS
+from snake_sim_ros.contact.selection import LEAST
+from snake_sim_ros.contact.selection import PRESS
 from snake_sim_ros.contact.selection import selection_center
 from snake_sim_ros.contact.selection import selection_compliance
 from snake_sim_ros.dynamics import force_directions
@@ -27,10 +27,9 @@ from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping import bdf2
 from snake_sim_ros.stepping import reference
-from snake_sim_ros.stepping.base import IMPULSE
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import PREVIOUS
 from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.methods import empty_history
 
 
 def span(scene: Scene) -> float:
@@ -61,7 +60,7 @@ def before_last(history: Array) -> State:
 
 def in_motion(scene: Scene, before: State, now: State) -> Array:
     """Return a history without contacts, of a robot that came from one state to another."""
-    history, n = no_history(scene), scene.robot.link_count
+    history, n = empty_history(scene), scene.robot.link_count
     memory = memory_of(history)
     memory[: 26 * n] = np.concatenate([part.ravel() for s in (before, now) for part in (s.q, s.u)])
     notes(history)[[bdf2.PHASE, bdf2.SPAN]] = bdf2.SMOOTH, span(scene)
@@ -75,7 +74,7 @@ def undisturbed(scene: Scene, state: State) -> Array:
     Without it the first step of `bdf2` has two parts, of which the end shows the second one only.
     """
     if scene.method != 'bdf2':
-        return no_history(scene)
+        return empty_history(scene)
     q = moved(state.q, state.q, state.u, -scene.dt)
     return in_motion(scene, State(q, state.u), state)
 
@@ -176,7 +175,7 @@ def bdf2_step(
         [W_N[:, :, None], W_T.reshape(6 * n, -1, 2), W_V.reshape(6 * n, -1, 2)], axis=2
     )[:, active]
     gamma = np.einsum('rkj,r->kj', W, u_star.ravel())
-    gap, last = gap[active], history[IMPULSE, active, 0] * h / notes(history)[bdf2.SPAN]
+    gap, last = gap[active], history.impulse[active, 0] * h / notes(history)[bdf2.SPAN]
     ahead = gap - h * gamma[:, 0]  # where the contact would be without the motion of the step
     rests = (last > 0.0) & (gap <= bdf2.RESTS)
     out = np.maximum(ahead, (dt - h) * np.minimum(0.0, gamma[:, 0]))  # of what is inside by then

@@ -30,7 +30,7 @@ def short_run(method, level):
     times = (np.arange(3) + 0.5) * scene.dt
     reference = gait.reference(scene.gait, times, scene.robot.link_count - 1)
     reference[0][2, 0, 1] = 0.01 if level == 'auto' else 0.0
-    return stepping.make_stepper(scene).advance(state, stepping.no_history(scene), *reference)
+    return stepping.make_stepper(scene).advance(state, stepping.empty_history(scene), *reference)
 
 
 if __name__ == '__main__':

@@ -14,7 +14,7 @@ from random_states import random_robot
 from random_states import random_velocities
 from scenes import PRINTED
 
-from snake_sim_ros.contact.projections import PRESS
+from snake_sim_ros.contact.selection import PRESS
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.dynamics.articulated_body import articulated_inertia
 from snake_sim_ros.dynamics.articulated_body import articulated_velocity
@@ -35,12 +35,11 @@ from snake_sim_ros.scene.rotations import H_bar
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping import reference
-from snake_sim_ros.stepping.base import IMPULSE
 from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import METHODS
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.model import PROXIMAL
 
 # Laws of the paper as printed, and with the selection rule and the activation tolerance.
@@ -116,10 +115,10 @@ def random_reference(rng, state):
 
 def random_history(rng, scene):
     """Return a history with impulses as a step could have left them, up to 1e-3 N s."""
-    history, rolls = no_history(scene), scene.friction.rolling > 0
-    history[IMPULSE] = rng.uniform(-1e-3, 1e-3, (2 * scene.robot.link_count, 5))
-    history[IMPULSE, :, 0] = np.abs(history[IMPULSE, :, 0])
-    history[IMPULSE] *= [1, 1, 1, rolls, rolls]
+    history, rolls = empty_history(scene), scene.friction.rolling > 0
+    history.impulse = rng.uniform(-1e-3, 1e-3, (2 * scene.robot.link_count, 5))
+    history.impulse[:, 0] = np.abs(history.impulse[:, 0])
+    history.impulse *= [1, 1, 1, rolls, rolls]
     return history
 
 
@@ -257,7 +256,7 @@ def test_steps_agree_along_a_scene(name, drift_correction):
     # A step of its own at the end of each second; the iteration limit keeps the dense one short.
     scene = replace(load_scene(name), drift_correction=drift_correction)
     limited = replace(scene, solver=Solver(iteration_limit=40))
-    stepper, state, history = METHODS['newton'](scene), initial_state(scene), no_history(scene)
+    stepper, state, history = METHODS['newton'](scene), initial_state(scene), empty_history(scene)
     for second in range(3):
         times = second + (np.arange(4001) + 0.5) * scene.dt
         angle, rate = gait.reference(scene.gait, times, 10)
@@ -268,7 +267,7 @@ def test_steps_agree_along_a_scene(name, drift_correction):
 def test_impulses_of_rolling_are_dropped_without_rolling_friction():
     # mu_V = 0: the set of rolling impulses is a point, whatever an earlier step left.
     scene, state, history, angle, rate = random_step(10, 2, FRICTIONS['orthotropic'])
-    history[IMPULSE, :, 3:] = 1e-4
+    history.impulse[:, 3:] = 1e-4
     assert_agreement(scene, state, history, angle, rate)
 
 
@@ -325,7 +324,7 @@ def test_solvers_find_the_same_velocities_and_normal_impulses(method, speed, lin
             residual_tolerance=RESIDUAL, tolerance=0.01 * RESIDUAL, iteration_limit=100_000
         )
         scene = replace(scene, solver=solver)
-        start = no_history(scene)
+        start = empty_history(scene)
         expected, expected_history, exact = METHODS[measure](scene).advance(state, start, *others)
         end, history, report = METHODS[method](scene).advance(state, start, *others)
         assert not exact.unconverged
@@ -341,7 +340,7 @@ def test_solvers_find_the_same_velocities_and_normal_impulses(method, speed, lin
         to_links, G = contact_operator(scene, state)
         modes = np.linalg.eigvalsh(G)
         lowest, left = modes[modes > 1e-9 * modes[-1]][0], 2 * math.sqrt(len(G)) * RESIDUAL
-        most = max(history[IMPULSE, :, 0].max(), 2 * np.abs(state.u[:, :3]).max())
+        most = max(history.impulse[:, 0].max(), 2 * np.abs(state.u[:, :3]).max())
         compliance = min(scene.solver.normal_compliance * size, PRESS / most)
         in_impulses = left * (1 / lowest + 1 / compliance)
         mu = max(friction.longitudinal, friction.transversal, friction.rolling)
@@ -357,7 +356,7 @@ def test_solvers_find_the_same_velocities_and_normal_impulses(method, speed, lin
             in_links += rounding
             in_impulses += rounding / lowest
         assert np.abs(end.u - expected.u).max() < in_links
-        gap = history[IMPULSE, :, 0] - expected_history[IMPULSE, :, 0]
+        gap = history.impulse[:, 0] - expected_history.impulse[:, 0]
         assert np.abs(gap).max() < in_impulses
     assert slid > 2
     assert circled < 2
@@ -367,7 +366,7 @@ def test_many_steps_are_single_steps_one_after_another():
     scene = load_scene('sidewinding')
     times = (np.arange(40) + 0.5) * scene.dt
     angle, rate = gait.reference(scene.gait, times, 10)
-    state, history = initial_state(scene), no_history(scene)
+    state, history = initial_state(scene), empty_history(scene)
     for name in METHODS:
         limited = replace(scene, solver=Solver(iteration_limit=5))
         whole = METHODS[name](limited).advance(state, history, angle, rate)

@@ -20,7 +20,7 @@ from snake_sim_ros.comparison.artefacts import MU
 from snake_sim_ros.comparison.artefacts import PENALTY
 from snake_sim_ros.comparison.artefacts import TILT
 from snake_sim_ros.comparison.csv_tables import read_table
-from snake_sim_ros.contact.projections import PRESS
+from snake_sim_ros.contact.selection import PRESS
 from snake_sim_ros.stepping.base import State
 
 OURS, REGULARIZED, PYRAMID = ('newton', ''), 'semi_implicit_euler', ('pyramid', '')

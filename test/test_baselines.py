@@ -39,9 +39,9 @@ from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.posture import joint_rates
 from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.simulation import Simulation
 
 DT = 1 / 4000
@@ -53,7 +53,7 @@ each_law = pytest.mark.parametrize('law', ['tanh', 'rational'])
 def advanced(stepper, scene, state, steps):
     """Return state, history and report after some steps of a body without joints."""
     references = np.zeros((2, steps, scene.robot.link_count - 1, 2))
-    return stepper.advance(state, no_history(scene), *references)
+    return stepper.advance(state, empty_history(scene), *references)
 
 
 def sunk(state, depth):

@@ -6,9 +6,9 @@ from dense_step import EPS
 import numpy as np
 import pytest
 
-from snake_sim_ros.contact.projections import IMPACT
-from snake_sim_ros.contact.projections import LEAST
-from snake_sim_ros.contact.projections import REST
+from snake_sim_ros.contact.selection import IMPACT
+from snake_sim_ros.contact.selection import LEAST
+from snake_sim_ros.contact.selection import REST
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Friction
@@ -19,14 +19,12 @@ from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import IMPULSE
 from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.base import VELOCITY
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
 
 G = 9.81
 GRAVITY = np.array([0.0, 0.0, -G])
@@ -46,7 +44,7 @@ def run(scene, state, time):
     """Return state and report after some time."""
     steps = round(time / scene.dt)
     state, _, report = make_stepper(scene).advance(
-        state, no_history(scene), *references(scene, steps)
+        state, empty_history(scene), *references(scene, steps)
     )
     assert report.steps == steps
     assert report.status is Status.CONVERGED
@@ -199,7 +197,7 @@ def test_free_flight_is_stable_with_large_steps(method, pd_scheme):
     energies = {}
     for frequency in (1000, 100, 50):
         scene = replace(scene, dt=1 / frequency)
-        stepper, state, history = make_stepper(scene), start, no_history(scene)
+        stepper, state, history = make_stepper(scene), start, empty_history(scene)
         angle, rate = references(scene, 5 * frequency)
         highest = 0.0
         for k in range(len(angle)):
@@ -246,7 +244,7 @@ def test_a_flat_link_lands_without_bounce_and_without_penetration(frequency):
     scene = replace(LINK, dt=1 / frequency)
     none = np.zeros((1, 0, 2))
     for height in np.linspace(0.01, 0.1, 20):
-        stepper, state, history = make_stepper(scene), initial_state(scene), no_history(scene)
+        stepper, state, history = make_stepper(scene), initial_state(scene), empty_history(scene)
         state.q[0, 2] += height
         # It falls for at most 0.143 s.
         for _ in range(round(0.2 * frequency)):
@@ -267,7 +265,7 @@ def test_steps_in_one_call_and_in_many_are_the_same_bit_for_bit(name):
     scene = replace(load_scene(name), method='bdf2', dt=1 / 400)
     scene = replace(scene, gait=replace(scene.gait, soft_start=0.2))
     angle, rate = references(scene, 300)
-    start = initial_state(scene), no_history(scene)
+    start = initial_state(scene), empty_history(scene)
     whole = make_stepper(scene).advance(*start, angle, rate)
     stepper, (state, history), total = make_stepper(scene), start, Report()
     for k in range(300):
@@ -283,7 +281,7 @@ def test_steps_in_one_call_and_in_many_are_the_same_bit_for_bit(name):
 def test_the_arguments_are_left_alone():
     scene = replace(CASE_A, method='bdf2', dt=1 / 400)
     angle, rate = references(scene, 5)
-    state, history = initial_state(scene), no_history(scene)
+    state, history = initial_state(scene), empty_history(scene)
     state, history, _ = make_stepper(scene).advance(state, history, angle, rate)
     before = State(state.q.copy(), state.u.copy()), history.copy()
     make_stepper(scene).advance(state, history, angle, rate)
@@ -305,14 +303,14 @@ def test_the_contact_laws_hold_in_every_step(name, rolling):
     delassus = mean_delassus(scene.robot)
     compliance = r.normal_compliance * delassus
     weight = G * scene.dt * scene.robot.per_link('link_mass').sum()
-    stepper, state, history = make_stepper(scene), initial_state(scene), no_history(scene)
+    stepper, state, history = make_stepper(scene), initial_state(scene), empty_history(scene)
     angle, rate = references(scene, 400)
     for k in range(len(angle)):
-        last, slow = history[IMPULSE].copy(), np.abs(history[VELOCITY]).max() <= 10 * REST
+        last, slow = history.impulse.copy(), np.abs(history.velocity).max() <= 10 * REST
         state, history, report = stepper.advance(state, history, angle[k : k + 1], rate[k : k + 1])
         assert report.status is Status.CONVERGED
         assert report.residual_max <= RESIDUAL
-        P, gamma = history[IMPULSE], history[VELOCITY]
+        P, gamma = history.impulse, history.velocity
         closed = P[:, 0] > 0.0
         assert (P[~closed] == 0.0).all()
         P, gamma = P[closed], gamma[closed]

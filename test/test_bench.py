@@ -42,9 +42,9 @@ from snake_sim_ros.comparison.pareto import fitted_power
 from snake_sim_ros.comparison.pareto import pareto_table
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.quantities import ParameterError
-from snake_sim_ros.stepping.base import METHODS
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.simulation import Simulation
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -610,7 +610,7 @@ for make, plain, stamped in (
 ):
     stamps = np.zeros((2, 5), np.int64)
     ends = [
-        make(scene, loop).advance(initial_state(scene), no_history(scene), *reference)[0]
+        make(scene, loop).advance(initial_state(scene), empty_history(scene), *reference)[0]
         for loop in (plain, lambda *arguments: stamped(*arguments[:-1], stamps))
     ]
     assert (ends[0].q == ends[1].q).all() and (ends[0].u == ends[1].u).all()

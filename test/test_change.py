@@ -25,17 +25,15 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.base import carried
-from snake_sim_ros.stepping.base import CHANGE
-from snake_sim_ros.stepping.base import IMPULSE
 from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import METHODS
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import PREVIOUS
 from snake_sim_ros.stepping.base import SETTLING
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import contact_forces
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.report import REPORT_SIZE
 from snake_sim_ros.stepping.simulation import Simulation
 
@@ -142,15 +140,15 @@ def test_pegs_at_one_place_are_told_apart():
 @pytest.mark.parametrize(('one', 'two'), ALL_PAIRS)
 def test_what_is_known_of_contacts_is_carried_over_and_nothing_else(one, two):
     before, after = scene_of(one), scene_of(two)
-    history = np.random.default_rng(2).uniform(0.5, 1.0, no_history(before).shape)
+    history = np.random.default_rng(2).uniform(0.5, 1.0, empty_history(before).shape)
     kept = history.copy()
     taken = carried(history, before, after, 1.5)
     assert (history == kept).all()
-    assert taken.shape == no_history(after).shape
+    assert taken.shape == empty_history(after).shape
     old, new = obstacles.same_contacts(before, after)
     scale = np.ones((PREVIOUS, 1, 5))
-    scale[IMPULSE] = 1.5
-    scale[CHANGE, :, 0] = 1.5
+    scale.impulse = 1.5
+    scale.change[:, 0] = 1.5
     assert (taken[:PREVIOUS, new] == scale * history[:PREVIOUS, old]).all()
     assert taken[SETTLING] == history[SETTLING]
     rest = taken.copy()
@@ -173,7 +171,7 @@ def check_walk(scenes):
         _, forces = contact_forces(before, state, simulation.history)
         simulation.change(scene)
         assert simulation.state is state
-        assert simulation.history.shape == no_history(scene).shape
+        assert simulation.history.shape == empty_history(scene).shape
         # What carried load still does, whatever the time for which impulses are kept.
         _, same_forces = contact_forces(scene, state, simulation.history)
         assert len(same_forces) == len(forces)
@@ -277,7 +275,13 @@ def test_arrays_that_do_not_fit_are_refused(method, level, bad):
     scene = scene_of('flat', method=method, level=level)
     state, still = initial_state(scene), np.zeros((2, 2, 2))
     given, sentence = BAD[bad]
-    given = {'state': state, 'history': no_history(scene), 'angle': still, 'rate': still, **given}
+    given = {
+        'state': state,
+        'history': empty_history(scene),
+        'angle': still,
+        'rate': still,
+        **given,
+    }
     if 'u' in given:
         given['state'] = State(state.q, given.pop('u'))
     with pytest.raises(ParameterError, match=sentence):
@@ -292,7 +296,7 @@ def test_places_and_impulses_that_are_not_finite_are_refused(method, name, level
     scene, still = scene_of(name, method=method, level=level), np.zeros((1, 2, 2))
     stepper = make_stepper(scene)
     for bad in (np.nan, np.inf):
-        state, history = initial_state(scene), no_history(scene)
+        state, history = initial_state(scene), empty_history(scene)
         state.q[1, 0] = bad
         with pytest.raises(ParameterError, match=f'state.q must be finite, got {bad} at'):
             stepper.advance(state, history, still, still)
@@ -309,7 +313,7 @@ def test_references_that_are_not_finite_say_so(method, level):
     start = initial_state(scene)
     with np.errstate(all='ignore'):
         end, _, report = make_stepper(scene).advance(
-            start, no_history(scene), angle, np.zeros((1, 2, 2))
+            start, empty_history(scene), angle, np.zeros((1, 2, 2))
         )
     assert report.status is Status.DIVERGED
     assert (end.q == start.q).all()
@@ -343,7 +347,7 @@ def test_a_reset_after_a_change_is_that_of_the_new_scene():
     simulation, still = Simulation(scene_of('pegs')), np.zeros((2, 2, 2))
     simulation.change(scene_of('both'))
     simulation.reset()
-    assert simulation.history.shape == no_history(scene_of('both')).shape
+    assert simulation.history.shape == empty_history(scene_of('both')).shape
     assert not simulation.advance(still, still).failure
 
 

@@ -19,7 +19,7 @@ from snake_sim_ros.comparison.pareto import fastest
 from snake_sim_ros.comparison.pareto import pareto_table
 from snake_sim_ros.comparison.seals import sealed
 from snake_sim_ros.comparison.stability import runs as stability
-from snake_sim_ros.stepping.base import LARGE_STEP
+from snake_sim_ros.stepping.methods import LARGE_STEP
 
 DOCS = Path(__file__).resolve().parent.parent / 'docs'
 STORED = DOCS / 'speed_accuracy'

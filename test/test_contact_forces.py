@@ -17,9 +17,8 @@ from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.base import IMPULSE
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.contact_forces import contact_forces
+from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.simulation import Simulation
 
 MASS, WEIGHT = 7.5, 7.5 * 9.81
@@ -35,7 +34,7 @@ def test_points_and_frames_are_those_of_the_middle_of_the_step(seed):
     scene = robot_scene(
         rng, ground=random_ground(rng), pegs=random_pegs(rng), self_contact=True, dt=0.01
     )
-    state, history = anywhere(rng, 5), no_history(scene)
+    state, history = anywhere(rng, 5), empty_history(scene)
     state.q[0, 3:] = [1.0, 0.0, 0.0, 0.0]  # upright, without a heading
     state.u[0, 3:] = 1e-12
     gap, lever, frame = obstacles.contact_geometry(scene, moved(state, -scene.dt / 2))
@@ -43,13 +42,13 @@ def test_points_and_frames_are_those_of_the_middle_of_the_step(seed):
     assert loaded[:10].any()
     assert loaded[10 : obstacles.first_peg(scene)].any()
     assert loaded[obstacles.first_pair(scene) :].any()
-    history[IMPULSE, loaded] = rng.uniform(0.1, 1.0, (loaded.sum(), 5))
+    history.impulse[loaded] = rng.uniform(0.1, 1.0, (loaded.sum(), 5))
     points, forces = contact_forces(scene, state, history)
     # A turn by a is taken as one by 2 atan(a/2): a = 0.02 rad, a^3/12.
     links = obstacles.links(scene)[loaded, 0]
     centers = state.q[links, :3] - scene.dt / 2 * state.u[links, :3]
     assert np.abs(points - centers - lever[loaded]).max() < 1e-6
-    expected = np.einsum('ak,aki->ai', history[IMPULSE, loaded, :3], frame[loaded]) / scene.dt
+    expected = np.einsum('ak,aki->ai', history.impulse[loaded, :3], frame[loaded]) / scene.dt
     assert np.abs(forces - expected).max() < 1e-4 * np.abs(expected).max()
 
 

@@ -23,10 +23,9 @@ from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.parameters import STICKY
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import chain
-from snake_sim_ros.stepping.base import IMPULSE
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import METHODS
 from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.simulation import Simulation
 
 # A projection is exact up to rounding: the root t to sqrt(1e-8)^2, then three products.
@@ -237,7 +236,7 @@ def test_a_solved_step_satisfies_the_scaled_disc_law(method, velocity, delta):
     assert (step.active == [0, 1]).all()
     gammas, compliance = step.gamma(end.u), delta * force_directions.mean_delassus(scene.robot)
     mu, r = np.array([0.1, 0.5]), scene.solver.r_sliding
-    for P, gamma in zip(history[IMPULSE], gammas[:, 1:3], strict=True):
+    for P, gamma in zip(history.impulse, gammas[:, 1:3], strict=True):
         scaled = mu * prox_disc(*(P[1:3] / mu - r * mu * gamma), P[0])
         # A step changes the impulses by less than the tolerance. From the residual of one law to
         # that of the other: a factor up to 1/mu_x^2 = 100.
@@ -245,7 +244,7 @@ def test_a_solved_step_satisfies_the_scaled_disc_law(method, velocity, delta):
     # Normal law: gamma_N + c P_N vanishes, up to the tolerance over r_N or the residual. c is less
     # where the rule would press in more than it may if a contact carried half of a link.
     expected = -MASS * scene.gravity[2] / 2 * span(scene)
-    P_N, c = history[IMPULSE, :, 0], min(compliance, press_of(scene) / expected)
+    P_N, c = history.impulse[:, 0], min(compliance, press_of(scene) / expected)
     assert (P_N > 0).all()
     assert np.abs(gammas[:, 0] + c * P_N).max() < scene.solver.residual_tolerance
 

@@ -37,10 +37,10 @@ from snake_sim_ros.scene.posture import chain
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import METHODS
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.methods import METHODS
 
 # In NumPy the same takes minutes; `reference` agrees with `paper` step by step, see
 # test_agreement.
@@ -180,7 +180,7 @@ def swung_particle(method, count, gravity, mu):
     """Return x, y and whether the particle rests, at 20 times in 1 s of `count` steps."""
     dt, state, path = 1.0 / count, lying(radius=0.0), []
     scene = particle_scene(method, dt, mu, gravity(0.0))
-    stepper, history = make_stepper(scene), no_history(scene)
+    stepper, history = make_stepper(scene), empty_history(scene)
     still = np.zeros((1, 0, 2))
     acts = 1.0 if method == 'bdf2' else 0.5  # part of a step at which forces are taken
     for k in range(count):

@@ -21,7 +21,6 @@ from snake_sim_ros.paper.experiments import record
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.quantities import ParameterError
-from snake_sim_ros.stepping.base import IMPULSE
 from snake_sim_ros.stepping.simulation import Simulation
 
 DOCS = Path(__file__).resolve().parent.parent / 'docs'
@@ -137,7 +136,7 @@ def test_samples_are_sums_and_means_of_all_steps(cases):
         report = simulation.advance(*simulation.gait_reference(1))
         q.append(simulation.state.q)
         u.append(simulation.state.u)
-        impulse.append(simulation.history[IMPULSE, :, :3].copy())
+        impulse.append(simulation.history.impulse[:, :3].copy())
         torque.append(report.joint_torque)
     q, u, impulse, torque = map(np.array, (q, u, impulse, torque))
     contacts, joints = work_of_steps(case.scene, q, u, impulse, torque)

@@ -24,12 +24,12 @@ from snake_sim_ros.scene.posture import chain
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import METHODS
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.methods import METHODS
 
 GAITS = ('lateral_undulation', 'sidewinding', 'sinus_lifting')  # A and B, C, D
 # Steps without friction. `paper` and `gauss_seidel` sweep for long.
@@ -51,7 +51,7 @@ def test_without_friction_the_center_of_mass_stays_put(method, level, name):
     solver = replace(scene.solver, iteration_limit=200)  # what is left of laws moves nobody aside
     scene = replace(scene, method=method, level=level, friction=isotropic(0.0), solver=solver)
     start, steps = initial_state(scene), STEPS[method]
-    stepper, end, history, report = make_stepper(scene), start, no_history(scene), Report()
+    stepper, end, history, report = make_stepper(scene), start, empty_history(scene), Report()
     for done in range(0, steps, 100_000):
         reference = references(scene, min(steps, 100_000), done)
         end, history, news = stepper.advance(end, history, *reference)
@@ -93,7 +93,7 @@ def flight_errors(scene, start, time):
     """Return relative errors of energy and spin after a flight, and the angles at its end."""
     steps = round(time / scene.dt)
     still = np.zeros((steps, scene.robot.link_count - 1, 2))
-    end, _, report = make_stepper(scene).advance(start, no_history(scene), still, still)
+    end, _, report = make_stepper(scene).advance(start, empty_history(scene), still, still)
     assert report.status is Status.CONVERGED and report.steps == steps
     _, spin, energy = momentum(scene.robot, start)
     _, end_spin, end_energy = momentum(scene.robot, end)
@@ -144,7 +144,7 @@ def test_a_limp_robot_keeps_its_energy_with_bdf2(speed, yaw):
 @pytest.mark.parametrize(('method', 'rate'), [('newton', 4000), ('bdf2', 200)])
 def test_a_robot_that_moves_flat_sinks_no_deeper(method, rate, name):
     scene = replace(load_scene(name), level='spatial', method=method, dt=1 / rate)
-    stepper, state, history = make_stepper(scene), initial_state(scene), no_history(scene)
+    stepper, state, history = make_stepper(scene), initial_state(scene), empty_history(scene)
     angle, rates = references(scene, 60 * rate)
     depths = []
     for part in (slice(0, 30 * rate), slice(30 * rate, None)):

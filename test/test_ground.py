@@ -44,9 +44,9 @@ from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
 
 # A method that adds laws of a stiffness 1/(1e-5 G) to the inertia of a link loses up to six digits
 # of velocities around 1 m/s.
@@ -274,11 +274,11 @@ def test_impacts_take_energy(method):
     # Links thrown over steps: contacts leave no more energy than the step without them has.
     for seed in range(3):
         scene, state = thrown(method, seed)
-        stepper, history, zero = make_stepper(scene), no_history(scene), references(scene, 1)
+        stepper, history, zero = make_stepper(scene), empty_history(scene), references(scene, 1)
         closed = 0
         for _ in range(round(0.15 / scene.dt)):
             lifted = State(state.q + np.eye(7)[2], state.u)
-            free, _, _ = stepper.advance(lifted, no_history(scene), *zero)
+            free, _, _ = stepper.advance(lifted, empty_history(scene), *zero)
             state, history, report = stepper.advance(state, history, *zero)
             closed += report.contacts
             most = kinetic_energy(scene.robot, free.u)

@@ -30,14 +30,13 @@ from scenes import run
 from scenes import SPEED
 from scenes import TIGHT
 
-from snake_sim_ros.contact.projections import IMPACT
-from snake_sim_ros.contact.projections import LEAST
-from snake_sim_ros.contact.projections import PRESS
+from snake_sim_ros.contact.selection import IMPACT
+from snake_sim_ros.contact.selection import LEAST
+from snake_sim_ros.contact.selection import PRESS
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.stepping.base import IMPULSE
 
 
 @each_method
@@ -226,7 +225,7 @@ def test_selection_rule_presses_an_impact_no_deeper_than_its_bound(method, dt):
     assert abs(state.u[0, 2] + c * P) < error
     assert c * P < max(PRESS, LEAST * size * P * 1.01)
     # G^-1 <= m/2 makes less than m R of the residuals of two contacts.
-    assert abs(history[IMPULSE, 0, 0] - P) < MASS * error
+    assert abs(history.impulse[0, 0] - P) < MASS * error
     # The printed laws are violated by as much, and the report tells.
     assert abs(report.printed_residual_max - c * P) < error
     assert report.residual_max <= SPEED

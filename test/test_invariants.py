@@ -24,7 +24,7 @@ from schemes import check_laws
 from schemes import of_two_states
 from schemes import step_of
 
-from snake_sim_ros.contact.projections import LEAST
+from snake_sim_ros.contact.selection import LEAST
 from snake_sim_ros.contact.selection import selection_center
 from snake_sim_ros.contact.selection import selection_compliance
 from snake_sim_ros.dynamics.force_directions import contact_directions
@@ -41,16 +41,13 @@ from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import CHANGE
-from snake_sim_ros.stepping.base import IMPLICIT_SCHEMES
-from snake_sim_ros.stepping.base import IMPULSE
 from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import METHODS
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
-from snake_sim_ros.stepping.base import VELOCITY
+from snake_sim_ros.stepping.bdf2 import IMPLICIT_SCHEMES
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.model import PROXIMAL
 from snake_sim_ros.stepping.reference import middle_coordinates
 
@@ -169,7 +166,9 @@ def test_contacts_obey_their_laws_and_take_energy_in_every_step(
         # no work on either velocity, so the difference is the work of the contact impulses at the
         # mean of both velocities: exactly so for the impulses before the last sweep, eps away.
         lifted = State(start.q + 10.0 * np.eye(7)[2], start.u)
-        free, _, _ = stepper.advance(lifted, no_history(scene), angle[k : k + 1], rate[k : k + 1])
+        free, _, _ = stepper.advance(
+            lifted, empty_history(scene), angle[k : k + 1], rate[k : k + 1]
+        )
         loss = kinetic_energy(scene.robot, free.u) - kinetic_energy(scene.robot, end.u)
         mean = (gamma + contact_velocities(scene, q_mid, free.u)[touching]) / 2
         # Friction, normal and rolling parts change by eps each in a last sweep; 1e-15 J of
@@ -202,7 +201,7 @@ def test_contacts_of_bdf2_obey_their_laws_and_take_energy(links, steps, gait, fr
         robot=Robot(link_count=links), gait=gait, friction=friction, solver=solver, method='bdf2',
         level='spatial', drift_correction='none',
     )  # fmt: skip
-    state, history, stepper = initial_state(scene), no_history(scene), make_stepper(scene)
+    state, history, stepper = initial_state(scene), empty_history(scene), make_stepper(scene)
     checked = sliding = fewest = 0
     for angle, rate in zip(*references(scene, steps), strict=True):
         step = step_of(scene, state, history, angle, rate) if of_two_states(history) else None
@@ -212,8 +211,8 @@ def test_contacts_of_bdf2_obey_their_laws_and_take_energy(links, steps, gait, fr
             continue
         if not of_two_states(history):
             step = step.landed(state.q)
-        P = history[IMPULSE, step.active]
-        assert not np.delete(history[IMPULSE], step.active, axis=0).any()
+        P = history.impulse[step.active]
+        assert not np.delete(history.impulse, step.active, axis=0).any()
         slack = 100 * EPS * (np.abs(state.u).max() + np.abs(P).max() / solver.r_sliding)
         check_laws(step, P, state.u, 1e-9 + slack, step.balance_error(P, state.u))
         radii = np.array([friction.longitudinal, friction.transversal])
@@ -239,7 +238,7 @@ def test_velocities_are_those_that_the_impulses_give(method, links):
         robot=Robot(link_count=links), gait=SIDEWINDING, friction=ROLLING, method=method,
         level='spatial', drift_correction='none',
     )  # fmt: skip
-    state, history, stepper = initial_state(scene), no_history(scene), make_stepper(scene)
+    state, history, stepper = initial_state(scene), empty_history(scene), make_stepper(scene)
     checked = 0
     # Through the chain impulses are rounded with the stiffness of the laws, eps |gamma|/(1e-5 G):
     # 1e-11 N s at 0.1 m/s, and the torque of rolling turns a link by L_SC/Theta_3 of it.
@@ -256,7 +255,7 @@ def test_velocities_are_those_that_the_impulses_give(method, links):
         checked += 1
         if method == 'bdf2' and not of_two_states(history):
             step = step.landed(state.q)
-        P, allowed = history[IMPULSE, step.active], bound
+        P, allowed = history.impulse[step.active], bound
         if method == 'bdf2':
             allowed = step.balance_error(P, state.u)
         if method in SWEEPING and len(P):
@@ -268,23 +267,23 @@ def test_velocities_are_those_that_the_impulses_give(method, links):
 @pytest.mark.parametrize('method', ['newton', 'newton_dense'])
 def test_history_holds_impulses_velocities_and_their_changes(method):
     scene = Scene(robot=Robot(link_count=3), gait=SIDEWINDING, friction=ROLLING, method=method)
-    stepper, state, history = make_stepper(scene), initial_state(scene), no_history(scene)
+    stepper, state, history = make_stepper(scene), initial_state(scene), empty_history(scene)
     opened = 0
     for angle, rate in zip(*references(scene, 400), strict=True):
         start, before = state, history
         state, history, _ = stepper.advance(state, before, angle[None], rate[None])
         q_mid = middle_coordinates(start, scene.dt)
         gamma = contact_velocities(scene, q_mid, state.u)
-        carries = history[IMPULSE, :, 0] > 0.0
-        lasts = carries & (before[IMPULSE, :, 0] > 0.0)
+        carries = history.impulse[:, 0] > 0.0
+        lasts = carries & (before.impulse[:, 0] > 0.0)
         opened += (~carries).sum()
         assert not history[:, ~carries].any()
         # Twists about O in place of velocities of links: rounding of lengths and speeds around 1.
-        assert np.abs(history[VELOCITY] - gamma)[carries].max(initial=0.0) < 1e-13
-        change = history[VELOCITY] - before[VELOCITY]
-        change[:, 0] = (history[IMPULSE] - before[IMPULSE])[:, 0]
-        assert (history[CHANGE][lasts] == change[lasts]).all()
-        assert not history[CHANGE][~lasts].any()
+        assert np.abs(history.velocity - gamma)[carries].max(initial=0.0) < 1e-13
+        change = history.velocity - before.velocity
+        change[:, 0] = (history.impulse - before.impulse)[:, 0]
+        assert (history.change[lasts] == change[lasts]).all()
+        assert not history.change[~lasts].any()
     assert opened
 
 
@@ -418,8 +417,8 @@ def test_repeated_and_divided_runs_are_equal_bit_by_bit(method, links, chunks, l
     # Divided, with a stepper that has done other steps before.
     stepper = make_stepper(scene)
     angle, rate = references(scene, steps)
-    stepper.advance(start, no_history(scene), angle[:7], rate[:7])
-    state, history, report = start, no_history(scene), Report()
+    stepper.advance(start, empty_history(scene), angle[:7], rate[:7])
+    state, history, report = start, empty_history(scene), Report()
     for k in range(0, steps, length):
         part = slice(k, k + length)
         state, history, news = stepper.advance(state, history, angle[part], rate[part])

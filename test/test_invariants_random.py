@@ -27,14 +27,13 @@ from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import IMPULSE
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import METHODS
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.bdf2 import PHASE
 from snake_sim_ros.stepping.bdf2 import SMOOTH
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.methods import METHODS
 
 RESIDUAL = 1e-9  # m/s
 LIMIT = 500  # iterations
@@ -107,13 +106,13 @@ def check_report(step, end, history, report):
     scene, method = step.scene, step.scene.method
     limit, tolerance = scene.solver.iteration_limit, scene.solver.tolerance
     assert report.steps == 1
-    carries = history[IMPULSE, step.active, 0] > 0.0
+    carries = history.impulse[step.active, 0] > 0.0
     closed = (carries | (step.shift <= 0.0)).sum()  # those that could close are in the step, too
     if method == 'bdf2' and not of_two_states(history):  # a landing was solved once more
         assert (step.shift <= 0.0).sum() <= report.contacts <= len(step.active)
     else:
         assert report.contacts == closed
-    assert (np.delete(history[IMPULSE], step.active, axis=0) == 0.0).all()
+    assert (np.delete(history.impulse, step.active, axis=0) == 0.0).all()
     converged = report.status is Status.CONVERGED
     assert converged == (not report.unconverged)
     if method not in SWEEPING:
@@ -121,7 +120,7 @@ def check_report(step, end, history, report):
     assert converged or report.iterations >= limit
     if method == 'bdf2' and notes(history)[PHASE] != SMOOTH:
         step = step.landed(end.q)
-    P = history[IMPULSE, step.active]
+    P = history.impulse[step.active]
     if not len(P):
         return converged
     # Roundings of gamma, and of the impulses over r_T = 0.01 kg. The last sweep of those that
@@ -217,9 +216,9 @@ def test_the_same_bits_twice(method, case):
     rate = np.zeros(angle.shape)
     used = make_stepper(scene)
     # A stepper that has done something else before, and a new one.
-    used.advance(State(state.q + 0.0, 0.5 * state.u), no_history(scene), angle, rate)
+    used.advance(State(state.q + 0.0, 0.5 * state.u), empty_history(scene), angle, rate)
     results = []
     for stepper in (used, make_stepper(scene)):
-        end, history, report = stepper.advance(state, no_history(scene), angle, rate)
+        end, history, report = stepper.advance(state, empty_history(scene), angle, rate)
         results.append((end.q.tobytes(), end.u.tobytes(), history.tobytes(), report.iterations))
     assert results[0] == results[1]

@@ -29,13 +29,12 @@ from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import IMPULSE
 from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.simulation import Simulation
 
@@ -59,7 +58,7 @@ def test_levels_agree(scene):
     every, parts = round(0.1 / scene.dt), {}
     for level in ('planar', 'spatial'):
         stepper = make_stepper(replace(scene, level=level))
-        state, history, samples = initial_state(scene), no_history(scene), []
+        state, history, samples = initial_state(scene), empty_history(scene), []
         angle, rate = references(scene, round(scene.duration / scene.dt))
         for k in range(0, len(angle), every):
             part = slice(k, k + every)
@@ -123,7 +122,7 @@ def test_the_reference_is_the_step_of_the_paper_unless_told_otherwise():
     angle, rate = references(scene, 1)
     for level, taken in (('auto', 'spatial'), ('planar', 'planar'), ('spatial', 'spatial')):
         stepper = make_stepper(replace(scene, level=level))
-        report = stepper.advance(initial_state(scene), no_history(scene), angle, rate)[2]
+        report = stepper.advance(initial_state(scene), empty_history(scene), angle, rate)[2]
         assert report.level == taken
 
 
@@ -133,7 +132,7 @@ def test_the_reference_is_the_step_of_the_paper_unless_told_otherwise():
 def sliding(scene, steps=100):
     """Return state and history of a robot under way in the plane."""
     state, history, report = make_stepper(scene).advance(
-        initial_state(scene), no_history(scene), *references(scene, steps)
+        initial_state(scene), empty_history(scene), *references(scene, steps)
     )
     assert report.planar_steps == report.steps == steps
     return state, history
@@ -168,7 +167,7 @@ def test_a_pitch_reference_takes_the_step_to_space(method):
     assert (after[2].level, after[2].planar_steps, after[2].steps) == ('spatial', 2, 4)
     assert after[2].left == 'joint_1_pitch is told 0.02 rad'
     spatial = make_stepper(replace(scene, level='spatial'))
-    impulses = no_history(scene)
+    impulses = empty_history(scene)
     impulses[:3] = before[1][:3]
     end, _, _ = spatial.advance(before[0], impulses, angle[2:], rate[2:])
     assert (after[0].q == end.q).all() and (after[0].u == end.u).all()
@@ -213,7 +212,7 @@ def test_there_and_back_again(method):
     robot = scene.robot
     start = in_plane(robot, initial_state(scene).q, np.array([0.2, 0.1]), np.zeros(11))
     angle, rate = burst(scene, 0, 400, [(50, 70)], 0.01)
-    steps = level_by_level(scene, start, no_history(scene), angle, rate)
+    steps = level_by_level(scene, start, empty_history(scene), angle, rate)
     levels = [report.level for _, _, report in steps]
     assert all(report.status is Status.CONVERGED for _, _, report in steps)
     assert levels[:50] == ['planar'] * 50
@@ -293,10 +292,10 @@ def test_another_gravity_goes_to_space_and_back():
     scene = replace(CASE_A, dt=DT)
     simulation = Simulation(scene)
     simulation.advance(*references(scene, 50))
-    state, impulses = simulation.state, simulation.history[IMPULSE].copy()
+    state, impulses = simulation.state, simulation.history.impulse.copy()
     simulation.change(replace(scene, gravity=slope(0.02)))
     assert simulation.state is state
-    assert (simulation.history[IMPULSE] == impulses).all()
+    assert (simulation.history.impulse == impulses).all()
     report = simulation.advance(*references(scene, 50, 50))
     assert (report.level, report.planar_steps, report.steps) == ('spatial', 0, 50)
     assert report.penetration_max <= FLAT_GAP
@@ -315,7 +314,7 @@ def test_calls_of_any_length_are_the_same_bits(method, chunk):
     scene = with_settings(CASE_A, {**settings, 'solver.iteration_limit': 50})
     steps = 240
     angle, rate = burst(scene, 0, steps, [(40, 43), (130, 131)], 0.005)
-    start = initial_state(scene), no_history(scene)
+    start = initial_state(scene), empty_history(scene)
     whole = make_stepper(scene).advance(*start, angle, rate)
     stepper, (state, history), total = make_stepper(scene), start, Report()
     for k in range(0, steps, chunk):
@@ -357,12 +356,12 @@ def test_vertical_momentum_is_taken_up_by_the_contacts():
     for speed in (-9e-4, 5e-4, 0.0):
         state.u[:, 2] = speed
         end, history, report = make_stepper(scene).advance(
-            state, no_history(scene), *references(scene, 1)
+            state, empty_history(scene), *references(scene, 1)
         )
         assert report.status is Status.CONVERGED
         assert not end.u[:, 2].any()
         taken = mass * (G * scene.dt - speed)
-        assert history[IMPULSE, :, 0].sum() == pytest.approx(taken, rel=1e-9)
+        assert history.impulse[:, 0].sum() == pytest.approx(taken, rel=1e-9)
 
 
 # ---- refusals -----------------------------------------------------------------------------------
@@ -446,7 +445,7 @@ FALLING[1, 2] = -2e-3
 )
 def test_states_that_are_not_planar_end_the_call(q, u, told, clause, method):
     scene = Scene(robot=ROBOT, level='planar', method=method)
-    state, history = State(q, u), no_history(scene)
+    state, history = State(q, u), empty_history(scene)
     angle = np.tile(joint_angles(FLAT_Q), (3, 1, 1))
     angle[1:, 1, 1] = told  # the first step is good
     end, memory, report = make_stepper(scene).advance(state, history, angle, np.zeros(angle.shape))

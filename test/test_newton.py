@@ -30,13 +30,11 @@ from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.parameters import scene_to_text
 from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.stepping.base import CHANGE
-from snake_sim_ros.stepping.base import IMPULSE
 from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import PREVIOUS
 from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
 
 RESIDUAL = 1e-9  # m/s, the tolerance of all scenes
 # Steps that do not converge, far beyond Painleve's threshold (0.978 for one link and lower with
@@ -69,7 +67,7 @@ def solved(name, method):
     scene, *start = PROBLEMS[name]
     step = dense_step(scene, *start[:2], *start[2:])
     state, history, report = one_step(with_settings(scene, {'method': method}), *start)
-    return step, history[IMPULSE, step.active], state.u, report
+    return step, history.impulse[step.active], state.u, report
 
 
 def rounding(P, u):
@@ -143,14 +141,14 @@ def test_other_methods_are_as_honest(method):
         scene = replace(scene, method=method, **settings)
         history = undisturbed(scene, state)
         history[:PREVIOUS] = stored[:PREVIOUS]
-        history[IMPULSE] *= span(scene) / scene.dt
-        history[CHANGE, :, 0] *= span(scene) / scene.dt
+        history.impulse *= span(scene) / scene.dt
+        history.change[:, 0] *= span(scene) / scene.dt
         step = step_of(scene, state, history, angle, rate)
         end, history, report = one_step(scene, state, history, angle, rate)
         assert not report.failure
         if method == 'bdf2' and not of_two_states(history):
             step = step.landed(end.q)
-        P = history[IMPULSE, step.active]
+        P = history.impulse[step.active]
         slack = rounding(P, end.u)
         if method in SWEEPING:  # the last sweep comes after the residual
             converged = not report.unconverged
@@ -242,7 +240,7 @@ def gait_steps(scene, steps):
     """Return stepper, state, history and references of the first steps of a scene."""
     times = (np.arange(steps) + 0.5) * scene.dt
     angle, rate = gait.reference(scene.gait, times, scene.robot.link_count - 1)
-    return make_stepper(scene), initial_state(scene), no_history(scene), angle, rate
+    return make_stepper(scene), initial_state(scene), empty_history(scene), angle, rate
 
 
 @pytest.mark.parametrize('method', ['newton', 'bdf2'])

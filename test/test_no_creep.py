@@ -6,7 +6,7 @@ from dense_step import EPS
 import numpy as np
 import pytest
 
-from snake_sim_ros.contact.projections import PRESS
+from snake_sim_ros.contact.selection import PRESS
 from snake_sim_ros.dynamics.force_directions import joint_gaps
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import load_scene
@@ -16,11 +16,10 @@ from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.base import VELOCITY
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
 
 DT = 1 / 1000
 TILT = np.radians(10.0)
@@ -38,7 +37,7 @@ class OnSlope:
         settings = {'method': method, 'dt': DT, 'solver.normal_compliance': compliance}
         self.scene = with_settings(scene, settings)
         self.stepper = make_stepper(self.scene)
-        self.state, self.history = initial_state(self.scene), no_history(self.scene)
+        self.state, self.history = initial_state(self.scene), empty_history(self.scene)
         self.angle = joint_angles(self.state.q)
 
     def rest(self, seconds):
@@ -77,7 +76,7 @@ def test_nothing_sinks_or_creeps_on_a_slope(method, seconds, compliance, directi
     assert np.abs(robot.state.q - start).max() <= bound
     assert np.abs(gaps(robot.scene.robot, robot.state.q) - height).max() <= bound
     # The ten joints pass on rounding; all contacts stick.
-    assert np.abs(robot.history[VELOCITY]).max() <= 1e-15
+    assert np.abs(robot.history.velocity).max() <= 1e-15
     assert report.iterations_max <= 1
 
 
@@ -94,7 +93,7 @@ def test_a_robot_that_comes_to_rest_is_held_from_then_on():
 @pytest.mark.parametrize('velocity', [(6.0, 0.0), (0.0, 6.0)])
 def test_t13_a_sliding_link_does_not_lift(velocity, method):
     scene = Scene(robot=Robot(link_count=1), friction=HELD, method=method, level='spatial')
-    stepper, history = make_stepper(scene), no_history(scene)
+    stepper, history = make_stepper(scene), empty_history(scene)
     state = initial_state(scene)
     state.q[:, 2] -= 1e-12  # closed, whatever rounding makes of zero
     state.u[0, :2] = velocity
@@ -118,7 +117,7 @@ def test_t13_a_sliding_link_does_not_lift(velocity, method):
 def test_joints_are_closed_after_every_step(rule, method):
     settings = {'method': method, 'dt': DT, 'level': 'spatial', 'drift_correction': rule}
     scene = with_settings(load_scene('lateral_undulation'), settings)
-    stepper, history = make_stepper(scene), no_history(scene)
+    stepper, history = make_stepper(scene), empty_history(scene)
     start = initial_state(scene)
     spin = np.zeros((11, 6))
     spin[:, 4], spin[:, 0], spin[:, 1] = 3.0, -3.0 * start.q[:, 1], 3.0 * start.q[:, 0]

@@ -11,7 +11,7 @@ import setuptools
 from snake_sim_ros.comparison.bench_entries import LARGE
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.quantities import ParameterError
-from snake_sim_ros.stepping.base import LARGE_STEP
+from snake_sim_ros.stepping.methods import LARGE_STEP
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ' '.join((ROOT / 'README.md').read_text(encoding='utf-8').split())

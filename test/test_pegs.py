@@ -41,7 +41,6 @@ from snake_sim_ros.scene.posture import chain
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import IMPULSE
 from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import State
 
@@ -188,7 +187,7 @@ def test_peg_does_not_hold_what_leaves(method, dt):
     end, history, report = run(scene, state, 1)
     assert report.contacts == 1
     assert np.abs(end.u - state.u).max() < ROUNDED
-    assert not history[IMPULSE].any()
+    assert not history.impulse.any()
 
 
 @every_here

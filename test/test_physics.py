@@ -1,7 +1,7 @@
 """
 Laws of mechanics that one link has to obey, each with its closed solution.
 
-Every time stepper of `base.METHODS` is held to every law. Where its step has a solution of its
+Every time stepper of `methods.METHODS` is held to every law. Where its step has a solution of its
 own that differs from that of the differential equation, the test holds it to both: to the first
 within the tolerance of the contact iteration, to the second within a power of dt. All methods but
 `bdf2` take the step of the paper, and have its solution.

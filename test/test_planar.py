@@ -31,13 +31,12 @@ from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.quantities import ParameterError
-from snake_sim_ros.stepping.base import IMPULSE
 from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import METHODS
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import where_impulses_acted
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.planar.equilibrium import UNHELD
 from snake_sim_ros.stepping.planar.model import HOLD
 
@@ -73,7 +72,7 @@ def held(state, steps):
 
 def advance(scene, state, angle, rate):
     """Return what a new stepper makes of a state without history."""
-    return make_stepper(scene).advance(state, no_history(scene), angle, rate)
+    return make_stepper(scene).advance(state, empty_history(scene), angle, rate)
 
 
 # ---- against the dense step ---------------------------------------------------------------------
@@ -100,7 +99,7 @@ def test_steps_agree_with_the_dense_step(rule, pd_scheme):
             settings = {'robot': robot, 'friction': friction, 'drift_correction': rule}
             scene = flat_scene('reference', pd_scheme=pd_scheme, **settings)
             end, history, report = advance(scene, state, angle, rate)
-            largest = history[IMPULSE, :, 0].max()
+            largest = history.impulse[:, 0].max()
             # Friction is mu of the load; a link turns by L_GS/Theta_1 = 41/(kg m) of it at most,
             # which is more than 1/m, and rounds by the condition of the joints, 1.4e5.
             load = HELD * largest + EXACT.tolerance
@@ -114,7 +113,7 @@ def test_steps_agree_with_the_dense_step(rule, pd_scheme):
                     continue
                 taken += 1
                 assert news.contacts == report.contacts == 2 * link_count
-                assert np.abs(memory[IMPULSE] - history[IMPULSE]).max() < load, method
+                assert np.abs(memory.impulse - history.impulse).max() < load, method
                 assert np.abs(other.u - end.u).max() < speed, method
                 assert np.abs(other.q - end.q).max() < scene.dt * speed + 10 * EPS, method
                 # Yaw torques change with the rates, in the implicit part; pitch torques carry
@@ -178,8 +177,8 @@ def test_one_link_agrees_with_the_dense_step(method):
         _, acted = where_impulses_acted(scene, end, history)
         share = mu * RADIUS / OFFSET * np.array([1, -1])
         load = MASS * G / 2 * (1 + share) * acted
-        assert np.abs(history[IMPULSE, :, 0] - load).max() < 1e-13
-        assert np.abs(history[IMPULSE, :, 1] + mu * load).max() < 1e-13
+        assert np.abs(history.impulse[:, 0] - load).max() < 1e-13
+        assert np.abs(history.impulse[:, 1] + mu * load).max() < 1e-13
         assert np.abs(end.u[0, :2] - (0.3 - mu * G * dt) * heading(0.7)).max() < 1e-11
         way = (end.q - state.q)[0, :2] - (0.3 * dt - mu * G * dt**2 / 2) * heading(0.7)
         assert np.abs(way).max() < 10 * EPS
@@ -188,7 +187,7 @@ def test_one_link_agrees_with_the_dense_step(method):
     other, memory, report = advance(flat_scene(method, robot=ONE), state, *held(state, 1))
     assert report.status is Status.CONVERGED
     assert np.abs(other.u - end.u).max() < 1e-11
-    assert np.abs(memory[IMPULSE] - history[IMPULSE]).max() < 1e-13
+    assert np.abs(memory.impulse - history.impulse).max() < 1e-13
 
 
 def test_solvers_agree_along_a_gait():
@@ -270,7 +269,7 @@ def test_loads_are_those_of_least_norm(method):
             _, acted = where_impulses_acted(scene, end, history)
         middle = lying_flat(robot, np.diff(theta), theta[0])
         motions, vertical = upright_motions(robot, middle)
-        load = load_of_friction(scene, middle, history[IMPULSE, :, 1:3], acted)
+        load = load_of_friction(scene, middle, history.impulse[:, 1:3], acted)
         forces = np.einsum('ikc,ik->c', motions, load)
         # Rolling is what no contact sees; pitch joints hold it as springs of their stiffness do.
         rolling = null_space(vertical, rcond=1e-9)
@@ -278,7 +277,7 @@ def test_loads_are_those_of_least_norm(method):
         spring[3:] = robot.per_joint('stiffness')[:, 1:] * rolling[3:]
         free = null_space(spring.T)
         expected = np.linalg.pinv(free.T @ vertical.T, rcond=1e-9) @ (-free.T @ forces)
-        P_N = history[IMPULSE, :, 0]
+        P_N = history.impulse[:, 0]
         share = 1e-9 if method == 'reference' else HELD
         assert np.abs(P_N - expected).max() <= share * P_N.max()
         # Of the whole robot, whatever joints do: but for a share of the moments of friction.
@@ -296,8 +295,8 @@ def test_a_straight_robot_at_rest_carries_half_a_link_with_each_contact(method):
     assert report.status is Status.CONVERGED
     # Out of the plane the chain of springs has a condition of some (n L/L_GS)^2 n = 1e4.
     _, acted = where_impulses_acted(flat_scene(method), end, history)
-    assert history[IMPULSE, :, 0] / acted == pytest.approx(MASS * G / 2, rel=1e-10)
-    assert not history[IMPULSE, :, 1:].any()
+    assert history.impulse[:, 0] / acted == pytest.approx(MASS * G / 2, rel=1e-10)
+    assert not history.impulse[:, 1:].any()
 
 
 @each_method
@@ -388,12 +387,12 @@ def test_a_robot_that_sticks_does_not_creep(method):
     friction = Friction(longitudinal=0.5, transversal=0.5)
     solver = replace(EXACT, residual_tolerance=1e-10)
     scene = replace(scene, friction=friction, solver=solver, level='planar')
-    state, history, stepper = initial_state(scene), no_history(scene), make_stepper(scene)
+    state, history, stepper = initial_state(scene), empty_history(scene), make_stepper(scene)
     angle, rate = held(state, 1000)
     angle[..., 0] += 0.0005 * (-1.0) ** np.arange(10)
     rest, history, _ = stepper.advance(state, history, angle[:400], rate[:400])
     end, history, report = stepper.advance(rest, history, angle[400:], rate[400:])
-    P = history[IMPULSE]
+    P = history.impulse
     used = np.linalg.norm(P[:, 1:3], axis=1) / (0.5 * P[:, 0])
     assert used.min() >= 0.0 and 0.05 < used.max() < 0.99
     assert report.status is Status.CONVERGED

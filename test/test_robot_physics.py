@@ -35,10 +35,10 @@ from schemes import span
 from schemes import undisturbed
 from scipy.linalg import null_space
 
-from snake_sim_ros.contact.projections import DEPTH
-from snake_sim_ros.contact.projections import LEAST
-from snake_sim_ros.contact.projections import PRESS
-from snake_sim_ros.contact.projections import REST
+from snake_sim_ros.contact.selection import DEPTH
+from snake_sim_ros.contact.selection import LEAST
+from snake_sim_ros.contact.selection import PRESS
+from snake_sim_ros.contact.selection import REST
 from snake_sim_ros.dynamics.force_directions import contact_directions
 from snake_sim_ros.dynamics.force_directions import joint_directions
 from snake_sim_ros.dynamics.force_directions import mass_matrix
@@ -54,14 +54,13 @@ from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.posture import chain
 from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import IMPULSE
 from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import METHODS
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import PREVIOUS
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import where_impulses_acted
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import METHODS
 
 
 def flying(scene):
@@ -188,7 +187,7 @@ def test_printed_laws_leave_open_how_a_straight_robot_rests_on_its_contacts(meth
     state, weight = straight(scene.robot), 11 * MASS * G
     assert np.linalg.matrix_rank(delassus(scene.robot, state.q), tol=1e-9) == 12
     end, history, report = run(scene, state, 1)
-    impulse = history[IMPULSE]
+    impulse = history.impulse
     # The rest of the slowest mode, r lambda_min = 0.1 2.93: 3.5 eps; 4 eps with the last sweep.
     assert np.abs(impulse[:, 0] / scene.dt - MASS * G / 2).max() < 4 * solver.tolerance / scene.dt
     # |gamma| <= eps/r_N: over the lever for rotations.
@@ -196,9 +195,9 @@ def test_printed_laws_leave_open_how_a_straight_robot_rests_on_its_contacts(meth
     assert np.abs(end.u).max() < still
     assert not report.unconverged
     # From any other impulses the split is another one, the sum and the rest are not.
-    history[IMPULSE, :, 0] *= np.random.default_rng(1).uniform(0.0, 2.0, 22)
+    history.impulse[:, 0] *= np.random.default_rng(1).uniform(0.0, 2.0, 22)
     end, history, report = run(scene, state, 1, history)
-    impulse = history[IMPULSE]
+    impulse = history.impulse
     assert np.ptp(impulse[:, 0]) > 0.1 * MASS * G / 2 * scene.dt
     assert abs(impulse[:, 0].sum() - weight * scene.dt) < 22 * 4 * solver.tolerance
     assert np.abs(end.u[:, 2]).max() < solver.tolerance / solver.r_normal
@@ -242,7 +241,7 @@ def test_robot_at_rest_stays_there(method, delta):
     assert np.abs(moved[:, 2] + depth).max() < error
     assert np.abs(np.delete(moved, 2, axis=1)).max() < error / OFFSET
     # 22 normal impulses, each off by the momentum of a normal velocity now and before.
-    assert abs(history[IMPULSE, :, 0].sum() - 22 * P) < 22 * 2 * MASS * residual
+    assert abs(history.impulse[:, 0].sum() - 22 * P) < 22 * 2 * MASS * residual
     assert not report.unconverged
     assert report.penetration_max < depth + error + 2 * abs(CLOSED)
 
@@ -274,11 +273,11 @@ def test_selection_rule_picks_the_normal_impulses_of_least_norm(method):
         start = straight(scene.robot)
         start.u[:, 0] = 10 * REST
         history = undisturbed(scene, start)
-        history[IMPULSE, :, 0] = P * np.random.default_rng(seed).uniform(0.0, 2.0, 22)
+        history.impulse[:, 0] = P * np.random.default_rng(seed).uniform(0.0, 2.0, 22)
         # What is left of a residual, or eps/r_N, in the null space of G: that over c.
         left = max(solver.tolerance / solver.r_normal, solver.residual_tolerance)
         end, history, report = run(scene, start, 1, history)
-        assert np.abs(history[IMPULSE, :, 0] - P).max() < math.sqrt(22) * left / c < 1e-6 * P
+        assert np.abs(history.impulse[:, 0] - P).max() < math.sqrt(22) * left / c < 1e-6 * P
         assert np.abs(end.u[:, 2] + c * P - out).max() < math.sqrt(22) * left
         assert not report.unconverged
 
@@ -316,7 +315,7 @@ def test_heavy_link_costs_iterations_but_no_force(method, ratio, condition, iter
     # Balance of momentum with the speeds that the iteration left; its last sweep changed each of
     # 22 impulses by eps at most.
     weight = factor.sum() * MASS * G * scene.dt
-    momentum, carried = factor @ end.u[:, 2] * MASS, history[IMPULSE, :, 0].sum()
+    momentum, carried = factor @ end.u[:, 2] * MASS, history.impulse[:, 0].sum()
     assert abs(carried - weight - momentum) < 22 * solver.tolerance
     # Those speeds are eps/r = 3e-10 m/s where contacts hold a link, a few times that where one of
     # the two is open; g dt is 2.5e-3 m/s: 1e-6 of the weight at most.
@@ -344,7 +343,7 @@ def test_heavy_link_is_carried(method, ratio, delta):
     end, history, report = run(scene, state, 1, undisturbed(scene, state))
     assert not report.unconverged
     weight = factor.sum() * MASS * G * span(scene)
-    momentum, carried = factor @ end.u[:, 2] * MASS, history[IMPULSE, :, 0].sum()
+    momentum, carried = factor @ end.u[:, 2] * MASS, history.impulse[:, 0].sum()
     # Rounding in sums of the laws with the dynamics, for each of the contacts, see there, and in
     # the dynamics: size times condition, which is up to 0.67 times the ratio.
     size = mean_delassus(robot)
@@ -354,7 +353,7 @@ def test_heavy_link_is_carried(method, ratio, delta):
     # its weight is what is expected of a contact.
     expected = ratio * MASS * G * span(scene) / 2
     compliance = min(delta * size, max(LEAST * size, press_of(scene) / expected))
-    press = compliance * history[IMPULSE, [5, 16], 0].mean()
+    press = compliance * history.impulse[[5, 16], 0].mean()
     assert abs(end.u[5, 2] + press) < solver.residual_tolerance
 
 
@@ -472,7 +471,7 @@ def test_a_limit_of_one_iteration_leaves_every_step_unconverged(method):
 def steps_on_a_slope(method, solver, steps):
     """Return the reports of single steps on a slope, at a tenth of the friction angle."""
     scene = Scene(solver=solver, gravity=slope(0.05, math.pi / 2), method=method)
-    state, history, reports = straight(scene.robot), no_history(scene), []
+    state, history, reports = straight(scene.robot), empty_history(scene), []
     for _ in range(steps):
         state, history, report = run(scene, state, 1, history)
         reports.append(report)

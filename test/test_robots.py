@@ -28,9 +28,9 @@ from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.posture import joint_rates
 from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import METHODS
-from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.methods import METHODS
 
 # Soft in pitch: under their weight all links come down to the floor, thin ones too.
 UNEQUAL = """
@@ -84,7 +84,7 @@ def test_every_joint_has_gains_of_its_own(unequal, method):
     scene = replace(unequal, method=method, gravity=(0.0, 0.0, 0.0), gait=Gait(), dt=1e-4)
     state, reference = lifted(scene), np.full((1, 4, 2), 0.3)
     end, _, report = make_stepper(scene).advance(
-        state, no_history(scene), reference, np.zeros_like(reference)
+        state, empty_history(scene), reference, np.zeros_like(reference)
     )
     share = 1.0 if method == 'bdf2' else 0.5
     angle, rate = share * joint_angles(end.q), share * joint_rates(end.q, end.u)
@@ -187,7 +187,7 @@ def test_other_robots_move_forward(name, method):
     # of a snake that does not slip sideways, on the way of its body. At mu = 0.1, 0.5 it slips,
     # and its way winds: Aiko makes 0.6 of that speed. In the last 0.5 of 1.5 s.
     scene = replace(load_scene(name), method=method, dt=PATH[method])
-    state, history, centers = initial_state(scene), no_history(scene), []
+    state, history, centers = initial_state(scene), empty_history(scene), []
     ahead = state.q[0, :3] - state.q[-1, :3]
     for part in range(3):
         steps = round(0.5 / scene.dt)

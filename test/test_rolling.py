@@ -21,12 +21,12 @@ from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping import levels
 from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import PREVIOUS
 from snake_sim_ros.stepping.base import SETTLING
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.planar.model import LEAN
 from snake_sim_ros.stepping.planar.model import SLIPPING
 from snake_sim_ros.stepping.planar.moreau import LAST_ROLL
@@ -63,7 +63,7 @@ def path(scene, level, push=0.0, every=0.02):
     start = initial_state(scene)
     u = start.u.copy()
     u[0, 0] += push
-    state, history, q = State(start.q, u), no_history(scene), [start.q]
+    state, history, q = State(start.q, u), empty_history(scene), [start.q]
     steps, part = round(scene.duration / scene.dt), round(every / scene.dt)
     angle, rate = references(scene, steps)
     for k in range(0, steps, part):
@@ -121,10 +121,10 @@ def test_the_roll_is_that_of_the_robot_in_space(method):
     scene = replace(load_scene('lateral_undulation'), method=method, dt=1 / 1000)
     angle, rate = references(scene, 600)
     _, history, _ = make_stepper(replace(scene, level='planar')).advance(
-        initial_state(scene), no_history(scene), angle, rate
+        initial_state(scene), empty_history(scene), angle, rate
     )
     state, _, _ = make_stepper(replace(scene, level='spatial')).advance(
-        initial_state(scene), no_history(scene), angle, rate
+        initial_state(scene), empty_history(scene), angle, rate
     )
     roll = np.arcsin(rotation_matrices(state.q[:, 3:])[:, 2, 0])
     largest = math.copysign(np.abs(roll).max(), roll[5])
@@ -140,7 +140,7 @@ def test_slip_and_way_are_summed_up():
     # center of mass, both fading; whatever the calls are.
     scene = on_ice(5, level='planar', duration=0.1)
     angle, rate = references(scene, 200)
-    stepper, state, history = make_stepper(scene), initial_state(scene), no_history(scene)
+    stepper, state, history = make_stepper(scene), initial_state(scene), empty_history(scene)
     mass = scene.robot.per_link('link_mass')
     slip = way = roll = 0.0
     for k in range(200):
@@ -153,7 +153,9 @@ def test_slip_and_way_are_summed_up():
     assert slip > 1e-6 and way > 1e-4
     assert memory[SLIP] == pytest.approx(slip, rel=1e-12)
     assert memory[WAY] == pytest.approx(way, rel=1e-9)
-    _, whole, _ = make_stepper(scene).advance(initial_state(scene), no_history(scene), angle, rate)
+    _, whole, _ = make_stepper(scene).advance(
+        initial_state(scene), empty_history(scene), angle, rate
+    )
     assert (whole == history).all()
 
 
@@ -162,7 +164,7 @@ def test_the_planar_level_says_when_it_slips_too_far(method):
     # The history of a robot that has slipped nearly as far as is left out, or more, and rests.
     scene = on_ice(3, level='planar', method=method)
     angle = start_posture(scene).angle[None]
-    history = no_history(scene)
+    history = empty_history(scene)
     memory = history[PREVIOUS:].reshape(-1)
 
     def step(slip, way):
@@ -186,7 +188,7 @@ def test_the_planar_level_says_when_it_slips_too_far(method):
 def test_auto_comes_back_after_a_pause(chunk, monkeypatch):
     monkeypatch.setattr(levels, 'PAUSE', 0.04)
     scene = on_ice(5, settling_time=0.02)
-    history = no_history(scene)
+    history = empty_history(scene)
     history[PREVIOUS:].reshape(-1)[SLIP] = 1.1 * RADIUS * LEAN
     state, stepper = initial_state(scene), make_stepper(scene)
     hold = np.tile(start_posture(scene).angle, (400, 1, 1))

@@ -10,8 +10,8 @@ import pytest
 from random_states import random_robot
 from scipy.optimize import nnls
 
-from snake_sim_ros.contact.projections import LEAST
-from snake_sim_ros.contact.projections import PRESS
+from snake_sim_ros.contact.selection import LEAST
+from snake_sim_ros.contact.selection import PRESS
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Friction
@@ -23,12 +23,11 @@ from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.stepping.base import IMPULSE
 from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
 
 DELTA = 1e-4  # default of Solver.normal_compliance
 RESIDUAL = 1e-9  # m/s
@@ -42,7 +41,7 @@ def lying(scene):
     q = initial_state(scene).q
     q[:, 2] -= 1e-9
     angle = joint_angles(q)
-    return State(q, np.zeros((len(q), 6))), no_history(scene), angle, np.zeros(angle.shape)
+    return State(q, np.zeros((len(q), 6))), empty_history(scene), angle, np.zeros(angle.shape)
 
 
 def equilibrium(step):
@@ -79,8 +78,8 @@ def test_normal_forces_at_rest_are_those_of_least_norm(name, mu, method):
     end, history, report = one_step(scene, *start)
     assert report.status is Status.CONVERGED
     assert len(step.active) == 2 * scene.robot.link_count
-    P_N = history[IMPULSE, :, 0]
-    P_T = np.linalg.norm(history[IMPULSE, :, 1:3], axis=1)
+    P_N = history.impulse[:, 0]
+    P_T = np.linalg.norm(history.impulse[:, 1:3], axis=1)
     assert P_N.min() > 0.0
     assert mu == 0.0 or (P_T < mu * P_N).all()  # all stick
     G, free = equilibrium(step)
@@ -116,9 +115,9 @@ def moving(scene):
 def start_histories(scene):
     """Return histories that have nothing to do with the step, up to ten times the load."""
     rng = np.random.default_rng(3)
-    histories = [no_history(scene)]
+    histories = [empty_history(scene)]
     for size in (1e-4, 1e-3, 1e-2):
-        history = no_history(scene)
+        history = empty_history(scene)
         history[:3] = rng.uniform(-size, size, history[:3].shape)
         history[0, :, 0] = np.abs(history[0, :, 0])
         histories.append(history)
@@ -137,7 +136,7 @@ def test_the_result_does_not_depend_on_the_history(method):
         assert step.compliance == 1e-5 * mean_delassus(scene.robot)
         end, after, report = one_step(scene, state, history, angle, rate)
         assert report.status is Status.CONVERGED
-        ends.append((end.u, after[IMPULSE, :, 0]))
+        ends.append((end.u, after.impulse[:, 0]))
     # A residual e leaves e/compliance open in redundant normal impulses, and these the friction.
     slack = 2 * 22 * 1e-12 / step.compliance
     for u, P_N in ends[1:]:
@@ -154,7 +153,7 @@ def test_without_the_rule_it_does(method):
     for history in start_histories(scene):
         end, after, report = one_step(scene, state, history, angle, rate)
         assert report.status is Status.CONVERGED
-        ends.append((end.u, after[IMPULSE, :, 0]))
+        ends.append((end.u, after.impulse[:, 0]))
     load = 7.5 * 9.81 * scene.dt / 22
     spread = max(np.abs(P_N - ends[0][1]).max() for _, P_N in ends[1:])
     assert spread > 0.1 * load  # another force distribution,
@@ -167,16 +166,16 @@ def test_without_the_rule_it_does(method):
 def test_the_law_with_the_rule_holds_and_is_capped(name, method):
     settings = {'method': method, 'gait.soft_start': 0.5, 'level': 'spatial'}
     scene = with_settings(load_scene(name), settings)
-    state, history, steps = initial_state(scene), no_history(scene), 1500
+    state, history, steps = initial_state(scene), empty_history(scene), 1500
     times = (np.arange(steps) + 0.5) * scene.dt
     references = gait.reference(scene.gait, times, scene.robot.link_count - 1)
     stepper = make_stepper(scene)
     for k, (angle, rate) in enumerate(zip(*references, strict=True)):
         step = dense_step(scene, state, history, angle, rate) if k % 25 == 0 else None
-        before = history[IMPULSE, :, 0].max()
+        before = history.impulse[:, 0].max()
         state, history, _ = stepper.advance(state, history, angle[None], rate[None])
         if step:
-            gamma, P_N = step.gamma(state.u)[:, 0], history[IMPULSE, step.active, 0]
+            gamma, P_N = step.gamma(state.u)[:, 0], history.impulse[step.active, 0]
             assert (gamma + step.compliance * P_N).min() >= -RESIDUAL
             # The cap is that of the impulses before the step: an impulse that grows presses more.
             growth = max(1.0, P_N.max() / before) if before > 0.0 else np.inf
@@ -196,13 +195,13 @@ def test_at_rest_no_contact_sinks_faster_than_allowed(ratio, method):
     state, history, angle, rate = lying(scene)
     for k in range(20):
         step = dense_step(scene, state, history, angle, rate)
-        before = history[IMPULSE, :, 0].max()
+        before = history.impulse[:, 0].max()
         state, history, report = one_step(scene, state, history, angle, rate)
         assert report.status is Status.CONVERGED
         if k > 0:  # before the first step nothing is known of the load
-            growth = max(1.0, history[IMPULSE, :, 0].max() / before)
+            growth = max(1.0, history.impulse[:, 0].max() / before)
             # Where the compliance is the least one, it presses with that times the impulse.
-            least = LEAST * mean_delassus(scene.robot) * history[IMPULSE, :, 0].max()
+            least = LEAST * mean_delassus(scene.robot) * history.impulse[:, 0].max()
             pressed = max(PRESS * growth, least)
             assert step.gamma(state.u)[:, 0].min() >= -pressed - RESIDUAL
     # The weight is spread as it will stay: an impulse that still grew by 1 % would say otherwise.
@@ -261,9 +260,9 @@ def test_a_gap_counts_as_closed_up_to_the_tolerance(method):
     for gap, closed in ((0.9e-6, 2), (1.1e-6, 0)):
         q[0, 2] += gap - gaps(scene.robot, q).min()
         state = State(q, np.zeros((1, 6)))
-        end, history, report = one_step(scene, state, no_history(scene), none, none)
+        end, history, report = one_step(scene, state, empty_history(scene), none, none)
         assert report.contacts == closed
-        assert np.count_nonzero(history[IMPULSE, :, 0]) == closed
+        assert np.count_nonzero(history.impulse[:, 0]) == closed
         if closed:  # it carries the weight, and gamma_N >= -PRESS less what an iteration leaves
             assert abs(end.u[0, 2]) <= PRESS + 1e-7 / 0.1 * 2
         else:  # free fall
@@ -278,7 +277,7 @@ def test_the_activation_tolerance_can_be_set():
     for gap, closed in ((0.9e-4, 2), (1.1e-4, 0)):
         lifted = State(state.q.copy(), state.u)
         lifted.q[0, 2] += gap
-        assert one_step(scene, lifted, no_history(scene), none, none)[2].contacts == closed
+        assert one_step(scene, lifted, empty_history(scene), none, none)[2].contacts == closed
 
 
 def test_friction_does_not_change_who_carries_at_rest():
@@ -287,7 +286,7 @@ def test_friction_does_not_change_who_carries_at_rest():
     for mu in (0.0, 0.5):
         scene = replace(SCENE, friction=Friction(longitudinal=mu, transversal=mu))
         scene = with_settings(scene, {'solver.residual_tolerance': TIGHT})
-        results.append(one_step(scene, *lying(scene))[1][IMPULSE, :, 0])
+        results.append(one_step(scene, *lying(scene))[1].impulse[:, 0])
     step = dense_step(scene, *lying(scene))
     bound = 2 * 22 * TIGHT / step.compliance
     # No contact moves, so friction is only what couples in by sinking: compliance/G of the load.

@@ -17,7 +17,7 @@ from scenes import isotropic
 from scenes import kinetic_energy
 from scenes import RADIUS
 
-from snake_sim_ros.contact.projections import LEAST
+from snake_sim_ros.contact.selection import LEAST
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.dynamics.force_directions import scene_contacts
 from snake_sim_ros.scene import obstacles
@@ -32,11 +32,9 @@ from snake_sim_ros.scene.posture import chain
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import IMPULSE
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import State
-from snake_sim_ros.stepping.base import VELOCITY
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.simulation import Simulation
 
 SLACK = dict.fromkeys(('yaw_stiffness', 'yaw_damping', 'pitch_stiffness', 'pitch_damping'), 0.0)
@@ -86,10 +84,10 @@ each_frictionless = pytest.mark.parametrize('k', range(FRICTIONLESS))
 def solved(scene, state, angle, rate, method, history=None, **settings):
     """Return the end of a step, its impulses, and the report, with some settings of the solver."""
     scene = replace(scene, method=method, solver=replace(scene.solver, **settings))
-    history = no_history(scene) if history is None else history
+    history = empty_history(scene) if history is None else history
     end, history, report = make_stepper(scene).advance(state, history, angle, rate)
     assert report.steps == 1
-    return end, history[IMPULSE], report
+    return end, history.impulse, report
 
 
 def curled(robot, gap=0.0, bend=1.0):
@@ -226,9 +224,9 @@ def test_a_folded_robot_is_solved_for_from_anywhere(k):
     # The slope of a convex function along a line leads to its minimum from any start.
     scene, state, angle, rate = FOLDED[k]
     rng = np.random.default_rng(k)
-    history = no_history(scene)
-    shape = history[IMPULSE].shape
-    history[IMPULSE], history[VELOCITY] = rng.uniform(0.0, 1.0, shape), rng.normal(size=shape)
+    history = empty_history(scene)
+    shape = history.impulse.shape
+    history.impulse, history.velocity = rng.uniform(0.0, 1.0, shape), rng.normal(size=shape)
     for method in ('newton', 'newton_dense'):
         _, _, report = solved(scene, state, angle, rate, method, history, iteration_limit=60)
         assert report.unconverged == 0
@@ -325,6 +323,6 @@ def test_a_pair_does_nothing_until_it_closes():
     scene, ends = Scene(robot=robot, friction=isotropic(0.2), level='spatial'), []
     references = np.tile(angle, (20, 1, 1)), np.zeros((20, 6, 2))
     for case in (scene, replace(scene, self_contact=True)):
-        start = State(q, np.zeros((7, 6))), no_history(case)
+        start = State(q, np.zeros((7, 6))), empty_history(case)
         ends.append(make_stepper(case).advance(*start, *references)[0])
     assert np.abs(ends[0].u - ends[1].u).max() < 1e-8

@@ -13,18 +13,15 @@ from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.quantities import ParameterError
-from snake_sim_ros.stepping.base import CHANGE
-from snake_sim_ros.stepping.base import IMPLICIT_SCHEMES
-from snake_sim_ros.stepping.base import IMPULSE
 from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import method_of
-from snake_sim_ros.stepping.base import METHODS
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.base import VELOCITY
+from snake_sim_ros.stepping.bdf2 import IMPLICIT_SCHEMES
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.methods import method_of
+from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.simulation import Simulation
 
 each_method = pytest.mark.parametrize('method', METHODS)
@@ -35,7 +32,7 @@ def problem(method, steps, **solver):
     scene = replace(load_scene('sidewinding'), method=method, solver=Solver(**solver))
     times = (np.arange(steps) + 0.5) * scene.dt
     reference = gait.reference(scene.gait, times, scene.robot.link_count - 1)
-    return make_stepper(scene), (initial_state(scene), no_history(scene), *reference)
+    return make_stepper(scene), (initial_state(scene), empty_history(scene), *reference)
 
 
 def test_a_scene_begins_at_rest():
@@ -43,7 +40,7 @@ def test_a_scene_begins_at_rest():
     state = initial_state(scene)
     assert state.q.shape == (11, 7)
     assert state.u.tolist() == [[0.0] * 6] * 11
-    history = no_history(scene)
+    history = empty_history(scene)
     assert history.shape[1:] == (22, 5)
     assert len(history) > max(IMPULSE, VELOCITY, CHANGE)
     assert not history.any()
@@ -93,7 +90,9 @@ def test_both_implicit_schemes_are_one_law_of_second_order():
     reference = np.full((2, scene.robot.link_count - 1, 2), 0.1)
     for scheme in IMPLICIT_SCHEMES:
         stepper = make_stepper(replace(scene, pd_scheme=scheme))
-        ends.append(stepper.advance(initial_state(scene), no_history(scene), reference, reference))
+        ends.append(
+            stepper.advance(initial_state(scene), empty_history(scene), reference, reference)
+        )
     assert (ends[0][0].q == ends[1][0].q).all()
     assert (ends[0][2].joint_torque == ends[1][2].joint_torque).all()
 

@@ -21,8 +21,8 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.robot_description import robot_description
-from snake_sim_ros.stepping.base import AUTO
-from snake_sim_ros.stepping.base import METHODS
+from snake_sim_ros.stepping.methods import AUTO
+from snake_sim_ros.stepping.methods import METHODS
 
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')
 QUICK_CASES = CASES[::2]

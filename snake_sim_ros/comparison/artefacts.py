@@ -32,10 +32,10 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Stepper
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
 
 DT = 1 / 4000  # s
 G = 9.81
@@ -64,7 +64,7 @@ def step_states(
     make: Callable[[Scene], Stepper], scene: Scene, start: State, steps: int, every: int
 ) -> State:
     """Return states that a stepper passes through; see `mujoco_peer.mujoco_states`."""
-    stepper, history, state = make(scene), no_history(scene), start
+    stepper, history, state = make(scene), empty_history(scene), start
     angle = np.zeros((every, scene.robot.link_count - 1, 2))
     states = [start]
     for _ in range(steps // every):

@@ -71,7 +71,7 @@ class Contender:
     Attributes
     ----------
     method : str
-        Name of a method of `base.METHODS`, of a baseline or of a peer.
+        Name of a method of `methods.METHODS`, of a baseline or of a peer.
     setting : str
         What distinguishes it from others of the same method and level.
     rates : tuple of float
@@ -169,7 +169,7 @@ def quick_contenders() -> list[Contender]:
 
 
 def ours() -> list[Contender]:
-    """Return the methods of `base.METHODS` that are compiled, at both levels."""
+    """Return the methods of `methods.METHODS` that are compiled, at both levels."""
     entries: list[tuple[str, str, tuple[float, ...], dict[str, Any]]] = [
         ('newton', 'default', FINE + COARSE, {}),
         ('newton', 'explicit PD', FINE + COARSE[:1], {'pd_scheme': 'start'}),

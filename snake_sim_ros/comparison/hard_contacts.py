@@ -21,24 +21,23 @@ from snake_sim_ros.scene.parameters import CONFIG
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import no_history
-from snake_sim_ros.stepping.base import PREVIOUS
+from snake_sim_ros.stepping.base import History
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.methods import make_stepper
 
 
-class Problem(NamedTuple):
+class StoredStep(NamedTuple):
     """One step: of a scene, from a state and history, with joint references (n-1, 2)."""
 
     scene: Scene
     state: State
-    history: Array
+    history: History  # without the memory of a method
     angle: Array
     rate: Array
 
 
-def load_problems() -> dict[str, Problem]:
+def load_problems() -> dict[str, StoredStep]:
     """Return the stored problems by their names."""
     with np.load(CONFIG / 'hard_contacts.npz') as file:
         names, texts, links, numbers = (file[key] for key in ('name', 'scene', 'links', 'numbers'))
@@ -50,14 +49,15 @@ def load_problems() -> dict[str, Problem]:
             parts.append(numbers[start : start + size].reshape(shape))
             start += size
         scene = replace(scene_from_text(text.decode()), level='spatial')
-        history = no_history(scene)
-        history[:PREVIOUS] = parts[2][:PREVIOUS]  # what methods keep themselves is not stored
-        problems[str(name)] = Problem(scene, State(*parts[:2]), history, *parts[3:])
+        # The memory of methods is not stored.
+        impulse, velocity, change = parts[2][:3]
+        history = History(impulse, velocity, change, np.zeros(1))
+        problems[str(name)] = StoredStep(scene, State(*parts[:2]), history, *parts[3:])
     assert start == len(numbers)
     return problems
 
 
-def reports_by_limit(problem: Problem, method: str, most: int) -> Iterator[Report]:
+def reports_by_limit(problem: StoredStep, method: str, most: int) -> Iterator[Report]:
     """
     Yield the reports of a step whose solver may take 1, 2, 3, 5, 7, 10 ... iterations.
 
@@ -73,8 +73,9 @@ def reports_by_limit(problem: Problem, method: str, most: int) -> Iterator[Repor
             'solver.tolerance': 1e-14,
         }
         stepper = make_stepper(with_settings(problem.scene, settings))
+        history = problem.history._replace(memory=stepper.empty_history().memory)
         _, _, report = stepper.advance(
-            problem.state, problem.history, problem.angle[None], problem.rate[None]
+            problem.state, history, problem.angle[None], problem.rate[None]
         )
         yield report
         if not report.unconverged:

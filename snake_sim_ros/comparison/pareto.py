@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from snake_sim_ros.comparison.bench_rows import Row
-from snake_sim_ros.stepping.base import METHODS
+from snake_sim_ros.stepping.methods import METHODS
 
 TARGETS = (0.05, 0.01, 0.001)  # of the distance from start to end
 

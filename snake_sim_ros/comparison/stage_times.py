@@ -26,16 +26,14 @@ STEPS = 1000
 
 @compiled
 def spatial_stages(model, work, q, u, history, angle, rate, report, stamps):
-    """Do what `newton.advance` does, with a time stamp after every stage, and a sweep apart."""
+    """Do what `moreau.advance` does, with a time stamp after every stage, and a sweep apart."""
     for k in range(len(angle)):
         stamps[k, 0] = cycle_counter()
-        count, laws = begin_step(model, work, q, u, history[0], angle[k], rate[k])
+        problem = begin_step(model, work, q, u, history.impulse, angle[k], rate[k])
         stamps[k, 1] = cycle_counter()
-        outcome = solve_contacts(
-            model, laws, work.contact[:count], work.table, work.chain, None, history
-        )
+        outcome = solve_contacts(model, problem, None, history)
         stamps[k, 2] = cycle_counter()
-        if not end_step(model, work, q, u, history, count, outcome, report):
+        if not end_step(model, work, q, u, history, len(problem.closed), outcome, report):
             break
         stamps[k, 3] = cycle_counter()
         unload_chain(work.chain)
@@ -46,13 +44,13 @@ def spatial_stages(model, work, q, u, history, angle, rate, report, stamps):
 
 @compiled
 def planar_stages(model, work, q, u, history, angle, rate, report, stamps):
-    """Do what `newton.advance` does, with a time stamp after every stage."""
+    """Do what `moreau.advance` does, with a time stamp after every stage."""
     for k in range(len(angle)):
         stamps[k, 0] = cycle_counter()
         count = planar.begin_step(model, work, q, u, angle[k], rate[k])
         stamps[k, 1] = cycle_counter()
-        contact = work.contact[:count]
-        outcome = planar_newton.solve_contacts(model, work, contact, None, history)
+        closed = work.closed[:count]
+        outcome = planar_newton.solve_contacts(model, work, closed, None, history)
         stamps[k, 2] = cycle_counter()
         if not planar.end_step(model, work, q, u, history, count, outcome, report):
             break

@@ -38,10 +38,9 @@ from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.quantities import flat_fields
 from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import IMPULSE
-from snake_sim_ros.stepping.base import method_of
 from snake_sim_ros.stepping.base import Stepper
-from snake_sim_ros.stepping.levels import what_is_not_planar
+from snake_sim_ros.stepping.methods import method_of
+from snake_sim_ros.stepping.methods import what_is_not_planar
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.simulation import steps_in
 
@@ -161,7 +160,7 @@ def energy_error(scene: Scene, make: Callable[[Scene], Stepper] | None = None) -
             return math.nan
         q.append(simulation.state.q)
         u.append(simulation.state.u)
-        impulse.append(simulation.history[IMPULSE, :, :3])
+        impulse.append(simulation.history.impulse[:, :3])
         torque.append(report.joint_torque)
     return balance_error(scene, *map(np.array, (q, u, impulse, torque)))
 

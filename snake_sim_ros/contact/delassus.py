@@ -11,10 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.contacts import add_contact_wrench
-from snake_sim_ros.contact.contacts import contact_velocities
-from snake_sim_ros.contact.contacts import GAMMA
-from snake_sim_ros.contact.contacts import IMPULSE
+from snake_sim_ros.contact.directions import add_contact_wrench
+from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.dynamics.articulated_body import solve_chain
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
@@ -31,10 +29,8 @@ class Delassus(NamedTuple):
     packed: Array  # (c,) velocities
 
 
-def make_delassus(size: int) -> Delassus | None:
-    """Return the arrays for a number of rows, None for none."""
-    if size == 0:
-        return None
+def make_delassus(size: int) -> Delassus:
+    """Return the arrays for a number of rows."""
     return Delassus(
         operator=np.zeros((size, size)),
         system=np.zeros((size, size + 1)),
@@ -44,67 +40,67 @@ def make_delassus(size: int) -> Delassus | None:
 
 
 @inlined
-def load_chain(contact, table, chain):
+def load_chain(closed, contacts, chain):
     """Fill the wrenches of the links: momentum and contact impulses S, eqs. (75), (76)."""
     for i in range(len(chain.wrench)):
         for k in range(6):
             chain.wrench[i, k] = chain.momentum[i, k]
-    add_contact_wrench(contact, table, chain.frame, chain.wrench)
+    add_contact_wrench(closed, contacts, chain.frame, chain.wrench)
 
 
 @compiled
-def end_twists(contact, table, chain):
+def end_twists(closed, contacts, chain):
     """Fill twists and relative velocities that the impulses lead to, (84), (86), (90)-(92)."""
-    load_chain(contact, table, chain)
+    load_chain(closed, contacts, chain)
     solve_chain(chain, chain.torque)
-    contact_velocities(contact, table, chain.frame, chain.twist)
+    contact_velocities(closed, contacts, chain.frame, chain.twist)
 
 
 @compiled
-def condense(contact, width, table, chain, delassus):
+def condense(closed, width, contacts, chain, delassus):
     """Fill G and the free velocities for `width` components a contact: 3, or 5 with rolling."""
-    for a in contact:
-        table[a, IMPULSE : IMPULSE + 5] = 0.0
-    end_twists(contact, table, chain)
-    for k, a in enumerate(contact):
+    for a in closed:
+        contacts.impulse[a] = 0.0
+    end_twists(closed, contacts, chain)
+    for k, a in enumerate(closed):
         for j in range(width):
-            delassus.free[width * k + j] = table[a, GAMMA + j]
-    for k, a in enumerate(contact):
+            delassus.free[width * k + j] = contacts.gamma[a, j]
+    for k, a in enumerate(closed):
         for j in range(width):
-            table[a, IMPULSE + j] = 1.0
+            contacts.impulse[a, j] = 1.0
             chain.wrench[:] = 0.0
-            add_contact_wrench(contact[k : k + 1], table, chain.frame, chain.wrench)
-            table[a, IMPULSE + j] = 0.0
+            add_contact_wrench(closed[k : k + 1], contacts, chain.frame, chain.wrench)
+            contacts.impulse[a, j] = 0.0
             solve_chain(chain, chain.no_torque)
-            contact_velocities(contact, table, chain.frame, chain.twist)
-            for other, b in enumerate(contact):
+            contact_velocities(closed, contacts, chain.frame, chain.twist)
+            for other, b in enumerate(closed):
                 for i in range(width):
-                    delassus.operator[width * k + j, width * other + i] = table[b, GAMMA + i]
+                    delassus.operator[width * k + j, width * other + i] = contacts.gamma[b, i]
 
 
 @compiled
-def condensed_velocities(contact, width, table, delassus):
+def condensed_velocities(closed, width, contacts, delassus):
     """Fill the relative velocities with ``G P + gamma_free``."""
-    rows = width * len(contact)
+    rows = width * len(closed)
     packed = delassus.packed
     for row in range(rows):
         packed[row] = delassus.free[row]
-    for k, a in enumerate(contact):
+    for k, a in enumerate(closed):
         for j in range(width):
-            P = table[a, IMPULSE + j]
+            P = contacts.impulse[a, j]
             for row in range(rows):
                 packed[row] += delassus.operator[width * k + j, row] * P  # G is symmetric
-    for k, a in enumerate(contact):
+    for k, a in enumerate(closed):
         for j in range(width):
-            table[a, GAMMA + j] = packed[width * k + j]
+            contacts.gamma[a, j] = packed[width * k + j]
 
 
 @compiled
-def solve_condensed(contact, width, table, law, delassus):
+def solve_condensed(closed, width, contacts, delassus):
     """
     Fill impulses and velocities with the solution of ``P = P_0 - S (G P + gamma_free)``.
 
-    S and P_0 are in the columns from `law` on, see `newton`.
+    S and P_0 are those of `linear_laws`.
 
     Returns
     -------
@@ -112,41 +108,43 @@ def solve_condensed(contact, width, table, law, delassus):
         Whether the solution is finite.
 
     """
-    rows = width * len(contact)
+    rows = width * len(closed)
     B = delassus.system
-    condensed_system(contact, width, table, law, delassus)
-    for k, a in enumerate(contact):
+    condensed_system(closed, width, contacts, delassus)
+    for k, a in enumerate(closed):
         for j in range(width):
             row = width * k + j
-            start = law if j == 0 else law + 2 + 7 * ((j - 1) // 2) + (j - 1) % 2
-            B[row, rows] = table[a, start] - B[row, rows]
+            B[row, rows] = contacts.P_0[a, j] - B[row, rows]
     eliminate(B, rows)
     finite = 0.0
-    for k, a in enumerate(contact):
+    for k, a in enumerate(closed):
         for j in range(width):
-            table[a, IMPULSE + j] = B[width * k + j, rows]
+            contacts.impulse[a, j] = B[width * k + j, rows]
             finite += B[width * k + j, rows]
-    condensed_velocities(contact, width, table, delassus)
+    condensed_velocities(closed, width, contacts, delassus)
     return math.isfinite(finite)
 
 
 @merged
-def condensed_system(contact, width, table, law, delassus):
+def condensed_system(closed, width, contacts, delassus):
     """Fill the matrix 1 + S G, and S gamma_free next to it."""
-    rows = width * len(contact)
+    rows = width * len(closed)
     B = delassus.system
     for column in range(rows + 1):
         g = delassus.free if column == rows else delassus.operator[column]
-        for k, a in enumerate(contact):
+        for k, a in enumerate(closed):
             row = width * k
             g_N = g[row]
-            B[row, column] = table[a, law + 1] * g_N
+            B[row, column] = contacts.S_N[a] * g_N
             for j in range(1, width, 2):
-                tangential = law + 2 + 7 * (j // 2)
+                kind = j // 2
                 g_x, g_y = g[row + j], g[row + j + 1]
-                S_xx, S_xy = table[a, tangential + 2], table[a, tangential + 3]
-                S_yy = table[a, tangential + 4]
-                S_xN, S_yN = table[a, tangential + 5], table[a, tangential + 6]
+                S_xx, S_xy, S_yy = (
+                    contacts.S_xx[a, kind],
+                    contacts.S_xy[a, kind],
+                    contacts.S_yy[a, kind],
+                )
+                S_xN, S_yN = contacts.S_xN[a, kind], contacts.S_yN[a, kind]
                 B[row + j, column] = S_xN * g_N + S_xx * g_x + S_xy * g_y
                 B[row + j + 1, column] = S_yN * g_N + S_xy * g_x + S_yy * g_y
     for row in range(rows):

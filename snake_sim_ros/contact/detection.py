@@ -11,15 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.contacts import closed_contacts
-from snake_sim_ros.contact.contacts import GAP
-from snake_sim_ros.contact.contacts import LINK
-from snake_sim_ros.contact.contacts import make_disc
-from snake_sim_ros.contact.contacts import OTHER
-from snake_sim_ros.contact.contacts import OtherFriction
-from snake_sim_ros.contact.contacts import POINT
-from snake_sim_ros.contact.contacts import RADIUS
-from snake_sim_ros.contact.contacts import SHIFT
+from snake_sim_ros.contact.laws import make_disc
+from snake_sim_ros.contact.laws import OtherFriction
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.kinematics import axis_z
@@ -83,12 +76,44 @@ def contacts_of(obstacles, tolerance, model, work, q):
     offset, radius = model.contact_offset, model.contact_radius
     if obstacles is None:
         return closed_contacts(
-            tolerance, offset, radius, q[:, 2], work.R, work.center, work.contact, work.table
+            tolerance, offset, radius, q[:, 2], work.R, work.center, work.closed, work.contacts
         )
     return touching(
-        obstacles, tolerance, offset, radius, q, work.R, work.center, work.contact, work.table,
+        obstacles, tolerance, offset, radius, q, work.R, work.center, work.closed, work.contacts,
         work.chain.frame,
     )  # fmt: skip
+
+
+@merged
+def closed_contacts(tolerance, offset, radius, height, R, center, closed, contacts):
+    """
+    Fill closed contacts, their points and frames; return how many are closed.
+
+    Deviation: a contact counts as closed up to a gap of `tolerance` [m], not of 0: gaps at the
+    size of rounding do not open and close contacts.
+
+    Deviation: a vertical link has no heading; e_x^I stands in for it, as in `reference.py`.
+    """
+    n = len(R)
+    count = 0
+    for i in range(n):
+        x, y, z = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
+        for a, signed in ((i, offset[i]), (n + i, -offset[i])):
+            gap = height[i] + signed * z - radius[i]
+            if gap <= tolerance:
+                closed[count] = a
+                count += 1
+                contacts.gap[a] = gap
+                contacts.shift[a] = 0.0
+                c = math.sqrt(x * x + y * y)
+                flat = c > 1e-6
+                contacts.heading[a, 0] = x / c if flat else 1.0
+                contacts.heading[a, 1] = y / c if flat else 0.0
+                contacts.point[a, 0] = center[i, 0] + signed * x
+                contacts.point[a, 1] = center[i, 1] + signed * y
+                contacts.point[a, 2] = center[i, 2] + signed * z - radius[i]
+                contacts.radius[a] = radius[i]
+    return count
 
 
 @inlined
@@ -100,8 +125,8 @@ def deepest(obstacles, offset, radius, q):
 
 
 @merged
-def touching(obstacles, tolerance, offset, radius, q, R, center, contact, table, frame):
-    """Fill the contacts with gaps up to `tolerance`; see `contacts.closed_contacts`."""
+def touching(obstacles, tolerance, offset, radius, q, R, center, closed, contacts, frame):
+    """Fill the contacts with gaps up to `tolerance`; see `detection.closed_contacts`."""
     n, count = len(R), 0
     for i in range(n):
         axis = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
@@ -112,10 +137,10 @@ def touching(obstacles, tolerance, offset, radius, q, R, center, contact, table,
                 gap, nx, ny, nz = ground_contact(obstacles, x, y, z, radius[i], k)
                 if gap <= tolerance:
                     a = (side if k == 0 else 1 + 3 * side + k) * n + i
-                    contact[count] = a
+                    closed[count] = a
                     count += 1
-                    place(table, a, gap, arm, radius[i], axis, center[i], (nx, ny, nz))
-                    table[a, LINK], table[a, OTHER] = i, -1
+                    place(contacts, a, gap, arm, radius[i], axis, center[i], (nx, ny, nz))
+                    contacts.link[a], contacts.other[a] = i, -1
                     face_link(frame[a], (nx, ny, nz), axis)
         for k in range(len(obstacles.pegs)):
             px, py, peg_radius = obstacles.pegs[k, 0], obstacles.pegs[k, 1], obstacles.pegs[k, 2]
@@ -128,23 +153,23 @@ def touching(obstacles, tolerance, offset, radius, q, R, center, contact, table,
             gap = distance - peg_radius - radius[i]
             if gap <= tolerance:
                 a = obstacles.first_peg + k * n + i
-                contact[count] = a
+                closed[count] = a
                 count += 1
-                place(table, a, gap, arm, radius[i], axis, center[i], (nx, ny, 0.0))
-                table[a, LINK], table[a, OTHER] = i, -1
+                place(contacts, a, gap, arm, radius[i], axis, center[i], (nx, ny, 0.0))
+                contacts.link[a], contacts.other[a] = i, -1
                 fill(frame[a], 0, (nx, ny, 0.0))
                 fill(frame[a], 1, (-ny, nx, 0.0))
                 fill(frame[a], 2, (0.0, 0.0, 1.0))
     if obstacles.pair_count > 0:
         count = touching_links(
-            obstacles.first_pair, tolerance, offset, radius, q, R, center, contact, table, frame,
+            obstacles.first_pair, tolerance, offset, radius, q, R, center, closed, contacts, frame,
             count,
         )  # fmt: skip
     return count
 
 
 @merged
-def touching_links(a, tolerance, offset, radius, q, R, center, contact, table, frame, count):
+def touching_links(a, tolerance, offset, radius, q, R, center, closed, contacts, frame, count):
     """Fill the contacts of links with each other, from number a on; return how many are closed."""
     n = len(R)
     for i in range(n):
@@ -164,11 +189,11 @@ def touching_links(a, tolerance, offset, radius, q, R, center, contact, table, f
                 distance = math.sqrt(dx * dx + dy * dy + dz * dz)
                 gap = distance - radius[i] - radius[j]
                 if gap <= tolerance:
-                    contact[count] = a
+                    closed[count] = a
                     count += 1
                     normal = dx / distance, dy / distance, dz / distance
-                    place(table, a, gap, arm, radius[i], axis, center[i], normal)
-                    table[a, LINK], table[a, OTHER] = i, j
+                    place(contacts, a, gap, arm, radius[i], axis, center[i], normal)
+                    contacts.link[a], contacts.other[a] = i, j
                     face_link(frame[a], normal, axis)
                 a += 1
     return count
@@ -288,13 +313,13 @@ def height(obstacles, column, row):
 
 
 @inlined
-def place(table, a, gap, arm, radius, axis, center, normal):
+def place(contacts, a, gap, arm, radius, axis, center, normal):
     """Fill the point of contact a: on the sphere around a point of the link axis."""
-    table[a, GAP] = gap
-    table[a, SHIFT] = 0.0
-    table[a, RADIUS] = radius
+    contacts.gap[a] = gap
+    contacts.shift[a] = 0.0
+    contacts.radius[a] = radius
     for k in range(3):
-        table[a, POINT + k] = center[k] + arm * axis[k] - radius * normal[k]
+        contacts.point[a, k] = center[k] + arm * axis[k] - radius * normal[k]
 
 
 @inlined

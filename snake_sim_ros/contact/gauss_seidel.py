@@ -9,35 +9,35 @@ Delassus operator, 1/G_kk, and with the velocities that the impulses before have
 """
 
 import math
+from typing import NamedTuple
 
-from snake_sim_ros.contact.contacts import CENTER
-from snake_sim_ros.contact.contacts import natural_map
-from snake_sim_ros.contact.contacts import rolling_disc
-from snake_sim_ros.contact.contacts import sliding_disc
 from snake_sim_ros.contact.delassus import condense
 from snake_sim_ros.contact.delassus import condensed_velocities
+from snake_sim_ros.contact.delassus import Delassus
 from snake_sim_ros.contact.delassus import end_twists
+from snake_sim_ros.contact.laws import rolling_disc
+from snake_sim_ros.contact.laws import sliding_disc
+from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.projections import prox_disc
 from snake_sim_ros.contact.projections import prox_ellipse
 from snake_sim_ros.contact.projections import prox_half_line
 from snake_sim_ros.contact.prox_iteration import load
+from snake_sim_ros.contact.solver import Outcome
+from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.dynamics.articulated_body import factor_chain
 from snake_sim_ros.dynamics.articulated_body import unload_chain
 from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.stepping.moreau import begin_step
-from snake_sim_ros.stepping.moreau import end_step
 
 
 @merged
-def sweep(laws, contact, width, table, delassus, impulse):
+def sweep(laws, closed, width, contacts, delassus, impulse):
     """Project the impulse of every closed contact once, with the velocities of that moment."""
-    G, gamma, rows = delassus.operator, delassus.packed, width * len(contact)
-    for k, a in enumerate(contact):
+    G, gamma, rows = delassus.operator, delassus.packed, width * len(closed)
+    for k, a in enumerate(closed):
         row = width * k
-        P_N = project_normal(laws, G, gamma, rows, row, table, impulse, a)
+        P_N = project_normal(laws, G, gamma, rows, row, contacts, impulse, a)
         project_sliding(laws, G, gamma, rows, row, impulse, a, P_N)
         if width == 5:
             r = 1.0 / largest_eigenvalue(G, row + 3)
@@ -50,11 +50,11 @@ def sweep(laws, contact, width, table, delassus, impulse):
 
 
 @inlined
-def project_normal(laws, G, gamma, rows, row, table, impulse, a):
+def project_normal(laws, G, gamma, rows, row, contacts, impulse, a):
     """Project and return the normal impulse of contact a, whose rows begin at `row`."""
     P_N = impulse[a, 0]
     r = 1.0 / (G[row, row] + laws.compliance)
-    rule = laws.compliance * (P_N - table[a, CENTER])
+    rule = laws.compliance * (P_N - contacts.center[a])
     P_N = prox_half_line(P_N - r * (gamma[row] + rule))
     put(G, gamma, rows, row, impulse, a, 0, P_N)
     return P_N
@@ -89,35 +89,36 @@ def largest_eigenvalue(G, k):
 
 
 @merged
-def iterate(laws, tolerance, limit, contact, table, chain, delassus, impulse):
-    """Sweep until the contact laws hold; return what `moreau.end_step` takes."""
+def iterate(problem, tolerance, limit, delassus, impulse):
+    """Sweep until the contact laws hold; return an `Outcome`."""
+    laws, closed, contacts, chain = problem
     unload_chain(chain)
     factor_chain(chain)
     width = 5 if laws.rolling.mu_x > 0.0 else 3
-    condense(contact, width, table, chain, delassus)
+    condense(closed, width, contacts, chain, delassus)
     iterations = 0
     while True:
-        load(contact, impulse, table)
-        condensed_velocities(contact, width, table, delassus)  # anew: rounding does not add up
-        residual, printed = natural_map(laws, contact, table, tolerance)
+        load(closed, impulse, contacts)
+        condensed_velocities(closed, width, contacts, delassus)  # anew: rounding does not add up
+        residual, printed = natural_map(laws, closed, contacts, tolerance)
         if residual <= tolerance or iterations >= limit:
             break
-        sweep(laws, contact, width, table, delassus, impulse)
+        sweep(laws, closed, width, contacts, delassus, impulse)
         iterations += 1
-    end_twists(contact, table, chain)
-    return iterations, residual <= tolerance, residual, printed, False
+    end_twists(closed, contacts, chain)
+    return Outcome(iterations, residual <= tolerance, residual, printed, False)
 
 
-@compiled
-def advance(delassus, model, work, q, u, history, angle, rate, report, cycles):
-    """Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`."""
-    for k in range(len(angle)):
-        cycles[k] = cycle_counter()
-        count, laws = begin_step(model, work, q, u, history[0], angle[k], rate[k])
-        outcome = iterate(
-            laws, model.residual_tolerance, model.iteration_limit,
-            work.contact[:count], work.table, work.chain, delassus, history[0],
-        )  # fmt: skip
-        if not end_step(model, work, q, u, history, count, outcome, report):
-            break
-    cycles[len(angle)] = cycle_counter()
+class GaussSeidel(NamedTuple):
+    """Projected Gauss-Seidel iteration, with the arrays of the Delassus operator."""
+
+    delassus: Delassus
+
+
+@solve.register(GaussSeidel)
+@inlined
+def solve_with_sweeps(solver, model, problem, history):
+    """Solve the contacts of a step; see `solver.solve`."""
+    return iterate(
+        problem, model.residual_tolerance, model.iteration_limit, solver.delassus, history.impulse
+    )

@@ -16,26 +16,19 @@ What is left is the forward dynamics of a chain.
 
 import math
 
-from snake_sim_ros.contact.contacts import add_contact_wrench
-from snake_sim_ros.contact.contacts import CENTER
-from snake_sim_ros.contact.contacts import contact_velocities
-from snake_sim_ros.contact.contacts import direction
-from snake_sim_ros.contact.contacts import GAMMA
-from snake_sim_ros.contact.contacts import HEADING
-from snake_sim_ros.contact.contacts import IMPULSE
-from snake_sim_ros.contact.contacts import LAW
-from snake_sim_ros.contact.contacts import LINK
-from snake_sim_ros.contact.contacts import OTHER
-from snake_sim_ros.contact.contacts import POINT
-from snake_sim_ros.contact.contacts import RADIUS
-from snake_sim_ros.contact.contacts import rolling_disc
-from snake_sim_ros.contact.contacts import SHIFT
-from snake_sim_ros.contact.contacts import sliding_disc
 from snake_sim_ros.contact.delassus import condensed_system
 from snake_sim_ros.contact.delassus import condensed_velocities
 from snake_sim_ros.contact.delassus import eliminate
 from snake_sim_ros.contact.delassus import load_chain
 from snake_sim_ros.contact.delassus import solve_condensed
+from snake_sim_ros.contact.directions import add_contact_wrench
+from snake_sim_ros.contact.directions import contact_velocities
+from snake_sim_ros.contact.directions import direction
+from snake_sim_ros.contact.laws import rolling_disc
+from snake_sim_ros.contact.laws import sliding_disc
+from snake_sim_ros.contact.table import FREE
+from snake_sim_ros.contact.table import ROLLING
+from snake_sim_ros.contact.table import SLIDING
 from snake_sim_ros.dynamics.articulated_body import correct_chain
 from snake_sim_ros.dynamics.articulated_body import factor_chain
 from snake_sim_ros.dynamics.articulated_body import left_over
@@ -44,22 +37,6 @@ from snake_sim_ros.dynamics.articulated_body import unload_chain
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
-
-# More columns of the table of contacts; GAMMA and IMPULSE are the solution of a linear problem.
-# LAW: P_N, S_NN at gamma = 0; then for sliding and for rolling P_x, P_y, S_xx, S_xy, S_yy, S_xN,
-# S_yN of P = P_0 - S gamma.
-SLIDING = LAW + 2
-ROLLING = LAW + 9
-TRIAL = LAW + 16  # relative velocities about which the laws are linear
-ITERATE = TRIAL + 5  # impulses that go with them
-ANCHOR = ITERATE + 5  # impulses that the proximal point method starts from
-DISC = ANCHOR + 5  # radius of the disc if it is held, FREE if it is the normal impulse
-HELD = DISC + 1  # radius to hold next
-STEP = HELD + 1  # how far the one held before was from what it led to
-FORCE = STEP + 1  # impulses of the laws at TRIAL
-SAVED = FORCE + 5  # trial and iterate, to come back to
-NOTED = SAVED + 10  # whether the contact is in the list of the closed ones; see newton.remember
-FREE = -1.0
 
 CORRECTIONS = 4  # of the twists, at most
 SMALL = 1e-6  # correction after which the next one would be rounding [m/s, rad/s]
@@ -106,62 +83,64 @@ def disc_law(disc, anchor_x, anchor_y, gamma_x, gamma_y, radius):
 
 
 @inlined
-def linearize_disc(disc, table, a, radius, S_N):
+def linearize_disc(disc, contacts, a, radius, S_N):
     """Fill the law of one kind of friction at contact a; S_N is how the radius follows gamma_N."""
     k = disc.column
-    x, y, normal = table[a, TRIAL + k], table[a, TRIAL + k + 1], table[a, TRIAL]
+    x, y, normal = contacts.trial[a, k], contacts.trial[a, k + 1], contacts.trial[a, 0]
     P_x, P_y, S_xx, S_xy, S_yy, d_x, d_y = disc_law(
-        disc, table[a, ANCHOR + k], table[a, ANCHOR + k + 1], x, y, radius
+        disc, contacts.anchor[a, k], contacts.anchor[a, k + 1], x, y, radius
     )
-    law = SLIDING if k == 1 else ROLLING
-    table[a, FORCE + k], table[a, FORCE + k + 1] = P_x, P_y
+    kind = SLIDING if k == 1 else ROLLING
+    contacts.force[a, k], contacts.force[a, k + 1] = P_x, P_y
     S_xN, S_yN = d_x * S_N, d_y * S_N
-    table[a, law] = P_x + S_xx * x + S_xy * y + S_xN * normal
-    table[a, law + 1] = P_y + S_xy * x + S_yy * y + S_yN * normal
-    table[a, law + 2], table[a, law + 3], table[a, law + 4] = S_xx, S_xy, S_yy
-    table[a, law + 5], table[a, law + 6] = S_xN, S_yN
+    contacts.P_0[a, k] = P_x + S_xx * x + S_xy * y + S_xN * normal
+    contacts.P_0[a, k + 1] = P_y + S_xy * x + S_yy * y + S_yN * normal
+    contacts.S_xx[a, kind], contacts.S_xy[a, kind], contacts.S_yy[a, kind] = S_xx, S_xy, S_yy
+    contacts.S_xN[a, kind], contacts.S_yN[a, kind] = S_xN, S_yN
 
 
 @merged
-def linearize(laws, contact, table):
+def linearize(laws, closed, contacts):
     """Fill the laws of all contacts, linear about TRIAL."""
-    for a in contact:
-        P_N, S_N = normal_law(laws, table[a, CENTER], table[a, ANCHOR], table[a, TRIAL])
-        table[a, FORCE] = P_N
-        table[a, LAW], table[a, LAW + 1] = P_N + S_N * table[a, TRIAL], S_N
-        radius, follow = (P_N, S_N) if table[a, DISC] == FREE else (table[a, DISC], 0.0)
-        linearize_disc(sliding_disc(laws, laws.other, a), table, a, radius, follow)
+    for a in closed:
+        P_N, S_N = normal_law(
+            laws, contacts.center[a], contacts.anchor[a, 0], contacts.trial[a, 0]
+        )
+        contacts.force[a, 0] = P_N
+        contacts.P_0[a, 0], contacts.S_N[a] = P_N + S_N * contacts.trial[a, 0], S_N
+        radius, follow = (P_N, S_N) if contacts.disc[a] == FREE else (contacts.disc[a], 0.0)
+        linearize_disc(sliding_disc(laws, laws.other, a), contacts, a, radius, follow)
         if laws.rolling.mu_x > 0.0:
-            linearize_disc(rolling_disc(laws, laws.other, a), table, a, radius, follow)
+            linearize_disc(rolling_disc(laws, laws.other, a), contacts, a, radius, follow)
 
 
 @inlined
-def add_laws(contact, table, frame, rolling, wrench, inertia):
+def add_laws(closed, contacts, frame, rolling, wrench, inertia):
     """Add the linear laws to the wrenches and to the inertias of the links."""
     if frame is not None:
-        add_laws_in_frames(contact, table, frame, rolling, wrench, inertia)
+        add_laws_in_frames(closed, contacts, frame, rolling, wrench, inertia)
         return
     n = len(wrench)
-    for a in contact:
+    for a in closed:
         i = a if a < n else a - n
-        add_point_law(table, a, wrench, inertia, i)
+        add_point_law(contacts, a, wrench, inertia, i)
         if rolling:
-            add_rolling_law(table, a, wrench, inertia, i)
+            add_rolling_law(contacts, a, wrench, inertia, i)
 
 
 @merged
-def add_point_law(table, a, wrench, inertia, i):
+def add_point_law(contacts, a, wrench, inertia, i):
     """
     Add to link i the impulse ``P_0 - S gamma`` of contact a, normal and sliding.
 
     In axes of I it is ``force - K v``, ``v = v_O + omega x p`` the velocity of the contact point,
     K = [[xx, xy, xz], [xy, yy, yz], [0, 0, zz]]; about O that is A += J^T K J, J = [-p~, 1].
     """
-    cx, cy = table[a, HEADING], table[a, HEADING + 1]
-    x, y, z = table[a, POINT], table[a, POINT + 1], table[a, POINT + 2]
-    S_xN, S_yN, shift = table[a, SLIDING + 5], table[a, SLIDING + 6], table[a, SHIFT]
-    P_x, P_y = table[a, SLIDING] - S_xN * shift, table[a, SLIDING + 1] - S_yN * shift
-    fz = table[a, LAW] - table[a, LAW + 1] * shift
+    cx, cy = contacts.heading[a, 0], contacts.heading[a, 1]
+    x, y, z = contacts.point[a, 0], contacts.point[a, 1], contacts.point[a, 2]
+    S_xN, S_yN, shift = contacts.S_xN[a, SLIDING], contacts.S_yN[a, SLIDING], contacts.shift[a]
+    P_x, P_y = contacts.P_0[a, 1] - S_xN * shift, contacts.P_0[a, 2] - S_yN * shift
+    fz = contacts.P_0[a, 0] - contacts.S_N[a] * shift
     fx, fy = cx * P_x - cy * P_y, cy * P_x + cx * P_y
     wrench[i, 0] += y * fz - z * fy
     wrench[i, 1] += z * fx - x * fz
@@ -169,11 +148,15 @@ def add_point_law(table, a, wrench, inertia, i):
     wrench[i, 3] += fx
     wrench[i, 4] += fy
     wrench[i, 5] += fz
-    S_xx, S_xy, S_yy = table[a, SLIDING + 2], table[a, SLIDING + 3], table[a, SLIDING + 4]
+    S_xx, S_xy, S_yy = (
+        contacts.S_xx[a, SLIDING],
+        contacts.S_xy[a, SLIDING],
+        contacts.S_yy[a, SLIDING],
+    )
     xx = cx * cx * S_xx - 2.0 * cx * cy * S_xy + cy * cy * S_yy
     xy = cx * cy * (S_xx - S_yy) + (cx * cx - cy * cy) * S_xy
     yy = cy * cy * S_xx + 2.0 * cx * cy * S_xy + cx * cx * S_yy
-    xz, yz, zz = cx * S_xN - cy * S_yN, cy * S_xN + cx * S_yN, table[a, LAW + 1]
+    xz, yz, zz = cx * S_xN - cy * S_yN, cy * S_xN + cx * S_yN, contacts.S_N[a]
     rows = (
         (-z * xy, -z * yy, y * zz - z * yz),  # p~ K
         (z * xx, z * xy, z * xz - x * zz),
@@ -193,13 +176,17 @@ def add_point_law(table, a, wrench, inertia, i):
 
 
 @merged
-def add_rolling_law(table, a, wrench, inertia, i):
+def add_rolling_law(contacts, a, wrench, inertia, i):
     """Add to link i the rolling torque r (P_v, -P_u) of contact a, eqs. (36), (37)."""
-    x, y, r = table[a, POINT], table[a, POINT + 1], table[a, RADIUS]
-    wrench[i, 0] += r * (table[a, ROLLING + 1] - table[a, ROLLING + 6] * table[a, SHIFT])
-    wrench[i, 1] -= r * (table[a, ROLLING] - table[a, ROLLING + 5] * table[a, SHIFT])
-    S_xx, S_xy, S_yy = table[a, ROLLING + 2], table[a, ROLLING + 3], table[a, ROLLING + 4]
-    S_xN, S_yN = table[a, ROLLING + 5], table[a, ROLLING + 6]
+    x, y, r = contacts.point[a, 0], contacts.point[a, 1], contacts.radius[a]
+    wrench[i, 0] += r * (contacts.P_0[a, 4] - contacts.S_yN[a, ROLLING] * contacts.shift[a])
+    wrench[i, 1] -= r * (contacts.P_0[a, 3] - contacts.S_xN[a, ROLLING] * contacts.shift[a])
+    S_xx, S_xy, S_yy = (
+        contacts.S_xx[a, ROLLING],
+        contacts.S_xy[a, ROLLING],
+        contacts.S_yy[a, ROLLING],
+    )
+    S_xN, S_yN = contacts.S_xN[a, ROLLING], contacts.S_yN[a, ROLLING]
     inertia[i, 0, 0] += r * r * S_yy + r * S_yN * y
     inertia[i, 0, 1] -= r * r * S_xy + r * S_yN * x
     inertia[i, 0, 5] += r * S_yN
@@ -209,74 +196,79 @@ def add_rolling_law(table, a, wrench, inertia, i):
 
 
 @compiled
-def add_laws_in_frames(contact, table, frame, rolling, wrench, inertia):
+def add_laws_in_frames(closed, contacts, frame, rolling, wrench, inertia):
     """
     Do what `add_laws` does, for contacts with frames: wrench += W P_0, A += W S W^T.
 
     W are the directions (normal, sliding; rolling). Friction follows the normal velocity, which
     follows from the first of them.
     """
-    for a in contact:
-        A, w = inertia[int(table[a, LINK])], wrench[int(table[a, LINK])]
-        normal = direction(table, frame, a, 0)
-        along, across = direction(table, frame, a, 1), direction(table, frame, a, 2)
-        S_N, shift = table[a, LAW + 1], table[a, SHIFT]
+    for a in closed:
+        A, w = inertia[contacts.link[a]], wrench[contacts.link[a]]
+        normal = direction(contacts, frame, a, 0)
+        along, across = direction(contacts, frame, a, 1), direction(contacts, frame, a, 2)
+        S_N, shift = contacts.S_N[a], contacts.shift[a]
         for k in range(6):
-            w[k] += (table[a, LAW] - S_N * shift) * normal[k]
+            w[k] += (contacts.P_0[a, 0] - S_N * shift) * normal[k]
             for j in range(6):
                 A[k, j] += S_N * normal[k] * normal[j]
-        add_friction_law(table, a, SLIDING, normal, along, across, w, A)
+        add_friction_law(contacts, a, SLIDING, normal, along, across, w, A)
         if rolling:
-            r = table[a, RADIUS]
+            r = contacts.radius[a]
             turn = -r * frame[a, 2, 0], -r * frame[a, 2, 1], -r * frame[a, 2, 2], 0.0, 0.0, 0.0
             roll = r * frame[a, 1, 0], r * frame[a, 1, 1], r * frame[a, 1, 2], 0.0, 0.0, 0.0
-            add_friction_law(table, a, ROLLING, normal, turn, roll, w, A)
+            add_friction_law(contacts, a, ROLLING, normal, turn, roll, w, A)
 
 
 @inlined
-def add_friction_law(table, a, law, normal, along, across, wrench, inertia):
+def add_friction_law(contacts, a, kind, normal, along, across, wrench, inertia):
     """Add the law of one kind of friction at contact a to its link, along two directions."""
-    S_xx, S_xy, S_yy = table[a, law + 2], table[a, law + 3], table[a, law + 4]
-    S_xN, S_yN, shift = table[a, law + 5], table[a, law + 6], table[a, SHIFT]
-    P_x, P_y = table[a, law] - S_xN * shift, table[a, law + 1] - S_yN * shift
-    for k in range(6):
-        wrench[k] += P_x * along[k] + P_y * across[k]
+    k, shift = 1 + 2 * kind, contacts.shift[a]
+    S_xx, S_xy, S_yy = contacts.S_xx[a, kind], contacts.S_xy[a, kind], contacts.S_yy[a, kind]
+    S_xN, S_yN = contacts.S_xN[a, kind], contacts.S_yN[a, kind]
+    P_x, P_y = contacts.P_0[a, k] - S_xN * shift, contacts.P_0[a, k + 1] - S_yN * shift
+    for i in range(6):
+        wrench[i] += P_x * along[i] + P_y * across[i]
         for j in range(6):
             x = S_xN * normal[j] + S_xx * along[j] + S_xy * across[j]
             y = S_yN * normal[j] + S_xy * along[j] + S_yy * across[j]
-            inertia[k, j] += along[k] * x + across[k] * y
+            inertia[i, j] += along[i] * x + across[i] * y
 
 
 @merged
-def linear_impulses(contact, table, rolling):
+def linear_impulses(closed, contacts, rolling):
     """Fill the impulses of the linear laws at GAMMA, from those at TRIAL: few digits cancel."""
-    for a in contact:
-        normal = table[a, GAMMA] - table[a, TRIAL]
-        table[a, IMPULSE] = table[a, FORCE] - table[a, LAW + 1] * normal
+    for a in closed:
+        normal = contacts.gamma[a, 0] - contacts.trial[a, 0]
+        contacts.impulse[a, 0] = contacts.force[a, 0] - contacts.S_N[a] * normal
         for k in range(1, 5 if rolling else 3, 2):
-            law = SLIDING if k == 1 else ROLLING
-            x = table[a, GAMMA + k] - table[a, TRIAL + k]
-            y = table[a, GAMMA + k + 1] - table[a, TRIAL + k + 1]
-            S_xx, S_xy, S_yy = table[a, law + 2], table[a, law + 3], table[a, law + 4]
-            S_xN, S_yN = table[a, law + 5], table[a, law + 6]
-            P_x, P_y = table[a, FORCE + k], table[a, FORCE + k + 1]
-            table[a, IMPULSE + k] = P_x - S_xx * x - S_xy * y - S_xN * normal
-            table[a, IMPULSE + k + 1] = P_y - S_xy * x - S_yy * y - S_yN * normal
+            kind = SLIDING if k == 1 else ROLLING
+            x = contacts.gamma[a, k] - contacts.trial[a, k]
+            y = contacts.gamma[a, k + 1] - contacts.trial[a, k + 1]
+            S_xx, S_xy, S_yy = (
+                contacts.S_xx[a, kind],
+                contacts.S_xy[a, kind],
+                contacts.S_yy[a, kind],
+            )
+            S_xN, S_yN = contacts.S_xN[a, kind], contacts.S_yN[a, kind]
+            P_x, P_y = contacts.force[a, k], contacts.force[a, k + 1]
+            contacts.impulse[a, k] = P_x - S_xx * x - S_xy * y - S_xN * normal
+            contacts.impulse[a, k + 1] = P_y - S_xy * x - S_yy * y - S_yN * normal
 
 
 @inlined
-def single_count(contact, table, pairs):
+def single_count(closed, contacts, pairs):
     """Return the number of contacts without those of two links, which are listed last."""
     if pairs is None:
-        return len(contact)
-    count = len(contact)
-    while count > 0 and table[contact[count - 1], OTHER] >= 0.0:
+        return len(closed)
+    count = len(closed)
+    while count > 0 and contacts.other[closed[count - 1]] >= 0:
         count -= 1
     return count
 
 
 @inlined
-def couple_pairs(again, contact, width, table, chain, pairs):
+def couple_pairs(again, closed, width, contacts, chain, pairs):
     """
     Add to the twists what the contacts of two links do to them; fill the impulses of these.
 
@@ -297,80 +289,80 @@ def couple_pairs(again, contact, width, table, chain, pairs):
         Largest component of a twist that was added.
 
     """
-    if pairs is None or len(contact) == 0:
+    if pairs is None or len(closed) == 0:
         return 0.0
     for j in range(len(chain.left_over)):
         chain.left_over[j, 0] = chain.left_over[j, 1] = 0.0
     if not again:
-        respond_to_pairs(contact, width, table, chain, pairs)
-    contact_velocities(contact, table, chain.frame, chain.twist)
-    solve_left_over(contact, width, table, pairs)
+        respond_to_pairs(closed, width, contacts, chain, pairs)
+    contact_velocities(closed, contacts, chain.frame, chain.twist)
+    solve_left_over(closed, width, contacts, pairs)
     chain.wrench[:] = 0.0
-    add_contact_wrench(contact, table, chain.frame, chain.wrench)
-    add_packed(contact, width, table, pairs)
+    add_contact_wrench(closed, contacts, chain.frame, chain.wrench)
+    add_packed(closed, width, contacts, pairs)
     return correct_chain(chain)
 
 
 @compiled
-def respond_to_pairs(contact, width, table, chain, pairs):
+def respond_to_pairs(closed, width, contacts, chain, pairs):
     """Fill G of the contacts of two links on the prepared chain; set their impulses to 0."""
-    for a in contact:
-        table[a, IMPULSE : IMPULSE + 5] = 0.0
-    for k, a in enumerate(contact):
+    for a in closed:
+        contacts.impulse[a] = 0.0
+    for k, a in enumerate(closed):
         for j in range(width):
             row = pairs.operator[width * k + j]
-            stiffness = table[a, LAW + 1]
+            stiffness = contacts.S_N[a]
             if j > 0:
-                stiffness = table[a, SLIDING + 2] + table[a, SLIDING + 4]
+                stiffness = contacts.S_xx[a, SLIDING] + contacts.S_yy[a, SLIDING]
             if stiffness == 0.0:  # the impulse is 0
-                row[: width * len(contact)] = 0.0
+                row[: width * len(closed)] = 0.0
                 continue
-            table[a, IMPULSE + j] = 1.0
+            contacts.impulse[a, j] = 1.0
             chain.wrench[:] = 0.0
-            add_contact_wrench(contact[k : k + 1], table, chain.frame, chain.wrench)
-            table[a, IMPULSE + j] = 0.0
+            add_contact_wrench(closed[k : k + 1], contacts, chain.frame, chain.wrench)
+            contacts.impulse[a, j] = 0.0
             respond(chain)
-            contact_velocities(contact, table, chain.frame, chain.correction)
-            for other, b in enumerate(contact):
+            contact_velocities(closed, contacts, chain.frame, chain.correction)
+            for other, b in enumerate(closed):
                 for i in range(width):
-                    shift = table[b, SHIFT] if i == 0 else 0.0
-                    row[width * other + i] = table[b, GAMMA + i] - shift
+                    shift = contacts.shift[b] if i == 0 else 0.0
+                    row[width * other + i] = contacts.gamma[b, i] - shift
 
 
 @compiled
-def solve_left_over(contact, width, table, delassus):
+def solve_left_over(closed, width, contacts, delassus):
     """
     Fill the impulses with what the laws leave at GAMMA, answered by G; keep the old ones packed.
 
     To be added to the old ones. The stiffness of the laws costs as many digits here as in the
     chain, see `articulated_body.left_over`.
     """
-    rows = width * len(contact)
+    rows = width * len(closed)
     B, packed = delassus.system, delassus.packed
-    for k, a in enumerate(contact):
+    for k, a in enumerate(closed):
         for j in range(width):
-            packed[width * k + j] = table[a, IMPULSE + j]
-    condensed_system(contact, width, table, LAW, delassus)
-    linear_impulses(contact, table, width > 3)
-    for k, a in enumerate(contact):
+            packed[width * k + j] = contacts.impulse[a, j]
+    condensed_system(closed, width, contacts, delassus)
+    linear_impulses(closed, contacts, width > 3)
+    for k, a in enumerate(closed):
         for j in range(width):
-            B[width * k + j, rows] = table[a, IMPULSE + j] - packed[width * k + j]
+            B[width * k + j, rows] = contacts.impulse[a, j] - packed[width * k + j]
     eliminate(B, rows)
-    for k, a in enumerate(contact):
+    for k, a in enumerate(closed):
         for j in range(width):
-            table[a, IMPULSE + j] = B[width * k + j, rows]
+            contacts.impulse[a, j] = B[width * k + j, rows]
 
 
 @inlined
-def add_packed(contact, width, table, delassus):
+def add_packed(closed, width, contacts, delassus):
     """Add to the impulses those that `solve_left_over` kept."""
-    for k, a in enumerate(contact):
+    for k, a in enumerate(closed):
         for j in range(width):
-            table[a, IMPULSE + j] += delassus.packed[width * k + j]
+            contacts.impulse[a, j] += delassus.packed[width * k + j]
 
 
 @inlined
-def linear_step(laws, contact, table, chain, delassus):
+def linear_step(problem, delassus):
     """
     Fill GAMMA and IMPULSE with the solution for the laws linear about TRIAL.
 
@@ -382,30 +374,31 @@ def linear_step(laws, contact, table, chain, delassus):
         Whether the solution is finite.
 
     """
-    linearize(laws, contact, table)
+    laws, closed, contacts, chain = problem
+    linearize(laws, closed, contacts)
     rolling = laws.rolling.mu_x > 0.0
     if delassus is not None:
         width = 5 if rolling else 3
-        finite = solve_condensed(contact, width, table, LAW, delassus)
+        finite = solve_condensed(closed, width, contacts, delassus)
         if chain.pairs is not None:  # links that are pressed together, stiff where little moves
-            solve_left_over(contact, width, table, delassus)
-            add_packed(contact, width, table, delassus)
-            condensed_velocities(contact, width, table, delassus)
+            solve_left_over(closed, width, contacts, delassus)
+            add_packed(closed, width, contacts, delassus)
+            condensed_velocities(closed, width, contacts, delassus)
         return finite
     unload_chain(chain)
-    single = contact[: single_count(contact, table, chain.pairs)]
-    add_laws(single, table, chain.frame, rolling, chain.wrench, chain.inertia)
+    single = closed[: single_count(closed, contacts, chain.pairs)]
+    add_laws(single, contacts, chain.frame, rolling, chain.wrench, chain.inertia)
     factor_chain(chain)
-    for k in range(CORRECTIONS if len(contact) > 0 else 1):  # a chain in the air is not stiff
+    for k in range(CORRECTIONS if len(closed) > 0 else 1):  # a chain in the air is not stiff
         if k > 0:  # once more for what rounding left
-            load_chain(contact, table, chain)
+            load_chain(closed, contacts, chain)
             left_over(chain)
         largest = correct_chain(chain)
         largest = max(
-            largest, couple_pairs(k > 0, contact[len(single) :], 3, table, chain, chain.pairs)
+            largest, couple_pairs(k > 0, closed[len(single) :], 3, contacts, chain, chain.pairs)
         )
-        contact_velocities(contact, table, chain.frame, chain.twist)
-        linear_impulses(single, table, rolling)
+        contact_velocities(closed, contacts, chain.frame, chain.twist)
+        linear_impulses(single, contacts, rolling)
         if k > 0 and not largest > SMALL:
             break
     return math.isfinite(chain.twist[0, 3] + chain.twist[len(chain.twist) - 1, 3])

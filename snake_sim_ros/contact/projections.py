@@ -11,15 +11,6 @@ import math
 
 from snake_sim_ros.dynamics.compilation import compiled
 
-PRESS = 5e-7  # velocity at which the selection rule may press a contact into the floor [m/s]
-IMPACT = 10.0  # an impulse of more than so many weights of the robot in a step is of an impact
-REST = 1e-6  # velocity up to which a contact that carries load is at rest [m/s]
-DEPTH = 5e-7  # penetration beyond which the selection rule presses no deeper [m]
-# Steps up to this one look at the depth of each contact, larger ones more and more at the mean of
-# all: what they move the links by makes the depths of single contacts rough [s].
-FINE = 2.5e-4
-LEAST = 1e-6  # compliance that it is not reduced below, relative to the Delassus operator
-
 
 @compiled
 def prox_half_line(x):

@@ -1,17 +1,24 @@
 """
-The selection rule in NumPy: which normal impulses a step takes where they are not unique.
+The selection rule: which normal impulses a step takes where they are not unique.
 
-`contacts.selected` is the same compiled.
+`selection_compliance` and `selection_center` say it in NumPy, `selected` is the same compiled.
 """
 
 import numpy as np
 
-from snake_sim_ros.contact.projections import DEPTH
-from snake_sim_ros.contact.projections import FINE
-from snake_sim_ros.contact.projections import IMPACT
-from snake_sim_ros.contact.projections import PRESS
-from snake_sim_ros.contact.projections import REST
+from snake_sim_ros.contact.laws import Laws
+from snake_sim_ros.contact.laws import link_of
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.scene.parameters import Array
+
+PRESS = 5e-7  # velocity at which the selection rule may press a contact into the floor [m/s]
+IMPACT = 10.0  # an impulse of more than so many weights of the robot in a step is of an impact
+REST = 1e-6  # velocity up to which a contact that carries load is at rest [m/s]
+DEPTH = 5e-7  # penetration beyond which the selection rule presses no deeper [m]
+# Steps up to this one look at the depth of each contact, larger ones more and more at the mean of
+# all: what they move the links by makes the depths of single contacts rough [s].
+FINE = 2.5e-4
+LEAST = 1e-6  # compliance that it is not reduced below, relative to the Delassus operator
 
 
 def selection_compliance(
@@ -65,3 +72,57 @@ def selection_center(
     mean = np.minimum(depth, 1.0)[P_N > 0.0].mean() if (P_N > 0.0).any() else 0.0
     share = np.where(P_N > 0.0, np.clip(mean + own * (depth - mean), 0.0, 1.0), 0.0)
     return np.asarray(highest * share)
+
+
+@inlined
+def depth_share(contacts, a):
+    """Return the depth of contact a over DEPTH, 0 if it is not inside."""
+    return max(0.0, -contacts.gap[a]) / DEPTH
+
+
+@inlined
+def selected(laws, closed, contacts, mass, impulse, press, dt, fall):
+    """
+    Fill CENTER, and return the laws with the compliance that this step selects with.
+
+    GAMMA is of the start of a step of dt [s], impulse of the last one; weight adds `fall` [m/s].
+
+    Deviation: the compliance of the selection rule moves a contact into the floor by compliance
+    times P_N. It is reduced where that would be more than `press`, for the largest normal impulse
+    that is to be expected: the last one of a contact, or twice what stops its link alone and half
+    its weight.
+
+    Deviation: while all contacts that carry load are at rest, the rule selects the impulses next
+    to the last ones instead of those of least norm, so that nothing sinks or creeps. Beside those
+    of an impact it would make bodies bounce.
+    """
+    n = len(mass)
+    most = fastest = heaviest = 0.0
+    for m in mass:
+        heaviest += IMPACT * m * fall
+    for a in closed:
+        stop = 0.5 * fall - 2.0 * contacts.gamma[a, 0]
+        most = max(most, impulse[a, 0], mass[link_of(laws.other, contacts, n, a)] * stop)
+        if impulse[a, 0] > 0.0:
+            slip = max(abs(contacts.gamma[a, 1]), abs(contacts.gamma[a, 2]))
+            fastest = max(fastest, abs(contacts.gamma[a, 0]), slip)
+    compliance = laws.compliance
+    if most > 0.0:
+        compliance = min(compliance, max(laws.least, press / most))
+    highest = max(press / compliance, min(most, heaviest)) if compliance > 0.0 else 0.0
+    mean, loaded, own = 0.0, 0, min(1.0, FINE / dt)
+    for a in closed:
+        if impulse[a, 0] > 0.0:
+            mean += min(1.0, depth_share(contacts, a))
+            loaded += 1
+    mean /= max(1, loaded)
+    for a in closed:
+        share = 0.0  # of a contact that lands
+        if impulse[a, 0] > 0.0:
+            share = min(1.0, max(0.0, mean + own * (depth_share(contacts, a) - mean)))
+        rests = fastest <= REST
+        contacts.center[a] = min(impulse[a, 0], heaviest) if rests else share * highest
+    return Laws(
+        laws.sliding, laws.rolling, compliance, laws.least, laws.proximal,
+        laws.r_N, laws.r_T, laws.r_V, laws.other,
+    )  # fmt: skip

@@ -95,7 +95,9 @@ def merged(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def dispatched(function: Callable[..., Any]) -> Any:
     """
-    Return `functools.singledispatch` of compiled functions: the first argument chooses by its type.
+    Return a function like `functools.singledispatch` does, for compiled functions.
+
+    The type of the first argument chooses the implementation.
 
     This is how one loop over steps serves all contact solvers: the cache on disk takes no function
     that gets another function as an argument or from a closure, but it does take types. An

@@ -3,7 +3,7 @@
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
 
-from snake_sim_ros.stepping.base import method_of
+from snake_sim_ros.stepping.methods import method_of
 from snake_sim_ros.stepping.simulation import Simulation
 
 

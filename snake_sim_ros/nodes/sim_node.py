@@ -58,10 +58,10 @@ from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.quantities import quantity
 from snake_sim_ros.scene.quantities import Record
 from snake_sim_ros.scene.robot_description import robot_description
-from snake_sim_ros.stepping.base import make_stepper
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.levels import is_vertical
 from snake_sim_ros.stepping.levels import what_is_told
+from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.simulation import steps_in
 

@@ -21,7 +21,6 @@ from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import IMPULSE
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.simulation import Simulation
@@ -154,7 +153,7 @@ def _step_by_step(simulation: Simulation, steps: int) -> tuple[Array, Array, Arr
         report = simulation.advance(angle[k : k + 1], rate[k : k + 1])
         q.append(simulation.state.q)
         u.append(simulation.state.u)
-        impulses.append(simulation.history[IMPULSE, :, :3].copy())
+        impulses.append(simulation.history.impulse[:, :3].copy())
         torques.append(report.joint_torque)
     return np.array(q), np.array(u), np.array(impulses), np.array(torques)
 

@@ -17,9 +17,9 @@ from tqdm import tqdm
 from snake_sim_ros.recording.bags import read_bag
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.quantities import ParameterError
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import method_of
 from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.methods import method_of
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory

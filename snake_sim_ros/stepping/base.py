@@ -1,5 +1,5 @@
 """
-What a time stepper takes and returns, and the table of those that exist.
+What a time stepper takes and returns.
 
 A stepper is made for a scene and has one method, `advance`. It never raises because a step did not
 converge or blew up: that is part of the report. Only misuse raises.
@@ -9,20 +9,73 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import fields
-from dataclasses import replace
 from enum import Enum
-from functools import partial
 from typing import Any
+from typing import NamedTuple
 from typing import Protocol
+from typing import TypeVar
 
 import numpy as np
 
-from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.obstacles import same_contacts
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.quantities import ParameterError
+
+T = TypeVar('T')
+
+
+class History(NamedTuple):
+    """
+    What a step takes over from the one before, besides the state.
+
+    Attributes
+    ----------
+    impulse : ndarray, shape (contacts, 5)
+        Last impulse of every contact: normal, sliding x y, rolling x y [N s], eq. (93).
+    velocity : ndarray, shape (contacts, 5)
+        Relative velocities after it [m/s].
+    change : ndarray, shape (contacts, 5)
+        By how much the last step changed the normal impulse and the other velocities.
+    settling : ndarray, shape (1,)
+        Steps for which a robot has still to lie flat and still before it is planar, see `levels`.
+    memory : NamedTuple of arrays, or None
+        What the method itself keeps at its level, of a type of its own; None if it is nothing.
+
+    """
+
+    impulse: Array
+    velocity: Array
+    change: Array
+    settling: Array
+    memory: Any = None
+
+
+def empty_history(contacts: int, memory: Any = None) -> History:
+    """Return the history before the first contact of a scene with so many of them."""
+    slabs = np.zeros((3, contacts, 5))
+    return History(slabs[0], slabs[1], slabs[2], np.zeros(1), memory)
+
+
+def named_arrays(record: Any, name: str = 'history') -> dict[str, Array]:
+    """Return the arrays of nested NamedTuples such as a history, by their dotted names."""
+    if isinstance(record, np.ndarray):
+        return {name: record}
+    found: dict[str, Array] = {}
+    for part in getattr(record, '_fields', ()):
+        found |= named_arrays(getattr(record, part), f'{name}.{part}')
+    return found
+
+
+def copied(record: T) -> T:
+    """Return a copy of nested NamedTuples of arrays, such as a history."""
+    if record is None:
+        return record
+    if isinstance(record, np.ndarray):
+        return record.copy()
+    parts: Any = record
+    return type(record)(*map(copied, parts))
 
 
 @dataclass(frozen=True)
@@ -156,22 +209,22 @@ class Stepper(Protocol):
     @property
     def cycles(self) -> Array: ...  # noqa: D102
 
+    def empty_history(self) -> History:
+        """Return the history before the first step."""
+        ...
+
     def advance(
-        self, state: State, history: Array, angle: Array, rate: Array
-    ) -> tuple[State, Array, Report]:
+        self, state: State, history: History, angle: Array, rate: Array
+    ) -> tuple[State, History, Report]:
         """
         Return state, history and report after as many steps as there are references.
 
         Parameters
         ----------
         state : State
-        history : ndarray, shape (7, contacts, 5)
-            What a step takes over from the one before. Of every contact: IMPULSE, the last one
-            (normal, sliding x y, rolling x y) [N s], eq. (93); VELOCITY, relative velocities after
-            it [m/s]; CHANGE, by how much the last step changed the normal impulse and the other
-            velocities. From PREVIOUS on, in a row: what a method of two steps keeps. `no_history`
-            before the first step; `carried` where the step before was one of a scene with other
-            contacts, another method or another level.
+        history : History
+            After the last step of this stepper; `empty_history` before the first one, `carried`
+            where the last step was one of another scene, method or level. It is left alone.
         angle, rate : ndarray, shape (steps, n-1, 2)
             Joint references [rad], [rad/s] at the middle of every step.
 
@@ -179,27 +232,67 @@ class Stepper(Protocol):
         -------
         state : State
             The last good state if a step diverged.
-        history : ndarray, shape (7, contacts, 5)
+        history : History
+            Empty if a step diverged.
         report : Report
 
         Raises
         ------
         ParameterError
             If an array has not the shape or the type of number that it must have: compiled code
-            does not look where it writes. If coordinates or history are not finite.
+            does not look where it writes. If coordinates or history are not finite, or the memory
+            is that of another method or level.
 
         """
         ...
 
 
-IMPULSE, VELOCITY, CHANGE, PREVIOUS = range(4)
-SLABS = 7  # of history, with room for what a method of two steps keeps
-SETTLING = (-1, -1, -1)  # in history: steps that a robot still has to lie flat and still
+def _everything(scene: Scene) -> str:
+    return ''
 
 
-def check_state(links: int, contacts: int, state: State, history: Array) -> None:
+def _nowhere(scene: Scene) -> bool:
+    return False
+
+
+@dataclass(frozen=True)
+class Method:
     """
-    Check what a stepper goes on from; `links` and `contacts` are those of its scene.
+    A time stepping method: how its steppers are made, and what others need to know of it.
+
+    Attributes
+    ----------
+    spatial, planar : callable
+        Make the stepper of a scene, a `spatial.SpatialStepper` and a `stepper.PlanarStepper`.
+    where_impulses_acted : callable
+        ``where_impulses_acted(scene, state, memory)``: the coordinates (n, 7) for which the last
+        step had impulses, and how long these acted [s].
+    what_is_not_possible : callable
+        Why the method cannot run a scene, as a sentence; empty if it can.
+    is_faster_in_space : callable
+        Whether the spatial level takes less time for a scene that is planar.
+    planar_pegs : bool
+        Whether it meets pegs at the planar level, too.
+    energy_balance : bool
+        Whether impulses are those of a whole step, so that an energy balance can be drawn up.
+    compiled : bool
+        Whether its steps are compiled, and timed.
+
+    """
+
+    spatial: Callable[[Scene], Any]
+    planar: Callable[[Scene], Any]
+    where_impulses_acted: Callable[[Scene, State, Any], tuple[Array, float]]
+    what_is_not_possible: Callable[[Scene], str] = _everything
+    is_faster_in_space: Callable[[Scene], bool] = _nowhere
+    planar_pegs: bool = False
+    energy_balance: bool = True
+    compiled: bool = True
+
+
+def check_state(links: int, contacts: int, state: State, history: History) -> None:
+    """
+    Check what a step went to; `links` and `contacts` are those of its scene.
 
     Raises
     ------
@@ -210,29 +303,53 @@ def check_state(links: int, contacts: int, state: State, history: Array) -> None
     """
     _check_array('state.q', state.q, (links, 7))
     _check_array('state.u', state.u, (links, 6))
-    _check_array('history', history, (SLABS, contacts, 5))
-    for name, array in (('state.q', state.q), ('history', history)):
+    if not isinstance(history, History):
+        raise ParameterError(f'history must be a History, got {type(history).__name__}')
+    for name in ('impulse', 'velocity', 'change'):
+        _check_array(f'history.{name}', getattr(history, name), (contacts, 5))
+    _check_array('history.settling', history.settling, (1,))
+    for name, array in {'state.q': state.q, **named_arrays(history)}.items():
         if not np.isfinite(array).all():
             place = np.argwhere(~np.isfinite(array))[0].tolist()
             raise ParameterError(f'{name} must be finite, got {array[tuple(place)]} at {place}')
 
 
 def check_arguments(
-    links: int, contacts: int, state: State, history: Array, angle: Array, rate: Array
+    links: int, empty: History, state: State, history: History, angle: Array, rate: Array
 ) -> None:
     """
-    Check all that `Stepper.advance` takes; `links` and `contacts` are those of its scene.
+    Check all that `Stepper.advance` takes; `links` and `empty` are those of the stepper.
 
     Raises
     ------
     ParameterError
-        If an array has another shape or other numbers than a `Stepper` takes.
+        If an array has another shape or other numbers than a `Stepper` takes, or the memory of the
+        history is that of another method or level.
 
     """
-    check_state(links, contacts, state, history)
+    check_state(links, len(empty.impulse), state, history)
+    memory, wanted = history.memory, empty.memory
+    if type(memory) is not type(wanted):
+        raise ParameterError(
+            f'history.memory must be that of this method and level, {_kind(wanted)}, got '
+            f'{_kind(memory)}; begin with empty_history() of the stepper, or see carried'
+        )
+    found = named_arrays(memory, 'history.memory')
+    for name, array in named_arrays(wanted, 'history.memory').items():
+        _check_array(name, found.get(name), array.shape)
     steps = len(angle) if np.ndim(angle) else 0
     _check_array('angle', angle, (steps, links - 1, 2))
     _check_array('rate', rate, (steps, links - 1, 2))
+
+
+def _kind(memory: Any) -> str:
+    """Return what a memory is called."""
+    kind = type(memory)
+    return (
+        'None'
+        if memory is None
+        else f'{kind.__module__.rpartition("stepping.")[2]}.{kind.__name__}'
+    )
 
 
 def _check_array(name: str, array: Any, shape: tuple[int, ...]) -> None:
@@ -245,173 +362,41 @@ def _check_array(name: str, array: Any, shape: tuple[int, ...]) -> None:
     )
 
 
-def _planar(scene: Scene, loop: Callable[..., None]) -> Stepper:
-    from snake_sim_ros.stepping.planar.stepper import PlanarStepper
-
-    return PlanarStepper(scene, loop)
-
-
-def _spatial(scene: Scene, loop: Callable[..., None]) -> Stepper:
-    from snake_sim_ros.stepping.spatial import SpatialStepper
-
-    return SpatialStepper(scene, loop)
-
-
-def _with_delassus(loop: Callable[..., None], size: int) -> Callable[..., None]:
-    """Return a loop with the Delassus operator that it forms, of so many rows; None for 0."""
-    from snake_sim_ros.contact.delassus import make_delassus
-
-    return partial(loop, make_delassus(size))
-
-
-def _newton(scene: Scene, level: str = 'spatial', size: int = 0) -> Stepper:
-    if level == 'planar':
-        from snake_sim_ros.stepping.planar import newton as planar_newton
-
-        return _planar(scene, _with_delassus(planar_newton.advance, size))
-    from snake_sim_ros.contact import newton
-
-    return _spatial(scene, _with_delassus(newton.advance, size))
-
-
-def _newton_dense(scene: Scene, level: str = 'spatial') -> Stepper:
-    return _newton(scene, level, 5 * contact_count(scene))
-
-
-def _bdf2(scene: Scene, level: str = 'spatial') -> Stepper:
-    if scene.pd_scheme not in IMPLICIT_SCHEMES:
-        raise ParameterError(
-            f'pd_scheme {scene.pd_scheme} is explicit, and method bdf2 takes the controller at '
-            f'the end of a step; choose pd_scheme {" or ".join(IMPLICIT_SCHEMES)}, or method '
-            f'newton'
-        )
-    if level == 'planar':
-        from snake_sim_ros.stepping.planar import bdf2 as planar_bdf2
-
-        return _planar(scene, planar_bdf2.advance)
-    from snake_sim_ros.stepping import bdf2
-
-    return _spatial(scene, bdf2.advance)
-
-
-def _gauss_seidel(scene: Scene, level: str = 'spatial') -> Stepper:
-    from snake_sim_ros.contact import gauss_seidel
-
-    size = 5 * contact_count(scene)
-    if level == 'planar':
-        return _planar(scene, _with_delassus(gauss_seidel.advance_in_plane, size))
-    return _spatial(scene, _with_delassus(gauss_seidel.advance, size))
-
-
-def _paper(scene: Scene, level: str = 'spatial') -> Stepper:
-    from snake_sim_ros.contact import prox_iteration
-
-    if level == 'planar':
-        return _planar(scene, prox_iteration.advance_in_plane)
-    return _spatial(scene, _with_delassus(prox_iteration.advance, prox_iteration.CONDENSED))
-
-
-def _reference(scene: Scene, level: str = 'spatial') -> Stepper:
-    if level == 'planar':
-        from snake_sim_ros.stepping.planar.reference import make_loop
-
-        return _planar(scene, make_loop(scene))
-    from snake_sim_ros.stepping.reference import ReferenceStepper
-
-    return ReferenceStepper(scene)
-
-
-METHODS: dict[str, Callable[..., Stepper]] = {
-    'newton': _newton,  # semismooth Newton through the chain of links
-    'bdf2': _bdf2,  # the same solver in a step of second order, for large steps
-    'newton_dense': _newton_dense,  # the same on the Delassus operator
-    'gauss_seidel': _gauss_seidel,  # projections, one contact after the other
-    'paper': _paper,  # the paper's iteration: projections of all contacts at once
-    'reference': _reference,  # the same in dense NumPy, to read beside the paper
-}
-
-
-AUTO = 'auto'  # in place of a method: the one that docs/speed_accuracy.md finds best for the step
-LARGE_STEP = 1e-3  # s; above it, a method of second order
-# Where the controller may act in a method of second order. It has a law of its own for both: all
-# at the end of the step, linear about the end that is predicted.
-IMPLICIT_SCHEMES = ('average', 'end')
-
-
-def method_of(scene: Scene) -> str:
-    """
-    Return the method that a scene gets: the one that it names, or the choice of `auto`.
-
-    The choice can do what the scene asks for: `bdf2` has no explicit joint control.
-
-    Raises
-    ------
-    ParameterError
-        If the scene names no method of METHODS.
-
-    """
-    if scene.method == AUTO:
-        large = scene.dt > LARGE_STEP and scene.pd_scheme in IMPLICIT_SCHEMES
-        return 'bdf2' if large else 'newton'
-    if scene.method not in METHODS:
-        names = ', '.join(sorted([AUTO, *METHODS]))
-        raise ParameterError(f'unknown method {scene.method!r}; choose from: {names}')
-    return scene.method
-
-
-def make_stepper(scene: Scene) -> Stepper:
-    """
-    Return the stepper of a scene.
-
-    Raises
-    ------
-    ParameterError
-        If the scene names no method, see `method_of`, or one that cannot do what it asks for.
-
-    """
-    from snake_sim_ros.stepping.levels import stepper_of_level
-
-    scene = replace(scene, method=method_of(scene))
-    return stepper_of_level(scene, METHODS[scene.method])
-
-
 def initial_state(scene: Scene) -> State:
     """Return the robot at rest in the initial posture of the scene."""
     return State(initial_coordinates(scene), np.zeros((scene.robot.link_count, 6)))
 
 
-def no_history(scene: Scene) -> Array:
-    """Return the history before the first contact: zero, shape (7, contacts, 5)."""
-    return np.zeros((SLABS, contact_count(scene), 5))
-
-
-def carried(history: Array, before: Scene, after: Scene, scale: float) -> Array:
+def carried(
+    history: History, before: Scene, after: Scene, scale: float, empty: History
+) -> History:
     """
     Return what the steps of a scene may take over from those of another one.
 
     Contacts that both have keep what is known of them, and those that are new have not touched
-    yet. A method remembers nothing: what another method, another level or the same with other
-    contacts left there would be read as something else, and differences over two steps mean
-    nothing where forces jump.
+    yet. The memory is empty: differences over two steps mean nothing where forces jump.
 
     Parameters
     ----------
-    history : ndarray, shape (7, contacts, 5)
+    history : History
         After a step of the scene `before`; left alone.
     before, after : Scene
         Of the same robot and time step.
     scale : float
         Time step over the time in which the last impulses acted: here they are of a whole step.
+    empty : History
+        That the stepper of the scene `after` begins with.
 
     Returns
     -------
-    ndarray, shape (7, contacts of `after`, 5)
+    History
 
     """
     old, new = same_contacts(before, after)
-    taken = no_history(after)
-    taken[:PREVIOUS, new] = history[:PREVIOUS, old]
-    taken[IMPULSE] *= scale
-    taken[CHANGE, :, 0] *= scale
-    taken[SETTLING] = history[SETTLING]
+    taken = copied(empty)
+    for name in ('impulse', 'velocity', 'change'):
+        getattr(taken, name)[new] = getattr(history, name)[old]
+    taken.impulse[:] *= scale
+    taken.change[:, 0] *= scale
+    taken.settling[:] = history.settling
     return taken

@@ -33,18 +33,17 @@ agree: backward Euler, ``q_hat = q_n`` and h = dt for both, and the next part st
 """
 
 import math
+from typing import Any
+from typing import NamedTuple
 
-from snake_sim_ros.contact.contacts import contact_velocities
-from snake_sim_ros.contact.contacts import GAMMA
-from snake_sim_ros.contact.contacts import GAP
-from snake_sim_ros.contact.contacts import IMPULSE
-from snake_sim_ros.contact.contacts import LAST
-from snake_sim_ros.contact.contacts import selected
-from snake_sim_ros.contact.contacts import SHIFT
-from snake_sim_ros.contact.contacts import START
+import numpy as np
+
 from snake_sim_ros.contact.detection import contacts_of
+from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.newton import solve_contacts
-from snake_sim_ros.contact.projections import IMPACT
+from snake_sim_ros.contact.selection import IMPACT
+from snake_sim_ros.contact.selection import selected
+from snake_sim_ros.contact.solver import Problem
 from snake_sim_ros.dynamics.balance import applied_torque
 from snake_sim_ros.dynamics.balance import axis_loads
 from snake_sim_ros.dynamics.balance import link_inertia
@@ -62,6 +61,9 @@ from snake_sim_ros.dynamics.kinematics import joint_speed
 from snake_sim_ros.dynamics.kinematics import link_frames
 from snake_sim_ros.dynamics.kinematics import rates_in_inertial_frame
 from snake_sim_ros.dynamics.kinematics import twists
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.moreau import finish
 from snake_sim_ros.stepping.moreau import turns_are_small
 from snake_sim_ros.stepping.report import CONTACTS
@@ -80,15 +82,63 @@ RESTS = 1e-4  # [m]
 PRESS = 3e-8  # see contact_laws.PRESS [m/s]
 AGREE = 1e-9  # speed up to which the joints agree with given velocities [m/s]
 
-# What the method keeps in history from PREVIOUS on, for n links: q (7n) and u (6n) of the start of
-# the last step, q and u of its end, and then
-PHASE, SPAN = 0, 1  # what is known of the motion; the time that the last impulses acted for
-RATE = 2  # rates of the joint references (2(n-1))
-UNKNOWN, ANEW, SMOOTH = 0.0, 1.0, 2.0  # phases: nothing; it starts here; q and u before it count
+# Where the controller may act. The method has a law of its own for both: all at the end of the
+# step, linear about the end that is predicted.
+IMPLICIT_SCHEMES = ('average', 'end')
+# Where the spatial level is faster. Processor time of both levels in turn, in one process, cases A
+# and B: at the default tolerance `bdf2` with 11 links takes 0.6 to 0.85 of the planar time from
+# 1/200 s to 1/20 s (5 links: 0.6 to 1.2), 1.1 at 1/500 s, 1.3 and more at 1/1000 s. But with 20
+# and 40 links it takes 1.05 to 14 times as long, and with residual_tolerance 1e-5 m/s 1.6 to 1.9
+# times at 1/200 s, 0.85 at 1/20 s. `newton` gains a quarter in space at most, and loses from 1/20
+# s on.
+SPATIAL_STEP, SPATIAL_LINKS, TIGHT = 1 / 300, 15, 1e-7  # [s], links, [m/s]
+
+# Phases, what is known of the motion: nothing; that it starts here; q and u before it as well.
+UNKNOWN, ANEW, SMOOTH = 0.0, 1.0, 2.0
+
+
+class Memory(NamedTuple):
+    """What the method keeps of the last step."""
+
+    q_before: Array  # (n, 7) coordinates at its start
+    u_before: Array  # (n, 6) velocities at its start
+    q: Array  # (n, 7) coordinates at its end
+    u: Array  # (n, 6) velocities at its end
+    rate: Array  # (n-1, 2) rates of the joint references [rad/s]
+    span: Array  # (1,) time that its impulses acted for [s], 0 before the first step
+    phase: Array  # (1,) UNKNOWN, ANEW or SMOOTH
+
+    def last_span(self) -> float:
+        """Return the time that the last impulses acted for [s], 0 before the first step."""
+        return float(self.span[0])
+
+
+class Arrays(NamedTuple):
+    """Arrays that a step of this method fills, beside those of `model.Workspace`."""
+
+    q_hat: Array  # (n, 7)
+    u_hat: Array  # (n, 6)
+    u_star: Array  # (n, 6) predicted velocities; then those that move coordinates
+    q_start: Array  # (n, 7) start of the step
+    u_start: Array  # (n, 6)
+    end_angle: Array  # (n-1, 2) joint references at the end of a part of the step [rad]
+    end_rate: Array  # (n-1, 2) [rad/s]
+
+
+def make_memory(n: int) -> Memory:
+    """Return the memory before the first step, for n links."""
+    q, u, joints = np.zeros((n, 7)), np.zeros((n, 6)), np.zeros((n - 1, 2))
+    return Memory(q, u, q.copy(), u.copy(), joints, np.zeros(1), np.zeros(1))
+
+
+def make_arrays(n: int) -> Arrays:
+    """Return the arrays for n links."""
+    q, u, joints = np.zeros((n, 7)), np.zeros((n, 6)), np.zeros((n - 1, 2))
+    return Arrays(q, u, u.copy(), q.copy(), u.copy(), joints, joints.copy())
 
 
 @merged
-def formula(phase, dt, q, u, earlier, work):
+def formula(phase, dt, q, u, memory, own):
     """
     Fill q_hat, u_hat and u_star of a step from what is known of the motion before it.
 
@@ -96,8 +146,10 @@ def formula(phase, dt, q, u, earlier, work):
     ----------
     phase : float
         UNKNOWN (backward Euler), ANEW or SMOOTH.
-    earlier : ndarray
-        q (7n) and u (6n) of the step before, in a row.
+    dt : float
+        Of the step or the part of it [s].
+    q, u : ndarray, shapes (n, 7) and (n, 6)
+        At its start; `memory` has those before it.
 
     Returns
     -------
@@ -105,21 +157,20 @@ def formula(phase, dt, q, u, earlier, work):
         Time over which forces act on the velocity, and the velocity on coordinates [s].
 
     """
-    n = len(q)
-    hat, u_hat, u_star = work.q_hat, work.u_hat, work.u_star
+    hat, u_hat, u_star = own.q_hat, own.u_hat, own.u_star
     smooth = phase == SMOOTH
-    for i in range(n):
+    for i in range(len(q)):
         for k in range(7):
-            hat[i, k] = (4.0 * q[i, k] - earlier[7 * i + k]) / 3.0 if smooth else q[i, k]
+            hat[i, k] = (4.0 * q[i, k] - memory.q_before[i, k]) / 3.0 if smooth else q[i, k]
         for k in range(6):
-            before = earlier[7 * n + 6 * i + k]
+            before = memory.u_before[i, k]
             u_hat[i, k] = (4.0 * u[i, k] - before) / 3.0 if smooth else u[i, k]
             u_star[i, k] = 2.0 * u[i, k] - before if smooth else u[i, k]
     if smooth:
         return 2.0 / 3.0 * dt, 2.0 / 3.0 * dt
     if phase == UNKNOWN:
         return dt, dt
-    for i in range(n):
+    for i in range(len(q)):
         p = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
         e0, e1, e2, e3 = half_rotation(p, (u[i, 3], u[i, 4], u[i, 5]), dt / 4)
         hat[i, 3], hat[i, 4], hat[i, 5], hat[i, 6] = e0, e1, e2, e3
@@ -129,32 +180,26 @@ def formula(phase, dt, q, u, earlier, work):
 
 
 @merged
-def predicted_frames(h_q, q, earlier, smooth, work):
+def predicted_frames(h_q, q, memory, smooth, own, work):
     """Fill q_mid with the predicted end of the step, and what follows from it."""
-    star, n = work.q_mid, len(q)
-    for i in range(n):
+    star = work.q_mid
+    for i in range(len(q)):
         for k in range(7):
-            star[i, k] = 2.0 * q[i, k] - earlier[7 * i + k] if smooth else q[i, k]
-        advance_link(h_q, star, work.q_hat, work.u_star, star, i)
+            star[i, k] = 2.0 * q[i, k] - memory.q_before[i, k] if smooth else q[i, k]
+        advance_link(h_q, star, own.q_hat, own.u_star, star, i)
     link_frames(star[:, 3:], work.R)
-    rates_in_inertial_frame(work.R, work.u_star, work.omega)
+    rates_in_inertial_frame(work.R, own.u_star, work.omega)
 
 
 @merged
-def begin(model, work, h, h_q, late, history, angle, rate):
+def begin(model, own, work, h, h_q, late, history):
     """
-    Fill all that the contact solver needs, for the predicted end of the step.
+    Return the contact problem for the predicted end of the step.
 
-    Coordinates have moved for `late` [s] before h_q begins.
-
-    Returns
-    -------
-    count : int
-        Contacts that take part.
-    laws : Laws
-        Contact laws of this step.
-
+    Its closed contacts are those that can close in the step. Coordinates have moved for `late` [s]
+    before h_q begins.
     """
+    angle, rate = own.end_angle, own.end_rate
     chain_geometry(model.half_length, work.R, work.center, work.chain.axis)
     joint_coordinates(work.R, work.omega, work.coordinate[1])
     for j in range(len(angle)):
@@ -166,26 +211,27 @@ def begin(model, work, h, h_q, late, history, angle, rate):
             work.torque[j, k], work.damping[j, k] = torque * h, damping * h
     axis_loads(work.chain.axis, work.torque, work.damping, work.chain.torque, work.chain.damping)
     link_inertia(model, work.R, work.center, work.chain.bare)
-    smooth_momentum(model, h, work.u_hat, work.u_star, work.R, work.center, work.chain.momentum)
+    smooth_momentum(model, h, own.u_hat, own.u_star, work.R, work.center, work.chain.momentum)
 
-    twists(work.u_star, work.omega, work.center, work.chain.twist)
+    twists(own.u_star, work.omega, work.center, work.chain.twist)
     reach = max(model.activation_tolerance, REACH * h_q)
     count = contacts_of(model.obstacles, reach, model, work, work.q_mid)
-    contact, table = work.contact[:count], work.table
-    contact_velocities(contact, table, work.chain.frame, work.chain.twist)
-    for a in contact:
-        table[a, START], table[a, LAST] = table[a, GAMMA], history[0, a, 0]
-        gap = table[a, GAP] - h_q * table[a, START]
-        rests = history[0, a, 0] > 0.0 and table[a, GAP] <= RESTS
+    closed, contacts = work.closed[:count], work.contacts
+    contact_velocities(closed, contacts, work.chain.frame, work.chain.twist)
+    for a in closed:
+        contacts.start[a], contacts.last[a] = contacts.gamma[a, 0], history.impulse[a, 0]
+        gap = contacts.gap[a] - h_q * contacts.start[a]
+        rests = history.impulse[a, 0] > 0.0 and contacts.gap[a] <= RESTS
         if gap > model.activation_tolerance and not rests:
-            table[a, SHIFT] = gap / h_q
+            contacts.shift[a] = gap / h_q
         elif gap < 0.0 and not rests:  # what the motion before put inside comes out
-            table[a, SHIFT] = max(gap, late * min(0.0, table[a, START])) / h_q
-        table[a, GAMMA] += table[a, SHIFT]
-    return count, selected(
-        model.laws, contact, table, model.mass, history[0], PRESS, model.dt,
+            contacts.shift[a] = max(gap, late * min(0.0, contacts.start[a])) / h_q
+        contacts.gamma[a, 0] += contacts.shift[a]
+    laws = selected(
+        model.laws, closed, contacts, model.mass, history.impulse, PRESS, model.dt,
         -h * model.gravity[2],
     )  # fmt: skip
+    return Problem(laws, closed, contacts, work.chain)
 
 
 @compiled
@@ -201,102 +247,104 @@ def advance_link(h, frame, hat, u, q, i):
     q[i, 3], q[i, 4], q[i, 5], q[i, 6] = s * e0, s * e1, s * e2, s * e3
 
 
+class Events(NamedTuple):
+    """What the impulses of a step say of its velocities."""
+
+    jumps: bool  # whether a contact landed that carried no load before, or an impulse is no force
+    lands: bool  # whether velocities close gaps in the step: they are not those after the impact
+    closed: int  # contacts that are closed, not all that could close
+
+
 @inlined
-def events(model, h, contact, table):
-    """
-    Return what the impulses of a step say of its velocities.
-
-    Returns
-    -------
-    jumps : bool
-        Whether a contact landed that carried no load before, or an impulse is no force.
-    lands : bool
-        Whether velocities close gaps in the step: they are not those after the impact.
-    closed : int
-        Contacts that are closed, not all that could close.
-
-    """
+def events(model, h, closed, contacts):
+    """Return the `Events` of a step in which forces acted for a time h [s]."""
     weight = largest = 0.0
     for m in model.mass:
         weight -= m * h * model.gravity[2]
-    for a in contact:
-        largest = max(largest, table[a, LAST])
-    jumps, lands, closed = False, False, 0
-    for a in contact:
-        P_N = table[a, IMPULSE]
-        closed += P_N > 0.0 or table[a, SHIFT] <= 0.0
+    for a in closed:
+        largest = max(largest, contacts.last[a])
+    jumps, lands, count = False, False, 0
+    for a in closed:
+        P_N = contacts.impulse[a, 0]
+        count += P_N > 0.0 or contacts.shift[a] <= 0.0
         if P_N > 0.0:
-            lands = lands or table[a, SHIFT] != 0.0
-            meets = table[a, LAST] <= 0.0 and table[a, START] < 0.0
+            lands = lands or contacts.shift[a] != 0.0
+            meets = contacts.last[a] <= 0.0 and contacts.start[a] < 0.0
             jumps = jumps or meets or P_N > IMPACT * max(weight, largest)
-    return jumps or lands, lands, closed
+    return Events(jumps or lands, lands, count)
 
 
 @inlined
-def closed_now(h_q, tolerance, contact, table):
+def closed_at_end(h_q, tolerance, closed, contacts):
     """Keep the contacts that are closed after a step in front, at no gap; return their number."""
     count = 0
-    for a in contact:
-        gap = table[a, GAP] + h_q * (table[a, GAMMA] - table[a, SHIFT] - table[a, START])
-        if table[a, IMPULSE] > 0.0 or table[a, SHIFT] == 0.0 or gap <= tolerance:
-            table[a, SHIFT] = 0.0
-            contact[count] = a
+    for a in closed:
+        gap = contacts.gap[a] + h_q * (
+            contacts.gamma[a, 0] - contacts.shift[a] - contacts.start[a]
+        )
+        if contacts.impulse[a, 0] > 0.0 or contacts.shift[a] == 0.0 or gap <= tolerance:
+            contacts.shift[a] = 0.0
+            closed[count] = a
             count += 1
     return count
 
 
 @merged
-def solve(model, work, laws, contact, h, h_q, history, report):
+def solve(model, own, work, problem, h, h_q, history, report):
     """
     Solve the contacts and, if they land, once more without their gaps.
 
-    The velocity that moves coordinates is then in work.u_star, the one after the impact in the
+    The velocity that moves coordinates is then in own.u_star, the one after the impact in the
     twists of the chain.
 
     Returns
     -------
     small : bool
         Whether no link turns further than is resolved.
-    jumps, closed
-        See `events`.
+    found : Events
 
     """
-    table, chain = work.table, work.chain
-    jumps, lands, closed, solved = False, True, 0, 0
-    while lands:
-        note_outcome(solve_contacts(model, laws, contact, table, chain, None, history), report)
+    laws, closed, contacts, chain = problem
+    found = Events(False, True, 0)
+    solved = 0
+    while found.lands:
+        outcome = solve_contacts(model, Problem(laws, closed, contacts, chain), None, history)
+        note_outcome(outcome, report)
         if not turns_are_small(model.dt, chain.twist, report):
-            return False, jumps, closed
-        lands = False
+            return False, found
         solved += 1
         if solved == 1:
-            end_velocities(chain.twist, work.R, work.center, work.u_star)
-            jumps, lands, closed = events(model, h, contact, table)
-            if lands:
-                contact = contact[: closed_now(h_q, model.activation_tolerance, contact, table)]
-    return True, jumps, closed
+            end_velocities(chain.twist, work.R, work.center, own.u_star)
+            found = events(model, h, closed, contacts)
+            if not found.lands:
+                break
+            count = closed_at_end(h_q, model.activation_tolerance, closed, contacts)
+            closed = closed[:count]
+        else:
+            break
+    return True, found
 
 
 @inlined
-def end_references(dt, part, angle, rate, earlier, known, end_angle, end_rate):
+def end_references(dt, part, angle, rate, memory, own):
     """
     Fill the references at the end of part `part` of PARTS, from those of the middle of the step.
 
     They go on with the acceleration that they had since the step before, if that is known.
     """
-    late = dt * (part / PARTS - 0.5)
+    late, known = dt * (part / PARTS - 0.5), memory.span[0] > 0.0
     for j in range(len(angle)):
         for axis in range(2):
-            acceleration = (rate[j, axis] - earlier[2 * j + axis]) / dt if known else 0.0
-            end_rate[j, axis] = rate[j, axis] + late * acceleration
+            acceleration = (rate[j, axis] - memory.rate[j, axis]) / dt if known else 0.0
+            own.end_rate[j, axis] = rate[j, axis] + late * acceleration
             mean = rate[j, axis] + 0.5 * late * acceleration
-            end_angle[j, axis] = angle[j, axis] + late * mean
+            own.end_angle[j, axis] = angle[j, axis] + late * mean
 
 
 @merged
-def one_part(model, work, dt, q, u, history, report):
+def one_part(own, model, work, dt, q, u, history, report):
     """
-    Advance q, u and history by dt, a step or a part of it, with work.end_angle and work.end_rate.
+    Advance q, u and history by dt, a step or a part of it, to the references in own.end_angle.
 
     Returns
     -------
@@ -304,75 +352,60 @@ def one_part(model, work, dt, q, u, history, report):
         1 if there was an event, 0 if not, -1 if the part diverged; then q and u are as before.
 
     """
-    n = len(q)
-    memory = history[3:].reshape(history[3:].size)
-    notes = memory[26 * n :]
-    phase = notes[PHASE]
-    h, h_q = formula(phase, dt, q, u, memory, work)
-    predicted_frames(h_q, q, memory, phase == SMOOTH, work)
-    scale = h / (notes[SPAN] if notes[SPAN] > 0.0 else model.dt)
-    for a in range(history.shape[1]):
+    n, memory = len(q), history.memory
+    phase, span = memory.phase[0], memory.span[0]
+    h, h_q = formula(phase, dt, q, u, memory, own)
+    predicted_frames(h_q, q, memory, phase == SMOOTH, own, work)
+    scale = h / (span if span > 0.0 else model.dt)
+    for a in range(len(history.impulse)):
         for j in range(5):
-            history[0, a, j] *= scale
-        history[2, a, 0] *= scale
+            history.impulse[a, j] *= scale
+        history.change[a, 0] *= scale
 
-    count, laws = begin(model, work, h, h_q, dt - h_q, history, work.end_angle, work.end_rate)
-    small, jumps, closed = solve(model, work, laws, work.contact[:count], h, h_q, history, report)
+    problem = begin(model, own, work, h, h_q, dt - h_q, history)
+    small, found = solve(model, own, work, problem, h, h_q, history, report)
     if not small:
         return -1
-    report[CONTACTS] = closed
+    report[CONTACTS] = found.closed
     applied_torque(work.R, work.chain.twist, work.torque, work.damping, work.applied)
     for j in range(n - 1):
         for axis in range(2):
             work.applied[j, axis] *= model.dt / h
-    if jumps:
-        for a in range(history.shape[1]):
+    if found.jumps:
+        for a in range(len(history.change)):
             for j in range(5):
-                history[2, a, j] = 0.0
+                history.change[a, j] = 0.0
 
+    keep(q, u, memory.q_before, memory.u_before)
     for i in range(n):
-        for k in range(7):
-            memory[7 * i + k] = q[i, k]
-        for k in range(6):
-            memory[7 * n + 6 * i + k] = u[i, k]
-        advance_link(h_q, work.q_mid, work.q_hat, work.u_star, q, i)
+        advance_link(h_q, work.q_mid, own.q_hat, own.u_star, q, i)
     end_velocities(work.chain.twist, work.R, work.center, u)
-    notes[SPAN] = h
-    notes[PHASE] = ANEW if jumps or phase == UNKNOWN else SMOOTH
-    return 1 if jumps else 0
+    memory.span[0] = h
+    memory.phase[0] = ANEW if found.jumps or phase == UNKNOWN else SMOOTH
+    return 1 if found.jumps else 0
 
 
 @merged
-def step(model, work, q, u, history, angle, rate, report):
+def step(own, model, work, q, u, history, angle, rate, report):
     """Advance q, u and history by one step; return whether to go on."""
-    n = len(q)
-    memory = history[3:].reshape(history[3:].size)
-    notes = memory[26 * n :]
-    known, smooth = notes[SPAN] > 0.0, notes[PHASE] == SMOOTH
-    parts, event = 1 if smooth else PARTS, notes[PHASE] == UNKNOWN
+    memory = history.memory
+    smooth = memory.phase[0] == SMOOTH
+    parts, event = 1 if smooth else PARTS, memory.phase[0] == UNKNOWN
     unconverged, fallbacks = report[UNCONVERGED], report[FALLBACKS]
-    keep(q, u, work.q_start, work.u_start)
+    keep(q, u, own.q_start, own.u_start)
     for part in range(PARTS - parts, PARTS):
-        end_references(
-            model.dt, part + 1, angle, rate, notes[RATE:], known,
-            work.end_angle, work.end_rate,
-        )  # fmt: skip
-        outcome = one_part(model, work, model.dt / parts, q, u, history, report)
+        end_references(model.dt, part + 1, angle, rate, memory, own)
+        outcome = one_part(own, model, work, model.dt / parts, q, u, history, report)
         if outcome < 0:
-            keep(work.q_start, work.u_start, q, u)
-            history[:] = 0.0
+            keep(own.q_start, own.u_start, q, u)
             return False
         event = event or outcome > 0
-    for j in range(n - 1):
+    for j in range(len(rate)):
         for axis in range(2):
-            notes[RATE + 2 * j + axis] = rate[j, axis]
+            memory.rate[j, axis] = rate[j, axis]
     if not smooth:
-        for i in range(n):
-            for k in range(7):
-                memory[7 * i + k] = work.q_start[i, k]
-            for k in range(6):
-                memory[7 * n + 6 * i + k] = work.u_start[i, k]
-    notes[PHASE] = ANEW if event else SMOOTH
+        keep(own.q_start, own.u_start, memory.q_before, memory.u_before)
+    memory.phase[0] = ANEW if event else SMOOTH
     report[UNCONVERGED] = min(report[UNCONVERGED], unconverged + 1)  # steps, not parts of them
     report[FALLBACKS] = min(report[FALLBACKS], fallbacks + 1)
     return finish(model, work.chain.twist, q, u, history, report)
@@ -389,44 +422,58 @@ def keep(q, u, q_to, u_to):
 
 
 @compiled
-def recognize(model, work, q, u, history):
-    """Note in history whether this state is the end of the last step, or one to start from."""
-    n = len(q)
-    memory = history[3:].reshape(history[3:].size)
-    notes = memory[26 * n :]
-    same = notes[PHASE] != UNKNOWN
-    for i in range(n):
+def recognize(model, work, q, u, memory):
+    """Note in the memory whether this state is the end of the last step, or one to start from."""
+    same = memory.phase[0] != UNKNOWN
+    for i in range(len(q)):
         for k in range(7):
-            same = same and memory[13 * n + 7 * i + k] == q[i, k]
+            same = same and memory.q[i, k] == q[i, k]
         for k in range(6):
-            same = same and memory[20 * n + 6 * i + k] == u[i, k]
+            same = same and memory.u[i, k] == u[i, k]
     if same:
         return
     link_frames(q[:, 3:], work.R)
     rates_in_inertial_frame(work.R, u, work.omega)
     agrees = joint_speed(model.half_length, work.R, u, work.omega) <= AGREE
-    notes[PHASE] = ANEW if agrees else UNKNOWN
+    memory.phase[0] = ANEW if agrees else UNKNOWN
 
 
 @compiled
-def remember(q, u, history):
-    """Keep the end of a step in history."""
-    n = len(q)
-    memory = history[3:].reshape(history[3:].size)
-    for i in range(n):
-        for k in range(7):
-            memory[13 * n + 7 * i + k] = q[i, k]
-        for k in range(6):
-            memory[20 * n + 6 * i + k] = u[i, k]
-
-
-@compiled
-def advance(model, work, q, u, history, angle, rate, report, cycles):
+def advance(own, model, work, q, u, history, angle, rate, report, cycles):
     """Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`."""
-    recognize(model, work, q, u, history)
+    recognize(model, work, q, u, history.memory)
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
-        if not step(model, work, q, u, history, angle[k], rate[k], report):
+        if not step(own, model, work, q, u, history, angle[k], rate[k], report):
             break
-    remember(q, u, history)
+    keep(q, u, history.memory.q, history.memory.u)
     cycles[len(angle)] = cycle_counter()
+
+
+def what_is_not_possible(scene: Scene) -> str:
+    """Return why the method cannot run a scene, as a sentence; empty if it can."""
+    if scene.pd_scheme in IMPLICIT_SCHEMES:
+        return ''
+    return (
+        f'pd_scheme {scene.pd_scheme} is explicit, and method bdf2 takes the controller at the '
+        f'end of a step; choose pd_scheme {" or ".join(IMPLICIT_SCHEMES)}, or method newton'
+    )
+
+
+def is_faster_in_space(scene: Scene) -> bool:
+    """Return whether the spatial level takes less time for a planar scene, see SPATIAL_STEP."""
+    return (
+        scene.dt > SPATIAL_STEP
+        and scene.robot.link_count <= SPATIAL_LINKS
+        and scene.solver.residual_tolerance < TIGHT
+    )
+
+
+def where_impulses_acted(scene: Scene, state: State, memory: Any) -> tuple[Array, float]:
+    """
+    Return the coordinates (n, 7) for which the last step had impulses, and how long they act [s].
+
+    They are those of its end, up to what the prediction is off; the time is kept in the memory, of
+    whatever level. If nothing is kept, as after a change of the scene, it is the whole step.
+    """
+    return state.q, memory.last_span() or scene.dt

@@ -7,18 +7,15 @@ from snake_sim_ros.scene.obstacles import contact_geometry
 from snake_sim_ros.scene.obstacles import links
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping import bdf2
 from snake_sim_ros.stepping.base import check_state
-from snake_sim_ros.stepping.base import IMPULSE
-from snake_sim_ros.stepping.base import method_of
-from snake_sim_ros.stepping.base import PREVIOUS
+from snake_sim_ros.stepping.base import History
 from snake_sim_ros.stepping.base import State
-from snake_sim_ros.stepping.planar.stepper import KNOWN
+from snake_sim_ros.stepping.methods import method_of
+from snake_sim_ros.stepping.methods import METHODS
 
 
-def contact_forces(scene: Scene, state: State, history: Array) -> tuple[Array, Array]:
+def contact_forces(scene: Scene, state: State, history: History) -> tuple[Array, Array]:
     """
     Return points and forces of the contacts that carried load in the last step.
 
@@ -30,8 +27,8 @@ def contact_forces(scene: Scene, state: State, history: Array) -> tuple[Array, A
     scene : Scene
     state : State
         After the step.
-    history : ndarray, shape (7, contacts, 5)
-        After the step; see `base.Stepper`.
+    history : History
+        After the step.
 
     Returns
     -------
@@ -56,32 +53,18 @@ def contact_forces(scene: Scene, state: State, history: Array) -> tuple[Array, A
         centers = q[links(scene)[others, 0], :3]
         points = np.concatenate([points, centers + lever[others]])
         frames = np.concatenate([frames, frame[others]])
-    impulses = history[IMPULSE, loaded, :3]
+    impulses = history.impulse[loaded, :3]
     return points, np.einsum('ak,aki->ai', impulses, frames) / span
 
 
-def loaded_contacts(history: Array) -> Array:
+def loaded_contacts(history: History) -> Array:
     """Return the numbers of the contacts that carried load, in the order of `contact_forces`."""
-    return np.flatnonzero(history[IMPULSE, :, 0] > 0.0)
+    return np.flatnonzero(history.impulse[:, 0] > 0.0)
 
 
-def where_impulses_acted(scene: Scene, state: State, history: Array) -> tuple[Array, float]:
-    """
-    Return the coordinates (n, 7) for which the last step had impulses, and how long they act [s].
-
-    The step of the paper has them at its middle, for all of it; `bdf2` at its end as it is
-    predicted, for a part of it that is kept in history, or the whole step if nothing is kept.
-    """
-    if method_of(scene) == 'bdf2':
-        n, memory = scene.robot.link_count, history[PREVIOUS:].ravel()
-        span = memory[13 * n + 3 if memory[KNOWN] else 26 * n + bdf2.SPAN]
-        return state.q, span or scene.dt  # 0: of steps of another method or of another scene
-    q = state.q.copy()
-    q[:, :3] -= scene.dt / 2 * state.u[:, :3]
-    spin = np.column_stack([np.zeros(len(q)), state.u[:, 3:]])
-    q[:, 3:] -= scene.dt / 4 * product(q[:, 3:], spin)
-    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1)[:, None]
-    return q, scene.dt
+def where_impulses_acted(scene: Scene, state: State, history: History) -> tuple[Array, float]:
+    """Return what the method of a scene says of its last step, see `base.Method`."""
+    return METHODS[method_of(scene)].where_impulses_acted(scene, state, history.memory)
 
 
 def contacts_below(scene: Scene, q: Array, contacts: Array) -> tuple[Array, Array]:

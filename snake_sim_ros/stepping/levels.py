@@ -8,9 +8,9 @@ the way, which does not show in that, after a PAUSE. Both levels have the same s
 history: pose, velocities and impulses are carried over as they are.
 """
 
-from collections.abc import Callable
 import time
 from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,17 +23,15 @@ from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import check_arguments
-from snake_sim_ros.stepping.base import method_of
-from snake_sim_ros.stepping.base import no_history
-from snake_sim_ros.stepping.base import PREVIOUS
+from snake_sim_ros.stepping.base import copied
+from snake_sim_ros.stepping.base import History
+from snake_sim_ros.stepping.base import Method
+from snake_sim_ros.stepping.base import named_arrays
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import SETTLING
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Stepper
-from snake_sim_ros.stepping.planar.moreau import SLIP
-from snake_sim_ros.stepping.planar.moreau import WAY
-from snake_sim_ros.stepping.planar.stepper import forget
-from snake_sim_ros.stepping.planar.stepper import KNOWN
+from snake_sim_ros.stepping.planar.model import forget
+from snake_sim_ros.stepping.planar.model import PlanarMemory
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
 from snake_sim_ros.stepping.spatial import SpatialStepper
 
@@ -41,18 +39,21 @@ LITTLE = 3e-4  # roll up to which leaving it out is exact enough to be chosen [r
 LITTLE_SLIP = 2e-3  # share of the way up to which the slip by rolling is, see planar
 PAUSE = 10.0  # how long a robot that slips more is left to the spatial level [s]
 PATIENCE = 300  # iterations after which a planar step is left to the spatial level
-# Where the spatial level is faster. Processor time of both levels in turn, in one process, cases A
-# and B: at the default tolerance `bdf2` with 11 links takes 0.6 to 0.85 of the planar time from
-# 1/200 s to 1/20 s (5 links: 0.6 to 1.2), 1.1 at 1/500 s, 1.3 and more at 1/1000 s. But with 20
-# and 40 links it takes 1.05 to 14 times as long, and with residual_tolerance 1e-5 m/s 1.6 to 1.9
-# times at 1/200 s, 0.85 at 1/20 s. `newton` gains a quarter in space at most, and loses from 1/20
-# s on.
-LARGE_STEP, FEW_LINKS, TIGHT = 1 / 300, 15, 1e-7  # [s], links, [m/s]
 STRAIGHT = 1e-9  # pitch references up to this are none [rad], [rad/s]
 
 
-def what_is_not_planar(scene: Scene) -> str:
-    """Return what of a scene has no place in the plane, as a clause; empty if nothing."""
+def what_is_not_planar(scene: Scene, name: str, method: Method) -> str:
+    """
+    Return what of a scene has no place in the plane, as a clause; empty if nothing.
+
+    Parameters
+    ----------
+    scene : Scene
+    name : str
+        Of the method, for the clause.
+    method : Method
+
+    """
     gx, gy, gz = scene.gravity
     radius = scene.robot.per_link('contact_radius')
     if gx != 0.0 or gy != 0.0 or gz >= 0.0:
@@ -63,8 +64,8 @@ def what_is_not_planar(scene: Scene) -> str:
         return 'ground.heights is given, and the plane is flat'
     if scene.self_contact:
         return 'self_contact is true, and in the plane links do not touch'
-    if scene.pegs.x and (method := method_of(scene)) != 'newton':
-        return f'method {method} meets pegs at the spatial level only'
+    if scene.pegs.x and not method.planar_pegs:
+        return f'method {name} meets pegs at the spatial level only'
     if np.ptp(radius) > 0.0:
         return (
             f'robot.contact_radius differs from link to link, {radius.min():g} to '
@@ -77,16 +78,6 @@ def what_is_not_planar(scene: Scene) -> str:
     return ''
 
 
-def is_faster_in_space(scene: Scene) -> bool:
-    """Return whether the spatial level takes less time for a planar scene, see LARGE_STEP."""
-    return (
-        method_of(scene) == 'bdf2'
-        and scene.dt > LARGE_STEP
-        and scene.robot.link_count <= FEW_LINKS
-        and scene.solver.residual_tolerance < TIGHT
-    )
-
-
 def is_vertical(angle: Array, rate: Array) -> Array:
     """Return whether any pitch joint is told to move, shape (...) for references (..., n-1, 2)."""
     pitch = angle[..., 1], rate[..., 1]
@@ -95,9 +86,11 @@ def is_vertical(angle: Array, rate: Array) -> Array:
     return np.asarray(np.abs(pitch).max(axis=(0, -1), initial=0.0) > STRAIGHT)
 
 
-def what_does_not_lie(planar: PlanarStepper, scene: Scene, state: State, history: Array) -> str:
+def what_does_not_lie(
+    planar: PlanarStepper, scene: Scene, state: State, memory: PlanarMemory
+) -> str:
     """Return what of a state keeps a robot from lying flat and still, as a clause, or nothing."""
-    if planar.goes_on(state, history):
+    if planar.goes_on(state, memory):
         return ''
     n = scene.robot.link_count
     gap = gaps(scene.robot, state.q)
@@ -114,6 +107,17 @@ def what_does_not_lie(planar: PlanarStepper, scene: Scene, state: State, history
     if not (speed <= STILL).all():
         return f'link {int(speed.argmax()) + 1} moves vertically at {speed.max():.3g} m/s'
     return ''
+
+
+class Memory(NamedTuple):
+    """What both levels keep of the last step; only the one that took it knows anything."""
+
+    planar: PlanarMemory
+    spatial: Any  # NamedTuple of arrays, or None
+
+    def last_span(self) -> float:
+        """Return the time that the last impulses acted for [s], 0 before the first step."""
+        return float((self.planar if self.planar.known[0] else self.spatial).last_span())
 
 
 class LevelStepper:
@@ -141,14 +145,20 @@ class LevelStepper:
         self.reason = ''  # why the last spatial steps were not planar
         self.used: list[Any] = []  # levels that are compiled
         self.compile_seconds = 0.0
+        self.empty = self.planar.empty_history()
+        memory = Memory(self.empty.memory, self.spatial.empty_history().memory)
+        self.empty = self.empty._replace(memory=memory)
+
+    def empty_history(self) -> History:
+        """Return the history before the first step."""
+        return copied(self.empty)
 
     def advance(
-        self, state: State, history: Array, angle: Array, rate: Array
-    ) -> tuple[State, Array, Report]:
+        self, state: State, history: History, angle: Array, rate: Array
+    ) -> tuple[State, History, Report]:
         """Return state, history and report after as many steps as there are references."""
-        counts = self.scene.robot.link_count, len(self.planar.work.contact)
-        check_arguments(*counts, state, history, angle, rate)
-        history, report = history.copy(), Report(level=self.level)
+        check_arguments(self.scene.robot.link_count, self.empty, state, history, angle, rate)
+        history, report = copied(history), Report(level=self.level)
         vertical = is_vertical(angle, rate)
         start, self.ticks = 0, []
         while start < len(vertical) and not report.failure:
@@ -157,28 +167,30 @@ class LevelStepper:
             reason = ''
             if vertical[start]:
                 reason = what_is_told(angle[start], rate[start])
-            elif history[SETTLING] <= 0:
-                reason = what_does_not_lie(self.planar, self.scene, state, history)
+            elif history.settling[0] <= 0:
+                reason = what_does_not_lie(self.planar, self.scene, state, history.memory.planar)
             if reason:
-                history[SETTLING] = max(history[SETTLING], self.settle_steps)
+                history.settling[0] = max(history.settling[0], self.settle_steps)
                 self.reason = reason
-            stepper = self.planar if history[SETTLING] <= 0 else self.spatial
-            pause = max(0, int(history[SETTLING]) - self.settle_steps)
+            stepper = self.planar if history.settling[0] <= 0 else self.spatial
+            pause = max(0, int(history.settling[0]) - self.settle_steps)
             if stepper is self.spatial:
-                if history[PREVIOUS:].reshape(-1)[KNOWN]:
-                    forget(history)
+                if history.memory.planar.known[0]:
+                    forget(history.memory.planar)
                 stepper.watch(0 if vertical[start] or pause else self.settle_steps)
                 if pause:
                     part = slice(start, min(start + pause, part.stop or len(vertical)))
             if stepper not in self.used:
                 self.compile(stepper, state, history, angle, rate)
-            state, history, news = stepper.advance(state, history, angle[part], rate[part])
-            history[SETTLING] -= min(pause, news.steps)
+            state, history, news = self.take(stepper, state, history, angle[part], rate[part])
+            history.settling[0] -= min(pause, news.steps)
             if news.left:
-                if not np.isfinite(history).all():  # of a step that was not taken
-                    history = no_history(self.scene)
-                history[SETTLING], self.reason = self.settle_steps, news.left
-                self.note_leaving(history)
+                arrays = named_arrays(history).values()
+                if not all(np.isfinite(array).all() for array in arrays):
+                    history = self.empty_history()  # those are of a step that was not taken
+                pause = self.pause_steps if self.planar.rolls else 0
+                history.settling[0], self.reason = self.settle_steps + pause, news.left
+                self.note_leaving(history.memory.planar)
             news.left = self.reason if stepper is self.spatial else ''
             self.ticks.append(stepper.cycles[: news.steps + 1])
             report = report + news if report.steps else news
@@ -186,12 +198,27 @@ class LevelStepper:
         self.level = report.level
         return state, history, report
 
+    def take(
+        self, stepper: Any, state: State, history: History, angle: Array, rate: Array
+    ) -> tuple[State, History, Report]:
+        """Let one level advance, with its own memory; what the other one knew is over then."""
+        memory, empty = history.memory, self.empty.memory
+        if stepper is self.planar:
+            history = history._replace(memory=memory.planar)
+            state, history, report = stepper.advance(state, history, angle, rate)
+            memory = Memory(history.memory, copied(empty.spatial))
+        else:
+            history = history._replace(memory=memory.spatial)
+            state, history, report = stepper.advance(state, history, angle, rate)
+            memory = Memory(memory.planar, history.memory)
+        return state, history._replace(memory=memory), report
+
     @property
     def cycles(self) -> Array:
         """Time stamps between the steps of the last call, from 0 on, without what is between."""
         return np.cumsum(np.concatenate([[0], *map(np.diff, self.ticks)]))
 
-    def note_leaving(self, history: Array) -> None:
+    def note_leaving(self, memory: PlanarMemory) -> None:
         """
         Leave a robot that slips too far by rolling to the spatial level for a while.
 
@@ -199,19 +226,17 @@ class LevelStepper:
         will roll, by what is too much and back, and slip as far; among pegs, which hold it, that
         is nothing.
         """
-        memory = history[PREVIOUS:].reshape(-1)
         if self.planar.rolls:
-            history[SETTLING] += self.pause_steps
-            memory[[SLIP, WAY]] = 0.0
+            memory.slip[0] = memory.way[0] = 0.0
         elif self.planar.leans and not self.scene.pegs.x:
-            memory[SLIP] += 2.0 * self.planar.model.radius * LITTLE
+            memory.slip[0] += 2.0 * self.planar.model.radius * LITTLE
 
     def compile(
-        self, stepper: Any, state: State, history: Array, angle: Array, rate: Array
+        self, stepper: Any, state: State, history: History, angle: Array, rate: Array
     ) -> None:
         """Compile a level at its first use, by a call without steps; note the time it takes."""
         begin = time.perf_counter()
-        stepper.advance(state, history, angle[:0], rate[:0])
+        self.take(stepper, state, copied(history), angle[:0], rate[:0])
         self.compile_seconds += time.perf_counter() - begin
         self.used.append(stepper)
 
@@ -234,20 +259,22 @@ class FlatStepper:
     level = 'planar'
 
     def __init__(self, scene: Scene, planar: PlanarStepper) -> None:
-        if reason := what_is_not_planar(scene):
-            raise ParameterError(f'level planar: {reason}; choose level spatial or auto')
         self.scene, self.planar, self.cycles = scene, planar, planar.cycles
 
+    def empty_history(self) -> History:
+        """Return the history before the first step."""
+        return self.planar.empty_history()
+
     def advance(
-        self, state: State, history: Array, angle: Array, rate: Array
-    ) -> tuple[State, Array, Report]:
+        self, state: State, history: History, angle: Array, rate: Array
+    ) -> tuple[State, History, Report]:
         """Return state, history and report after as many steps as there are references."""
-        counts = self.scene.robot.link_count, len(self.planar.work.contact)
-        check_arguments(*counts, state, history, angle, rate)
+        links, empty = self.scene.robot.link_count, self.planar.empty
+        check_arguments(links, empty, state, history, angle, rate)
         vertical = is_vertical(angle, rate)
         stop = int(vertical.argmax()) if vertical.any() else len(vertical)
         report = Report(level=self.level)
-        reason = what_does_not_lie(self.planar, self.scene, state, history)
+        reason = what_does_not_lie(self.planar, self.scene, state, history.memory)
         if not reason:
             state, history, report = self.planar.advance(state, history, angle[:stop], rate[:stop])
             self.cycles, reason, report.left = self.planar.cycles, report.left, ''
@@ -258,9 +285,15 @@ class FlatStepper:
         return state, history, report
 
 
-def stepper_of_level(scene: Scene, make: Callable[..., Any]) -> Stepper:
+def stepper_of_level(scene: Scene, method: Method) -> Stepper:
     """
     Return the stepper of a scene at the level it asks for.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its method is the name of this one.
+    method : Method
 
     Raises
     ------
@@ -268,11 +301,14 @@ def stepper_of_level(scene: Scene, make: Callable[..., Any]) -> Stepper:
         If the scene asks for the planar level and is not planar.
 
     """
+    reason = what_is_not_planar(scene, scene.method, method)
     if scene.level == 'planar':
-        return FlatStepper(scene, make(scene, 'planar'))
+        if reason:
+            raise ParameterError(f'level planar: {reason}; choose level spatial or auto')
+        return FlatStepper(scene, method.planar(scene))
     # The reference is the paper's step unless it is told otherwise.
-    spatial = scene.level == 'spatial' or scene.method == 'reference'
-    if spatial or what_is_not_planar(scene) or is_faster_in_space(scene):
-        stepper: Stepper = make(scene, 'spatial')
+    spatial = scene.level == 'spatial' or not method.compiled
+    if spatial or reason or method.is_faster_in_space(scene):
+        stepper: Stepper = method.spatial(scene)
         return stepper
-    return LevelStepper(scene, make(scene, 'planar'), make(scene, 'spatial'))
+    return LevelStepper(scene, method.planar(scene), method.spatial(scene))

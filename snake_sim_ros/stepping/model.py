@@ -1,17 +1,18 @@
 """The numbers of a scene and the arrays of a step, as compiled code takes them."""
 
+from typing import Any
 from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.contacts import Laws
-from snake_sim_ros.contact.contacts import make_disc
 from snake_sim_ros.contact.delassus import make_delassus
 from snake_sim_ros.contact.detection import make_obstacles
 from snake_sim_ros.contact.detection import make_other_friction
 from snake_sim_ros.contact.detection import Obstacles
-from snake_sim_ros.contact.linear_laws import NOTED
-from snake_sim_ros.contact.projections import LEAST
+from snake_sim_ros.contact.laws import Laws
+from snake_sim_ros.contact.laws import make_disc
+from snake_sim_ros.contact.selection import LEAST
+from snake_sim_ros.contact.table import make_table
 from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene.obstacles import contact_count
@@ -22,7 +23,6 @@ from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.parameters import Scene
 
-COLUMNS = NOTED + 1  # of the table of contacts
 # Compliance of the proximal point method, relative to the Delassus operator: it changes no
 # solution. Smaller is closer to the laws in one iteration, and loses digits to rounding.
 PROXIMAL = 1e-5
@@ -63,16 +63,9 @@ class Workspace(NamedTuple):
     torque: Array  # (n-1, 2) impulse of the controller, without its implicit part [N m s]
     damping: Array  # (n-1, 2) implicit part of the controller, times dt [N m s^2]
     applied: Array  # (n-1, 2) impulse of the controller with its implicit part [N m s]
-    q_hat: Array  # (n, 7), u_hat, u_star (n, 6), q_start (n, 7), u_start (n, 6),
-    u_hat: Array  # end_angle, end_rate (n-1, 2): see bdf2
-    u_star: Array
-    q_start: Array
-    u_start: Array
-    end_angle: Array
-    end_rate: Array
     chain: Chain
-    contact: Array  # (c,) indices of the closed contacts of c
-    table: Array  # (c, COLUMNS) see contacts and newton
+    closed: Array  # (c,) numbers of the closed contacts, first of all
+    contacts: Any  # (c,) records of all contacts, see table
 
 
 def make_model(scene: Scene) -> Model:
@@ -125,13 +118,6 @@ def make_workspace(scene: Scene) -> Workspace:
         torque=zeros((n - 1, 2)),
         damping=zeros((n - 1, 2)),
         applied=zeros((n - 1, 2)),
-        q_hat=zeros((n, 7)),
-        u_hat=zeros((n, 6)),
-        u_star=zeros((n, 6)),
-        q_start=zeros((n, 7)),
-        u_start=zeros((n, 6)),
-        end_angle=zeros((n - 1, 2)),
-        end_rate=zeros((n - 1, 2)),
         chain=Chain(
             axis=zeros((n - 1, 2, 6)),
             torque=zeros((n - 1, 2)),
@@ -153,6 +139,6 @@ def make_workspace(scene: Scene) -> Workspace:
             frame=None if is_flat(scene) else zeros((count, 3, 3)),
             pairs=make_delassus(5 * len(pairs(scene))) if scene.self_contact else None,
         ),
-        contact=np.zeros(count, np.int64),
-        table=zeros((count, COLUMNS)),
+        closed=np.zeros(count, np.int64),
+        contacts=make_table(count),
     )

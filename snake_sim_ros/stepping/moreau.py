@@ -18,16 +18,22 @@ if the joints were closed exactly.
 
 import math
 
-from snake_sim_ros.contact.contacts import contact_velocities
-from snake_sim_ros.contact.contacts import selected
+import numpy as np
+
 from snake_sim_ros.contact.detection import contacts_of
 from snake_sim_ros.contact.detection import deepest
-from snake_sim_ros.contact.projections import PRESS
+from snake_sim_ros.contact.directions import contact_velocities
+from snake_sim_ros.contact.selection import PRESS
+from snake_sim_ros.contact.selection import selected
+from snake_sim_ros.contact.solver import Problem
+from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.dynamics.balance import applied_torque
 from snake_sim_ros.dynamics.balance import axis_loads
 from snake_sim_ros.dynamics.balance import joint_control
 from snake_sim_ros.dynamics.balance import link_inertia
 from snake_sim_ros.dynamics.balance import smooth_momentum
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.joint_control import START
 from snake_sim_ros.dynamics.kinematics import chain_geometry
@@ -41,7 +47,10 @@ from snake_sim_ros.dynamics.kinematics import link_frames
 from snake_sim_ros.dynamics.kinematics import middle_coordinates
 from snake_sim_ros.dynamics.kinematics import rates_in_inertial_frame
 from snake_sim_ros.dynamics.kinematics import twists
-from snake_sim_ros.stepping.base import SETTLING
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.report import CONTACTS
 from snake_sim_ros.stepping.report import FAILED_LINK
 from snake_sim_ros.stepping.report import FAILED_VALUE
@@ -55,14 +64,12 @@ from snake_sim_ros.stepping.report import TWIST_MAX
 @inlined
 def begin_step(model, work, q, u, impulse, angle, rate):
     """
-    Fill all that a contact solver needs, section VII; velocities are those of the start.
+    Return the contact problem of a step, section VII; velocities are those of the start.
 
-    Returns
-    -------
-    count : int
-        Closed contacts.
-    laws : Laws
-        Contact laws of this step.
+    Parameters
+    ----------
+    impulse : ndarray, shape (contacts, 5)
+        Impulses of the last step [N s].
 
     """
     R, chain = work.R, work.chain
@@ -81,28 +88,17 @@ def begin_step(model, work, q, u, impulse, angle, rate):
     smooth_momentum(model, model.dt, u, u, R, work.center, chain.momentum)
     twists(u, work.omega, work.center, chain.twist)
     count = contacts_of(model.obstacles, model.activation_tolerance, model, work, work.q_mid)
-    contact = work.contact[:count]
-    contact_velocities(contact, work.table, chain.frame, chain.twist)
+    closed, contacts = work.closed[:count], work.contacts
+    contact_velocities(closed, contacts, chain.frame, chain.twist)
     fall = -model.dt * model.gravity[2]
-    return count, selected(
-        model.laws, contact, work.table, model.mass, impulse, PRESS, model.dt, fall
-    )
+    laws = selected(model.laws, closed, contacts, model.mass, impulse, PRESS, model.dt, fall)
+    return Problem(laws, closed, contacts, chain)
 
 
 @inlined
 def end_step(model, work, q, u, history, count, outcome, report):
-    """
-    Move q and u to the end of the step with the twists of the chain; return False if it diverged.
-
-    Parameters
-    ----------
-    outcome : tuple
-        What a contact solver returns: iterations, whether they converged, the residual with and
-        without the selection rule [m/s], and whether the solver fell back on a slower method.
-
-    """
+    """Move q and u to the end of the step; return whether to go on, False if it diverged."""
     if not turns_are_small(model.dt, work.chain.twist, report):
-        history[:] = 0.0
         return False
     applied_torque(work.R, work.chain.twist, work.torque, work.damping, work.applied)
     end_velocities(work.chain.twist, work.R, work.center, u)
@@ -144,6 +140,37 @@ def finish(model, twist, q, u, history, report):
     if model.settle_steps == 0:
         return True
     lies = lies_flat_and_still(model.contact_offset, model.contact_radius, q, u, twist)
-    left = history[SETTLING] - 1.0 if lies else model.settle_steps
-    history[SETTLING] = left
+    left = history.settling[0] - 1.0 if lies else model.settle_steps
+    history.settling[0] = left
     return left > 0.0
+
+
+@compiled
+def advance(solver, model, work, q, u, history, angle, rate, report, cycles):
+    """
+    Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`.
+
+    The type of `solver` chooses how the contacts are solved, see `solver.solve`.
+    """
+    for k in range(len(angle)):
+        cycles[k] = cycle_counter()
+        problem = begin_step(model, work, q, u, history.impulse, angle[k], rate[k])
+        outcome = solve(solver, model, problem, history)
+        if not end_step(model, work, q, u, history, len(problem.closed), outcome, report):
+            break
+    cycles[len(angle)] = cycle_counter()
+
+
+def where_impulses_acted(scene: Scene, state: State, memory: None) -> tuple[Array, float]:
+    """
+    Return the coordinates (n, 7) for which the last step had impulses, and how long they act [s].
+
+    They are those of the middle of the step, and the impulses are of all of it. The method keeps
+    no memory.
+    """
+    q = state.q.copy()
+    q[:, :3] -= scene.dt / 2 * state.u[:, :3]
+    spin = np.column_stack([np.zeros(len(q)), state.u[:, 3:]])
+    q[:, 3:] -= scene.dt / 4 * product(q[:, 3:], spin)
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1)[:, None]
+    return q, scene.dt

@@ -14,10 +14,10 @@ import math
 
 import numpy as np
 
-from snake_sim_ros.contact.projections import LEAST
 from snake_sim_ros.contact.projections import prox_disc
 from snake_sim_ros.contact.projections import prox_ellipse
 from snake_sim_ros.contact.projections import prox_half_line
+from snake_sim_ros.contact.selection import LEAST
 from snake_sim_ros.contact.selection import selection_center
 from snake_sim_ros.contact.selection import selection_compliance
 from snake_sim_ros.dynamics.force_directions import E_X
@@ -41,8 +41,10 @@ from snake_sim_ros.scene.rotations import H_bar
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import check_arguments
+from snake_sim_ros.stepping.base import copied
 from snake_sim_ros.stepping.base import divergence
-from snake_sim_ros.stepping.base import IMPULSE
+from snake_sim_ros.stepping.base import empty_history
+from snake_sim_ros.stepping.base import History
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
 
@@ -151,12 +153,16 @@ class ReferenceStepper:
         self.scene = scene
         self.size = mean_delassus(scene.robot)
 
+    def empty_history(self) -> History:
+        """Return the history before the first step."""
+        return empty_history(obstacles.contact_count(self.scene))
+
     def advance(
-        self, state: State, history: Array, angle: Array, rate: Array
-    ) -> tuple[State, Array, Report]:
+        self, state: State, history: History, angle: Array, rate: Array
+    ) -> tuple[State, History, Report]:
         """Return state, history and report after as many steps as there are references."""
-        counts = self.scene.robot.link_count, obstacles.contact_count(self.scene)
-        check_arguments(*counts, state, history, angle, rate)
+        links = self.scene.robot.link_count
+        check_arguments(links, self.empty_history(), state, history, angle, rate)
         report = Report()
         for step_angle, step_rate in zip(angle, rate, strict=True):
             end, end_history, step_report = self.step(state, history, step_angle, step_rate)
@@ -166,17 +172,17 @@ class ReferenceStepper:
                 link = int(turn.argmax())
                 turned = float(turn[link] * self.scene.dt)
                 report.failure = divergence(link + 1, turned, self.scene.dt, report.steps)
-                return state, np.zeros_like(history), report
+                return state, self.empty_history(), report
             state, history, report = end, end_history, report + step_report
         return state, history, report
 
     def step(
-        self, state: State, history: Array, angle: Array, rate: Array
-    ) -> tuple[State, Array, Report]:
+        self, state: State, history: History, angle: Array, rate: Array
+    ) -> tuple[State, History, Report]:
         """Return state, history and report after one step, section VII."""
         scene, robot, dt = self.scene, self.scene.robot, self.scene.dt
-        n, history, links = robot.link_count, history.copy(), obstacles.links(scene)
-        impulse = history[IMPULSE]
+        n, history, links = robot.link_count, copied(history), obstacles.links(scene)
+        impulse = history.impulse
         u_A = state.u.ravel()
 
         q_M = middle_coordinates(state, dt)  # (72)

@@ -14,14 +14,13 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.base import carried
 from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.contact_forces import loaded_contacts
 from snake_sim_ros.stepping.contact_forces import where_impulses_acted
+from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 
@@ -71,7 +70,7 @@ class Simulation:
     ----------
     scene : Scene
     stepper : Stepper, optional
-        A method that has no name in `base.METHODS`, made for this scene; without it the method
+        A method that has no name in `methods.METHODS`, made for this scene; without it the method
         that the scene names.
 
     Attributes
@@ -96,7 +95,7 @@ class Simulation:
     def reset(self) -> None:
         """Put the robot back to the start of the scene; time goes on."""
         self.state = initial_state(self.scene)
-        self.history = no_history(self.scene)
+        self.history = self.stepper.empty_history()
         axes = (self.scene.robot.link_count - 1, 2)
         self.report = self.last = Report(joint_torque=np.zeros(axes))
 
@@ -149,7 +148,8 @@ class Simulation:
         stepper = make_stepper(scene)
         if scene != self.scene:
             _, span = where_impulses_acted(self.scene, self.state, self.history)
-            self.history = carried(self.history, self.scene, scene, self.scene.dt / span)
+            scale, empty = self.scene.dt / span, stepper.empty_history()
+            self.history = carried(self.history, self.scene, scene, scale, empty)
         self.stepper, self.scene = stepper, scene
 
     def push(self, link: int, impulse: Sequence[float]) -> None:

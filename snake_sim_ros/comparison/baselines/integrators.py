@@ -6,7 +6,7 @@ The methods that set-valued contact laws are held against, and that are still in
 - Regularized contact as a smooth differential equation for the integrators of SciPy, with steps of
   their own choice (`integrate`).
 
-They have no names among `base.METHODS`: they are no methods for a robot, but the other side of
+They have no names among `methods.METHODS`: they are no methods for a robot, but the other side of
 a comparison. The first two run in a `simulation.Simulation` that is given their stepper.
 """
 
@@ -26,7 +26,7 @@ from scipy.integrate import RK45
 
 from snake_sim_ros.comparison.baselines import minimal_coordinates
 from snake_sim_ros.comparison.baselines import penalty as regularized
-from snake_sim_ros.comparison.baselines import pyramid
+from snake_sim_ros.comparison.baselines.pyramid import Pyramid
 from snake_sim_ros.comparison.course import Course
 from snake_sim_ros.comparison.course import SAMPLE
 from snake_sim_ros.contact.delassus import make_delassus
@@ -41,6 +41,7 @@ from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.quantities import quantity
 from snake_sim_ros.scene.quantities import Record
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping import moreau
 from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
@@ -110,7 +111,7 @@ def make_semi_implicit(scene: Scene, penalty: Penalty) -> Stepper:
 
     """
     refuse_rolling(scene)
-    return SpatialStepper(scene, partial(regularized.advance, make_law(penalty)))
+    return SpatialStepper(scene, partial(moreau.advance, make_law(penalty)))
 
 
 def make_pyramid(scene: Scene) -> Stepper:
@@ -126,8 +127,8 @@ def make_pyramid(scene: Scene) -> Stepper:
 
     """
     refuse_rolling(scene)
-    delassus = make_delassus(3 * contact_count(scene))
-    return SpatialStepper(scene, partial(pyramid.advance, delassus))
+    solver = Pyramid(make_delassus(3 * contact_count(scene)))
+    return SpatialStepper(scene, partial(moreau.advance, solver))
 
 
 class SmoothRobot:
@@ -150,6 +151,8 @@ class SmoothRobot:
         refuse_rolling(scene)
         self.model, self.law = make_model(scene), make_law(penalty)
         self.work = make_workspace(scene)
+        n = scene.robot.link_count
+        self.motion = minimal_coordinates.Motion(np.zeros((n, 6)), np.zeros((n, 6)))
         gait = scene.gait
         self.waves = (astuple(gait.yaw), astuple(gait.pitch)), gait.soft_start
         self.middle, self.evaluations = scene.robot.middle_link, 0
@@ -165,7 +168,7 @@ class SmoothRobot:
         """Return f(t, y) for all rows y of shape (k, m)."""
         rates = np.empty_like(rows)
         minimal_coordinates.rates_of_change(
-            self.model, self.law, self.waves, self.work, float(t), rows, rates
+            self.model, self.law, self.waves, self.work, self.motion, float(t), rows, rates
         )
         self.evaluations += len(rows)
         return rates
@@ -187,10 +190,10 @@ class SmoothRobot:
 
     def state(self, y: Array) -> tuple[State, float]:
         """Return the state of all links, and their deepest gap below zero [m]."""
-        depth = minimal_coordinates.configuration(self.model, self.work, y)
+        depth = minimal_coordinates.configuration(self.model, self.work, self.motion, y)
         q = self.work.q_mid.copy()
         q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1)[:, None]
-        return State(q, self.work.u_hat.copy()), float(depth)
+        return State(q, self.motion.u.copy()), float(depth)
 
 
 def integrate(

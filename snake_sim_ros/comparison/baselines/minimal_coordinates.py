@@ -10,14 +10,13 @@ the middle link; then the articulated-body sweep [1] finds the rest from the wre
 """
 
 import math
+from typing import NamedTuple
 
 from snake_sim_ros.comparison.baselines.penalty import penalty_forces
-from snake_sim_ros.contact.contacts import contact_velocities
-from snake_sim_ros.contact.contacts import GAMMA
-from snake_sim_ros.contact.contacts import IMPULSE
 from snake_sim_ros.contact.delassus import load_chain
 from snake_sim_ros.contact.detection import contacts_of
 from snake_sim_ros.contact.detection import deepest
+from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.dynamics.articulated_body import factor_chain
 from snake_sim_ros.dynamics.articulated_body import line
 from snake_sim_ros.dynamics.articulated_body import solve_chain
@@ -33,6 +32,7 @@ from snake_sim_ros.dynamics.kinematics import half_rotation
 from snake_sim_ros.dynamics.kinematics import link_frames
 from snake_sim_ros.scene.gait import soft_start
 from snake_sim_ros.scene.gait import wave
+from snake_sim_ros.scene.parameters import Array
 
 fade_at = compiled(soft_start)
 wave_at = compiled(wave)
@@ -41,6 +41,13 @@ wave_at = compiled(wave)
 # velocity (3, in I) and angular velocity (3, in B), joint rates (n-1, 2), and the work that the
 # joints and that the contacts have done].
 ANGLES = 7
+
+
+class Motion(NamedTuple):
+    """Velocities of all links, and what is filled on the way to their accelerations."""
+
+    u: Array  # (n, 6)
+    rest: Array  # (n, 6)
 
 
 @inlined
@@ -111,7 +118,7 @@ def move_joint(j, inner, outer, rates, chain):
 
 
 @inlined
-def move_links(y, work):
+def move_links(y, work, u_links):
     """
     Fill twists and velocities of all links, and the accelerations of their twists.
 
@@ -128,11 +135,11 @@ def move_links(y, work):
         move_joint(j, j, j + 1, u[6:], chain)
     for j in range(root - 1, -1, -1):
         move_joint(j, j + 1, j, u[6:], chain)
-    end_velocities(chain.twist, R, work.center, work.u_hat)
+    end_velocities(chain.twist, R, work.center, u_links)
 
 
 @merged
-def balance(model, work):
+def balance(model, work, motion):
     """
     Fill the wrenches that gravity and inertia leave to joints and middle link, as momentum.
 
@@ -140,7 +147,7 @@ def balance(model, work):
     acceleration ``a_O + alpha x r + omega x v``. The momentum of these accelerations is that of
     velocities with the opposite sign.
     """
-    twist, u, rest = work.chain.twist, work.u_hat, work.u_star
+    twist, u, rest = work.chain.twist, motion.u, motion.rest
     end_velocities(work.chain.correction, work.R, work.center, rest)
     for i in range(len(u)):
         wx, wy, wz = twist[i, 0], twist[i, 1], twist[i, 2]
@@ -176,7 +183,7 @@ def carried_acceleration(twist):
 
 
 @merged
-def rate_of_change(model, law, waves, work, t, y, y_dot):
+def rate_of_change(model, law, waves, work, motion, t, y, y_dot):
     """
     Fill the time derivative of y; its layout is written at ANGLES.
 
@@ -187,29 +194,31 @@ def rate_of_change(model, law, waves, work, t, y, y_dot):
     waves : tuple
         Numbers of the yaw wave and of the pitch wave, and the time of the soft start.
     work : spatial.Workspace
-        Its middle coordinates are those of y, with u_hat as velocities.
+        Its middle coordinates are those of y.
+    motion : Motion
+        Its velocities are those of y.
     t : float
         [s]
     y, y_dot : ndarray, shape (15 + 4 (n-1),)
 
     """
-    chain, table, n = work.chain, work.table, len(work.R)
+    chain, contacts, n = work.chain, work.contacts, len(work.R)
     root, begin = n // 2, rates_begin(n)
     place_links(model.half_length, y, work)
-    move_links(y, work)
-    balance(model, work)
+    move_links(y, work, motion.u)
+    balance(model, work, motion)
     y_dot[-2] = joint_torques(model, waves, t, y, chain.torque)
-    contact = work.contact[: contacts_of(model.obstacles, 0.0, model, work, work.q_mid)]
-    contact_velocities(contact, table, chain.frame, chain.twist)
-    penalty_forces(law, model.laws, contact, table, model.mass)
+    closed = work.closed[: contacts_of(model.obstacles, 0.0, model, work, work.q_mid)]
+    contact_velocities(closed, contacts, chain.frame, chain.twist)
+    penalty_forces(law, model.laws, closed, contacts, model.mass)
     y_dot[-1] = 0.0
-    for a in contact:
+    for a in closed:
         for k in range(3):
-            y_dot[-1] += table[a, IMPULSE + k] * table[a, GAMMA + k]
+            y_dot[-1] += contacts.impulse[a, k] * contacts.gamma[a, k]
     carried = carried_acceleration(line(chain.twist, root))
     unload_chain(chain)
     factor_chain(chain)
-    load_chain(contact, table, chain)
+    load_chain(closed, contacts, chain)
     solve_chain(chain, chain.torque)
     for k in range(3):
         y_dot[k] = y[begin + k]
@@ -220,21 +229,21 @@ def rate_of_change(model, law, waves, work, t, y, y_dot):
     for k in range(2 * (n - 1)):
         y_dot[ANGLES + k] = y[begin + 6 + k]
         y_dot[begin + 6 + k] = chain.rate[k // 2, k % 2]
-    end_velocities(chain.twist, work.R, work.center, work.u_star)
+    end_velocities(chain.twist, work.R, work.center, motion.rest)
     for k in range(6):
-        y_dot[begin + k] = work.u_star[root, k] + carried[k]
+        y_dot[begin + k] = motion.rest[root, k] + carried[k]
 
 
 @compiled
-def rates_of_change(model, law, waves, work, t, y, y_dot):
+def rates_of_change(model, law, waves, work, motion, t, y, y_dot):
     """Fill the time derivative of every row of y, shape (m, 15 + 4 (n-1))."""
     for k in range(len(y)):
-        rate_of_change(model, law, waves, work, t, y[k], y_dot[k])
+        rate_of_change(model, law, waves, work, motion, t, y[k], y_dot[k])
 
 
 @compiled
-def configuration(model, work, y):
-    """Fill work.q_mid and work.u_hat with all links; return the deepest gap below zero [m]."""
+def configuration(model, work, motion, y):
+    """Fill work.q_mid and motion.u with all links; return the deepest gap below zero [m]."""
     place_links(model.half_length, y, work)
-    move_links(y, work)
+    move_links(y, work, motion.u)
     return deepest(model.obstacles, model.contact_offset, model.contact_radius, work.q_mid)

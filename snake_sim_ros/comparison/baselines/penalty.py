@@ -10,20 +10,17 @@ springs that are not of the robot.
 import math
 from typing import NamedTuple
 
-from snake_sim_ros.contact.contacts import GAMMA
-from snake_sim_ros.contact.contacts import GAP
-from snake_sim_ros.contact.contacts import IMPULSE
-from snake_sim_ros.contact.contacts import link_of
-from snake_sim_ros.contact.contacts import natural_map
-from snake_sim_ros.contact.contacts import sliding_disc
 from snake_sim_ros.contact.delassus import end_twists
+from snake_sim_ros.contact.laws import link_of
+from snake_sim_ros.contact.laws import sliding_disc
+from snake_sim_ros.contact.natural_map import natural_map
+from snake_sim_ros.contact.solver import Outcome
+from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.dynamics.articulated_body import factor_chain
 from snake_sim_ros.dynamics.articulated_body import unload_chain
 from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import cycle_counter
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.stepping.moreau import begin_step
-from snake_sim_ros.stepping.moreau import end_step
 
 BOUND = 1e9  # m/s: a bound of the residual stands for it, which is not what the step stops by
 
@@ -46,7 +43,7 @@ def share_over_speed(rational, s):
 
 
 @compiled
-def penalty_forces(law, laws, contact, table, mass):
+def penalty_forces(law, laws, closed, contacts, mass):
     """
     Fill the impulse columns with contact forces [N], from the gaps and velocities of the table.
 
@@ -54,52 +51,49 @@ def penalty_forces(law, laws, contact, table, mass):
     a link of mass m, and ``F_T = -F_N diag(mu) w/|w| phi(|w|/(mu_max eps))`` for ``w = diag(mu)
     gamma_T``: as eps goes to 0, the sliding law of the ellipse.
     """
-    for a in contact:
-        gap, half_mass = table[a, GAP], 0.5 * mass[link_of(laws.other, table, len(mass), a)]
+    for a in closed:
+        gap, half_mass = contacts.gap[a], 0.5 * mass[link_of(laws.other, contacts, len(mass), a)]
         damping = 2.0 * law.damping_ratio * math.sqrt(law.stiffness * half_mass)
-        push = max(0.0, -law.stiffness * gap - damping * table[a, GAMMA]) if gap < 0.0 else 0.0
+        push = (
+            max(0.0, -law.stiffness * gap - damping * contacts.gamma[a, 0]) if gap < 0.0 else 0.0
+        )
         disc = sliding_disc(laws, laws.other, a)
-        x, y = disc.mu_x * table[a, GAMMA + 1], disc.mu_y * table[a, GAMMA + 2]
+        x, y = disc.mu_x * contacts.gamma[a, 1], disc.mu_y * contacts.gamma[a, 2]
         scale = max(disc.mu_x, disc.mu_y) * law.sliding_velocity
         drag = 0.0
         if scale > 0.0:
             s = math.sqrt(x * x + y * y) / scale
             drag = push * share_over_speed(law.rational, s) / scale
-        table[a, IMPULSE] = push
-        table[a, IMPULSE + 1] = -drag * disc.mu_x * x
-        table[a, IMPULSE + 2] = -drag * disc.mu_y * y
-        table[a, IMPULSE + 3] = table[a, IMPULSE + 4] = 0.0
+        contacts.impulse[a, 0] = push
+        contacts.impulse[a, 1] = -drag * disc.mu_x * x
+        contacts.impulse[a, 2] = -drag * disc.mu_y * y
+        contacts.impulse[a, 3] = contacts.impulse[a, 4] = 0.0
 
 
 @merged
-def make_impulses(dt, contact, table, impulse):
+def make_impulses(dt, closed, contacts, impulse):
     """Turn the forces of the table into impulses, and fill those of all contacts."""
     impulse[:] = 0.0
-    for a in contact:
+    for a in closed:
         for j in range(3):
-            table[a, IMPULSE + j] *= dt
-            impulse[a, j] = table[a, IMPULSE + j]
+            contacts.impulse[a, j] *= dt
+            impulse[a, j] = contacts.impulse[a, j]
 
 
-@compiled
-def advance(law, model, work, q, u, history, angle, rate, report, cycles):
+@solve.register(PenaltyLaw)
+@inlined
+def solve_with_springs(law, model, problem, history):
     """
-    Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`.
+    Fill contact impulses and the velocities that they lead to; see `solver.solve`.
 
     Forces are those of the middle configuration and of the velocities at the start. The residual
     says how far they and the velocities they lead to are from the set-valued laws.
     """
-    for k in range(len(angle)):
-        cycles[k] = cycle_counter()
-        count, laws = begin_step(model, work, q, u, history[0], angle[k], rate[k])
-        contact = work.contact[:count]
-        penalty_forces(law, laws, contact, work.table, model.mass)
-        make_impulses(model.dt, contact, work.table, history[0])
-        unload_chain(work.chain)
-        factor_chain(work.chain)
-        end_twists(contact, work.table, work.chain)
-        residual, printed = natural_map(laws, contact, work.table, BOUND)
-        outcome = (1, True, residual, printed, False)
-        if not end_step(model, work, q, u, history, count, outcome, report):
-            break
-    cycles[len(angle)] = cycle_counter()
+    laws, closed, contacts, chain = problem
+    penalty_forces(law, laws, closed, contacts, model.mass)
+    make_impulses(model.dt, closed, contacts, history.impulse)
+    unload_chain(chain)
+    factor_chain(chain)
+    end_twists(closed, contacts, chain)
+    residual, printed = natural_map(laws, closed, contacts, BOUND)
+    return Outcome(1, True, residual, printed, False)

@@ -9,27 +9,25 @@ sliding, and by up to sqrt(2) too large for isotropic friction. A body that slid
 turned toward the axis in which it is faster.
 """
 
+from typing import NamedTuple
+
 from snake_sim_ros.comparison.baselines.penalty import BOUND
-from snake_sim_ros.contact.contacts import CENTER
-from snake_sim_ros.contact.contacts import GAMMA
-from snake_sim_ros.contact.contacts import IMPULSE
-from snake_sim_ros.contact.contacts import natural_map
-from snake_sim_ros.contact.contacts import sliding_disc
 from snake_sim_ros.contact.delassus import condense
 from snake_sim_ros.contact.delassus import condensed_velocities
+from snake_sim_ros.contact.delassus import Delassus
 from snake_sim_ros.contact.delassus import end_twists
 from snake_sim_ros.contact.gauss_seidel import project_normal
 from snake_sim_ros.contact.gauss_seidel import put
+from snake_sim_ros.contact.laws import sliding_disc
+from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.projections import prox_half_line
 from snake_sim_ros.contact.prox_iteration import load
+from snake_sim_ros.contact.solver import Outcome
+from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.dynamics.articulated_body import factor_chain
 from snake_sim_ros.dynamics.articulated_body import unload_chain
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.stepping.moreau import begin_step
-from snake_sim_ros.stepping.moreau import end_step
 
 
 @inlined
@@ -39,12 +37,12 @@ def clipped(P, bound):
 
 
 @merged
-def sweep(laws, contact, table, delassus, impulse):
+def sweep(laws, closed, contacts, delassus, impulse):
     """Project every component of every closed contact once, with the velocities of that moment."""
-    G, gamma, rows = delassus.operator, delassus.packed, 3 * len(contact)
-    for k, a in enumerate(contact):
+    G, gamma, rows = delassus.operator, delassus.packed, 3 * len(closed)
+    for k, a in enumerate(closed):
         row = 3 * k
-        P_N = project_normal(laws, G, gamma, rows, row, table, impulse, a)
+        P_N = project_normal(laws, G, gamma, rows, row, contacts, impulse, a)
         disc = sliding_disc(laws, laws.other, a)
         x = impulse[a, 1] - gamma[row + 1] / G[row + 1, row + 1]
         put(G, gamma, rows, row + 1, impulse, a, 1, clipped(x, disc.mu_x * P_N))
@@ -53,57 +51,60 @@ def sweep(laws, contact, table, delassus, impulse):
 
 
 @merged
-def pyramid_map(laws, contact, table):
+def pyramid_map(laws, closed, contacts):
     """Return ``max |P - prox(P - r gamma)|/r`` of the laws of the pyramid, with the rule [m/s]."""
     normal = sliding = 0.0
-    for a in contact:
-        P_N, P_x, P_y = table[a, IMPULSE], table[a, IMPULSE + 1], table[a, IMPULSE + 2]
-        rule = laws.compliance * (P_N - table[a, CENTER])
-        normal = max(normal, abs(P_N - prox_half_line(P_N - laws.r_N * (table[a, GAMMA] + rule))))
+    for a in closed:
+        P_N, P_x, P_y = contacts.impulse[a, 0], contacts.impulse[a, 1], contacts.impulse[a, 2]
+        rule = laws.compliance * (P_N - contacts.center[a])
+        normal = max(
+            normal, abs(P_N - prox_half_line(P_N - laws.r_N * (contacts.gamma[a, 0] + rule)))
+        )
         disc, r = sliding_disc(laws, laws.other, a), laws.r_T
-        x = clipped(P_x - r * table[a, GAMMA + 1], disc.mu_x * P_N)
-        y = clipped(P_y - r * table[a, GAMMA + 2], disc.mu_y * P_N)
+        x = clipped(P_x - r * contacts.gamma[a, 1], disc.mu_x * P_N)
+        y = clipped(P_y - r * contacts.gamma[a, 2], disc.mu_y * P_N)
         sliding = max(sliding, abs(P_x - x), abs(P_y - y))
     return max(normal / laws.r_N, sliding / laws.r_T)
 
 
 @merged
-def iterate(laws, tolerance, limit, contact, table, chain, delassus, impulse):
+def iterate(problem, tolerance, limit, delassus, impulse):
     """
-    Sweep until the laws of the pyramid hold; return what `moreau.end_step` takes.
+    Sweep until the laws of the pyramid hold; return an `Outcome`.
 
     The residual is that of the pyramid, the printed one that of the paper's laws: how far the one
     is from the other.
     """
+    laws, closed, contacts, chain = problem
     unload_chain(chain)
     factor_chain(chain)
-    condense(contact, 3, table, chain, delassus)
-    for a in contact:
+    condense(closed, 3, contacts, chain, delassus)
+    for a in closed:
         impulse[a, 3] = impulse[a, 4] = 0.0
     iterations = 0
     while True:
-        load(contact, impulse, table)
-        condensed_velocities(contact, 3, table, delassus)  # anew: rounding does not add up
-        residual = pyramid_map(laws, contact, table)
+        load(closed, impulse, contacts)
+        condensed_velocities(closed, 3, contacts, delassus)  # anew: rounding does not add up
+        residual = pyramid_map(laws, closed, contacts)
         if residual <= tolerance or iterations >= limit:
             break
-        sweep(laws, contact, table, delassus, impulse)
+        sweep(laws, closed, contacts, delassus, impulse)
         iterations += 1
-    _, printed = natural_map(laws, contact, table, BOUND)
-    end_twists(contact, table, chain)
-    return iterations, residual <= tolerance, residual, printed, False
+    _, printed = natural_map(laws, closed, contacts, BOUND)
+    end_twists(closed, contacts, chain)
+    return Outcome(iterations, residual <= tolerance, residual, printed, False)
 
 
-@compiled
-def advance(delassus, model, work, q, u, history, angle, rate, report, cycles):
-    """Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`."""
-    for k in range(len(angle)):
-        cycles[k] = cycle_counter()
-        count, laws = begin_step(model, work, q, u, history[0], angle[k], rate[k])
-        outcome = iterate(
-            laws, model.residual_tolerance, model.iteration_limit,
-            work.contact[:count], work.table, work.chain, delassus, history[0],
-        )  # fmt: skip
-        if not end_step(model, work, q, u, history, count, outcome, report):
-            break
-    cycles[len(angle)] = cycle_counter()
+class Pyramid(NamedTuple):
+    """Gauss-Seidel iteration on the pyramid, with the arrays of the Delassus operator."""
+
+    delassus: Delassus
+
+
+@solve.register(Pyramid)
+@inlined
+def solve_with_pyramid(solver, model, problem, history):
+    """Solve the contacts of a step; see `solver.solve`."""
+    return iterate(
+        problem, model.residual_tolerance, model.iteration_limit, solver.delassus, history.impulse
+    )

@@ -42,8 +42,7 @@ from snake_sim_ros.comparison.stability.scenes import sticking
 from snake_sim_ros.comparison.stability.scenes import transverse_gain
 from snake_sim_ros.comparison.stability.scenes import undulating
 from snake_sim_ros.comparison.stability.scenes import upright
-from snake_sim_ros.stepping.base import IMPULSE
-from snake_sim_ros.stepping.base import no_history
+from snake_sim_ros.stepping.methods import empty_history
 
 SCHEMES = ('newton start', 'newton midpoint', 'newton average', 'newton end', 'bdf2')
 SOLVERS = ('newton', 'newton_dense', 'gauss_seidel', 'paper', 'bdf2')
@@ -67,7 +66,7 @@ def no_limit(method: str, y: float) -> float:
 
 
 def run_case(method: str, case: Case) -> Run:
-    """Run a case with a method: one of `base.METHODS`, a baseline or a peer."""
+    """Run a case with a method: one of `methods.METHODS`, a baseline or a peer."""
     if method != 'mujoco':
         return simulate(case)
     course = run_mujoco(replace(case.scene, duration=case.duration), MujocoSettings(), PATIENCE)
@@ -78,7 +77,7 @@ def run_case(method: str, case: Case) -> Run:
     return Run(
         q=q,
         u=np.zeros((*position.shape[:2], 6)),
-        impulse=no_history(case.scene)[IMPULSE],
+        impulse=empty_history(case.scene).impulse,
         energy=float((0.5 * mass * (v**2).sum(axis=-1)).sum(axis=-1).max(initial=0.0)),
         report=course.report,
         complete=course.simulated > case.duration - SAMPLE / 2,

@@ -30,12 +30,11 @@ from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.quantities import ParameterError
-from snake_sim_ros.stepping.base import IMPULSE
-from snake_sim_ros.stepping.base import make_stepper
-from snake_sim_ros.stepping.base import no_history
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Stepper
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.simulation import steps_in
 
 OUTCOMES = ('converged', 'inaccurate', 'unconverged', 'blown_up')  # or failed: it raised
@@ -231,7 +230,7 @@ def simulate(case: Case) -> Run:
     period = min(SAMPLE, case.duration)
     steps = steps_in(period, scene.dt, 'sampling period')
     end = steps * steps_in(case.duration, period, 'duration')
-    state, history, report = case.start, no_history(scene), Report()
+    state, history, report = case.start, empty_history(scene), Report()
     none = np.zeros((0, joints, 2))
     stepper.advance(state, history, none, none)  # compiles
     states, chunk, failed = [state], FIRST_CHUNK, False
@@ -253,7 +252,7 @@ def simulate(case: Case) -> Run:
     return Run(
         q=q[:-1],
         u=u[:-1],
-        impulse=history[IMPULSE],
+        impulse=history.impulse,
         energy=float((kinetic + np.maximum(potential - potential[0], 0.0)).max()),
         report=report,
         complete=report.steps == end,

@@ -31,9 +31,9 @@ from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import METHODS
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Stepper
+from snake_sim_ros.stepping.methods import METHODS
 
 G = 9.81  # m/s^2
 WEIGHTLESS = (0.0, 0.0, 0.0)
@@ -64,7 +64,7 @@ def with_method(scene: Scene, method: str) -> Scene:
 
 
 def stepper_of(method: str, **penalty: Any) -> Callable[[Scene], Stepper] | None:
-    """Return how the stepper of a baseline is made; None for a method of `base.METHODS`."""
+    """Return how the stepper of a baseline is made; None for a method of `methods.METHODS`."""
     if method != 'regularized':
         return None
     return partial(make_semi_implicit, penalty=Penalty(**penalty))

@@ -6,12 +6,16 @@ sudden: the only event is a state that is not the one the step before left.
 """
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.joint_control import implicit_pd_law
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.bdf2 import AGREE
 from snake_sim_ros.stepping.bdf2 import ANEW
 from snake_sim_ros.stepping.bdf2 import PARTS
@@ -31,14 +35,44 @@ from snake_sim_ros.stepping.report import note_outcome
 from snake_sim_ros.stepping.report import STEPS
 from snake_sim_ros.stepping.report import UNCONVERGED
 
-# What the method keeps in history, from PREVIOUS on and behind the 8n + 2 numbers of
-# `planar_stepper`, for n links: q (n+2) and u (3n) of the start of the last step, rates of the yaw
-# references (n-1), and then the time that the last impulses acted for, 0 if nothing is known, and
-# what is known of the motion (see bdf2).
+
+class Memory(NamedTuple):
+    """What the method keeps of the last step, beside `model.PlanarMemory`."""
+
+    q_before: Array  # (n+2,) coordinates at its start
+    u_before: Array  # (n, 3) velocities at its start
+    rate: Array  # (n-1,) rates of the yaw references [rad/s]
+    span: Array  # (1,) time that its impulses acted for [s], 0 before the first step
+    phase: Array  # (1,) what is known of the motion, see bdf2
+
+    def last_span(self) -> float:
+        """Return the time that the last impulses acted for [s], 0 before the first step."""
+        return float(self.span[0])
+
+
+class Arrays(NamedTuple):
+    """Arrays that a step of this method fills, beside those of `model.PlanarWorkspace`."""
+
+    q_hat: Array  # (n+2,)
+    u_hat: Array  # (n, 3)
+    u_star: Array  # (n, 3)
+    q_start: Array  # (n+2,) start of the step
+    u_start: Array  # (n, 3)
+
+
+def make_memory(n: int) -> Memory:
+    """Return the memory before the first step, for n links."""
+    return Memory(np.zeros(n + 2), np.zeros((n, 3)), np.zeros(n - 1), np.zeros(1), np.zeros(1))
+
+
+def make_arrays(n: int) -> Arrays:
+    """Return the arrays for n links."""
+    q, u = np.zeros((2, n + 2)), np.zeros((3, n, 3))
+    return Arrays(q[0], u[0], u[1], q[1], u[2])
 
 
 @merged
-def formula(model, dt, phase, q, u, earlier, work):
+def formula(model, dt, phase, q, u, memory, own):
     """
     Fill q_hat, u_hat and u_star of a step, see `bdf2.formula`; q_hat begins with the held point.
 
@@ -48,17 +82,18 @@ def formula(model, dt, phase, q, u, earlier, work):
         Time over which forces act on the velocity, and the velocity on coordinates [s].
 
     """
-    n, hat = len(u), work.q_hat
+    n, hat = len(u), own.q_hat
     smooth = phase == SMOOTH
     for i in range(n):
         for k in range(3):
-            before = earlier[n + 2 + 3 * i + k]
-            work.u_hat[i, k] = (4.0 * u[i, k] - before) / 3.0 if smooth else u[i, k]
-            work.u_star[i, k] = 2.0 * u[i, k] - before if smooth else u[i, k]
+            before = memory.u_before[i, k]
+            own.u_hat[i, k] = (4.0 * u[i, k] - before) / 3.0 if smooth else u[i, k]
+            own.u_star[i, k] = 2.0 * u[i, k] - before if smooth else u[i, k]
     for i in range(n + 2):
         hat[i] = q[i]
     held = held_point(model, q)
     if smooth:
+        earlier = memory.q_before
         for i in range(n):
             hat[2 + i] = (4.0 * q[2 + i] - earlier[2 + i]) / 3.0
         before_x, before_y = held_point(model, earlier)
@@ -74,13 +109,13 @@ def formula(model, dt, phase, q, u, earlier, work):
 
 
 @merged
-def begin(model, work, h, h_q, late, angle, rate, earlier_rate, known):
+def begin(model, own, work, h, h_q, late, known, angle, rate, memory):
     """
     Fill all that the contact solver needs.
 
     The reference is that of the middle of the step, and the part of it ends `late` [s] after that.
     """
-    hat, u_star = work.q_hat, work.u_star
+    hat, u_star = own.q_hat, own.u_star
     for i in range(len(u_star)):
         theta = hat[2 + i] + h_q * u_star[i, 2]
         work.heading[i, 0], work.heading[i, 1] = math.cos(theta), math.sin(theta)
@@ -88,14 +123,14 @@ def begin(model, work, h, h_q, late, angle, rate, earlier_rate, known):
     for j in range(len(angle)):
         turn = u_star[j + 1, 2] - u_star[j, 2]
         bend = hat[3 + j] - hat[2 + j] + h_q * turn
-        acceleration = (rate[j, 0] - earlier_rate[j]) / model.dt if known else 0.0
+        acceleration = (rate[j, 0] - memory.rate[j]) / model.dt if known else 0.0
         end_angle = angle[j, 0] + late * (rate[j, 0] + 0.5 * late * acceleration)
         torque, damping = implicit_pd_law(
             h_q, bend, turn, (end_angle, rate[j, 0] + late * acceleration),
             model.stiffness[j], model.damping[j],
         )  # fmt: skip
         work.torque[j], work.chain.damping[j] = torque * h, damping * h
-    fill_momentum(model, work, work.u_hat, u_star)
+    fill_momentum(model, work, own.u_hat, u_star)
 
 
 @merged
@@ -117,28 +152,25 @@ def starts_anew(model, work, q, u):
 
 
 @merged
-def one_part(model, work, dt, late, known, q, u, history, memory, angle, rate, report):
+def one_part(own, model, work, dt, late, known, q, u, history, angle, rate, report):
     """Advance q, u and history by dt, a step or a part of it; return whether it was done."""
-    n = len(u)
-    span, phase = memory[5 * n + 1], memory[5 * n + 2]
-    h, h_q = formula(model, dt, phase, q, u, memory, work)
+    n, memory = len(u), history.memory.scheme
+    span, phase = memory.span[0], memory.phase[0]
+    h, h_q = formula(model, dt, phase, q, u, memory, own)
     scale = h / (span if span > 0.0 else model.dt)
-    for a in work.contact:
+    for a in work.closed:
         for j in range(3):
-            history[0, a, j] *= scale
-        history[2, a, 0] *= scale
-        history[2, a, BEND] *= scale
-    begin(model, work, h, h_q, late, angle, rate, memory[4 * n + 2 :], known)
-    outcome = solve_contacts(model, work, work.contact, None, history)
-    memory[5 * n + 1] = h
+            history.impulse[a, j] *= scale
+        history.change[a, 0] *= scale
+        history.change[a, BEND] *= scale
+    begin(model, own, work, h, h_q, late, known, angle, rate, memory)
+    outcome = solve_contacts(model, work, work.closed, None, history)
+    memory.span[0] = h
     if not is_planar(model, work, history, outcome, report):
         return False
+    keep(q, u, memory.q_before, memory.u_before)
     for i in range(n + 2):
-        memory[i] = q[i]
-        q[i] = work.q_hat[i]
-    for i in range(n):
-        for k in range(3):
-            memory[n + 2 + 3 * i + k] = u[i, k]
+        q[i] = own.q_hat[i]
     end_velocities(model, work, u)
     move(model, h_q, q, u)
     held_x, held_y = held_point(model, q)
@@ -147,36 +179,31 @@ def one_part(model, work, dt, late, known, q, u, history, memory, angle, rate, r
     for j in range(n - 1):
         work.applied[j, 0] *= model.dt / h
         work.applied[j, 1] *= model.dt / h
-    memory[5 * n + 2] = ANEW if phase == UNKNOWN else SMOOTH
+    memory.phase[0] = ANEW if phase == UNKNOWN else SMOOTH
     note_outcome(outcome, report)
     return True
 
 
 @merged
-def step(model, work, q, u, history, angle, rate, report):
+def step(own, model, work, q, u, history, angle, rate, report):
     """Advance q, u and history by one step; return whether it was done."""
-    n = len(u)
-    memory = history[3:].reshape(history[3:].size)[8 * n + 2 :]
-    known, phase = memory[5 * n + 1] > 0.0, memory[5 * n + 2]
+    n, memory = len(u), history.memory.scheme
+    known, phase = memory.span[0] > 0.0, memory.phase[0]
     if phase == UNKNOWN and starts_anew(model, work, q, u):
-        phase = memory[5 * n + 2] = ANEW
+        phase = memory.phase[0] = ANEW
     parts = 1 if phase == SMOOTH else PARTS
     unconverged, fallbacks = report[UNCONVERGED], report[FALLBACKS]
-    keep(q, u, work.q_start, work.u_start)
+    keep(q, u, own.q_start, own.u_start)
     for part in range(parts):
         late, dt = model.dt * ((part + 1) / parts - 0.5), model.dt / parts
-        if not one_part(model, work, dt, late, known, q, u, history, memory, angle, rate, report):
-            keep(work.q_start, work.u_start, q, u)
+        if not one_part(own, model, work, dt, late, known, q, u, history, angle, rate, report):
+            keep(own.q_start, own.u_start, q, u)
             return False
     if phase != SMOOTH:
-        for i in range(n + 2):
-            memory[i] = work.q_start[i]
-        for i in range(n):
-            for k in range(3):
-                memory[n + 2 + 3 * i + k] = work.u_start[i, k]
+        keep(own.q_start, own.u_start, memory.q_before, memory.u_before)
     for j in range(n - 1):
-        memory[4 * n + 2 + j] = rate[j, 0]
-    memory[5 * n + 2] = ANEW if phase == UNKNOWN else SMOOTH
+        memory.rate[j] = rate[j, 0]
+    memory.phase[0] = ANEW if phase == UNKNOWN else SMOOTH
     report[UNCONVERGED] = min(report[UNCONVERGED], unconverged + 1)  # steps, not parts of them
     report[FALLBACKS] = min(report[FALLBACKS], fallbacks + 1)
     report[STEPS] += 1
@@ -195,10 +222,10 @@ def keep(q, u, q_to, u_to):
 
 
 @compiled
-def advance(model, work, q, u, history, angle, rate, report, cycles):
-    """Advance q, u and history in place by one step a reference; see `planar_stepper`."""
+def advance(own, model, work, q, u, history, angle, rate, report, cycles):
+    """Advance q, u and history in place by one step a reference; see `stepper.PlanarStepper`."""
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
-        if not step(model, work, q, u, history, angle[k], rate[k], report):
+        if not step(own, model, work, q, u, history, angle[k], rate[k], report):
             break
     cycles[len(angle)] = cycle_counter()

@@ -2,8 +2,6 @@
 
 import math
 
-from snake_sim_ros.contact.contacts import GAMMA
-from snake_sim_ros.contact.contacts import IMPULSE
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges
@@ -31,7 +29,7 @@ def fill_momentum(model, work, u, u_start):
         A[3], A[4], A[5] = m, 0.0, m
         c, s = work.heading[i, 0], work.heading[i, 1]
         vx, vy, omega = u_start[i, 0], u_start[i, 1], u_start[i, 2]
-        table_velocities(work.table, i, n, model.offset[i], c, s, vx, vy, omega)
+        table_velocities(work.contacts, i, n, model.offset[i], c, s, vx, vy, omega)
 
 
 @inlined
@@ -83,11 +81,11 @@ def place_links(model, work, weight_velocity):
 
 
 @inlined
-def table_velocities(table, i, n, offset, c, s, vx, vy, omega):
+def table_velocities(contacts, i, n, offset, c, s, vx, vy, omega):
     """Fill the sliding velocities of both contacts of a link that moves with given velocities."""
     along, across, turning = c * vx + s * vy, c * vy - s * vx, offset * omega
-    table[i, GAMMA + 1] = table[n + i, GAMMA + 1] = along
-    table[i, GAMMA + 2], table[n + i, GAMMA + 2] = across + turning, across - turning
+    contacts.gamma[i, 1] = contacts.gamma[n + i, 1] = along
+    contacts.gamma[i, 2], contacts.gamma[n + i, 2] = across + turning, across - turning
 
 
 @inlined
@@ -99,7 +97,7 @@ def contact_velocities(model, work):
         c, s = work.heading[i, 0], work.heading[i, 1]
         w = work.twist[i, 0]
         vx, vy = work.twist[i, 1] - w * y, work.twist[i, 2] + w * x
-        table_velocities(work.table, i, n, model.offset[i], c, s, vx, vy, w)
+        table_velocities(work.contacts, i, n, model.offset[i], c, s, vx, vy, w)
 
 
 @compiled
@@ -114,12 +112,12 @@ def factor_bare(work):
 @compiled
 def end_twists(model, work):
     """Fill twists and sliding velocities that the friction impulses in the table lead to."""
-    chain, table, n = work.chain, work.table, len(work.heading)
+    chain, contacts, n = work.chain, work.contacts, len(work.heading)
     for i in range(n):
         c, s = work.heading[i, 0], work.heading[i, 1]
-        along = table[i, IMPULSE + 1] + table[n + i, IMPULSE + 1]
-        across = table[i, IMPULSE + 2] + table[n + i, IMPULSE + 2]
-        moment = model.offset[i] * (table[i, IMPULSE + 2] - table[n + i, IMPULSE + 2])
+        along = contacts.impulse[i, 1] + contacts.impulse[n + i, 1]
+        across = contacts.impulse[i, 2] + contacts.impulse[n + i, 2]
+        moment = model.offset[i] * (contacts.impulse[i, 2] - contacts.impulse[n + i, 2])
         px, py = c * along - s * across, s * along + c * across
         moment += work.center[i, 0] * py - work.center[i, 1] * px
         chain.wrench[i, 0] = work.momentum[i, 0] + moment
@@ -135,23 +133,23 @@ def end_twists(model, work):
 @compiled
 def condense(model, work, delassus):
     """Fill the Delassus operator and the free velocities of sliding; normal rows are zero."""
-    table, contact, free = work.table, work.contact, delassus.free
-    for a in contact:
-        table[a, IMPULSE + 1] = table[a, IMPULSE + 2] = 0.0
+    contacts, closed, free = work.contacts, work.closed, delassus.free
+    for a in closed:
+        contacts.impulse[a, 1] = contacts.impulse[a, 2] = 0.0
     end_twists(model, work)
-    for k, a in enumerate(contact):
+    for k, a in enumerate(closed):
         for j in range(3):
-            free[3 * k + j] = table[a, GAMMA + j]
-    for k, a in enumerate(contact):
+            free[3 * k + j] = contacts.gamma[a, j]
+    for k, a in enumerate(closed):
         for j in range(3):
             if j > 0:
-                table[a, IMPULSE + j] = 1.0
+                contacts.impulse[a, j] = 1.0
                 end_twists(model, work)
-                table[a, IMPULSE + j] = 0.0
-            for other, b in enumerate(contact):
+                contacts.impulse[a, j] = 0.0
+            for other, b in enumerate(closed):
                 for i in range(3):
                     row = 3 * other + i
-                    velocity = table[b, GAMMA + i] - free[row] if j > 0 else 0.0
+                    velocity = contacts.gamma[b, i] - free[row] if j > 0 else 0.0
                     delassus.operator[3 * k + j, row] = velocity
 
 
@@ -164,11 +162,11 @@ def find_loads(model, work):
     link with the sign of that of the middle link [rad]. What a solver may leave of friction rolls
     nothing: one link that stands would not be held against it.
     """
-    table, upright, n = work.table, work.upright, len(work.heading)
+    contacts, upright, n = work.contacts, work.upright, len(work.heading)
     for i in range(n):
         c, s = work.heading[i, 0], work.heading[i, 1]
-        along = table[i, IMPULSE + 1] + table[n + i, IMPULSE + 1]
-        across = table[i, IMPULSE + 2] + table[n + i, IMPULSE + 2]
+        along = contacts.impulse[i, 1] + contacts.impulse[n + i, 1]
+        across = contacts.impulse[i, 2] + contacts.impulse[n + i, 2]
         if abs(across) <= model.mass[i] * model.residual_tolerance:
             across = 0.0
         upright.wrench[i, 0] = work.weight[i, 0] + model.radius * (s * along + c * across)
@@ -181,7 +179,7 @@ def find_loads(model, work):
         c, s = work.heading[i, 0], work.heading[i, 1]
         load = wy * work.center[i, 0] - wx * work.center[i, 1] - upright.twist[i, 2]
         lever = model.offset[i] * (wy * c - wx * s)
-        table[i, IMPULSE], table[n + i, IMPULSE] = load + lever, load - lever
+        contacts.impulse[i, 0], contacts.impulse[n + i, 0] = load + lever, load - lever
         least = min(least, load - abs(lever))
         turn = max(turn, abs(wx * c + wy * s))
     root = n // 2

@@ -1,10 +1,12 @@
 """The numbers of a scene and the arrays of a step in the plane, as compiled code takes them."""
 
+from typing import Any
 from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.contacts import Laws
+from snake_sim_ros.contact.laws import Laws
+from snake_sim_ros.contact.table import make_table
 from snake_sim_ros.dynamics.hinge_chain import HingeChain
 from snake_sim_ros.dynamics.kinematics import CENTER_OF_MASS
 from snake_sim_ros.scene.obstacles import contact_count
@@ -13,12 +15,51 @@ from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.model import COLUMNS
+from snake_sim_ros.stepping.base import named_arrays
 from snake_sim_ros.stepping.model import make_model
 
 LEAST, ROLL, PART, ROLLS = range(4)  # in work.standing, see find_loads and is_planar
 LEAN = 1e-3  # roll of the robot at which it does not lie flat, and that is always left out [rad]
 SLIPPING = 5e-3  # share of the way up to which the slip by rolling is left out
+
+
+class PlanarMemory(NamedTuple):
+    """
+    What a stepper in the plane keeps of the last step.
+
+    The Euler parameters of a state are made of planar coordinates. These are kept, so that they
+    need not be read back, and steps in several calls are the same to the bit.
+    """
+
+    known: Array  # (1,) whether the coordinates are those of the last step
+    q: Array  # (n+2,) center of link 1 [m] and headings of all links [rad]
+    u: Array  # (n, 3) velocities [m/s] and turning rates [rad/s]
+    tilt: Array  # (n, 4) Euler parameters of links without their heading
+    # The largest roll of a link, with the sign of that of the middle link [rad], and the slip and
+    # the way up to there [m], see moreau.rolls_too_far. The last two are kept while the robot is
+    # at the spatial level.
+    roll: Array  # (1,)
+    slip: Array  # (1,)
+    way: Array  # (1,)
+    scheme: Any  # what the method itself keeps, a NamedTuple of arrays, or None
+
+    def last_span(self) -> float:
+        """Return the time that the last impulses acted for [s], 0 before the first step."""
+        return float(self.scheme.last_span()) if self.scheme else 0.0
+
+
+def make_memory(n: int, scheme: Any = None) -> PlanarMemory:
+    """Return the memory before the first step, for n links."""
+    one = np.zeros((4, 1))
+    q, u, tilt = np.zeros(n + 2), np.zeros((n, 3)), np.zeros((n, 4))
+    return PlanarMemory(one[0], q, u, tilt, one[1], one[2], one[3], scheme)
+
+
+def forget(memory: PlanarMemory) -> None:
+    """Erase what is kept of the last step, in place, but not what was slipped up to there."""
+    for name, array in named_arrays(memory, '').items():
+        if name not in ('.slip', '.way'):
+            array[:] = 0.0
 
 
 class PlanarModel(NamedTuple):
@@ -66,15 +107,10 @@ class PlanarWorkspace(NamedTuple):
     no_torque: Array  # (n-1,) zero
     chain: HingeChain  # in the plane
     upright: HingeChain  # out of it, with a spring at each contact
-    contact: Array  # (c,) indices of the closed contacts of c, first the 2n with the floor
-    table: Array  # (c, COLUMNS) see contacts and newton
+    closed: Array  # (c,) numbers of the closed contacts, first the 2n with the floor
+    contacts: Any  # (c,) records of all contacts, see table
     twist: Array  # (n, 3) the last twists in the plane
     standing: Array  # (4,) LEAST, ROLL, PART, ROLLS
-    q_hat: Array  # (n+2,), u_hat, u_star, u_start (n, 3), q_start (n+2,): see planar_bdf2
-    u_hat: Array
-    u_star: Array
-    q_start: Array
-    u_start: Array
 
 
 # Share of a contact's stiffness with which the pitch joints hold the robot while loads are found:
@@ -126,8 +162,8 @@ def make_planar_model(scene: Scene) -> PlanarModel:
 def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
     """Return the arrays of the compiled step for a scene."""
     n, count = scene.robot.link_count, contact_count(scene)
-    contact = np.zeros(count, np.int64)
-    contact[: 2 * n] = np.array([[i, n + i] for i in range(n)]).ravel()
+    closed = np.zeros(count, np.int64)
+    closed[: 2 * n] = np.array([[i, n + i] for i in range(n)]).ravel()
     return PlanarWorkspace(
         heading=np.zeros((n, 2)),
         center=np.zeros((n, 2)),
@@ -140,15 +176,10 @@ def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
         no_torque=np.zeros(n - 1),
         chain=make_chain(n),
         upright=make_chain(n),
-        contact=contact,
-        table=np.zeros((count, COLUMNS)),
+        closed=closed,
+        contacts=make_table(count),
         twist=np.zeros((n, 3)),
         standing=np.zeros(4),
-        q_hat=np.zeros(n + 2),
-        u_hat=np.zeros((n, 3)),
-        u_star=np.zeros((n, 3)),
-        q_start=np.zeros(n + 2),
-        u_start=np.zeros((n, 3)),
     )
 
 

@@ -24,6 +24,8 @@ That is what `rolls_too_far` watches: the slip of all steps against the way of t
 
 import math
 
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.joint_control import pd_law
@@ -36,6 +38,7 @@ from snake_sim_ros.stepping.planar.model import ROLL
 from snake_sim_ros.stepping.planar.model import ROLLS
 from snake_sim_ros.stepping.planar.pegs import peg_depth
 from snake_sim_ros.stepping.planar.pegs import touch_pegs
+from snake_sim_ros.stepping.planar.solver import solve_in_plane
 from snake_sim_ros.stepping.report import CONTACTS
 from snake_sim_ros.stepping.report import FAILED_LINK
 from snake_sim_ros.stepping.report import FAILED_VALUE
@@ -45,11 +48,6 @@ from snake_sim_ros.stepping.report import PENETRATION
 from snake_sim_ros.stepping.report import STEPS
 
 FADE = 3.0  # time in which slip and way are forgotten [s]
-
-# In history from PREVIOUS on, counted from its end: the roll after the last step, by which the
-# largest of a link is meant, with the sign of that of the middle link [rad]; the slip and the way
-# up to there [m]. The last two are kept while the robot is at the spatial level.
-LAST_ROLL, SLIP, WAY = -3, -4, -5
 
 
 @inlined
@@ -88,33 +86,31 @@ def is_planar(model, work, history, outcome, report):
     """
     work.standing[ROLLS] = 0.0
     if not (
-        (outcome[1] or model.patient)
+        (outcome.converged or model.patient)
         and work.standing[LEAST] > 0.0
         and abs(work.standing[ROLL]) <= model.most_lean
     ):
         report[LEFT] = 1.0
         return False
-    if model.held and rolls_too_far(model, work, history):
+    if model.held and rolls_too_far(model, work, history.memory):
         work.standing[ROLLS] = report[LEFT] = 1.0
         return False
     for i in range(len(work.twist)):
         turn = model.dt * abs(work.twist[i, 0])
         if not (turn < math.pi / 2 and math.isfinite(work.twist[i, 1] + work.twist[i, 2])):
             report[FAILED_LINK], report[FAILED_VALUE] = i + 1, turn
-            history[:] = 0.0
             return False
     return True
 
 
 @merged
-def rolls_too_far(model, work, history):
+def rolls_too_far(model, work, memory):
     """
-    Return whether contacts slip too far by rolling to leave that out; if not, note it in history.
+    Return whether contacts slip too far by rolling to leave that out; if not, note it in memory.
 
     What a roll of LEAN makes is always left out, as a gait begins with one and no way. Besides
     that as much is as a share of the way of the center of mass.
     """
-    memory = history[3:].reshape(history[3:].size)
     mass = p_x = p_y = 0.0
     for i in range(len(work.twist)):
         m, omega = model.mass[i], work.twist[i, 0]
@@ -123,12 +119,12 @@ def rolls_too_far(model, work, history):
         p_y += m * (work.twist[i, 2] + omega * work.center[i, 0])
     h = model.dt * work.standing[PART]
     left = 1.0 / (1.0 + h / FADE)
-    turn = abs(work.standing[ROLL] - memory[LAST_ROLL])
-    slip = left * memory[SLIP] + model.radius * turn
-    way = left * memory[WAY] + h * math.sqrt(p_x * p_x + p_y * p_y) / mass
+    turn = abs(work.standing[ROLL] - memory.roll[0])
+    slip = left * memory.slip[0] + model.radius * turn
+    way = left * memory.way[0] + h * math.sqrt(p_x * p_x + p_y * p_y) / mass
     if not slip <= model.radius * LEAN + model.most_slip * way:
         return True
-    memory[LAST_ROLL], memory[SLIP], memory[WAY] = work.standing[ROLL], slip, way
+    memory.roll[0], memory.slip[0], memory.way[0] = work.standing[ROLL], slip, way
     return False
 
 
@@ -152,13 +148,6 @@ def end_velocities(model, work, u):
 def end_step(model, work, q, u, history, count, outcome, report):
     """
     Move q (n+2,) and u (n, 3) to the end of the step, unless it is not planar or diverged.
-
-    Parameters
-    ----------
-    count : int
-        Closed contacts.
-    outcome : tuple
-        What a contact solver returns, see `moreau.end_step`.
 
     Returns
     -------
@@ -205,3 +194,19 @@ def held_point(model, q):
         held_x += model.share[i] * x
         held_y += model.share[i] * y
     return held_x, held_y
+
+
+@compiled
+def advance(solver, model, work, q, u, history, angle, rate, report, cycles):
+    """
+    Advance q, u and history in place by one step a reference; see `stepper.PlanarStepper`.
+
+    The type of `solver` chooses how the contacts are solved, see `solver.solve_in_plane`.
+    """
+    for k in range(len(angle)):
+        cycles[k] = cycle_counter()
+        count = begin_step(model, work, q, u, angle[k], rate[k])
+        outcome = solve_in_plane(solver, model, work, work.closed[:count], history)
+        if not end_step(model, work, q, u, history, count, outcome, report):
+            break
+    cycles[len(angle)] = cycle_counter()

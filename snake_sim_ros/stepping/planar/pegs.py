@@ -2,10 +2,6 @@
 
 import math
 
-from snake_sim_ros.contact.contacts import GAMMA
-from snake_sim_ros.contact.contacts import HEADING
-from snake_sim_ros.contact.contacts import LINK
-from snake_sim_ros.contact.contacts import POINT
 from snake_sim_ros.contact.detection import peg_contact
 from snake_sim_ros.dynamics.compilation import merged
 
@@ -13,7 +9,7 @@ from snake_sim_ros.dynamics.compilation import merged
 @merged
 def touch_pegs(model, work, q, u):
     """Fill the closed contacts with pegs at the middle of the step; return how many they are."""
-    n, count, table = len(u), 0, work.table
+    n, count, contacts = len(u), 0, work.contacts
     for k in range(len(model.pegs)):
         peg_x, peg_y, peg_radius = model.pegs[k, 0], model.pegs[k, 1], model.pegs[k, 2]
         x, y = q[0] + 0.5 * model.dt * u[0, 0], q[1] + 0.5 * model.dt * u[0, 1]
@@ -29,31 +25,31 @@ def touch_pegs(model, work, q, u):
             )
             if distance - peg_radius - model.radius <= model.activation_tolerance:
                 a = model.first_peg + k * n + i
-                work.contact[2 * n + count] = a
+                work.closed[2 * n + count] = a
                 count += 1
-                table[a, LINK] = i
-                table[a, HEADING], table[a, HEADING + 1] = -normal_y, normal_x
+                contacts.link[a] = i
+                contacts.heading[a, 0], contacts.heading[a, 1] = -normal_y, normal_x
                 point_x = arm * c - model.radius * normal_x
                 point_y = arm * s - model.radius * normal_y
-                table[a, POINT] = work.center[i, 0] + point_x
-                table[a, POINT + 1] = work.center[i, 1] + point_y
+                contacts.point[a, 0] = work.center[i, 0] + point_x
+                contacts.point[a, 1] = work.center[i, 1] + point_y
                 vx, vy = u[i, 0] - u[i, 2] * point_y, u[i, 1] + u[i, 2] * point_x
-                table[a, GAMMA] = normal_x * vx + normal_y * vy
-                table[a, GAMMA + 1] = normal_x * vy - normal_y * vx
+                contacts.gamma[a, 0] = normal_x * vx + normal_y * vy
+                contacts.gamma[a, 1] = normal_x * vy - normal_y * vx
     return count
 
 
 @merged
-def peg_velocities(contact, work):
+def peg_velocities(closed, work):
     """Fill the velocities of contacts with pegs that work.twist makes."""
-    for a in contact:
-        i = int(work.table[a, LINK])
-        t_x, t_y = work.table[a, HEADING], work.table[a, HEADING + 1]
+    for a in closed:
+        i = work.contacts.link[a]
+        t_x, t_y = work.contacts.heading[a, 0], work.contacts.heading[a, 1]
         w = work.twist[i, 0]
-        vx = work.twist[i, 1] - w * work.table[a, POINT + 1]
-        vy = work.twist[i, 2] + w * work.table[a, POINT]
-        work.table[a, GAMMA] = t_y * vx - t_x * vy
-        work.table[a, GAMMA + 1] = t_x * vx + t_y * vy
+        vx = work.twist[i, 1] - w * work.contacts.point[a, 1]
+        vy = work.twist[i, 2] + w * work.contacts.point[a, 0]
+        work.contacts.gamma[a, 0] = t_y * vx - t_x * vy
+        work.contacts.gamma[a, 1] = t_x * vx + t_y * vy
 
 
 @merged

@@ -12,23 +12,20 @@ import math
 import numpy as np
 from scipy.linalg import null_space
 
-from snake_sim_ros.contact.contacts import IMPULSE
 from snake_sim_ros.contact.projections import prox_ellipse
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.base import PREVIOUS
+from snake_sim_ros.stepping.base import History
 from snake_sim_ros.stepping.planar.model import LEAN
 from snake_sim_ros.stepping.planar.model import LEAST
+from snake_sim_ros.stepping.planar.model import PlanarMemory
 from snake_sim_ros.stepping.planar.model import PlanarModel
 from snake_sim_ros.stepping.planar.model import PlanarWorkspace
 from snake_sim_ros.stepping.planar.model import ROLL
 from snake_sim_ros.stepping.planar.model import ROLLS
 from snake_sim_ros.stepping.planar.moreau import FADE
-from snake_sim_ros.stepping.planar.moreau import LAST_ROLL
-from snake_sim_ros.stepping.planar.moreau import SLIP
-from snake_sim_ros.stepping.planar.moreau import WAY
 from snake_sim_ros.stepping.report import CONTACTS
 from snake_sim_ros.stepping.report import ITERATIONS
 from snake_sim_ros.stepping.report import ITERATIONS_MAX
@@ -133,14 +130,16 @@ def loads_from_friction(
     return P_N, held[:, 0] * parts[-1], largest
 
 
-def slips_too_far(model: PlanarModel, roll: float, u: Array, memory: Array) -> bool:
+def slips_too_far(model: PlanarModel, roll: float, u: Array, memory: PlanarMemory) -> bool:
     """Return whether rolling cannot be left out, as `moreau.rolls_too_far`; if not, note it."""
     left = 1.0 / (1.0 + model.dt / FADE)
-    way = left * memory[WAY] + model.dt * np.linalg.norm(model.mass @ u[:, :2]) / model.mass.sum()
-    slip = left * memory[SLIP] + model.radius * abs(roll - memory[LAST_ROLL])
+    way = (
+        left * memory.way[0] + model.dt * np.linalg.norm(model.mass @ u[:, :2]) / model.mass.sum()
+    )
+    slip = left * memory.slip[0] + model.radius * abs(roll - memory.roll[0])
     if slip > model.radius * LEAN + model.most_slip * way:
         return True
-    memory[[LAST_ROLL, SLIP, WAY]] = roll, slip, way
+    memory.roll[0], memory.slip[0], memory.way[0] = roll, slip, way
     return False
 
 
@@ -156,10 +155,10 @@ def make_loop(scene: Scene) -> Callable[..., None]:
         return np.array([prox_ellipse(*x, mu[0] * load, mu[1] * load) for x, load in pairs])
 
     def step(
-        model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array, history: Array,
+        model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array, history: History,
         angle: Array, rate: Array, report: Array,
     ) -> bool:  # fmt: skip
-        impulse = history[0]
+        impulse = history.impulse
         theta, half, offset = q[2:] + dt / 2 * u[:, 2], model.half_length, model.offset
         W_J, W_T, W_tau = directions(theta, half, offset)
         mass = np.column_stack([model.mass, model.mass, model.inertia]).ravel()
@@ -192,13 +191,12 @@ def make_loop(scene: Scene) -> Callable[..., None]:
             residual = np.linalg.norm(P_T - tangential, axis=1).max() / solver.r_sliding
             normal, tangential = P_N, P_T
             iterations += 1
-        work.table[:, IMPULSE] = normal
+        work.contacts.impulse[:, 0] = normal
         work.standing[:] = normal.min(), roll / dt, 1.0, 0.0
         if not (work.standing[LEAST] > 0.0 and abs(work.standing[ROLL]) <= model.most_lean):
             return False
         u_E = u_E.reshape(n, 3)
-        memory = history[PREVIOUS:].reshape(-1)
-        if model.held and slips_too_far(model, roll / dt, u_E, memory):
+        if model.held and slips_too_far(model, roll / dt, u_E, history.memory):
             work.standing[ROLLS] = 1.0
             return False
         impulse[:, 0], impulse[:, 1:3] = normal, tangential
@@ -214,7 +212,7 @@ def make_loop(scene: Scene) -> Callable[..., None]:
         return True
 
     def loop(
-        model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array, history: Array,
+        model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array, history: History,
         angle: Array, rate: Array, report: Array, cycles: Array,
     ) -> None:  # fmt: skip
         for step_angle, step_rate in zip(angle, rate, strict=True):

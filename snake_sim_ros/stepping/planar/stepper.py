@@ -2,36 +2,36 @@
 
 from collections.abc import Callable
 import math
+from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.contact.contacts import IMPULSE
 from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import check_arguments
-from snake_sim_ros.stepping.base import PREVIOUS
+from snake_sim_ros.stepping.base import copied
+from snake_sim_ros.stepping.base import empty_history
+from snake_sim_ros.stepping.base import History
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import SETTLING
 from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.planar.model import forget
 from snake_sim_ros.stepping.planar.model import LEAST
+from snake_sim_ros.stepping.planar.model import make_memory
 from snake_sim_ros.stepping.planar.model import make_planar_model
 from snake_sim_ros.stepping.planar.model import make_planar_workspace
+from snake_sim_ros.stepping.planar.model import PlanarMemory
 from snake_sim_ros.stepping.planar.model import ROLL
 from snake_sim_ros.stepping.planar.model import ROLLS
-from snake_sim_ros.stepping.planar.moreau import LAST_ROLL
-from snake_sim_ros.stepping.planar.moreau import SLIP
-from snake_sim_ros.stepping.planar.moreau import WAY
 from snake_sim_ros.stepping.report import LEFT
 from snake_sim_ros.stepping.report import report_from
 from snake_sim_ros.stepping.report import REPORT_SIZE
 
 ROUNDING = 1e-13  # Euler parameters nearer to FLAT than this are FLAT
-
-KNOWN = -2  # in history: whether it holds planar coordinates
 
 
 @compiled
@@ -73,18 +73,11 @@ def to_space(half_length, q, u, tilt, height, links, velocities):
 
 
 @compiled
-def recall(half_length, memory, links, velocities, q, u, tilt, made_links, made_velocities):
-    """Fill q, u and tilt from memory; return whether they make these links, to the bit."""
-    n = len(u)
-    for i in range(n + 2):
-        q[i] = memory[i]
-    for i in range(n):
-        for k in range(3):
-            u[i, k] = memory[n + 2 + 3 * i + k]
-        for k in range(4):
-            tilt[i, k] = memory[4 * n + 2 + 4 * i + k]
+def is_recalled(half_length, memory, links, velocities, made_links, made_velocities):
+    """Return whether the planar coordinates of a memory make these links, to the bit."""
+    q, u, tilt = memory.q, memory.u, memory.tilt
     to_space(half_length, q, u, tilt, links[:, 2], made_links, made_velocities)
-    for i in range(n):
+    for i in range(len(u)):
         for k in range(7):
             if made_links[i, k] != links[i, k]:
                 return False
@@ -92,18 +85,6 @@ def recall(half_length, memory, links, velocities, q, u, tilt, made_links, made_
             if made_velocities[i, k] != velocities[i, k]:
                 return False
     return True
-
-
-def forget(history: Array) -> None:
-    """
-    Erase what the steps before kept in history, in place.
-
-    What stays are impulses and velocities, and what is about the choice of a level.
-    """
-    memory, settling = history[PREVIOUS:].reshape(-1), history[SETTLING]
-    slip, way = memory[SLIP], memory[WAY]
-    memory[:] = 0.0
-    memory[SLIP], memory[WAY], history[SETTLING] = slip, way, settling
 
 
 class PlanarStepper:
@@ -114,9 +95,6 @@ class PlanarStepper:
     flat up to the tolerances of `levels`. Their velocity out of the plane goes into the contact
     impulses of the first step, as in any inelastic impact.
 
-    In history, from PREVIOUS on, are the coordinates of the last step, so that the Euler
-    parameters that are made of them need not be read back: steps in parts are the same to the bit.
-
     Parameters
     ----------
     scene : Scene
@@ -124,28 +102,33 @@ class PlanarStepper:
         Compiled ``advance(model, work, q, u, history, angle, rate, report, cycles)``: as in
         `spatial.SpatialStepper`, for planar coordinates q (n+2,) and velocities u (n, 3). It ends
         before the first step that is not planar, and says so in the report.
+    scheme : NamedTuple of arrays, optional
+        What the loop itself keeps in the memory of a history, as it is before the first step.
 
     """
 
     level = 'planar'
 
-    def __init__(self, scene: Scene, loop: Callable[..., None]) -> None:
+    def __init__(self, scene: Scene, loop: Callable[..., None], scheme: Any = None) -> None:
         self.model = make_planar_model(scene)
         self.work = make_planar_workspace(scene)
         self.loop = loop
         n = scene.robot.link_count
-        shapes = (n + 2, (n, 3), (n, 4), (n, 7), (n, 6))
-        self.recalled = tuple(np.empty(shape) for shape in shapes)  # see recall
+        self.empty = empty_history(contact_count(scene), make_memory(n, scheme))
+        self.made = np.empty((n, 7)), np.empty((n, 6))  # links and velocities, see is_recalled
         self.cycles = np.zeros(1, np.int64)
 
+    def empty_history(self) -> History:
+        """Return the history before the first step."""
+        return copied(self.empty)
+
     def advance(
-        self, state: State, history: Array, angle: Array, rate: Array
-    ) -> tuple[State, Array, Report]:
+        self, state: State, history: History, angle: Array, rate: Array
+    ) -> tuple[State, History, Report]:
         """Return state, history and report after as many steps as there are references."""
-        counts = len(self.model.mass), len(self.work.contact)
-        check_arguments(*counts, state, history, angle, rate)
-        history = history.copy()
-        q, u, tilt = self.coordinates(state, history)
+        check_arguments(len(self.model.mass), self.empty, state, history, angle, rate)
+        history = copied(history)
+        q, u, tilt = self.coordinates(state, history.memory)
         numbers, self.cycles = np.zeros(REPORT_SIZE), np.zeros(len(angle) + 1, np.int64)
         angle, rate = np.ascontiguousarray(angle), np.ascontiguousarray(rate)
         self.loop(self.model, self.work, q, u, history, angle, rate, numbers, self.cycles)
@@ -153,17 +136,19 @@ class PlanarStepper:
         report.level, report.planar_steps = self.level, report.steps
         if numbers[LEFT]:
             report.left = self.reason()
+        if report.failure:
+            history = self.empty_history()
         if report.steps == 0:
             return state, history, report
         end = State(np.empty_like(state.q), np.empty_like(state.u))
         to_space(self.model.half_length, q, u, tilt, state.q[:, 2], end.q, end.u)
-        self.remember(history, q, u, tilt)
+        self.remember(history.memory, q, u, tilt)
         return end, history, report
 
     def reason(self) -> str:
         """Return the sentence that says why the next step is not planar."""
         n = len(self.model.mass)
-        loads = self.work.table[: 2 * n, IMPULSE]
+        loads: Array = self.work.contacts.impulse[: 2 * n, 0]
         if (a := int(loads.argmin())) >= 0 and not loads[a] > 0.0:
             end = 'front' if a < n else 'rear'
             return f'the {end} sphere of link {a % n + 1} would lift off'
@@ -187,7 +172,7 @@ class PlanarStepper:
         least, roll = self.work.standing[[LEAST, ROLL]]
         return bool(not least > 0.0 or not abs(roll) <= self.model.most_lean)
 
-    def coordinates(self, state: State, history: Array) -> tuple[Array, Array, Array]:
+    def coordinates(self, state: State, memory: PlanarMemory) -> tuple[Array, Array, Array]:
         """
         Return planar coordinates (n+2,), velocities (n, 3) and tilts (n, 4) of a state.
 
@@ -196,10 +181,9 @@ class PlanarStepper:
         n = len(self.model.mass)
         q, u, tilt = np.empty(n + 2), np.empty((n, 3)), np.empty((n, 4))
         self.work.impact.fill(0.0)
-        if self.goes_on(state, history):
-            q, u, tilt, *_ = (part.copy() for part in self.recalled)
-            return q, u, tilt
-        forget(history)
+        if self.goes_on(state, memory):
+            return memory.q.copy(), memory.u.copy(), memory.tilt.copy()
+        forget(memory)
         R = rotation_matrices(state.q[:, 3:])
         theta = np.unwrap(np.arctan2(R[:, 1, 2], R[:, 0, 2]))  # joints bend by less than pi
         zero = np.zeros(n)
@@ -211,15 +195,13 @@ class PlanarStepper:
         q[:2], q[2:] = state.q[0, :2], theta
         self.take_up(state, R, spin)
         roll = np.arcsin(R[:, 2, 0])
-        largest = math.copysign(np.abs(roll).max(), roll[n // 2])
-        history[PREVIOUS:].reshape(-1)[LAST_ROLL] = largest
+        memory.roll[0] = math.copysign(np.abs(roll).max(), roll[n // 2])
         return q, u, tilt
 
-    def goes_on(self, state: State, history: Array) -> bool:
+    def goes_on(self, state: State, memory: PlanarMemory) -> bool:
         """Return whether the last step was planar and led to this state."""
-        memory, made = history[PREVIOUS:].reshape(-1), self.recalled
-        same = recall(self.model.half_length, memory, state.q, state.u, *made)
-        return bool(same and memory[KNOWN])
+        same = is_recalled(self.model.half_length, memory, state.q, state.u, *self.made)
+        return bool(same and memory.known[0])
 
     def take_up(self, state: State, R: Array, spin: Array) -> None:
         """Fill work.impact with the momentum of a state out of the plane."""
@@ -232,9 +214,7 @@ class PlanarStepper:
         self.work.impact[:, 1] = -center[:, 0] * lift + turning[:, 1]
         self.work.impact[:, 2] = lift
 
-    def remember(self, history: Array, q: Array, u: Array, tilt: Array) -> None:
-        """Fill history with the coordinates."""
-        memory = history[PREVIOUS:].reshape(-1)
-        kept = np.concatenate([q, u.ravel(), tilt.ravel()])
-        memory[: len(kept)] = kept
-        memory[KNOWN] = 1.0
+    def remember(self, memory: PlanarMemory, q: Array, u: Array, tilt: Array) -> None:
+        """Fill the memory with the coordinates."""
+        memory.q[:], memory.u[:], memory.tilt[:] = q, u, tilt
+        memory.known[0] = 1.0

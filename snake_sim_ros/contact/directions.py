@@ -1,0 +1,97 @@
+"""
+Compiled generalized force directions of the contacts: velocities and wrenches, eqs. (17)-(37).
+
+Where there is more than a flat floor, contacts have frames in an array of their own, and rolling
+is along the axes of the frame; see `obstacles`. Without it the array is None.
+"""
+
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.compilation import inlined
+
+
+@compiled
+def add_contact_wrench(closed, contacts, frame, wrench):
+    """Add the impulse wrench S of the contacts to that of every link, eq. (76)."""
+    if frame is not None:
+        add_wrench_in_frames(closed, contacts, frame, wrench)
+        return
+    n = len(wrench)
+    for a in closed:
+        i = a if a < n else a - n
+        cx, cy = contacts.heading[a, 0], contacts.heading[a, 1]
+        x, y, z = contacts.point[a, 0], contacts.point[a, 1], contacts.point[a, 2]
+        px = cx * contacts.impulse[a, 1] - cy * contacts.impulse[a, 2]
+        py = cy * contacts.impulse[a, 1] + cx * contacts.impulse[a, 2]
+        pz = contacts.impulse[a, 0]
+        wrench[i, 0] += y * pz - z * py + contacts.radius[a] * contacts.impulse[a, 4]
+        wrench[i, 1] += z * px - x * pz - contacts.radius[a] * contacts.impulse[a, 3]
+        wrench[i, 2] += x * py - y * px
+        wrench[i, 3] += px
+        wrench[i, 4] += py
+        wrench[i, 5] += pz
+
+
+@compiled
+def contact_velocities(closed, contacts, frame, twist):
+    """Fill the relative velocities of the closed contacts, eqs. (90)-(92)."""
+    if frame is not None:
+        velocities_in_frames(closed, contacts, frame, twist)
+        return
+    n = len(twist)
+    for a in closed:
+        i = a if a < n else a - n
+        cx, cy = contacts.heading[a, 0], contacts.heading[a, 1]
+        x, y, z = contacts.point[a, 0], contacts.point[a, 1], contacts.point[a, 2]
+        wx, wy, wz = twist[i, 0], twist[i, 1], twist[i, 2]
+        vx = twist[i, 3] + wy * z - wz * y
+        vy = twist[i, 4] + wz * x - wx * z
+        contacts.gamma[a, 0] = twist[i, 5] + wx * y - wy * x + contacts.shift[a]
+        contacts.gamma[a, 1] = cx * vx + cy * vy
+        contacts.gamma[a, 2] = cx * vy - cy * vx
+        contacts.gamma[a, 3] = -contacts.radius[a] * wy
+        contacts.gamma[a, 4] = contacts.radius[a] * wx
+
+
+@inlined
+def direction(contacts, frame, a, k):
+    """Return the wrench of a unit impulse along axis k of the frame of contact a."""
+    x, y, z = contacts.point[a, 0], contacts.point[a, 1], contacts.point[a, 2]
+    ex, ey, ez = frame[a, k, 0], frame[a, k, 1], frame[a, k, 2]
+    return y * ez - z * ey, z * ex - x * ez, x * ey - y * ex, ex, ey, ez
+
+
+@compiled
+def add_wrench_in_frames(closed, contacts, frame, wrench):
+    """Do what `add_contact_wrench` does, for contacts with frames."""
+    for a in closed:
+        i, other = contacts.link[a], contacts.other[a]
+        for k in range(3):
+            w = direction(contacts, frame, a, k)
+            for j in range(6):
+                wrench[i, j] += contacts.impulse[a, k] * w[j]
+                if other >= 0:
+                    wrench[other, j] -= contacts.impulse[a, k] * w[j]
+        for k in range(3):
+            roll = (
+                contacts.impulse[a, 4] * frame[a, 1, k] - contacts.impulse[a, 3] * frame[a, 2, k]
+            )
+            wrench[i, k] += contacts.radius[a] * roll
+
+
+@compiled
+def velocities_in_frames(closed, contacts, frame, twist):
+    """Do what `contact_velocities` does, for contacts with frames."""
+    for a in closed:
+        i, other = contacts.link[a], contacts.other[a]
+        for k in range(3):
+            w = direction(contacts, frame, a, k)
+            gamma = contacts.shift[a] if k == 0 else 0.0
+            for j in range(6):
+                gamma += w[j] * (twist[i, j] - (twist[other, j] if other >= 0 else 0.0))
+            contacts.gamma[a, k] = gamma
+        along = across = 0.0
+        for k in range(3):
+            along += frame[a, 1, k] * twist[i, k]
+            across += frame[a, 2, k] * twist[i, k]
+        contacts.gamma[a, 3] = -contacts.radius[a] * across
+        contacts.gamma[a, 4] = contacts.radius[a] * along

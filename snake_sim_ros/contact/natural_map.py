@@ -1,0 +1,117 @@
+"""The judge of all contact solvers: the natural-map residual of the contact laws."""
+
+import math
+
+from snake_sim_ros.contact.laws import rolling_disc
+from snake_sim_ros.contact.laws import sliding_disc
+from snake_sim_ros.contact.projections import prox_ellipse
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.compilation import inlined
+
+
+@compiled
+def natural_map(laws, closed, contacts, enough):
+    """
+    Return how far closed contacts are from their laws: ``max |P - prox_C(P - r gamma)|/r`` [m/s].
+
+    This is the one judge of all solvers. The sets of sliding and rolling are those of the normal
+    impulse given. Where an upper bound for orthotropic sliding is not above `enough`, it stands
+    for the value: the projection on an ellipse is not cheap.
+
+    Returns
+    -------
+    residual : float
+        Of the laws with the selection rule: ``gamma_N + compliance (P_N - CENTER)`` for gamma_N.
+    printed_residual : float
+        Of the laws of the paper, without the rule.
+
+    """
+    if enough > 0.0 and laws.rolling.mu_x <= 0.0:
+        residual, printed = sliding_bound(laws, laws.other, closed, contacts)
+        if residual <= enough:
+            return residual, printed
+    selected = printed = tangential = 0.0
+    for a in closed:
+        P_N = contacts.impulse[a, 0]
+        x = P_N - laws.r_N * contacts.gamma[a, 0]
+        rule = laws.compliance * (P_N - contacts.center[a])
+        selected = max(selected, abs(P_N - max(0.0, x - laws.r_N * rule)))
+        printed = max(printed, abs(P_N - max(0.0, x)))
+        slide = disc_misfit(
+            contacts.impulse[a, 1], contacts.impulse[a, 2], contacts.gamma[a, 1],
+            contacts.gamma[a, 2], sliding_disc(laws, laws.other, a), P_N, laws.r_T, enough,
+        )  # fmt: skip
+        tangential = max(tangential, slide)
+        if laws.rolling.mu_x > 0.0:
+            roll = disc_misfit(
+                contacts.impulse[a, 3], contacts.impulse[a, 4], contacts.gamma[a, 3],
+                contacts.gamma[a, 4], rolling_disc(laws, laws.other, a), P_N, laws.r_V, enough,
+            )  # fmt: skip
+            tangential = max(tangential, roll)
+    return max(selected / laws.r_N, tangential), max(printed / laws.r_N, tangential)
+
+
+@inlined
+def sliding_bound(laws, other, closed, contacts):
+    """
+    Return upper bounds of what `natural_map` does, at one root a contact, or infinity.
+
+    They are for one kind of friction; `other` is that of the laws.
+    """
+    if other is not None:
+        return math.inf, math.inf
+    mu_x, mu_y = laws.sliding.mu_x, laws.sliding.mu_y
+    over_x, over_y, r = laws.sliding.over_x, laws.sliding.over_y, laws.r_T
+    lowest, highest = min(mu_x, mu_y), max(over_x, over_y)
+    if lowest <= 0.0:
+        return math.inf, math.inf
+    weight = r * highest * highest
+    selected = printed = slip = stick = 0.0
+    for a in closed:
+        P_N, P_x, P_y = contacts.impulse[a, 0], contacts.impulse[a, 1], contacts.impulse[a, 2]
+        gamma_x, gamma_y = contacts.gamma[a, 1], contacts.gamma[a, 2]
+        x = P_N - laws.r_N * contacts.gamma[a, 0]
+        rule = laws.compliance * (P_N - contacts.center[a])
+        selected = max(selected, abs(P_N - max(0.0, x - laws.r_N * rule)))
+        printed = max(printed, abs(P_N - max(0.0, x)))
+        x, y = over_x * (P_x - r * gamma_x), over_y * (P_y - r * gamma_y)
+        if x * x + y * y <= P_N * P_N:
+            stick = max(stick, gamma_x * gamma_x + gamma_y * gamma_y)
+        else:  # as in disc_misfit, whose second part is shorter than the first
+            e_x = P_x * over_x - weight * mu_x * gamma_x
+            e_y = P_y * over_y - weight * mu_y * gamma_y
+            shrink = min(1.0, max(0.0, P_N) / math.sqrt(e_x * e_x + e_y * e_y))
+            d_x, d_y = P_x - mu_x * shrink * e_x, P_y - mu_y * shrink * e_y
+            slip = max(slip, d_x * d_x + d_y * d_y)
+    share = 2.0 - (lowest * min(over_x, over_y)) ** 2
+    tangential = max(math.sqrt(stick), share * math.sqrt(slip) / r)
+    return max(selected / laws.r_N, tangential), max(printed / laws.r_N, tangential)
+
+
+@inlined
+def disc_misfit(P_x, P_y, gamma_x, gamma_y, disc, bound, r, enough):
+    """
+    Return ``|P - prox(P - r gamma)|/r`` for half axes (mu_x, mu_y) bound, or an upper bound of it.
+
+    Let e be the point of the ellipse S disc, S = diag(mu_x, mu_y), that the disc projection of
+    ``S^-1 P - r/mu_min^2 S gamma`` gives. Then P - r gamma lies ``(1 - mu_min^2 S^-2)(P - e)``
+    beside the normal of the ellipse in e, and because projections do not expand, the residual is
+    at most that and |P - e| together. For a disc this is |P - e|, the value itself.
+    """
+    x, y = P_x - r * gamma_x, P_y - r * gamma_y
+    mu_x, mu_y, over_x, over_y = disc.mu_x, disc.mu_y, disc.over_x, disc.over_y
+    lowest, highest = min(mu_x, mu_y), max(over_x, over_y)
+    if lowest > 0.0 and bound > 0.0:
+        if (x * over_x) ** 2 + (y * over_y) ** 2 <= bound * bound:
+            return math.sqrt(gamma_x * gamma_x + gamma_y * gamma_y)
+        weight = r * highest * highest
+        e_x = P_x * over_x - weight * mu_x * gamma_x
+        e_y = P_y * over_y - weight * mu_y * gamma_y
+        shrink = min(1.0, bound / math.sqrt(e_x * e_x + e_y * e_y))
+        d_x, d_y = P_x - mu_x * shrink * e_x, P_y - mu_y * shrink * e_y
+        b_x, b_y = (1.0 - (lowest * over_x) ** 2) * d_x, (1.0 - (lowest * over_y) ** 2) * d_y
+        misfit = (math.sqrt(d_x * d_x + d_y * d_y) + math.sqrt(b_x * b_x + b_y * b_y)) / r
+        if misfit <= enough:
+            return misfit
+    e_x, e_y = prox_ellipse(x, y, mu_x * bound, mu_y * bound)
+    return math.sqrt((P_x - e_x) ** 2 + (P_y - e_y) ** 2) / r

@@ -1,0 +1,156 @@
+"""The table of time stepping methods. A new method is a line here, and a file."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from snake_sim_ros.contact.delassus import Delassus
+from snake_sim_ros.contact.delassus import make_delassus
+from snake_sim_ros.contact.gauss_seidel import GaussSeidel
+from snake_sim_ros.contact.newton import Newton
+from snake_sim_ros.contact.prox_iteration import CONDENSED
+from snake_sim_ros.contact.prox_iteration import ProxIteration
+from snake_sim_ros.scene.obstacles import contact_count
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.stepping import bdf2
+from snake_sim_ros.stepping import levels
+from snake_sim_ros.stepping import moreau
+from snake_sim_ros.stepping.base import History
+from snake_sim_ros.stepping.base import Method
+from snake_sim_ros.stepping.base import Stepper
+from snake_sim_ros.stepping.planar import bdf2 as planar_bdf2
+from snake_sim_ros.stepping.planar import moreau as planar_moreau
+from snake_sim_ros.stepping.planar.gauss_seidel import PlanarGaussSeidel
+from snake_sim_ros.stepping.planar.newton import PlanarNewton
+from snake_sim_ros.stepping.planar.prox_iteration import PlanarProxIteration
+from snake_sim_ros.stepping.planar.reference import make_loop
+from snake_sim_ros.stepping.planar.stepper import PlanarStepper
+from snake_sim_ros.stepping.reference import ReferenceStepper
+from snake_sim_ros.stepping.spatial import SpatialStepper
+
+Make = Callable[[Scene], Any]  # a contact solver for a scene
+
+
+def _spatial(solver: Make) -> Callable[[Scene], SpatialStepper]:
+    """Return how the paper's step is made with a contact solver."""
+    return lambda scene: SpatialStepper(scene, partial(moreau.advance, solver(scene)))
+
+
+def _planar(solver: Make) -> Callable[[Scene], PlanarStepper]:
+    """Return how the paper's step in the plane is made with a contact solver."""
+    return lambda scene: PlanarStepper(scene, partial(planar_moreau.advance, solver(scene)))
+
+
+def _delassus(scene: Scene) -> Delassus:
+    """Return the arrays of the Delassus operator of all contacts of a scene."""
+    return make_delassus(5 * contact_count(scene))
+
+
+def _spatial_bdf2(scene: Scene) -> SpatialStepper:
+    n = scene.robot.link_count
+    return SpatialStepper(scene, partial(bdf2.advance, bdf2.make_arrays(n)), bdf2.make_memory(n))
+
+
+def _planar_bdf2(scene: Scene) -> PlanarStepper:
+    n = scene.robot.link_count
+    loop = partial(planar_bdf2.advance, planar_bdf2.make_arrays(n))
+    return PlanarStepper(scene, loop, planar_bdf2.make_memory(n))
+
+
+METHODS: dict[str, Method] = {
+    # Semismooth Newton iteration through the chain of links.
+    'newton': Method(
+        spatial=_spatial(lambda scene: Newton(None)),
+        planar=_planar(lambda scene: PlanarNewton(None)),
+        where_impulses_acted=moreau.where_impulses_acted,
+        planar_pegs=True,
+    ),
+    # The same solver in a step of second order, for large steps.
+    'bdf2': Method(
+        spatial=_spatial_bdf2,
+        planar=_planar_bdf2,
+        where_impulses_acted=bdf2.where_impulses_acted,
+        what_is_not_possible=bdf2.what_is_not_possible,
+        is_faster_in_space=bdf2.is_faster_in_space,
+        energy_balance=False,
+    ),
+    # The same solver on the Delassus operator.
+    'newton_dense': Method(
+        spatial=_spatial(lambda scene: Newton(_delassus(scene))),
+        planar=_planar(lambda scene: PlanarNewton(_delassus(scene))),
+        where_impulses_acted=moreau.where_impulses_acted,
+    ),
+    # Projections, one contact after the other.
+    'gauss_seidel': Method(
+        spatial=_spatial(lambda scene: GaussSeidel(_delassus(scene))),
+        planar=_planar(lambda scene: PlanarGaussSeidel(_delassus(scene))),
+        where_impulses_acted=moreau.where_impulses_acted,
+    ),
+    # The paper's iteration: projections of all contacts at once.
+    'paper': Method(
+        spatial=_spatial(lambda scene: ProxIteration(make_delassus(CONDENSED))),
+        planar=_planar(lambda scene: PlanarProxIteration()),
+        where_impulses_acted=moreau.where_impulses_acted,
+    ),
+    # The same in dense NumPy, to read beside the paper.
+    'reference': Method(
+        spatial=ReferenceStepper,
+        planar=lambda scene: PlanarStepper(scene, make_loop(scene)),
+        where_impulses_acted=moreau.where_impulses_acted,
+        compiled=False,
+    ),
+}
+
+AUTO = 'auto'  # in place of a method: the one that docs/speed_accuracy.md finds best for the step
+LARGE_STEP = 1e-3  # s; above it, a method of second order
+
+
+def method_of(scene: Scene) -> str:
+    """
+    Return the method that a scene gets: the one that it names, or the choice of `auto`.
+
+    The choice can do what the scene asks for: `bdf2` has no explicit joint control.
+
+    Raises
+    ------
+    ParameterError
+        If the scene names no method of METHODS.
+
+    """
+    if scene.method == AUTO:
+        large = scene.dt > LARGE_STEP and not METHODS['bdf2'].what_is_not_possible(scene)
+        return 'bdf2' if large else 'newton'
+    if scene.method not in METHODS:
+        names = ', '.join(sorted([AUTO, *METHODS]))
+        raise ParameterError(f'unknown method {scene.method!r}; choose from: {names}')
+    return scene.method
+
+
+def what_is_not_planar(scene: Scene) -> str:
+    """Return what of a scene has no place in the plane, as a clause; empty if nothing."""
+    return levels.what_is_not_planar(scene, method_of(scene), METHODS[method_of(scene)])
+
+
+def make_stepper(scene: Scene) -> Stepper:
+    """
+    Return the stepper of a scene, at the level that it asks for.
+
+    Raises
+    ------
+    ParameterError
+        If the scene names no method, see `method_of`, or one that cannot do what it asks for, or
+        if it asks for the planar level and is not planar.
+
+    """
+    name = method_of(scene)
+    method = METHODS[name]
+    if reason := method.what_is_not_possible(scene):
+        raise ParameterError(reason)
+    return levels.stepper_of_level(replace(scene, method=name), method)
+
+
+def empty_history(scene: Scene) -> History:
+    """Return the history with which a scene begins; see `base.Stepper`."""
+    return make_stepper(scene).empty_history()

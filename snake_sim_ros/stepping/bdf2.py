@@ -326,13 +326,13 @@ def solve(model, own, work, problem, h, h_q, history, report):
 
 
 @inlined
-def end_references(dt, part, angle, rate, memory, own):
+def end_references(dt, part, known, angle, rate, memory, own):
     """
     Fill the references at the end of part `part` of PARTS, from those of the middle of the step.
 
     They go on with the acceleration that they had since the step before, if that is known.
     """
-    late, known = dt * (part / PARTS - 0.5), memory.span[0] > 0.0
+    late = dt * (part / PARTS - 0.5)
     for j in range(len(angle)):
         for axis in range(2):
             acceleration = (rate[j, axis] - memory.rate[j, axis]) / dt if known else 0.0
@@ -389,12 +389,12 @@ def one_part(own, model, work, dt, q, u, history, report):
 def step(own, model, work, q, u, history, angle, rate, report):
     """Advance q, u and history by one step; return whether to go on."""
     memory = history.memory
-    smooth = memory.phase[0] == SMOOTH
+    known, smooth = memory.span[0] > 0.0, memory.phase[0] == SMOOTH
     parts, event = 1 if smooth else PARTS, memory.phase[0] == UNKNOWN
     unconverged, fallbacks = report[UNCONVERGED], report[FALLBACKS]
     keep(q, u, own.q_start, own.u_start)
     for part in range(PARTS - parts, PARTS):
-        end_references(model.dt, part + 1, angle, rate, memory, own)
+        end_references(model.dt, part + 1, known, angle, rate, memory, own)
         outcome = one_part(own, model, work, model.dt / parts, q, u, history, report)
         if outcome < 0:
             keep(own.q_start, own.u_start, q, u)

@@ -116,7 +116,6 @@ class GaussSeidel(NamedTuple):
 
 
 @solve.register(GaussSeidel)
-@inlined
 def solve_with_sweeps(solver, model, problem, history):
     """Solve the contacts of a step; see `solver.solve`."""
     return iterate(

@@ -313,16 +313,17 @@ def predict(laws, closed, contacts, history):
 
     A new contact starts with GAMMA, its velocities before the contacts act, and without impulse.
     """
+    last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:
         for j in range(5):
-            contacts.anchor[a, j] = contacts.iterate[a, j] = history.impulse[a, j]
+            contacts.anchor[a, j] = contacts.iterate[a, j] = last[a, j]
             contacts.trial[a, j] = contacts.gamma[a, j]
         P_N = 0.0
-        if history.impulse[a, 0] > 0.0:
-            P_N = history.impulse[a, 0] + history.change[a, 0]
+        if last[a, 0] > 0.0:
+            P_N = last[a, 0] + change[a, 0]
             for k in range(1, 4, 2):
-                x, y = history.velocity[a, k], history.velocity[a, k + 1]
-                next_x, next_y = x + history.change[a, k], y + history.change[a, k + 1]
+                x, y = velocity[a, k], velocity[a, k + 1]
+                next_x, next_y = x + change[a, k], y + change[a, k + 1]
                 ahead = x * next_x + y * next_y > 0.0
                 contacts.trial[a, k] = next_x if ahead else x
                 contacts.trial[a, k + 1] = next_y if ahead else y
@@ -332,21 +333,22 @@ def predict(laws, closed, contacts, history):
 @merged
 def remember(closed, contacts, history):
     """Fill history with the impulses, velocities and changes of the closed contacts, 0 if open."""
+    last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:
         contacts.noted[a] = 1
         now = contacts.impulse[a, 0] > 0.0
-        before = now and history.impulse[a, 0] > 0.0
-        history.change[a, 0] = contacts.impulse[a, 0] - history.impulse[a, 0] if before else 0.0
+        before = now and last[a, 0] > 0.0
+        change[a, 0] = contacts.impulse[a, 0] - last[a, 0] if before else 0.0
         for j in range(1, 5):
-            change = contacts.gamma[a, j] - history.velocity[a, j]
-            history.change[a, j] = change if before else 0.0
+            difference = contacts.gamma[a, j] - velocity[a, j]
+            change[a, j] = difference if before else 0.0
         for j in range(5):
-            history.impulse[a, j] = contacts.impulse[a, j] if now else 0.0
-            history.velocity[a, j] = contacts.gamma[a, j] if now else 0.0
+            last[a, j] = contacts.impulse[a, j] if now else 0.0
+            velocity[a, j] = contacts.gamma[a, j] if now else 0.0
     for a in range(len(contacts)):
-        if contacts.noted[a] == 0 and history.impulse[a, 0] > 0.0:
+        if contacts.noted[a] == 0 and last[a, 0] > 0.0:
             for j in range(5):
-                history.impulse[a, j] = history.velocity[a, j] = history.change[a, j] = 0.0
+                last[a, j] = velocity[a, j] = change[a, j] = 0.0
         contacts.noted[a] = 0
 
 
@@ -377,7 +379,6 @@ class Newton(NamedTuple):
 
 
 @solve.register(Newton)
-@inlined
 def solve_with_newton(solver, model, problem, history):
     """Solve the contacts of a step; see `solver.solve`."""
     return solve_contacts(model, problem, solver.delassus, history)

@@ -18,7 +18,6 @@ from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.dynamics.articulated_body import factor_chain
 from snake_sim_ros.dynamics.articulated_body import unload_chain
 from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 
 # Most impulse components of a contact problem that is condensed: for larger ones it does not pay.
@@ -109,7 +108,6 @@ class ProxIteration(NamedTuple):
 
 
 @solve.register(ProxIteration)
-@inlined
 def solve_with_projections(solver, model, problem, history):
     """Solve the contacts of a step; see `solver.solve`."""
     return iterate(

@@ -95,13 +95,15 @@ def merged(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def dispatched(function: Callable[..., Any]) -> Any:
     """
-    Return a function like `functools.singledispatch` does, for compiled functions.
+    Return what `functools.singledispatch` returns, for calls from compiled functions, too.
 
-    The type of the first argument chooses the implementation.
+    The type of the first argument, a class of NamedTuple, chooses the implementation, a function
+    that ``register(cls)`` was given as it is; it becomes part of its callers, like `merged` ones.
 
-    This is how one loop over steps serves all contact solvers: the cache on disk takes no function
-    that gets another function as an argument or from a closure, but it does take types. An
-    implementation is registered for a class of NamedTuple with ``function.register(cls)``.
+    This is how one loop over steps serves all methods. The cache on disk has no place for compiled
+    functions that are arguments of others or come from a closure: they are other ones in each
+    process. It does tell types apart. Where loops take turns by other means than a type, as the
+    steps of one and of two stages do, each is a function of its own at the top of a module.
     """
     chosen: dict[type, Callable[..., Any]] = {}
 
@@ -109,24 +111,17 @@ def dispatched(function: Callable[..., Any]) -> Any:
     def choose(first: Any, *others: Any) -> Any:
         return chosen[type(first)](first, *others)
 
-    def compile_choice(first: Any, *others: Any) -> Callable[..., Any] | None:
-        implementation = chosen.get(getattr(first, 'instance_class', type(None)))
-        if implementation is None:
-            return None
-
-        def call(first: Any, *others: Any) -> Any:
-            return implementation(first, *others)
-
-        return call
+    def implementation(first: Any, *others: Any) -> Callable[..., Any] | None:
+        return chosen.get(getattr(first, 'instance_class', type(None)))
 
     def register(cls: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-        def add(implementation: Callable[..., Any]) -> Callable[..., Any]:
-            chosen[cls] = implementation
-            return implementation
+        def add(function: Callable[..., Any]) -> Callable[..., Any]:
+            chosen[cls] = function
+            return function
 
         return add
 
-    overload(choose, jit_options={**OPTIONS, 'forceinline': True})(compile_choice)
+    overload(choose, jit_options=OPTIONS, inline='always', strict=False)(implementation)
     choose.register = register  # type: ignore[attr-defined]
     return choose
 

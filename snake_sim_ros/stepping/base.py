@@ -17,6 +17,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.scene.obstacles import same_contacts
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
@@ -50,6 +51,16 @@ class History(NamedTuple):
     change: Array
     settling: Array
     memory: Any = None
+
+
+@merged
+def without_memory(history):
+    """
+    Return the same history without the memory of the method: what the solvers of contacts take.
+
+    Compiled. They are compiled once for all methods then.
+    """
+    return History(history.impulse, history.velocity, history.change, history.settling, None)
 
 
 def empty_history(contacts: int, memory: Any = None) -> History:

@@ -64,6 +64,7 @@ from snake_sim_ros.dynamics.kinematics import twists
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.base import without_memory
 from snake_sim_ros.stepping.moreau import finish
 from snake_sim_ros.stepping.moreau import turns_are_small
 from snake_sim_ros.stepping.report import CONTACTS
@@ -362,8 +363,9 @@ def one_part(own, model, work, dt, q, u, history, report):
             history.impulse[a, j] *= scale
         history.change[a, 0] *= scale
 
-    problem = begin(model, own, work, h, h_q, dt - h_q, history)
-    small, found = solve(model, own, work, problem, h, h_q, history, report)
+    contact_history = without_memory(history)
+    problem = begin(model, own, work, h, h_q, dt - h_q, contact_history)
+    small, found = solve(model, own, work, problem, h, h_q, contact_history, report)
     if not small:
         return -1
     report[CONTACTS] = found.closed
@@ -408,7 +410,7 @@ def step(own, model, work, q, u, history, angle, rate, report):
     memory.phase[0] = ANEW if event else SMOOTH
     report[UNCONVERGED] = min(report[UNCONVERGED], unconverged + 1)  # steps, not parts of them
     report[FALLBACKS] = min(report[FALLBACKS], fallbacks + 1)
-    return finish(model, work.chain.twist, q, u, history, report)
+    return finish(model, work.chain.twist, q, u, without_memory(history), report)
 
 
 @inlined

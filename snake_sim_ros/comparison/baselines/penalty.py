@@ -19,7 +19,6 @@ from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.dynamics.articulated_body import factor_chain
 from snake_sim_ros.dynamics.articulated_body import unload_chain
 from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 
 BOUND = 1e9  # m/s: a bound of the residual stands for it, which is not what the step stops by
@@ -81,7 +80,6 @@ def make_impulses(dt, closed, contacts, impulse):
 
 
 @solve.register(PenaltyLaw)
-@inlined
 def solve_with_springs(law, model, problem, history):
     """
     Fill contact impulses and the velocities that they lead to; see `solver.solve`.

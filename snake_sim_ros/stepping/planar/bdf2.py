@@ -16,6 +16,7 @@ from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.joint_control import implicit_pd_law
 from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.stepping.base import without_memory
 from snake_sim_ros.stepping.bdf2 import AGREE
 from snake_sim_ros.stepping.bdf2 import ANEW
 from snake_sim_ros.stepping.bdf2 import PARTS
@@ -164,7 +165,7 @@ def one_part(own, model, work, dt, late, known, q, u, history, angle, rate, repo
         history.change[a, 0] *= scale
         history.change[a, BEND] *= scale
     begin(model, own, work, h, h_q, late, known, angle, rate, memory)
-    outcome = solve_contacts(model, work, work.closed, None, history)
+    outcome = solve_contacts(model, work, work.closed, None, without_memory(history))
     memory.span[0] = h
     if not is_planar(model, work, history, outcome, report):
         return False

@@ -29,6 +29,7 @@ from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.joint_control import pd_law
+from snake_sim_ros.stepping.base import without_memory
 from snake_sim_ros.stepping.planar.equilibrium import fill_momentum
 from snake_sim_ros.stepping.planar.equilibrium import place_links
 from snake_sim_ros.stepping.planar.model import LEAN
@@ -206,7 +207,7 @@ def advance(solver, model, work, q, u, history, angle, rate, report, cycles):
     for k in range(len(angle)):
         cycles[k] = cycle_counter()
         count = begin_step(model, work, q, u, angle[k], rate[k])
-        outcome = solve_in_plane(solver, model, work, work.closed[:count], history)
+        outcome = solve_in_plane(solver, model, work, work.closed[:count], without_memory(history))
         if not end_step(model, work, q, u, history, count, outcome, report):
             break
     cycles[len(angle)] = cycle_counter()

@@ -52,13 +52,14 @@ STUCK = 0.1  # share of the tolerance at which a contact is still while radii ar
 @inlined
 def predict(closed, contacts, history):
     """Fill radii, TRIAL and ANCHOR from the last step: what changed goes on to change."""
+    last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:
-        P_N = history.impulse[a, 0]
-        contacts.disc[a] = max(0.0, P_N + history.change[a, 0] + history.change[a, BEND])
+        P_N = last[a, 0]
+        contacts.disc[a] = max(0.0, P_N + change[a, 0] + change[a, BEND])
         for k in range(3):
-            contacts.anchor[a, k] = history.impulse[a, k]
-        x, y = history.velocity[a, 1], history.velocity[a, 2]
-        next_x, next_y = x + history.change[a, 1], y + history.change[a, 2]
+            contacts.anchor[a, k] = last[a, k]
+        x, y = velocity[a, 1], velocity[a, 2]
+        next_x, next_y = x + change[a, 1], y + change[a, 2]
         ahead = x * next_x + y * next_y > 0.0
         x, y = (next_x, next_y) if ahead else (x, y)
         known = P_N > 0.0
@@ -70,23 +71,24 @@ def predict(closed, contacts, history):
 @merged
 def remember(closed, contacts, history):
     """Fill history with impulses, velocities and their changes, 0 if open."""
+    last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:
         contacts.noted[a] = 1
         P_N = contacts.impulse[a, 0]
-        before = history.impulse[a, 0] > 0.0
-        change = P_N - history.impulse[a, 0] if before else 0.0
-        history.change[a, BEND] = change - history.change[a, 0] if before else 0.0
-        history.change[a, 0] = change
-        history.impulse[a, 0] = P_N
+        before = last[a, 0] > 0.0
+        difference = P_N - last[a, 0] if before else 0.0
+        change[a, BEND] = difference - change[a, 0] if before else 0.0
+        change[a, 0] = difference
+        last[a, 0] = P_N
         for k in range(1, 3):
             gamma = contacts.gamma[a, k]
-            history.change[a, k] = gamma - history.velocity[a, k] if before else 0.0
-            history.velocity[a, k] = gamma
-            history.impulse[a, k] = contacts.impulse[a, k]
+            change[a, k] = gamma - velocity[a, k] if before else 0.0
+            velocity[a, k] = gamma
+            last[a, k] = contacts.impulse[a, k]
     for a in range(len(contacts) if len(contacts) > len(closed) else 0):
-        if contacts.noted[a] == 0 and history.impulse[a, 0] > 0.0:
+        if contacts.noted[a] == 0 and last[a, 0] > 0.0:
             for j in range(5):
-                history.impulse[a, j] = history.velocity[a, j] = history.change[a, j] = 0.0
+                last[a, j] = velocity[a, j] = change[a, j] = 0.0
         contacts.noted[a] = 0
 
 
@@ -343,7 +345,6 @@ class PlanarNewton(NamedTuple):
 
 
 @solve_in_plane.register(PlanarNewton)
-@inlined
 def solve_with_newton(solver, model, work, closed, history):
     """Solve the contacts of a step; see `solver.solve_in_plane`."""
     return solve_contacts(model, work, closed, solver.delassus, history)

@@ -1,4 +1,4 @@
-"""Bags: of a run, as a reader that is not ours sees them, read back, and those of others."""
+"""Bags: those of a run, read by another reader and by ours, and those of other robots."""
 
 from contextlib import contextmanager
 from dataclasses import replace
@@ -17,13 +17,13 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros.nodes.bag_writer import BagWriter
-from snake_sim_ros.nodes.bag_writer import RunBag
+from snake_sim_ros.nodes.bag_writer import RunTopics
 from snake_sim_ros.nodes.bag_writer import schema_text
-from snake_sim_ros.nodes.command_messages import joint_names
+from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.markers import SceneMarkers
-from snake_sim_ros.nodes.messages import stamp_from
-from snake_sim_ros.nodes.messages import StateMessages
-from snake_sim_ros.recording.bags import read_bag
+from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.nodes.state_messages import StateMessages
+from snake_sim_ros.recording.bag_reader import read_bag
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.posture import gaps
@@ -47,7 +47,7 @@ def recorded(scene, tmp_path_factory):
     """Return a bag of a run and the run itself."""
     path = tmp_path_factory.mktemp('bags') / 'run.mcap'
     with BagWriter(path, scene) as bag:
-        trajectory = run(scene, rate=200.0, observe=RunBag(bag, scene).observe)
+        trajectory = run(scene, rate=200.0, observe=RunTopics(bag, scene).observe)
     return path, trajectory
 
 
@@ -56,7 +56,7 @@ def test_another_reader_finds_all_topics(recorded):
     found = {}
     with Reader(path) as reader:
         for connection in reader.connections:
-            # Sizes are checked, too: bytes that are left over are an error.
+            # The reader checks sizes as well: surplus bytes are an error.
             found[connection.topic] = [
                 (stamp, TYPES.deserialize_cdr(data, connection.msgtype))
                 for _, stamp, data in reader.messages([connection])
@@ -72,7 +72,7 @@ def test_another_reader_finds_all_topics(recorded):
         '/markers': 36 + 1,
         '/diagnostics': 1,
     }
-    # 200 states a second of simulated time: in the stamps and in the times of the bag.
+    # The stamps and the times of the bag have 200 states a second of simulated time.
     for topic in ('/joint_command', '/joint_states', '/link_poses', '/odom', '/clock'):
         stamps = [getattr(message, 'header', message) for _, message in found[topic]]
         stamps = [getattr(item, 'stamp', None) or item.clock for item in stamps]
@@ -98,9 +98,9 @@ def test_a_run_is_read_back(recorded):
         assert np.array_equal(getattr(found, name), getattr(trajectory, name)), name
     # Products of numbers up to 1
     assert np.abs(found.orientation - trajectory.orientation).max() < 1e-15
-    assert (found.level[:200] == '').all()  # nothing tells it before the first diagnostics
+    assert (found.level[:200] == '').all()  # unknown before the first diagnostics
     assert (found.level[200:] == 'planar').all()
-    # The last markers are of the last sample but one third of a tenth of a second at most.
+    # The last markers are at most one third of a tenth of a second older than the last sample.
     point, force = found.contacts(240)
     assert point == pytest.approx(trajectory.contacts(240)[0], abs=1e-15)
     assert force == pytest.approx(trajectory.contacts(240)[1], abs=1e-11)
@@ -120,7 +120,7 @@ def test_a_schema_defines_everything_that_is_in_a_type():
 
 @contextmanager
 def other_bag(path, topics):
-    """Give a function that writes to topics: topic, time [s], message."""
+    """Yield a function that writes a message to a topic: topic, time [s], message."""
     with BagWriter(path) as bag:
         for topic, kind in topics.items():
             bag.add_topic(topic, kind, STATES)
@@ -168,7 +168,7 @@ def test_robot_and_obstacles_come_from_topics(tmp_path):
         text = String(data=robot_description(scene.robot))
         bag.write('/robot_description', 0, serialize_message(text))
         for k in range(3):
-            # A fraction of a second after time was put back.
+            # This is a fraction of a second after a reset of time.
             messages.fill(10**9 * (5 if k == 0 else k), state, np.zeros((10, 2)))
             bag.write('/link_poses', k, bytes(messages.link_poses))
         markers.fill(stamp_from(10**9), np.zeros((1, 3)), np.ones((1, 3)))

@@ -12,8 +12,8 @@ import sys
 import numpy as np
 import pytest
 
+from snake_sim_ros.commands.bench import PARTS
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.commands.main import PARTS
 from snake_sim_ros.comparison import bench
 from snake_sim_ros.comparison import bench_entries as contenders
 from snake_sim_ros.comparison import bench_rows

@@ -1,4 +1,4 @@
-"""The command snake-sim, the pictures and the launchers of the nodes."""
+"""The command snake-sim, its pictures, and the launchers of the nodes."""
 
 import json
 import os
@@ -14,7 +14,7 @@ import pytest
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.comparison import timing
 from snake_sim_ros.comparison.charts import path_figure
-from snake_sim_ros.recording.bags import read_bag
+from snake_sim_ros.recording.bag_reader import read_bag
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_from_text
@@ -173,13 +173,13 @@ def test_ctrl_c_saves_what_was_recorded(tmp_path):
         assert 2 <= samples == len(data['position']) < 1_000_000
     assert np.diff(read_bag(bag).time) == pytest.approx(np.full(samples - 1, 0.005), abs=1e-9)
     assert set(json.loads(out.splitlines()[-1])) >= KEYS
-    # What the documentation of the command says.
+    # The documentation of the command promises this status.
     assert process.returncode == 130
 
 
 @pytest.mark.parametrize('cold', [False, True])
 def test_bench_tells_the_start_up_of_new_processes(cold, monkeypatch):
-    # Without the compiler: that a process starts, steps and ends, not how long it takes.
+    # Without the compiler this tests that a process starts, steps and ends, not how long it takes.
     monkeypatch.setenv('NUMBA_DISABLE_JIT', '1')
     monkeypatch.setenv('NUMBA_CACHE_DIR', 'kept')
     folders, start = [], subprocess.run

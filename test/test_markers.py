@@ -8,7 +8,7 @@ from visualization_msgs.msg import Marker
 from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros.nodes.markers import SceneMarkers
-from snake_sim_ros.nodes.messages import stamp_from
+from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.recording.from_messages import FORCE_SCALE
 from snake_sim_ros.scene.parameters import Ground
 from snake_sim_ros.scene.parameters import Pegs
@@ -25,7 +25,7 @@ def drawn(scene, *contents):
     shown, markers = {}, SceneMarkers(scene)
     for points, forces in contents:
         markers.fill(STAMP, points, forces)
-        # As it arrives: a field of a wrong type would be garbage then.
+        # As it arrives: a field of a wrong type would arrive as garbage.
         for marker in deserialize_message(serialize_message(markers.message), MarkerArray).markers:
             assert marker.header.frame_id == 'world'
             assert marker.header.stamp == STAMP

@@ -1,4 +1,4 @@
-"""The commands that write, convert and show recordings: what they make, and what they refuse."""
+"""The commands that write, convert and show recorded runs: their results and their errors."""
 
 import csv
 import socket
@@ -23,7 +23,7 @@ def recorded(tmp_path_factory):
 
 def test_formats_agree(recorded, tmp_path):
     trajectory = Trajectory.load(recorded / 'run.npz')
-    # As `sim` publishes, since a bag is among them.
+    # The rate is that of `sim`, because one of the files is a bag.
     assert trajectory.time == pytest.approx(np.arange(21) * 0.005, abs=1e-15)
     assert main(['export', str(recorded / 'run.mcap'), '--csv', str(tmp_path / 'bag.csv'),
                  '--out', str(tmp_path / 'bag.npz')]) == 0  # fmt: skip
@@ -107,11 +107,11 @@ def test_port_in_use(recorded, capsys):
             '--bag needs ROS 2',
         ),
         (
-            'snake_sim_ros.nodes.tools.recorder',
+            'snake_sim_ros.nodes.tools.topic_recorder',
             ['record', 'a.mcap'],
             'record needs ROS 2 and mcap',
         ),
-        ('snake_sim_ros.nodes.tools.live', ['view'], 'a live view needs ROS 2'),
+        ('snake_sim_ros.nodes.tools.live_view', ['view'], 'a live view needs ROS 2'),
         (
             'snake_sim_ros.view.animation',
             ['run', 'step', '--gif', 'a.gif'],

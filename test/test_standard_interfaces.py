@@ -1,8 +1,8 @@
 """
-What is served only where simulation_interfaces or tf2_msgs is installed, by stand-ins for them.
+Services and topics that need simulation_interfaces or tf2_msgs, tested with stand-ins.
 
-Neither package is on PyPI. The stand-ins have the names and numbers of their definitions and no
-more: what is answered and held is tested here, not how it travels.
+Neither package is on PyPI. The stand-ins have only the names and numbers of their definitions: the
+tests check the content of answers and messages, not their transport.
 """
 
 from types import SimpleNamespace
@@ -49,7 +49,7 @@ NAMES = ('GetSimulatorFeatures', 'GetSimulationState', 'SetSimulationState', 'Re
 
 
 class Node:
-    """A node that counts periods of 5 ms, and keeps what it was told."""
+    """A node that counts periods of 5 ms, and keeps the requests that it got."""
 
     def __init__(self):
         self.paused, self.failure, self.seconds = False, '', 1.0
@@ -119,7 +119,7 @@ def test_states_are_played_paused_and_stopped(node):
     assert node.set_state(State.STATE_PAUSED)[0] == Result.RESULT_OK
     assert node.paused and node.state() == State.STATE_PAUSED
     assert node.set_state(State.STATE_PAUSED)[0] == Answer.ALREADY_IN_TARGET_STATE
-    # Stopped is at the start, at time 0; a step from there is paused.
+    # The simulation is stopped at the start, at time 0; after a step it is paused.
     assert node.set_state(State.STATE_STOPPED)[0] == Result.RESULT_OK
     assert node.told == [('reset', True, True)]
     assert node.seconds == 0.0 and node.state() == State.STATE_STOPPED
@@ -179,7 +179,7 @@ def test_transforms_lead_from_world_to_the_base(monkeypatch):
     (fixed,), (moving,) = messages.fixed, messages.moving
     assert (fixed.header.frame_id, fixed.child_frame_id) == ('world', 'aiko/odom')
     assert (moving.header.frame_id, moving.child_frame_id) == ('aiko/odom', 'aiko/base_link')
-    # The same place.
+    # Both frames are at the same place.
     assert fixed.transform.rotation.w == 1.0 and fixed.transform.translation.x == 0.0
     messages.fill(Time(sec=2, nanosec=5), [1.0, 2.0, 3.0, 0.1, 0.2, 0.3, 0.9])
     place, turn = moving.transform.translation, moving.transform.rotation

@@ -24,7 +24,7 @@ from snake_sim_ros.view.frames import capsule
 from snake_sim_ros.view.frames import curves
 from snake_sim_ros.view.frames import force_scale
 from snake_sim_ros.view.frames import placed
-from snake_sim_ros.view.frames import Recorder
+from snake_sim_ros.view.frames import TraceBuffer
 from snake_sim_ros.view.frames import WINDOW
 
 ROBOT = Robot()
@@ -64,45 +64,45 @@ def test_posture_without_odometry_is_on_the_floor_along_x():
 
 
 def test_recorder_keeps_a_window_and_begins_again():
-    recorder = Recorder(ROBOT)
+    trace_buffer = TraceBuffer(ROBOT)
     for time in np.arange(0.0, WINDOW + 5.0, 0.05):
         place = at_rest(ROBOT).position + np.array([time, 0.0, 0.0])
-        recorder.add(frame(time, position=place))
-    trace = recorder.trace
+        trace_buffer.add(frame(time, position=place))
+    trace = trace_buffer.trace
     assert trace.time[-1] - trace.time[0] == pytest.approx(WINDOW, abs=0.05)
     assert trace.joint_angle.shape == (len(trace.time), 10, 2)
     assert trace.path[0, 0] == pytest.approx(0.0, abs=1e-12)  # the path is that of all the time
-    assert recorder.distance(frame(0.0, position=place)) == pytest.approx(14.95)
-    recorder.add(frame(1.0))
-    assert recorder.trace.time.tolist() == [1.0] and len(recorder.trace.path) == 1
+    assert trace_buffer.distance(frame(0.0, position=place)) == pytest.approx(14.95)
+    trace_buffer.add(frame(1.0))
+    assert trace_buffer.trace.time.tolist() == [1.0] and len(trace_buffer.trace.path) == 1
 
 
 def test_curves_begin_when_all_of_them_are_known():
-    recorder = Recorder(ROBOT)
+    trace_buffer = TraceBuffer(ROBOT)
     for k in range(6):
         told = np.full((10, 2), 0.1 if k >= 2 else math.nan)
-        recorder.add(frame(0.1 * k, reference=told))
-    time, named = curves(recorder.trace, 'angle', 4)
+        trace_buffer.add(frame(0.1 * k, reference=told))
+    time, named = curves(trace_buffer.trace, 'angle', 4)
     np.testing.assert_allclose(time, [0.2, 0.3, 0.4, 0.5])
     assert list(named) == ['yaw', 'pitch', 'yaw, told', 'pitch, told']
     np.testing.assert_allclose(named['yaw'], np.degrees(time))
     np.testing.assert_allclose(named['pitch, told'], math.degrees(0.1))
-    time, named = curves(recorder.trace, 'torque', -2)
+    time, named = curves(trace_buffer.trace, 'torque', -2)
     assert len(time) == 6 and list(named) == [f'joint {j}' for j in range(1, 11)]
 
 
 def test_what_is_not_known_has_no_curve():
-    recorder = Recorder(ROBOT)
-    recorder.add(frame(0.0, joint_torque=np.full((10, 2), math.nan)))
-    assert list(curves(recorder.trace, 'angle', 0)[1]) == ['yaw', 'pitch']
-    assert curves(recorder.trace, 'torque', 0)[1] == {}
+    trace_buffer = TraceBuffer(ROBOT)
+    trace_buffer.add(frame(0.0, joint_torque=np.full((10, 2), math.nan)))
+    assert list(curves(trace_buffer.trace, 'angle', 0)[1]) == ['yaw', 'pitch']
+    assert curves(trace_buffer.trace, 'torque', 0)[1] == {}
 
 
 def test_recorder_of_a_single_link():
     robot = Robot(link_count=1)
-    recorder = Recorder(robot)
-    recorder.add(at_rest(robot))
-    assert recorder.trace.joint_angle.shape == (1, 0, 2)
+    trace_buffer = TraceBuffer(robot)
+    trace_buffer.add(at_rest(robot))
+    assert trace_buffer.trace.joint_angle.shape == (1, 0, 2)
 
 
 def test_arrows_split_a_force():

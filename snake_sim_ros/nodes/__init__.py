@@ -1,1 +1,1 @@
-"""The ROS 2 shell: the only place that names rclpy or a message package."""
+"""The ROS 2 side: only this package names rclpy or a message package."""

@@ -1,4 +1,8 @@
-"""The nodes as programs, ``python3 -m snake_sim_ros.nodes sim``: signals end them well at once."""
+"""
+The nodes as programs, ``python3 -m snake_sim_ros.nodes sim``.
+
+A signal ends a program cleanly from its first moment on.
+"""
 
 from importlib import import_module
 import os
@@ -12,17 +16,17 @@ def sim() -> int:
 
 
 def gait() -> int:
-    """Run the node that commands it."""
+    """Run the node that commands a robot."""
     return _run('gait')
 
 
 def viewer() -> int:
-    """Run the node that shows the robot in a browser."""
+    """Run the node that shows a robot in a browser."""
     return _run('viewer')
 
 
 def _run(name: str) -> int:
-    # To import what a node needs takes a second or two, and there is nothing to put away.
+    # The imports of a node take a second or two. Until they are done there is nothing to clean up.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, frame: os._exit(0))
     sys.argv[0] = name

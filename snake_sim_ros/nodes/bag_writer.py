@@ -1,7 +1,7 @@
 """
-Bags: what is on the topics as an MCAP file, which `ros2 bag` and other tools open.
+Bags: messages as an MCAP file, which `ros2 bag` and other tools open.
 
-A bag of a run that nobody watched has the topics of the nodes `sim` and `gait`, made by the same
+The bag of a run without ROS has the topics of the nodes `sim` and `gait`, made by the same
 functions, at the same simulated times.
 """
 
@@ -28,17 +28,17 @@ from visualization_msgs.msg import MarkerArray
 import yaml
 
 from snake_sim_ros import __version__
-from snake_sim_ros.nodes.command_messages import command_message
-from snake_sim_ros.nodes.command_messages import joint_names
 from snake_sim_ros.nodes.diagnostics import status_of
 from snake_sim_ros.nodes.diagnostics import values_of
+from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.markers import MARKER_PERIOD
 from snake_sim_ros.nodes.markers import SceneMarkers
-from snake_sim_ros.nodes.messages import stamp_from
-from snake_sim_ros.nodes.messages import StateMessages
+from snake_sim_ros.nodes.sent_commands import command_message
+from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.nodes.transforms import LATCHED
 from snake_sim_ros.nodes.transforms import TransformMessages
-from snake_sim_ros.recording.bags import METADATA
+from snake_sim_ros.recording.bag_reader import METADATA
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_to_text
@@ -49,20 +49,22 @@ from snake_sim_ros.stepping.simulation import Simulation
 SEPARATOR = '=' * 80  # between the definitions of a schema
 FOREVER = {'sec': 9223372036, 'nsec': 854775807}
 DIAGNOSTICS_PERIOD = 1.0  # s
-# Bytes by which rclpy makes a message too long that ends with an empty sequence of numbers.
+# Bytes too many that rclpy adds to a message which ends with an empty sequence of numbers.
 SURPLUS = 4
 STATES = QoSProfile(depth=10)
 
 
 class BagWriter:
     """
-    An MCAP file with messages as ROS 2 sends them; leave it as a context, or it has no index.
+    Writes an MCAP file with messages as ROS 2 sends them.
+
+    Use it as a context: the index is written at the end of it.
 
     Parameters
     ----------
     path : Path
     scene : Scene, optional
-        Kept in the metadata of the file.
+        The scene, which the metadata of the file keep.
 
     """
 
@@ -95,7 +97,7 @@ class BagWriter:
         self.counts[topic] = 0
 
     def write(self, topic: str, nanoseconds: int, data: bytes) -> None:
-        """Write a message that was sent at some time."""
+        """Write a message that was sent at a time [ns]."""
         count = self.counts[topic] = self.counts[topic] + 1
         self._writer.add_message(
             self._channels[topic], nanoseconds, data, publish_time=nanoseconds, sequence=count
@@ -111,7 +113,7 @@ class BagWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Write what is left, then the index."""
+        """Write the rest, then the index."""
         self._writer.finish()
         self._file.close()
 
@@ -122,7 +124,7 @@ def type_name(kind: Any) -> str:
 
 
 def schema_text(kind: Any) -> str:
-    """Return the definition of a message type and of all that are in it, as MCAP has them."""
+    """Return the definitions of a message type and of the types in it, as MCAP needs them."""
     found: dict[Any, None] = {}
     _collect(kind, found)
     first, *others = found
@@ -134,7 +136,7 @@ def schema_text(kind: Any) -> str:
 
 
 def _collect(kind: Any, found: dict[Any, None]) -> None:
-    """Add a message type and those of its fields, each once."""
+    """Add a message type and the types of its fields, each once."""
     if kind in found:
         return
     found[kind] = None
@@ -146,12 +148,12 @@ def _collect(kind: Any, found: dict[Any, None]) -> None:
 @cache
 def definition(kind: Any) -> str:
     """
-    Return the text that defines a message type, from where its package is installed.
+    Return the text that defines a message type, from the installation of its package.
 
     Raises
     ------
     FileNotFoundError
-        If there is none.
+        If the file is not installed.
 
     """
     package, _, name = type_name(kind).split('/')
@@ -163,7 +165,7 @@ def definition(kind: Any) -> str:
 
 
 def qos_text(qos: QoSProfile) -> str:
-    """Return a quality of service as `ros2 bag` writes it, so that it plays with the same one."""
+    """Return a quality of service as `ros2 bag` writes it, which plays the topic with it."""
     entry = {
         'history': 'keep_last',
         'depth': qos.depth,
@@ -182,9 +184,9 @@ def _word(policy: Any, special: Any, usual: str) -> str:
     return special.name.lower() if policy == special else usual
 
 
-class RunBag:
+class RunTopics:
     """
-    A bag of a run: what `sim` and `gait` would publish of it.
+    The topics of a run in a bag: what `sim` and `gait` would publish of it.
 
     Parameters
     ----------
@@ -242,7 +244,7 @@ class RunBag:
         self._bag.write('/clock', now, bytes(messages.clock))
 
     def _is_due(self, topic: str, now: float, period: float) -> bool:
-        """Return whether a topic that has fewer messages has one now [s]."""
+        """Return whether a topic that is not written with every state is due at a time [s]."""
         if now < self._due[topic] - 1e-9:
             return False
         self._due[topic] += period

@@ -1,4 +1,4 @@
-"""How the simulation is doing, as a message for /diagnostics (REP 107)."""
+"""The state of the simulation as a message for /diagnostics (REP 107)."""
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
@@ -8,7 +8,7 @@ from snake_sim_ros.stepping.simulation import Simulation
 
 
 def values_of(simulation: Simulation) -> dict[str, object]:
-    """Return name -> value of what is known of the steps of a simulation."""
+    """Return name -> value of what a simulation reports of its steps."""
     report, last = simulation.report, simulation.last
     return {
         'level': last.level,
@@ -28,12 +28,12 @@ def values_of(simulation: Simulation) -> dict[str, object]:
 
 
 def shown(status: DiagnosticStatus) -> dict[str, str]:
-    """Return name -> text of what the viewer shows of a status, whoever made it."""
+    """Return name -> text that the viewer shows of a status; any node may have made it."""
     values = {item.key: item.value for item in status.values}
     factor = values.get('real_time_factor', '-')
     try:
         factor = f'{float(factor):.2f}'
-    except ValueError:  # told in words, or not at all
+    except ValueError:  # It is a word, or missing.
         pass
     return {
         'level': values.get('level', '-'),
@@ -51,13 +51,13 @@ def status_of(
     Parameters
     ----------
     name : str
-        Of the node.
+        Name of the node.
     failure, warning : str
-        A sentence each, empty if there is none.
+        One sentence each; empty if there is none.
     state : str
-        The message if all is well.
+        The message if there is neither.
     values : dict
-        Name -> value.
+        Name -> value, as `values_of` returns them.
 
     """
     level = DiagnosticStatus.OK

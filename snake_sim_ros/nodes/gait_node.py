@@ -1,11 +1,13 @@
 """
 The `gait` node: generates joint references and publishes them as commands.
 
-It knows joint names, limits of the joints and a clock, nothing of the simulator: any robot that
-takes `joint_command`, or one of the other forms of `command_messages`, can follow it. Every number
-of the gait may change while it runs, and `cmd_vel` steers it, without a jump in the commands;
-another soft start counts when the gait begins again. From the first cmd_vel until ~/restart the
-frequency and the yaw offset are those that `steering` finds; only linear.x and angular.z count.
+The node knows joint names, limits of the joints and a clock, but nothing of the simulator. Any
+robot that takes `joint_command`, or one of the other forms of `sent_commands`, can follow it.
+
+Every number of the gait may change while the node runs, and `cmd_vel` steers it, without a jump in
+the commands. A change of the soft start takes effect when the gait begins again. From the first
+cmd_vel until ~/restart, `steering` determines the frequency and the yaw offset; of a cmd_vel only
+linear.x and angular.z count.
 """
 
 from dataclasses import dataclass
@@ -27,12 +29,12 @@ from snake_sim_ros.gaits.blending import check_limits
 from snake_sim_ros.gaits.blending import largest_values
 from snake_sim_ros.gaits.blending import shortest_blend
 from snake_sim_ros.gaits.steering import Steering
-from snake_sim_ros.nodes.command_messages import COMMAND_TYPES
-from snake_sim_ros.nodes.command_messages import joint_names
+from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.node_parameters import declare
 from snake_sim_ros.nodes.node_parameters import settle
-from snake_sim_ros.nodes.running import run_node
-from snake_sim_ros.nodes.running import Warnings
+from snake_sim_ros.nodes.node_process import run_node
+from snake_sim_ros.nodes.sent_commands import COMMAND_FORMS
+from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
@@ -41,7 +43,7 @@ from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.quantities import quantity
 from snake_sim_ros.scene.quantities import Record
 
-# What the node takes of a scene: the gait, and what it must know of the robot.
+# The node takes the gait of a scene, and these parameters of its robot.
 ROBOT = ('link_count', 'link_length', 'joint_limit', 'joint_rate_limit')
 OF_SCENE = ('gait.', *(f'robot.{name}' for name in ROBOT))
 GAIT = tuple(f'gait.{name}' for name in flat_fields(Scene().gait))
@@ -59,7 +61,7 @@ class Settings(Record):
     )
     publish_rate: float = quantity(200.0, 'Hz', 'commands a second', minimum=1, maximum=1000)
     command_type: str = quantity(
-        'joint_state', '', 'form of the commands', choices=tuple(COMMAND_TYPES)
+        'joint_state', '', 'form of the commands', choices=tuple(COMMAND_FORMS)
     )
     blend_time: float = quantity(
         1.0, 's', 'how long a change of the gait takes', above=0, maximum=60
@@ -78,7 +80,7 @@ class Settings(Record):
 
 
 class GaitNode(Node):
-    """Commands of a gait that begins when the first robot listens."""
+    """Publishes the commands of a gait, which begins when the first robot subscribes."""
 
     def __init__(self) -> None:
         super().__init__('gait', automatically_declare_parameters_from_overrides=True)
@@ -98,8 +100,8 @@ class GaitNode(Node):
         self.blend = self._beginning()
         self.steering: Steering | None = None
         self.heard = 0
-        self.warn = Warnings(self)
-        self.form = COMMAND_TYPES[self.settings.command_type]
+        self.warn = ThrottledWarnings(self)
+        self.form = COMMAND_FORMS[self.settings.command_type]
         self.commands = self.create_publisher(self.form.kind, self.form.topic, QoSProfile(depth=1))
         self.create_subscription(Twist, 'cmd_vel', self._on_twist, QoSProfile(depth=1))
         self.create_service(Trigger, '~/restart', self._on_restart)
@@ -107,7 +109,7 @@ class GaitNode(Node):
         self.get_logger().info(f'waiting for a robot that listens to {self.form.topic}')
 
     def publish(self) -> None:
-        """Publish the command of now, once there is a clock and someone who listens."""
+        """Publish the present command, once there is a clock and a robot that subscribed."""
         now = self.get_clock().now()
         if now.nanoseconds == 0:
             return
@@ -140,7 +142,7 @@ class GaitNode(Node):
         self._aim()
 
     def _aim(self) -> None:
-        """Find the gait that steering and parameters ask for."""
+        """Set the gait that follows from the parameters and the last cmd_vel as the target."""
         self.target = self.gait
         if self.steering:
             stride = self.settings.stride
@@ -187,7 +189,7 @@ class GaitNode(Node):
             )
 
     def _describe_ranges(self) -> None:
-        """Declare the numbers of the waves again with the ranges that this robot gives them."""
+        """Declare the numbers of the waves again, with the ranges that this robot allows."""
         ranges = largest_values(self.robot)
         for name, (value, limits) in flat_fields(self.gait, 'gait.').items():
             largest = ranges.get(name.rpartition('.')[2])
@@ -196,19 +198,19 @@ class GaitNode(Node):
                 declare(self, name, value, symmetric, read_only=False)
 
     def _with_gait_of_scene(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Add the gait of a new scene to the parameters that are set with it."""
+        """Add the gait of a new scene to the parameters that are set together with the scene."""
         given = {item.name: item.value for item in parameters}
         if not isinstance(given.get('scene'), str):
             return parameters
         try:
             fields = flat_fields(load_scene(given['scene']).gait, 'gait.')
         except ParameterError:
-            return parameters  # `_on_set_parameters` says why
+            return parameters  # `_on_set_parameters` reports the error.
         own = [Parameter(name, value=value) for name, (value, _) in fields.items()]
         return [*parameters, *(item for item in own if item.name not in given)]
 
     def _changed(self, parameters: list[Parameter]) -> tuple[Settings, Scene]:
-        """Return settings and a scene with the gait as parameters that are set want them."""
+        """Return settings, and a scene with the gait, with the values of some parameters."""
         values = {item.name: item.value for item in parameters}
         own = {name: value for name, value in values.items() if name in CHANGEABLE}
         waves = {name: value for name, value in values.items() if name in GAIT}
@@ -232,7 +234,7 @@ class GaitNode(Node):
 
 
 def run(node: GaitNode, stop: Event) -> None:
-    """Serve clock, timer and services."""
+    """Serve clock, timer and services until the event is set."""
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     while not stop.is_set():
@@ -240,7 +242,7 @@ def run(node: GaitNode, stop: Event) -> None:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until it is told to stop."""
+    """Run the node until a signal ends it."""
     return run_node(GaitNode, run, args)
 
 

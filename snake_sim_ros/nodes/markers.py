@@ -1,10 +1,10 @@
 """
-What viewers draw besides the robot: its contacts, and what it can touch.
+Markers: what viewers draw besides the robot, its contacts and its obstacles.
 
 Namespace `contacts` has the contact points as spheres (id 0) and the forces on the robot as lines
-from there (id 1), FORCE_SCALE long for each newton. Where there are no contacts both are deleted.
-Namespace `scene` has the ground, as one list of boxes (id 0), and the pegs as cylinders (ids from
-1 on). Everything is in frame `world` and stays until it is replaced: no lifetime.
+that begin there (id 1), with a length of FORCE_SCALE for each newton. Without contacts both are
+deleted. Namespace `scene` has the ground as one list of boxes (id 0) and the pegs as cylinders
+(ids from 1). All markers are in frame `world` and have no lifetime: they stay until replaced.
 """
 
 from collections.abc import Iterable
@@ -15,7 +15,7 @@ import numpy as np
 from visualization_msgs.msg import Marker
 from visualization_msgs.msg import MarkerArray
 
-from snake_sim_ros.nodes.messages import WORLD
+from snake_sim_ros.nodes.state_messages import WORLD
 from snake_sim_ros.recording.from_messages import FORCE_SCALE
 from snake_sim_ros.scene.obstacles import cell_centers
 from snake_sim_ros.scene.obstacles import FOUNDATION
@@ -26,7 +26,7 @@ from snake_sim_ros.scene.parameters import Scene
 
 POINT_SIZE = 0.012  # m
 LINE_WIDTH = 0.004  # m
-MARKER_PERIOD = 1 / 30  # s, the shortest between two messages for the eye
+MARKER_PERIOD = 1 / 30  # s between two messages at least, which is enough for the eye
 COLORS = {
     'point': (1.0, 1.0, 1.0, 1.0),
     'force': (0.1, 0.8, 0.3, 1.0),
@@ -37,7 +37,7 @@ COLORS = {
 
 class SceneMarkers:
     """
-    The markers of one scene, made once and filled again.
+    The markers of one scene, made once and filled again for every state.
 
     Attributes
     ----------
@@ -60,13 +60,13 @@ class SceneMarkers:
 
     def fill(self, stamp: Time, points: Array, forces: Array) -> None:
         """
-        Fill the message.
+        Fill the message with contacts.
 
         Parameters
         ----------
         stamp : Time
         points, forces : ndarray, shape (k, 3)
-            As `contact_forces` returns them [m], [N].
+            Contact points [m] and forces on the robot [N], as `contact_forces` returns them.
 
         """
         action = Marker.ADD if len(points) else Marker.DELETE
@@ -79,7 +79,7 @@ class SceneMarkers:
 
 
 def _ground(ground: Ground) -> Marker:
-    """Return the cells as boxes of one size: a list has no other."""
+    """Return the cells of the ground as boxes of one size, as a list of boxes must have."""
     heights = np.array(ground.heights)
     lowest = min(0.0, heights.min()) - FOUNDATION
     size = [ground.cell, ground.cell, heights.max() - lowest]
@@ -90,7 +90,7 @@ def _ground(ground: Ground) -> Marker:
 
 
 def _marker(namespace: str, number: int, kind: int, color: str, scale: Iterable[float]) -> Marker:
-    """Return a marker without points; its scale is in m."""
+    """Return a marker without points; its scale is in metres."""
     marker = Marker(ns=namespace, id=number, type=kind, action=Marker.ADD)
     marker.header.frame_id = WORLD
     marker.scale.x, marker.scale.y, marker.scale.z = map(float, scale)

@@ -1,4 +1,4 @@
-"""ROS parameters of the nodes: a record's fields under their dotted names, with descriptors."""
+"""ROS parameters of the nodes: the fields of a record, by dotted names, with descriptors."""
 
 from collections.abc import Mapping
 import json
@@ -23,17 +23,17 @@ from snake_sim_ros.scene.quantities import record_from
 
 S = TypeVar('S')
 
-# Parameters that rclpy itself knows.
+# Parameters that rclpy declares itself.
 OF_RCLPY = ('use_sim_time', 'start_type_description_service')
 
 
 def given_parameters(node: Node) -> dict[str, Any]:
-    """Return name -> value of all parameters that the user set; the node declares them itself."""
+    """Return name -> value of all parameters that the user set and the node has thus declared."""
     return {name: item.value for name, item in node.get_parameters_by_prefix('').items()}
 
 
 def declare(node: Node, name: str, value: Any, limits: Mapping[str, Any], read_only: bool) -> None:
-    """Declare a parameter or, if the user set it, describe it; `limits` as made by `quantity`."""
+    """Declare a parameter anew, with its descriptor; `limits` are as `quantity` makes them."""
     unit = f' [{limits["unit"]}]' if limits['unit'] not in ('', '1') else ''
     descriptor = ParameterDescriptor(
         name=name,
@@ -53,7 +53,7 @@ def declare(node: Node, name: str, value: Any, limits: Mapping[str, Any], read_o
             )
         ]
     if isinstance(value, tuple):
-        # A parameter has no rows, and an empty one has no type: both are text.
+        # A parameter cannot be a list of lists, and an empty list has no type: both become text.
         nested = not value or any(isinstance(entry, tuple) for entry in value)
         value = json.dumps(value) if nested else list(value)
     if node.has_parameter(name):
@@ -68,23 +68,28 @@ def settle(
     changeable: tuple[str, ...] = (),
 ) -> tuple[S, Scene]:
     """
-    Return settings and scene as the user wants them, and declare all of it as parameters.
+    Return settings and scene with the values that the user set, and declare them as parameters.
 
     Parameters
     ----------
     node : Node
         Made with `automatically_declare_parameters_from_overrides`.
     kind : type
-        Record of the node's own parameters; its field `scene` says where the scene comes from.
+        Record of the node's own parameters; its field `scene` names the scene.
     of_scene : tuple of str, optional
-        What the names of the scene's parameters begin with that the node has; default: all.
+        Prefixes of those parameters of the scene that the node has; default: all.
     changeable : tuple of str, optional
-        Parameters that may change while the node runs.
+        Parameters that may change while the node runs; all others are read-only.
+
+    Returns
+    -------
+    settings : record of `kind`
+    scene : Scene
 
     Raises
     ------
     ParameterError
-        If a value is not usable, or if the node has no parameter of a name.
+        If a value is not usable, or if the user set a parameter that the node does not have.
 
     """
     given = given_parameters(node)
@@ -109,7 +114,7 @@ def settle(
 
 
 def keep_types(node: Node, parameters: list[Parameter]) -> list[Parameter]:
-    """Return parameters with whole numbers as floating-point ones where the node has those."""
+    """Return parameters with integers as floating-point numbers where the node declared those."""
     kept = []
     for item in parameters:
         wanted = node.get_parameter(item.name).type_ if node.has_parameter(item.name) else None

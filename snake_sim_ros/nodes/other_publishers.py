@@ -1,12 +1,12 @@
-"""Who speaks against whom: nodes that publish commands, or the clock, of one robot."""
+"""Nodes that publish on the same topic, where one alone should: commands and the clock."""
 
 from collections.abc import Iterable
 
 from rclpy.node import Node
 
 
-class Rivals:
-    """Tells, once, which nodes publish what one alone should."""
+class OtherPublishers:
+    """Warns, once each, of topics that several nodes publish on."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -14,14 +14,14 @@ class Rivals:
 
     def look(self, commands: Iterable[str], *, clock: bool) -> None:
         """
-        Look for several nodes that speak, and warn of those not told before.
+        Look for topics with several publishers, and warn of those that are new.
 
         Parameters
         ----------
         commands : iterable of str
             Topics on which commands came.
         clock : bool
-            Whether the node itself publishes /clock.
+            Whether this node publishes /clock itself.
 
         """
         topics = sorted(map(self._node.resolve_topic_name, commands))

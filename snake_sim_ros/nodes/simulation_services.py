@@ -1,7 +1,8 @@
 """
-Services that control simulated time: ``~/reset``, ``~/pause`` and ``~/step``, and their standard.
+Services that control simulated time: ``~/reset``, ``~/pause`` and ``~/step``.
 
-The standard, the package simulation_interfaces, is served as well where it is installed.
+The services of the standard, simulation_interfaces, are offered as well if that package is
+installed.
 """
 
 from typing import Any
@@ -13,7 +14,7 @@ from std_srvs.srv import Trigger
 try:
     from simulation_interfaces import msg as standard
     from simulation_interfaces import srv as standard_services
-except ImportError:  # not among the packages of ROS 2 on PyPI
+except ImportError:  # The ROS 2 packages on PyPI do not have it.
     standard = standard_services = None
 
 DIVERGED = 'diverged: call ~/reset first'
@@ -26,24 +27,24 @@ FEATURES = (
 
 
 class Controllable(Protocol):
-    """What the services act on: a node, and its simulated time."""
+    """A node whose simulated time the services control."""
 
     paused: bool
     failure: str
     seconds: float
 
     def create_service(self, kind: Any, name: str, callback: Any) -> Any:
-        """Offer a service."""
+        """Offer a service, as every node can."""
 
     def reset(self, *, state: bool = True, time: bool = False) -> None:
-        """Put the robot back to its start, or time, or both."""
+        """Put the robot back to its start, or set time to zero, or both."""
 
     def step(self, count: int = 1) -> None:
         """Advance by some publish periods."""
 
 
 class SimulationServices:
-    """The services of a node that anyone can call, from packages of every ROS 2."""
+    """The services whose types every ROS 2 installation has."""
 
     def __init__(self, node: Controllable) -> None:
         self.node = node
@@ -76,7 +77,7 @@ class SimulationServices:
 
 
 class StandardServices:
-    """The same by simulation_interfaces; a step is a publish period."""
+    """The services of simulation_interfaces; a step is one publish period."""
 
     def __init__(self, node: Controllable) -> None:
         self.node, self.stopped = node, False
@@ -92,7 +93,7 @@ class StandardServices:
 
     @property
     def state(self) -> int:
-        """State as the standard numbers them; stopped until it is played, paused or stepped."""
+        """State in the numbers of the standard; stopped until played, paused or stepped."""
         states = standard.SimulationState
         if not self.node.paused and not self.node.failure:
             return int(states.STATE_PLAYING)
@@ -155,7 +156,7 @@ class StandardServices:
 
 
 def serve(node: Controllable) -> None:
-    """Offer all services that the installed packages allow."""
+    """Offer the services of a node whose packages are installed."""
     SimulationServices(node)
     if standard is not None:
         StandardServices(node)

@@ -1,4 +1,4 @@
-"""Frames on /tf, where tf2_msgs is installed: where the robot is, not its links."""
+"""The place of the robot, but not of its links, as frames on /tf if tf2_msgs is installed."""
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
@@ -6,13 +6,13 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import QoSProfile
 
-from snake_sim_ros.nodes.messages import BASE
-from snake_sim_ros.nodes.messages import ODOM
-from snake_sim_ros.nodes.messages import WORLD
+from snake_sim_ros.nodes.state_messages import BASE
+from snake_sim_ros.nodes.state_messages import ODOM
+from snake_sim_ros.nodes.state_messages import WORLD
 
 try:
     from tf2_msgs.msg import TFMessage
-except ImportError:  # not among the packages of ROS 2 on PyPI
+except ImportError:  # The ROS 2 packages on PyPI do not have it.
     TFMessage = None
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -20,10 +20,11 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 class TransformMessages:
     """
-    What tf2_ros.TransformBroadcaster and its static sister publish: world, odom, base_link.
+    The transforms from world to odom, which is fixed, and from odom to base_link.
 
-    The frames of the links are left to a robot_state_publisher, which makes them from
-    ``robot_description`` and ``joint_states``.
+    They are as tf2_ros.StaticTransformBroadcaster and tf2_ros.TransformBroadcaster publish them. A
+    robot_state_publisher makes the frames of the links, from ``robot_description`` and
+    ``joint_states``.
 
     Attributes
     ----------
@@ -44,7 +45,7 @@ class TransformMessages:
         self.moving = TFMessage(transforms=[self._transform])
 
     def fill(self, stamp: Time, pose: list[float]) -> None:
-        """Fill the moving one with the pose of the base: position, quaternion x y z w."""
+        """Fill the moving one with the pose of the base: position [m], quaternion x y z w."""
         transform = self._transform.transform
         self._transform.header.stamp = stamp
         moved, turned = transform.translation, transform.rotation
@@ -52,7 +53,7 @@ class TransformMessages:
 
 
 class Transforms:
-    """The publishers of these messages."""
+    """Publishes the transforms."""
 
     def __init__(self, node: Node, frame_prefix: str) -> None:
         self.messages = TransformMessages(frame_prefix)
@@ -61,6 +62,6 @@ class Transforms:
         self.static.publish(self.messages.fixed)
 
     def publish(self, stamp: Time, pose: list[float]) -> None:
-        """Publish where the base of the robot is: position, quaternion x y z w."""
+        """Publish the pose of the base: position [m], quaternion x y z w."""
         self.messages.fill(stamp, pose)
         self.publisher.publish(self.messages.moving)

@@ -1,8 +1,8 @@
 """
-The viewer's controls: they act on `sim` and `gait` through the services and parameters of anyone.
+The viewer's controls: they act on `sim` and `gait` through public services and parameters.
 
-The page calls back in threads of its own. What was pressed or moved is put into a queue there;
-everything else happens in the thread of the node.
+The page calls back in threads of its own. The callbacks only put into a queue what a person
+pressed or moved; everything else happens in the thread of the node.
 """
 
 from collections.abc import Callable
@@ -32,12 +32,12 @@ FREQUENCY = 'gait.yaw.angular_frequency', 'gait.pitch.angular_frequency'
 
 @dataclass(frozen=True)
 class Knob:
-    """A number on the page: a parameter of a node, in a unit that is easy to read."""
+    """A number on the page for a parameter of a node, in a unit that is easy to read."""
 
     label: str
     node: str
     parameter: str
-    unit: float  # of the number on the page, in that of the parameter
+    unit: float  # one unit of the number on the page, in the unit of the parameter
     low: float
     high: float
     step: float
@@ -52,11 +52,11 @@ KNOBS = (
     Knob('friction across', 'sim', 'friction.transversal', 1.0, 0.0, 1.5, 0.01),
     Knob('speed of time', 'sim', 'real_time_factor', 1.0, 0.0, 4.0, 0.05),
 )
-SCENE = 'scene'  # parameter of `gait` that says where the gait comes from
+SCENE = 'scene'  # the parameter of `gait` that names where the gait comes from
 
 
-class Remote:
-    """Parameters of another node: one request at a time, what is wanted meanwhile waits."""
+class RemoteParameters:
+    """Parameters of another node, set by one request at a time; newer values wait meanwhile."""
 
     def __init__(self, node: Node, name: str, names: list[str]) -> None:
         self.name, self.names = name, names
@@ -71,11 +71,11 @@ class Remote:
         )
 
     def want(self, **values: Any) -> None:
-        """Ask for values, of the newest of which the node will hear."""
+        """Ask for values; the node gets the newest ones."""
         self._wanted |= values
 
     def poll(self) -> None:
-        """Look whether the node is there, and send what is wanted."""
+        """Check whether the node is running, and send the values that wait."""
         ready = self._get.service_is_ready() and self._set.service_is_ready()
         if ready != self.ready:
             self.ready, self._busy = ready, None
@@ -98,14 +98,14 @@ class Remote:
         future.add_done_callback(self._on_values)
 
     def heed(self, event: ParameterEvent) -> None:
-        """Take values that changed."""
+        """Take the values that changed."""
         for item in (*event.new_parameters, *event.changed_parameters):
             if item.name in self.names:
                 self.values[item.name] = parameter_value_to_python(item.value)
 
     def _on_values(self, future: Any) -> None:
         values = [parameter_value_to_python(value) for value in future.result().values]
-        # A node that does not know one of the names returns none at all.
+        # A node that does not know one of the names returns no values.
         self.values |= dict(zip(self.names, values, strict=False))
 
     def _on_set(self, names: str, future: Any) -> None:
@@ -116,16 +116,16 @@ class Remote:
 
 
 class Controls:
-    """Buttons and numbers on the page, and the nodes behind them."""
+    """The buttons and numbers on the page, and the nodes that they act on."""
 
     def __init__(self, node: Node, page: Page, restart: Callable[[], None]) -> None:
         self.page, self.restart, self.paused = page, restart, False
         self.actions: SimpleQueue[Callable[[], None]] = SimpleQueue()
-        self._shown: dict[str, Any] = {}  # what the page was told of parameters
+        self._shown: dict[str, Any] = {}  # the values of parameters that the page shows
         names = {'sim': [], 'gait': [SCENE, FREQUENCY[1]]}  # type: dict[str, list[str]]
         for knob in KNOBS:
             names[knob.node].append(knob.parameter)
-        self.remotes = {name: Remote(node, name, names[name]) for name in names}
+        self.remotes = {name: RemoteParameters(node, name, names[name]) for name in names}
         for remote in self.remotes.values():
             remote.refused = self._on_refused
         self.services = {
@@ -142,7 +142,7 @@ class Controls:
         self._add_controls()
 
     def act(self) -> None:
-        """Do what was asked for on the page, and let it show what the nodes say."""
+        """Carry out what a person did on the page, and show the values of the nodes."""
         while not self.actions.empty():
             self.actions.get()()
         for remote in self.remotes.values():
@@ -151,7 +151,7 @@ class Controls:
 
     @property
     def remark(self) -> str:
-        """A sentence about nodes that are not there; empty if all are."""
+        """A sentence about the nodes that are not running; empty if all are."""
         away = [name for name, remote in self.remotes.items() if not remote.ready]
         verb = 'is' if len(away) == 1 else 'are'
         return f'{" and ".join(away)} {verb} not running' if away else ''
@@ -176,7 +176,7 @@ class Controls:
             self._when(number.on_update, partial(self._on_number, knob))
 
     def _when(self, register: Callable[[Any], Any], action: Callable[[], None]) -> None:
-        """Queue an action for what a person does; the node changes numbers, too."""
+        """Queue an action when a person acts; the node changes numbers as well."""
 
         def note(event: Any) -> None:
             if event.client_id is not None:
@@ -207,7 +207,7 @@ class Controls:
                 number.value = round(shown, 6)
 
     def _news(self, name: str, value: Any) -> bool:
-        """Return whether a value is not shown yet; else a person may be about to change it."""
+        """Return whether a value is new; one that is not may just be changed by a person."""
         news = self._shown.get(name) != value
         self._shown[name] = value
         return news
@@ -231,7 +231,7 @@ class Controls:
     def _call(
         self, name: str, request: Any, then: Callable[[str], None] = lambda message: None
     ) -> None:
-        """Call a service, and say so if it refuses."""
+        """Call a service, and show its reason if it fails."""
 
         def on_response(future: Any) -> None:
             response = future.result()
@@ -265,7 +265,7 @@ class Controls:
 
 
 def number_in(values: dict[str, Any], name: str) -> float | None:
-    """Return a parameter that is a finite number; another node may have any other there."""
+    """Return a parameter if it is a finite number, which another node need not have."""
     value = values.get(name)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None
@@ -273,12 +273,12 @@ def number_in(values: dict[str, Any], name: str) -> float | None:
 
 
 def gaits() -> dict[str, Any]:
-    """Return name -> gait of the scenes that come with the package, one of each gait."""
+    """Return name -> gait of the scenes in the package, each different gait once."""
     found: dict[str, Any] = {}
     for path in sorted(CONFIG.glob('*.yaml')):
         try:
             gait = load_scene(path).gait
-        except ParameterError:  # a robot
+        except ParameterError:  # The file describes a robot, not a scene.
             continue
         if gait.yaw.amplitude and gait not in found.values():
             found[path.stem] = gait

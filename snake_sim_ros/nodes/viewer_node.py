@@ -1,11 +1,11 @@
 """
-The `viewer` node: the robot in a browser, from the topics that anyone can hear.
+The `viewer` node: it shows a robot in a browser, from the public topics.
 
-It knows no simulator: joint_states of any robot with our joint names are enough. The posture is
-that of link_poses or else of the joint angles, at the place that odom tells or else at the origin.
+It knows no simulator: the joint_states of any robot with our joint names are enough. The posture
+comes from link_poses or else from the joint angles, the place from odom or else it is the origin.
 
-Messages come up to a thousand times a second. They are not served as they come but looked for
-thirty times a second, or ten while no browser is there: of each topic only the last one waits.
+Messages come up to a thousand times a second. The node looks for them thirty times a second, or
+ten times if no browser is connected; of each topic only the last message waits.
 """
 
 from collections.abc import Callable
@@ -29,13 +29,13 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros.nodes.diagnostics import shown
-from snake_sim_ros.nodes.messages import seconds_from
 from snake_sim_ros.nodes.node_parameters import settle
-from snake_sim_ros.nodes.running import run_node
-from snake_sim_ros.nodes.running import Warnings
+from snake_sim_ros.nodes.node_process import run_node
+from snake_sim_ros.nodes.stamps import seconds_from
+from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
 from snake_sim_ros.nodes.transforms import LATCHED
 from snake_sim_ros.nodes.viewer_controls import Controls
-from snake_sim_ros.recording import from_messages as wire
+from snake_sim_ros.recording import from_messages
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.quantities import ParameterError
@@ -43,16 +43,16 @@ from snake_sim_ros.scene.quantities import quantity
 from snake_sim_ros.scene.quantities import Record
 from snake_sim_ros.view.frames import Frame
 from snake_sim_ros.view.frames import placed
-from snake_sim_ros.view.frames import Recorder
+from snake_sim_ros.view.frames import TraceBuffer
 from snake_sim_ros.view.page import announce
 from snake_sim_ros.view.page import Page
 from snake_sim_ros.view.page import PLOT_PERIOD
 from snake_sim_ros.view.page import SHOW_PERIOD
 
-UNWATCHED_PERIOD = 0.1  # s between two looks at the messages while no browser is there
-CALLBACKS = 50  # that are served in a row at most
-STALE = 1.0  # s that a pose may be older or younger than the joint angles
-EPOCH = 1e8  # s; a later stamp is of a wall clock, and time is counted from the first one
+UNWATCHED_PERIOD = 0.1  # s between two looks for messages if no browser is connected
+CALLBACKS = 50  # served in a row at most
+STALE = 1.0  # s by which a pose may be older or newer than the joint angles
+EPOCH = 1e8  # s; a later stamp is that of a wall clock, and time is counted from the first one
 LAST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 NO_POINTS = np.zeros((0, 3))
 
@@ -72,13 +72,13 @@ class Settings(Record):
 
 
 class ViewerNode(Node):
-    """Topics on one side, a page on the other."""
+    """Subscribes to the topics of a robot and keeps a page up to date with them."""
 
     def __init__(self) -> None:
         super().__init__('viewer', automatically_declare_parameters_from_overrides=True)
         settings, scene = settle(self, Settings, ())
         self.page = Page('snake robot', settings.host, settings.port)
-        self.warn = Warnings(self)
+        self.warn = ThrottledWarnings(self)
         self.physics = f'{self.get_namespace()}/sim: physics'.lstrip('/')
         self.latest: dict[str, Any] = {}  # topic -> last message
         self.served = 0  # callbacks
@@ -88,7 +88,7 @@ class ViewerNode(Node):
         self.plotted = -math.inf  # wall time [s]
         self.frame: Frame | None = None
         self.was_watched = False
-        self.new = False  # whether the robot told something since it was looked at
+        self.new = False  # whether joint_states or link_poses came since the last update
         self._build(Scene(robot=scene.robot))
         for kind, topic in (
             (JointState, 'joint_states'),
@@ -109,7 +109,7 @@ class ViewerNode(Node):
         if self.new:
             self.new = False
             self.frame = self._frame()
-            self.recorder.add(self.frame)
+            self.trace_buffer.add(self.frame)
             changed = True
         frame = self.frame if self.page.watched else None
         if frame is not None and (changed or not self.was_watched):
@@ -119,9 +119,9 @@ class ViewerNode(Node):
             self.plotted = now
             self.controls.act()
             if frame is not None:
-                distance = f'{self.recorder.distance(frame):.3f} m'
+                distance = f'{self.trace_buffer.distance(frame):.3f} m'
                 self.page.tell(frame, {'distance': distance, **self.status})
-                self.page.plot(self.recorder.trace)
+                self.page.plot(self.trace_buffer.trace)
 
     def _listen(
         self,
@@ -146,16 +146,16 @@ class ViewerNode(Node):
         self._begin_again()
 
     def _begin_again(self) -> None:
-        """Forget what the robot did."""
-        self.recorder = Recorder(self.scene.robot)
+        """Forget the past of the robot."""
+        self.trace_buffer = TraceBuffer(self.scene.robot)
         self.frame = None
         self.was_watched = False
 
     def _on_description(self, _: String) -> None:
-        """Build the page again if it is of another robot, or if there are other obstacles."""
+        """Build the page again if the robot or the obstacles are others."""
         markers = self.latest['markers'].markers if 'markers' in self.latest else ()
         try:
-            scene = wire.scene_of(self.latest['robot_description'].data, markers)
+            scene = from_messages.scene_of(self.latest['robot_description'].data, markers)
         except ParameterError as error:
             self.warn('description', f'robot_description: {error}')
             return
@@ -181,7 +181,7 @@ class ViewerNode(Node):
     # ---- what the robot does --------------------------------------------------------------------
 
     def _frame(self) -> Frame:
-        """Return the robot as the last messages tell it."""
+        """Return the robot as the last messages describe it."""
         robot, joints, commands = (
             self.scene.robot,
             self.latest.get('joint_states'),
@@ -191,21 +191,21 @@ class ViewerNode(Node):
         unknown = np.full((count, 2), math.nan)
         angle = torque = reference = unknown
         if joints is not None:
-            angle = wire.joint_axes(joints.name, joints.position, count)
-            torque = wire.joint_axes(joints.name, joints.effort, count)
+            angle = from_messages.joint_axes(joints.name, joints.position, count)
+            torque = from_messages.joint_axes(joints.name, joints.effort, count)
         if commands is not None:
-            reference = wire.joint_axes(commands.name, commands.position, count)
+            reference = from_messages.joint_axes(commands.name, commands.position, count)
         position, orientation = self._poses(angle)
         markers = self.latest.get('markers')
-        touched = wire.contacts(markers.markers) if markers is not None else None
+        touched = from_messages.contacts(markers.markers) if markers is not None else None
         points, forces = touched or (NO_POINTS, NO_POINTS)
         return Frame(self._time(), position, orientation, angle, torque, reference, points, forces)
 
     def _poses(self, angle: Array) -> tuple[Array, Array]:
-        """Return position and orientation of all links."""
+        """Return position [m] and Euler parameters of all links, shape (n, 3) and (n, 4)."""
         robot, poses, odom = self.scene.robot, self._fresh('link_poses'), self._fresh('odom')
         if poses is not None and len(poses.poses) == robot.link_count:
-            return wire.poses(poses)
+            return from_messages.poses(poses)
         if poses is not None:
             self.warn(
                 'links',
@@ -221,13 +221,13 @@ class ViewerNode(Node):
         return -math.inf if message is None else seconds_from(message.header.stamp)
 
     def _fresh(self, topic: str) -> Any:
-        """Return the last message of a topic, unless the joints speak of another time."""
+        """Return the last message of a topic, unless joint_states have another time."""
         joints = self._stamp('joint_states')
         old = abs(self._stamp(topic) - joints) > STALE and joints > -math.inf
         return None if old else self.latest.get(topic)
 
     def _time(self) -> float:
-        """Return the time of the robot [s], from the first message on if it is of a wall clock."""
+        """Return the time of the robot [s]; that of a wall clock counts from the first message."""
         stamp = self._stamp('joint_states')
         if stamp == -math.inf:
             stamp = self._stamp('link_poses')
@@ -262,7 +262,7 @@ def run(node: ViewerNode, stop: Event) -> None:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until it is told to stop."""
+    """Run the node until a signal ends it."""
     return run_node(ViewerNode, run, args)
 
 

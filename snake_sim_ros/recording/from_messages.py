@@ -1,12 +1,12 @@
 """
-What messages say, as arrays and scenes: the opposite of `nodes.messages` and `nodes.markers`.
+Arrays and scenes from messages: the inverse of `nodes.state_messages` and `nodes.markers`.
 
-Messages are taken by their attributes, whoever made them: rclpy or a reader of bags. Nothing of
-ROS is needed.
+The functions read the attributes of a message, so rclpy or a reader of bags may have made it. They
+need nothing of ROS.
 
-A link frame on the wire has x along the link toward the next one, y to the left and z up when the
-link lies flat (REP 103); its axes are e_z, e_x and e_y of the paper's frame B. Quaternions on the
-wire are x y z w.
+In messages, which is called on the wire, a link frame has x along the link toward the next one, y
+to the left and z up when the link lies flat (REP 103); its axes are e_z, e_x and e_y of the
+paper's frame B. Quaternions on the wire are x y z w.
 """
 
 from collections.abc import Iterable

@@ -84,8 +84,8 @@ class Trace:
     path: Array
 
 
-class Recorder:
-    """The trace of frames that come one after the other; it begins again when time goes back."""
+class TraceBuffer:
+    """Keeps the trace of successive frames; it begins again when time goes back."""
 
     def __init__(self, robot: Robot) -> None:
         self._middle, self._joints = robot.middle_link, robot.link_count - 1
@@ -118,7 +118,7 @@ class Recorder:
 
     @property
     def trace(self) -> Trace:
-        """What was recorded."""
+        """The trace up to now."""
         time = np.array([time for time, _ in self._samples])
         joints = np.array([joints for _, joints in self._samples])
         joints = joints.reshape(len(time), 3, self._joints, 2)

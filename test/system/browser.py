@@ -1,4 +1,4 @@
-"""A headless Chromium that tests steer over its own protocol: websockets come with viser."""
+"""A headless Chromium, which tests control over its own protocol (websockets come with viser)."""
 
 import base64
 from itertools import count
@@ -64,7 +64,7 @@ class Browser:
         )
 
     def call(self, method: str, **parameters: Any) -> Any:
-        """Return the result of a command of the protocol; note what happens meanwhile."""
+        """Return the result of a command of the protocol; keep the events meanwhile."""
         number = next(self._number)
         self.socket.send(json.dumps({'id': number, 'method': method, 'params': parameters}))
         while True:
@@ -94,7 +94,7 @@ class Browser:
 
     @property
     def text(self) -> str:
-        """All that can be read on the page."""
+        """The whole visible text of the page."""
         return str(self.run('document.body ? document.body.innerText : ""'))
 
     def press(self, name: str) -> None:
@@ -109,7 +109,7 @@ class Browser:
         return f'({found})?.parentElement.parentElement.parentElement.querySelector("{TEXT}")'
 
     def read(self, label: str) -> str:
-        """Return what the field of a label says."""
+        """Return the content of the field of a label."""
         return str(self.run(f'{self.field(label)}?.value'))
 
     def enter(self, label: str, text: str) -> None:

@@ -1,4 +1,4 @@
-"""What the system tests share: the environment, and physics that is compiled once."""
+"""The environment of all system tests, and physics that is compiled once for them."""
 
 from importlib.metadata import version
 import os

@@ -1,4 +1,4 @@
-"""A ROS domain of a test's own: real node processes, and one client node that watches them."""
+"""A ROS domain of its own for a test: real node processes, and one client node."""
 
 from collections.abc import Callable
 import itertools
@@ -18,8 +18,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 ROOT = Path(__file__).parents[2]
-START_TIMEOUT = 60.0  # s, for a node to start: the physics may have to be compiled
-TIMEOUT = 20.0  # s, for everything else: discovery takes up to 3.3 s on an idle machine
+START_TIMEOUT = 60.0  # s for a node to start, which may have to compile the physics
+TIMEOUT = 20.0  # s for everything else; discovery takes up to 3.3 s on an idle machine
 _counter = itertools.count()
 
 
@@ -47,7 +47,7 @@ def environment(domain: int) -> dict[str, str]:
 
 
 class Process:
-    """A process, with all that it printed."""
+    """A process, with its whole output."""
 
     def __init__(self, command: list[str], domain: int, cwd: Path = ROOT) -> None:
         self.name = ' '.join(command[1:])
@@ -170,7 +170,7 @@ class Graph:
             self.spin(0.2)
 
     def record(self, kind: Any, topic: str, depth: int = 1000) -> list[Any]:
-        """Return a list that all messages of a topic are appended to."""
+        """Return a list to which all messages of a topic are appended."""
         messages: list[Any] = []
         self.node.create_subscription(kind, topic, messages.append, QoSProfile(depth=depth))
         return messages
@@ -186,7 +186,7 @@ class Graph:
         return future.result()
 
     def close(self) -> None:
-        """End all that was started."""
+        """End all processes and the client."""
         for item in self.processes:
             if item.popen.poll() is None:
                 item.popen.send_signal(signal.SIGINT)

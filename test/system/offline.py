@@ -20,7 +20,7 @@ HORIZON = 0.05  # s, the default of command_horizon
 
 @dataclass
 class Sample:
-    """What the state messages of one stamp must hold."""
+    """The values that the state messages of one stamp must have."""
 
     nanoseconds: int
     angle: Array
@@ -32,14 +32,14 @@ class Sample:
 
 
 class Offline:
-    """A scene that holds its start posture until a command."""
+    """A simulated scene that holds its start posture until a command."""
 
     def __init__(self, scene: Scene) -> None:
         self.simulation = Simulation(scene)
         self.reference = start_posture(scene)
 
     def sample(self) -> Sample:
-        """Return the state of now."""
+        """Return the present state."""
         simulation = self.simulation
         q, u = simulation.state.q, simulation.state.u
         angle, rate = joint_motion(q[None], u[None])
@@ -57,7 +57,7 @@ class Offline:
         )
 
     def command(self, angles: dict[str, float], rates: dict[str, float] | None = None) -> None:
-        """Take a command with the stamp of now; joints without a name keep what they had."""
+        """Take a command with the present stamp; joints without a name keep their reference."""
         last = self.reference
         reference = JointReference(last.stamp.copy(), last.angle.copy(), last.rate.copy())
         for name, angle in angles.items():

@@ -1,4 +1,4 @@
-"""A client of the sim node: all that the node publishes, and its services."""
+"""A client of the sim node: it subscribes to all its topics and calls its services."""
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray
@@ -44,7 +44,7 @@ class SimClient:
         graph.until(lambda: self.states_heard(), 'all state messages')
 
     def states_heard(self):
-        """Return whether all state topics are heard; a paused node is made to speak."""
+        """Return whether all state topics have messages; make a paused node publish them."""
         if not all(self.states) and self.process.count('physics ready') and self.is_paused():
             self.reset()
             self.graph.spin(0.05)
@@ -90,14 +90,14 @@ class SimClient:
         return [messages[0] for messages in new]
 
     def advance_to(self, seconds):
-        """Wait until a running node has got to a simulated time."""
+        """Wait until a running node has reached a simulated time."""
         self.graph.until(
             lambda: nanoseconds(self.joint_states[-1]) >= 1e9 * seconds, f't = {seconds} s'
         )
 
     @property
     def now(self):
-        """Simulated time of the last state heard [s]."""
+        """Simulated time of the last state that arrived [s]."""
         return 1e-9 * nanoseconds(self.joint_states[-1])
 
     def values(self):

@@ -1,4 +1,4 @@
-"""What the nodes do with input that is not usable: say so in one sentence, and stay sane."""
+"""Input that is not usable: the nodes report it in one sentence and keep working."""
 
 from array import array
 import json
@@ -72,7 +72,7 @@ MISTAKES = [
         'joint_command names joint joint_1_yaw more than once',
     ),
 ]
-# The same kinds as two of those above, so they go to another node: warnings are throttled.
+# Two kinds that are above as well; they go to another node, because warnings are throttled.
 MORE_MISTAKES = [
     (
         JointState(name=NAMES[:2], position=[0.1] * 2, velocity=[0.1]),
@@ -151,7 +151,7 @@ def test_bad_commands_are_refused_with_one_sentence_and_the_last_good_one_is_hel
     assert sim.process.count('joint_command') == len(MISTAKES) + 1, sim.process.output
     kinds = len(MISTAKES) + 1
     assert_rejections(sim, kinds)
-    # Nothing of any of them was taken: the robot moved as one that only heard the good command.
+    # None of them was taken in part: the robot moved as if only the good command had come.
     samples = held_then_commanded(load_scene('sidewinding'), GOOD, sim.joint_states)
     poses = {nanoseconds(message): message for message in sim.link_poses}
     for message in sim.joint_states:
@@ -186,7 +186,7 @@ def test_file_of_parameters_is_taken(sims):
     names = ('scene', 'friction.longitudinal', 'friction.transversal', 'robot.yaw_damping')
     values = get_parameters(sims[1], *names, 'gravity')
     assert values[0].string_value == 'sidewinding'
-    # Of the file, of the scene, of the file.
+    # The values come from the file, the scene and the file.
     assert [value.double_value for value in values[1:4]] == [0.25, 0.2, 0.3]
     assert list(values[4].double_array_value) == [0.5, 0.0, -9.8]
     # The physics uses them: as an offline run with the same numbers it lies still on that slope,

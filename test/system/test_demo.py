@@ -34,7 +34,7 @@ def end(process):
 
 @pytest.fixture(scope='module')
 def endless(compiled, tmp_path_factory):
-    """Demonstrations that take longer than any test waits, started together."""
+    """Demonstrations that last longer than any test waits, started together."""
     folder = tmp_path_factory.mktemp('demo')
     processes = {
         name: start(scene, '--duration', '100', '--out', str(folder / f'{name}.png'))

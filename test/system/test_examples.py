@@ -1,4 +1,4 @@
-"""Every script of examples/ as a user runs it, before real nodes and before none."""
+"""Every script of examples/ as a user runs it, with real nodes and without any."""
 
 import itertools
 import re
@@ -12,7 +12,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 
-from snake_sim_ros.nodes.messages import stamp_from
+from snake_sim_ros.nodes.stamps import stamp_from
 
 RATE = 'publish_rate:=50.0'  # few messages, as several robots run faster than real time
 SCRIPTS = ('crawl_and_turn', 'record_torque', 'sidewind_a_metre', 'step_response')
@@ -33,7 +33,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def watching(make_graph):
-    """A client where no node runs, and what a script tells a gait there."""
+    """A client in a domain without nodes, and the commands of a script to a gait there."""
     graph = make_graph()
     graph.twists = graph.record(Twist, 'cmd_vel')
     return graph
@@ -41,7 +41,7 @@ def watching(make_graph):
 
 @pytest.fixture(scope='module')
 def started(make_graph, watching, folder):
-    """All scripts, started together with the nodes they are for."""
+    """All scripts, started together with the nodes that they need."""
     crawling, sidewinding, alone = make_graph(), make_graph(), make_graph()
     crawling.start('sim', 'real_time_factor:=3.0', RATE)
     sidewinding.start('sim', 'real_time_factor:=2.0', RATE, 'scene:=sidewinding')
@@ -65,7 +65,7 @@ def started(make_graph, watching, folder):
 
 @pytest.fixture(scope='module')
 def lonely(make_graph, folder):
-    """All scripts where no node runs."""
+    """All scripts in a domain without nodes."""
     nowhere = make_graph()
     return {name: script(nowhere, folder, name, timeout=0.2) for name in SCRIPTS}
 
@@ -128,7 +128,7 @@ def test_record_torque(started, folder):
 
 
 def test_crawl_and_turn(started):
-    # Asked for: 1.2 m, 52 degrees; the first wave turns the robot by itself.
+    # The script asks for 1.2 m and 52 degrees; the first wave turns the robot by itself.
     moved, turned = numbers(started['crawl_and_turn'], 'moved # m, turned # degrees')
     assert 0.7 < moved < 1.3
     assert 30 < turned < 80

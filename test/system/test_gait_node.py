@@ -1,4 +1,4 @@
-"""The gait node before a plain listener, under a clock of the test, and with the sim node."""
+"""The gait node with a plain subscriber, with a clock of the test, and with the sim node."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -29,7 +29,7 @@ from trajectory_msgs.msg import JointTrajectory
 from snake_sim_ros.gaits.blending import Blend
 from snake_sim_ros.gaits.blending import largest_values
 from snake_sim_ros.gaits.steering import Steering
-from snake_sim_ros.nodes.messages import stamp_from
+from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
@@ -56,7 +56,7 @@ def started(make_graph):
 
 
 class Follower:
-    """A gait node under a clock of the test, and the commands that it should give."""
+    """A gait node with a clock of the test, and the commands that it should publish."""
 
     def __init__(self, graph):
         self.graph, (self.process,) = graph, graph.processes
@@ -87,7 +87,7 @@ class Follower:
         self.seen = 0
 
     def wait(self, ticks):
-        """Let time pass until all commands of it are heard."""
+        """Let time pass until all its commands have arrived."""
         end = self.now + ticks * PERIOD
         self.graph.until(
             lambda: self.tick() or nanoseconds(self.messages[-1]) >= end, 'all commands'
@@ -97,7 +97,7 @@ class Follower:
         return 1e-9 * (nanoseconds(message) - self.begin)
 
     def error(self, blend, message):
-        """Return by how much a command is not that of a blend [rad], [rad/s]."""
+        """Return the difference of a command from that of a blend [rad], [rad/s]."""
         pairs = zip(
             blend.reference(self.seconds(message)),
             (message.position, message.velocity),
@@ -117,7 +117,7 @@ class Follower:
             assert old == len(new)
         else:
             assert old < len(new), 'no command differs'
-            # A command that was not heard may have been the first one.
+            # The first command may be one that did not arrive.
             first, last = min(begins), max(begins)
             blends = [
                 self.blend.changed(first + 1e-9 * PERIOD * k, target)
@@ -221,7 +221,7 @@ def test_gait_follows_a_clock_of_others_and_pauses_with_it(started):
 
     graph.until(tick, 'the first command')
     process.wait_for('the gait begins')
-    # Nobody hears the first command for certain; a restart is heard.
+    # The first command may get lost; those after a restart do not.
     assert graph.call(Trigger, 'gait/restart').success
     heard = len(messages)
     scene = load_scene('lateral_undulation')
@@ -261,7 +261,7 @@ def test_sim_and_gait_get_as_far_as_the_offline_run(started):
         graph.spin(0.01)
     begin, periods, path = nanoseconds(commands[0]), 300, []
     while nanoseconds(live.joint_states[-1]) < begin + periods * PERIOD:
-        # In lock-step: the robot waits for the command of the time that it got to.
+        # In lock-step, the robot waits for the command of the time that it has reached.
         now = nanoseconds(live.joint_states[-1])
         graph.until(lambda now=now: nanoseconds(commands[-1]) >= now, 'the command of now')
         path.append(positions(live.step()[1])[5])

@@ -1,4 +1,4 @@
-"""All that other programs find on the graph of a sim node, besides its states."""
+"""Commands, parameters and topics of a sim node, as other programs use them."""
 
 import signal
 import time
@@ -30,8 +30,8 @@ from trajectory_msgs.msg import JointTrajectory
 from trajectory_msgs.msg import JointTrajectoryPoint
 from visualization_msgs.msg import MarkerArray
 
-from snake_sim_ros.nodes.commands import joint_trajectory
-from snake_sim_ros.nodes.commands import position_commands
+from snake_sim_ros.nodes.received_commands import position_commands
+from snake_sim_ros.nodes.received_trajectories import joint_trajectory
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.robot_description import robot_description
@@ -155,7 +155,7 @@ def test_reset_while_a_trajectory_runs_is_clean(lockstep, publish):
     response = sim.reset()
     assert response.success
     sim.graph.drain(sim.joint_states)
-    # Time went on, everything else is as at the start; nothing is left of the trajectory.
+    # Time went on, all else is as at the start; nothing of the trajectory is left.
     assert sim.now == pytest.approx(before + 4 / 200, abs=1e-9)
     twin.simulation.step_count += 4 * 20
     twin.reference.stamp[:] = sim.now
@@ -192,7 +192,7 @@ def test_stream_of_commands_that_stops_is_reported(lockstep):
         sim.diagnostics[-1].status[0].message == 'no joint_command any more; the last one is held'
     )
     assert sim.diagnostics[-1].status[0].level == b'\x01'
-    # Held: the angle that the last command was extrapolated to, without a rate.
+    # The joints hold the angle to which the last command was extrapolated, without a rate.
     assert abs(joint_states.velocity[0]) < 1e-2
     sim.send({'joint_1_yaw': 0.0})
     sim.step()
@@ -243,36 +243,36 @@ def test_stamps_mean_now_where_the_clock_is_of_another_node(aiko):
     assert aiko.process.count('is late') == before
 
 
-def test_rivals_are_told_once_with_their_names(aiko):
+def test_other_publishers_are_told_once_with_their_names(aiko):
     graph = aiko.graph
     topic = '/aiko/joint_command'
-    rival = graph.node.create_publisher(JointState, topic, QoSProfile(depth=1))
-    graph.until(rival.get_subscription_count, 'the sim')
+    other_publisher = graph.node.create_publisher(JointState, topic, QoSProfile(depth=1))
+    graph.until(other_publisher.get_subscription_count, 'the sim')
     client = graph.node.get_fully_qualified_name()
     said = f'{topic} has 2 publishers, {client}, {client}: the last message counts'
     for k in range(50):
-        for angle, publisher in ((0.1, aiko.commands), (-0.1, rival)):
+        for angle, publisher in ((0.1, aiko.commands), (-0.1, other_publisher)):
             publisher.publish(JointState(name=['joint_1_yaw'], position=[angle]))
         graph.spin(0.05)
         if aiko.process.count(said) and k > 30:  # at least one more look, a second later
             break
-    graph.node.destroy_publisher(rival)
+    graph.node.destroy_publisher(other_publisher)
     assert aiko.process.count(said) == 1
     assert aiko.process.count('publishers') == 1
 
 
-def test_rivals_on_two_topics_are_told(aiko):
+def test_other_publishers_on_two_topics_are_told(aiko):
     graph = aiko.graph
     other = Node('other', context=graph.context)
-    rival = other.create_publisher(Float64MultiArray, '/aiko/position_commands', 1)
-    graph.until(rival.get_subscription_count, 'the sim')
+    other_publisher = other.create_publisher(Float64MultiArray, '/aiko/position_commands', 1)
+    graph.until(other_publisher.get_subscription_count, 'the sim')
     said = (
         '/aiko/joint_command and /aiko/position_commands have 2 publishers, '
         f'{graph.node.get_fully_qualified_name()}, /other: the last message counts'
     )
     for k in range(100):
         aiko.send({'joint_1_yaw': 0.1})
-        rival.publish(Float64MultiArray(data=[0.0] * 20))
+        other_publisher.publish(Float64MultiArray(data=[0.0] * 20))
         graph.spin(0.05)
         if aiko.process.count(said) and k > 30:
             break

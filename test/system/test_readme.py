@@ -1,4 +1,4 @@
-"""Every command of the README is run in a folder of its own; what takes long is shortened."""
+"""Every command of the README, run in a folder of its own; long ones are shortened."""
 
 import os
 from pathlib import Path
@@ -63,7 +63,7 @@ ELSEWHERE = {
 
 @pytest.fixture
 def user_environment():
-    # As a user has it: the tests' own field checks and import path are not part of it.
+    # The environment of a user does not have the field checks and the import path of the tests.
     drop = ('PYTHONPATH', 'ROS_PYTHON_CHECK_FIELDS')
     kept = {key: value for key, value in os.environ.items() if key not in drop}
     folder = str(Path(sys.executable).parent)
@@ -72,7 +72,7 @@ def user_environment():
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory):
-    """Return a bag of a run, which others read."""
+    """Return a bag of a run, which other commands read."""
     path = tmp_path_factory.mktemp('bag') / 'run.mcap'
     assert cli.main(['run', 'sidewinding', '--duration', '0.2', '--bag', str(path)]) == 0
     return path

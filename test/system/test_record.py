@@ -1,4 +1,4 @@
-"""`snake-sim record` and `snake-sim run --bag`: a live graph and a run that nobody watched."""
+"""`snake-sim record` and `snake-sim run --bag`: bags of live nodes and of a run without ROS."""
 
 import signal
 import sys
@@ -12,7 +12,7 @@ from rosbags.typesys import Stores
 from sensor_msgs.msg import JointState
 
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.recording.bags import read_bag
+from snake_sim_ros.recording.bag_reader import read_bag
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 OF_ALL_NODES = {'/parameter_events', '/rosout'}
@@ -67,7 +67,7 @@ def test_nothing_is_lost(recorded):
         for topic, (_, messages) in found.items()
         if topic in ('/joint_states', '/link_poses', '/odom')
     }
-    # Every state from the first one on, up to the last one that another reader has.
+    # It has every state from the first one to the last one that another reader has.
     last = states[-1].header.stamp
     for topic, times in stamps.items():
         assert (np.diff(times) == 5_000_000).all(), topic
@@ -79,7 +79,7 @@ def test_it_is_a_run(recorded):
     trajectory = read_bag(recorded[0])
     assert trajectory.scene.robot.link_count == 11
     assert trajectory.level[-1] == 'planar'  # before its first step a robot has the spatial one
-    # Of the first poses the angles may not have come yet.
+    # The angles of the first poses may have arrived later.
     moved = np.nanmax(trajectory.joint_angle, axis=0) - np.nanmin(trajectory.joint_angle, axis=0)
     assert moved[:, 0].min() > 0.1
     _, force = trajectory.contacts(len(trajectory.time) - 1)

@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 
 from snake_sim_ros.scene.parameters import load_scene
 
-# Messages carry doubles as they are; what is compared by way of matrices is rounded a few times.
+# Messages carry doubles unchanged; values that go through matrices are rounded a few times.
 ROUNDING = 1e-14
 # Yaw 0.4 rad curls the robot to the left, with every joint well within 45 degrees.
 CURL = {name: 0.4 if name.endswith('yaw') else 0.0 for name in NAMES}
@@ -46,7 +46,7 @@ def sims(make_graph):
 
 @pytest.fixture(scope='module')
 def curled(sims):
-    """The running sim after one command at some time; it is at rest again."""
+    """The running sim, at rest again after one command at some time."""
     sim = sims[0]
     sim.send(CURL)
 
@@ -144,7 +144,7 @@ def test_running_sim_follows_the_offline_run(curled, scene):
     assert len(compared) > 200
     for message in compared:
         stamp = nanoseconds(message)
-        # Same bits in, same machine: the same state, whatever the wall clock did.
+        # The same input on the same machine gives the same state, whatever the wall clock did.
         assert largest_difference(message, poses[stamp], samples[stamp // PERIOD]) < 1e-9
 
 
@@ -167,7 +167,7 @@ def test_joints_follow_a_constant_command(curled, scene):
     # step before the end, where angle and rate may differ by rates of 1e-2 rad/s.
     at_rest = robot.yaw_stiffness * (target - angle)[::2] - effort[::2]
     assert np.abs(at_rest).max() < robot.yaw_damping * 2e-2 + robot.yaw_stiffness * 2e-2 * scene.dt
-    # It was a movement: joint 3 began at 30 sin(-100) degrees = -0.516 rad.
+    # The joint did move: joint 3 began at 30 sin(-100) degrees = -0.516 rad.
     assert np.ptp([m.position[4] for m in curled.joint_states]) > 0.516 + 0.4 - bound
     assert max(np.abs(m.velocity).max() for m in curled.joint_states) > 1.0
 
@@ -302,7 +302,7 @@ def test_node_as_fast_as_it_can_ends_well_on_sigterm(make_graph):
     ('index', 'number'), [(0, signal.SIGTERM), (1, signal.SIGINT), (2, signal.SIGTERM)]
 )
 def test_nodes_end_well_on_signals(sims, index, number):
-    # A running one, and two that are paused.
+    # One sim is running and two are paused.
     process = sims[index].process
     assert process.stop(number) == 0, process.output
     assert 'Traceback' not in process.output

@@ -1,4 +1,4 @@
-"""The README's ten minutes, line by line on one graph, and its tables of topics and services."""
+"""The ten-minute tour of the README, line by line, and its tables of topics and services."""
 
 import math
 from pathlib import Path
@@ -42,7 +42,7 @@ def toured(make_graph):
 
 
 class Tour:
-    """What happens on the graph while the lines are run one after the other."""
+    """The nodes and a client, while the lines are run one after the other."""
 
     def __init__(self, graph):
         self.graph = graph
@@ -114,7 +114,7 @@ def parameter(graph, node, name):
 
 
 def services(tour, line):
-    """Return whether time did what a service is for."""
+    """Return whether simulated time did what a service should do."""
     sim, graph = tour.sim, tour.graph
     if 'true' in line or '/step' in line:
         graph.drain(sim.joint_states)
@@ -138,7 +138,7 @@ def table(heading):
 
 
 def found(node, name):
-    """Return the same of a running node, without what every node has."""
+    """Return the same rows for a running node, without those that every node has."""
     rows = set()
     for direction, entries in (
         ('in', node.get_subscriber_names_and_types_by_node(name, '/')),

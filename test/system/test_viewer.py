@@ -21,7 +21,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.nodes.command_messages import joint_names
+from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.robot_description import robot_description
 
@@ -32,13 +32,13 @@ VIEW = [sys.executable, '-m', 'snake_sim_ros.commands', 'view', '--port', '0', '
 
 
 def address(process):
-    """Return where a process serves its page."""
+    """Return the address at which a process serves its page."""
     process.wait_for('the viewer is at ', 60)
     return re.search(r'http://127\.0\.0\.1:\d+', process.output)[0]
 
 
 def seconds(browser):
-    """Return the time that the page says, -1 if none."""
+    """Return the time that the page shows, -1 if none."""
     found = re.search(r'time\s+(\d+\.\d+) s', browser.text)
     return float(found[1]) if found else -1.0
 

@@ -1,1 +1,1 @@
-"""Programs around the nodes: the demo, measuring their pace, recording topics."""
+"""Programs that use the nodes over ROS 2: the demo, the live view, the recorder, the pacing."""

@@ -1,4 +1,4 @@
-"""The live demonstration: `sim` and `gait` as two processes, watched over ROS 2 by a third."""
+"""The live demonstration: `sim` and `gait` in two processes, and this one that listens."""
 
 from pathlib import Path
 import sys
@@ -11,14 +11,14 @@ import numpy as np
 import rclpy
 from rclpy.node import Node
 
-from snake_sim_ros.nodes.messages import seconds_from
-from snake_sim_ros.nodes.running import make_executor
-from snake_sim_ros.nodes.tools.processes import Child
-from snake_sim_ros.nodes.tools.processes import children
-from snake_sim_ros.nodes.tools.processes import Interrupted
-from snake_sim_ros.nodes.tools.processes import interruptible
-from snake_sim_ros.nodes.tools.processes import NodeDied
-from snake_sim_ros.nodes.tools.processes import start
+from snake_sim_ros.nodes.executors import make_executor
+from snake_sim_ros.nodes.stamps import seconds_from
+from snake_sim_ros.nodes.tools.child_nodes import Child
+from snake_sim_ros.nodes.tools.child_nodes import children
+from snake_sim_ros.nodes.tools.child_nodes import Interrupted
+from snake_sim_ros.nodes.tools.child_nodes import interruptible
+from snake_sim_ros.nodes.tools.child_nodes import NodeDied
+from snake_sim_ros.nodes.tools.child_nodes import start
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.quantities import ParameterError
 
@@ -30,8 +30,8 @@ SUMMARY = (
 )  # fmt: skip
 
 
-class Watch(Node):
-    """What the robot does, from its topics."""
+class StateListener(Node):
+    """Keeps what the topics say of the robot's motion and of the simulation."""
 
     def __init__(self) -> None:
         super().__init__('demo')
@@ -59,11 +59,11 @@ def demo(source: str, duration: float, out: Path) -> int:
     Parameters
     ----------
     source : str
-        Scene, a YAML file or a name.
+        The scene: a YAML file or a name.
     duration : float
-        Time of the gait [s].
+        How long the gait runs [s].
     out : Path
-        Picture.
+        The file of the picture.
 
     Returns
     -------
@@ -78,10 +78,10 @@ def demo(source: str, duration: float, out: Path) -> int:
         raise ParameterError(f'--out: no folder {out.absolute().parent}')
     middle = scene.robot.middle_link
     rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
-    status, watch, begin = 0, Watch(), time.monotonic()
+    status, listener, begin = 0, StateListener(), time.monotonic()
     try:
         with interruptible() as stop, children() as nodes:
-            _follow(watch, nodes, stop, source, duration, middle)
+            _follow(listener, nodes, stop, source, duration, middle)
     except Interrupted:
         print('\ninterrupted')
         status = 130
@@ -89,60 +89,67 @@ def demo(source: str, duration: float, out: Path) -> int:
         print(f'\nsnake-sim demo: {error}', file=sys.stderr)
         status = 1
     finally:
-        watch.destroy_node()
+        listener.destroy_node()
         rclpy.try_shutdown()
-    _summarize(watch, middle, time.monotonic() - begin, f'{Path(source).stem}, live', out)
+    _summarize(listener, middle, time.monotonic() - begin, f'{Path(source).stem}, live', out)
     return status
 
 
 def _follow(
-    watch: Watch, nodes: list[Child], stop: Event, source: str, duration: float, middle: int
+    listener: StateListener,
+    nodes: list[Child],
+    stop: Event,
+    source: str,
+    duration: float,
+    middle: int,
 ) -> None:
-    """Start the nodes and show how the robot does until the gait has run for the duration."""
-    executor = make_executor(watch)
+    """Start the nodes and print the progress until the gait has run for the duration."""
+    executor = make_executor(listener)
     nodes.append(start('sim', f'scene:={source}'))
     print('compiling the physics (half a minute at the first start ever) ...')
     started = heard = shown = time.monotonic()
     count = 0
-    while watch.begin is None or watch.times[-1] < watch.begin + duration - 1e-9:
+    while listener.begin is None or listener.times[-1] < listener.begin + duration - 1e-9:
         executor.spin_once(timeout_sec=0.1)
         if stop.is_set():
             raise Interrupted
         for node in nodes:
             node.check()
         now = time.monotonic()
-        if len(watch.times) > count:
-            count, heard = len(watch.times), now
-        if count and len(nodes) == 1:  # the gait comes when its beginning will be seen
+        if len(listener.times) > count:
+            count, heard = len(listener.times), now
+        if count and len(nodes) == 1:  # The gait starts once its beginning can be seen.
             nodes.append(start('gait', f'scene:={source}', 'use_sim_time:=true'))
         if said := nodes[-1].said(r'the gait begins at t = (\S+) s'):
-            watch.begin = float(said[1])
-        if watch.begin is None and now - started > START_TIMEOUT:
+            listener.begin = float(said[1])
+        if listener.begin is None and now - started > START_TIMEOUT:
             raise NodeDied(f'the gait did not begin within {START_TIMEOUT:g} s')
         if count and now - heard > STALL_TIMEOUT:
             raise NodeDied(f'no state from sim for {STALL_TIMEOUT:g} s')
-        if watch.begin is not None and now - shown > 0.1:
+        if listener.begin is not None and now - shown > 0.1:
             shown = now
-            print('\r' + _progress(watch, middle), end='', flush=True)
-    print('\r' + _progress(watch, middle))
+            print('\r' + _progress(listener, middle), end='', flush=True)
+    print('\r' + _progress(listener, middle))
 
 
-def _progress(watch: Watch, middle: int) -> str:
-    x, y, _ = watch.positions[-1][middle]
-    factor = watch.values.get('real_time_factor', '-')
-    residual = watch.values.get('residual', '-')
+def _progress(listener: StateListener, middle: int) -> str:
+    x, y, _ = listener.positions[-1][middle]
+    factor = listener.values.get('real_time_factor', '-')
+    residual = listener.values.get('residual', '-')
     return (
-        f't = {watch.times[-1] - (watch.begin or 0.0):6.2f} s   link {middle + 1} at '
+        f't = {listener.times[-1] - (listener.begin or 0.0):6.2f} s   link {middle + 1} at '
         f'({x:+.3f}, {y:+.3f}) m   real-time factor {factor}   residual {residual} m/s   '
     )
 
 
-def _summarize(watch: Watch, middle: int, seconds: float, title: str, out: Path) -> None:
-    times, position = np.array(watch.times), np.array(watch.positions)
-    if watch.begin is None or not (times >= watch.begin).any():
+def _summarize(
+    listener: StateListener, middle: int, seconds: float, title: str, out: Path
+) -> None:
+    times, position = np.array(listener.times), np.array(listener.positions)
+    if listener.begin is None or not (times >= listener.begin).any():
         print('the gait had not begun; there is nothing to show')
         return
-    first = int(np.argmax(times >= watch.begin))
+    first = int(np.argmax(times >= listener.begin))
     times, position = times[first:], position[first:]
     start, end = position[0, middle], position[-1, middle]
     print(
@@ -150,7 +157,7 @@ def _summarize(watch: Watch, middle: int, seconds: float, title: str, out: Path)
         f'{end[1]:.4f}) m in {times[-1] - times[0]:.2f} s: {np.linalg.norm(end - start):.3f} m'
     )
     for key in SUMMARY:
-        print(f'{key.replace("_", " "):20} {watch.values.get(key, "-")}')
+        print(f'{key.replace("_", " "):20} {listener.values.get(key, "-")}')
     print(f'{"wall time in all":20} {seconds:.1f} s')
     try:
         from snake_sim_ros.comparison.charts import path_figure

@@ -1,9 +1,9 @@
 """
-How well the `sim` node keeps time, and what that costs.
+The measurement of how well the `sim` node keeps time, and what that costs.
 
 The node runs in a process of its own, while the robot does lateral undulation as one long
-trajectory. Processor times are those of its process; the times at which it publishes are what the
-middleware notes with every message, so that delays of the watcher are not in them.
+trajectory. Processor times are those of its process. The middleware stamps each message when it is
+published, so that delays of the probe do not count.
 """
 
 from collections.abc import Sequence
@@ -27,16 +27,16 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
-from snake_sim_ros.nodes.messages import StateMessages
-from snake_sim_ros.nodes.sim_node import Settings
-from snake_sim_ros.nodes.tools.processes import Child
-from snake_sim_ros.nodes.tools.processes import children
-from snake_sim_ros.nodes.tools.processes import Interrupted
-from snake_sim_ros.nodes.tools.processes import interruptible
-from snake_sim_ros.nodes.tools.processes import NodeDied
-from snake_sim_ros.nodes.tools.processes import start
-from snake_sim_ros.nodes.tools.watcher import Noted
-from snake_sim_ros.nodes.tools.watcher import Watcher
+from snake_sim_ros.nodes.sim_parameters import Settings
+from snake_sim_ros.nodes.state_messages import StateMessages
+from snake_sim_ros.nodes.tools.child_nodes import Child
+from snake_sim_ros.nodes.tools.child_nodes import children
+from snake_sim_ros.nodes.tools.child_nodes import Interrupted
+from snake_sim_ros.nodes.tools.child_nodes import interruptible
+from snake_sim_ros.nodes.tools.child_nodes import NodeDied
+from snake_sim_ros.nodes.tools.child_nodes import start
+from snake_sim_ros.nodes.tools.sim_probe import Noted
+from snake_sim_ros.nodes.tools.sim_probe import SimProbe
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
@@ -46,28 +46,28 @@ from snake_sim_ros.stepping.simulation import steps_in
 
 SCENE = 'lateral_undulation'
 RATE = 200.0  # Hz, the publish rate at real-time factor 1
-PEACE = 0.5  # s, for the node to come to rest after a change
+PEACE = 0.5  # s for the node to come to rest after a change
 JOINT = 'joint_5_yaw'
-STEP = 0.02  # rad, back and forth, of the joint whose response is awaited
-RESPONSE = 0.1  # N m, a change of its torque that only a command makes
-PAUSE = (8.0, 12.0)  # publish periods between two commands
-HURRY = 100.0  # real-time factor that the trajectory of a free run is long enough for
-PERIODS = 1000  # to take the median of
+STEP = 0.02  # rad by which the joint steps back and forth
+RESPONSE = 0.1  # N m, a change of its torque that only a command can cause
+PAUSE = (8.0, 12.0)  # publish periods between two commands, at random
+HURRY = 100.0  # real-time factor up to which the trajectory lasts as fast as possible
+PERIODS = 1000  # of which the median is taken
 
 
 @dataclass(frozen=True)
 class Load:
     """
-    What the node does under some load.
+    The pace of the node under some load.
 
     Attributes
     ----------
     real_time_factor : float
-        Simulated time per wall time that is asked for; 0 is as fast as possible.
+        Simulated time per wall time as set; 0 is as fast as possible.
     publish_rate : float
         [Hz]
     listeners : str
-        Who listens.
+        Which topics have a subscriber.
     reached : float
         Simulated time per wall time that it reaches.
     processor : float
@@ -92,7 +92,7 @@ def pacing(duration: float, rates: Sequence[float]) -> int:
     Parameters
     ----------
     duration : float
-        Of each part [s].
+        Duration of each part [s].
     rates : sequence of float
         Publish rates at which it runs as fast as possible [Hz].
 
@@ -104,7 +104,7 @@ def pacing(duration: float, rates: Sequence[float]) -> int:
     Raises
     ------
     ParameterError
-        If the duration or a rate is not usable, or if there is another robot on the graph.
+        If the duration or a rate is not usable, or if there is another robot.
 
     """
     if not duration > 0:
@@ -128,7 +128,7 @@ def pacing(duration: float, rates: Sequence[float]) -> int:
 
 
 def measured(scene: Scene, duration: float, rates: Sequence[float], stop: Event) -> dict[str, Any]:
-    """Return what all parts measured, and print it meanwhile."""
+    """Return the results of all parts, and print them meanwhile."""
     with children() as nodes:
         nodes.append(start('sim', f'scene:={SCENE}', f'publish_rate:={RATE}'))
         loads, times = paced(nodes[-1], stop, scene, duration)
@@ -151,16 +151,16 @@ def measured(scene: Scene, duration: float, rates: Sequence[float], stop: Event)
 def paced(
     sim: Child, stop: Event, scene: Scene, duration: float
 ) -> tuple[list[Load], dict[str, Any]]:
-    """Return what the node does at real-time factor 1, and jitter and time to the effect."""
+    """Return the loads at real-time factor 1, and the jitter and the delay of effects."""
     loads = []
-    with closing(Watcher(sim, stop, JOINT)) as watcher:
-        watcher.connect()
-        loads.append(load(watcher, scene, duration, 'nobody', RATE, 1.0))
-        watcher.listen()
-        loads.append(load(watcher, scene, duration, 'all default topics', RATE, 1.0))
-        times = {'jitter_ms': jitter(watcher.states), 'effect': effect(watcher, duration)}
-        watcher.hear('markers', MarkerArray, QoSProfile(depth=10))
-        loads.append(load(watcher, scene, duration, 'markers as well', RATE, 1.0))
+    with closing(SimProbe(sim, stop, JOINT)) as probe:
+        probe.connect()
+        loads.append(load(probe, scene, duration, 'nobody', RATE, 1.0))
+        probe.listen()
+        loads.append(load(probe, scene, duration, 'all default topics', RATE, 1.0))
+        times = {'jitter_ms': jitter(probe.states), 'effect': effect(probe, duration)}
+        probe.hear('markers', MarkerArray, QoSProfile(depth=10))
+        loads.append(load(probe, scene, duration, 'markers as well', RATE, 1.0))
     print('between two states, off the period [ms]; from a command to the state that shows it:')
     for name, values in (times['jitter_ms'] | times['effect']).items():
         print(f'  {name:22}', *(f'{key} {value:7.3f}  ' for key, value in values.items()))
@@ -168,29 +168,29 @@ def paced(
 
 
 def free(sim: Child, stop: Event, scene: Scene, duration: float, rate: float) -> list[Load]:
-    """Return what the node does as fast as possible."""
+    """Return the loads of a node that runs as fast as possible."""
     loads = []
-    with closing(Watcher(sim, stop, JOINT, fast=True)) as watcher:
-        watcher.connect()
-        loads.append(load(watcher, scene, duration, 'nobody', rate, 0.0))
-        watcher.listen()
-        loads.append(load(watcher, scene, duration, 'all default topics', rate, 0.0))
+    with closing(SimProbe(sim, stop, JOINT, fast=True)) as probe:
+        probe.connect()
+        loads.append(load(probe, scene, duration, 'nobody', rate, 0.0))
+        probe.listen()
+        loads.append(load(probe, scene, duration, 'all default topics', rate, 0.0))
     return loads
 
 
 def load(
-    watcher: Watcher, scene: Scene, duration: float, listeners: str, rate: float, factor: float
+    probe: SimProbe, scene: Scene, duration: float, listeners: str, rate: float, factor: float
 ) -> Load:
-    """Let the robot crawl at a real-time factor and return and print what the node does."""
-    watcher.hurry(factor)
-    watcher.reset()
-    watcher.crawl(scene, (factor or HURRY) * (PEACE + duration))
-    watcher.spin(PEACE)
-    watcher.states.clear()
-    begin = watcher.clock()
-    watcher.spin(duration)
-    simulated, wall, processor = np.subtract(watcher.clock(), begin).tolist()
-    watcher.sim.check()
+    """Let the robot crawl at a real-time factor; return and print the pace of the node."""
+    probe.hurry(factor)
+    probe.reset()
+    probe.crawl(scene, (factor or HURRY) * (PEACE + duration))
+    probe.spin(PEACE)
+    probe.states.clear()
+    begin = probe.clock()
+    probe.spin(duration)
+    simulated, wall, processor = np.subtract(probe.clock(), begin).tolist()
+    probe.sim.check()
     periods = rate * simulated
     result = Load(
         factor, rate, listeners, simulated / wall, processor / wall, 1e6 * processor / periods
@@ -205,7 +205,7 @@ def load(
 
 
 def jitter(states: list[Noted]) -> dict[str, dict[str, float]]:
-    """Return how far times between two states are from the period, as sent and as received."""
+    """Return by how much [ms] times between two states differ from the period."""
     periods = np.diff([state.stamp for state in states])
     return {
         name: spread(1e3 * np.abs(np.diff(times) - periods))
@@ -216,41 +216,41 @@ def jitter(states: list[Noted]) -> dict[str, dict[str, float]]:
     }
 
 
-def effect(watcher: Watcher, duration: float) -> dict[str, dict[str, float]]:
+def effect(probe: SimProbe, duration: float) -> dict[str, dict[str, float]]:
     """
-    Return how long it takes from a command to the first state that shows its effect.
+    Return the time from a command to the first state that shows its effect.
 
-    The robot lies still. One joint is told to step back and forth, at random phases of the publish
-    period; its torque answers in the first step that knows the command. Counted are publish
-    periods from the last state before the command, so 1 is the best, and wall time until the
-    state is published and received.
+    The robot lies still. Commands make one joint step back and forth, at random phases of the
+    publish period; its torque changes in the first step that knows the command. The result has
+    publish periods from the last state before the command, so that 1 is the best, and wall times
+    until the state is published and received.
     """
-    watcher.hurry(1.0)
-    watcher.reset()
-    watcher.spin(PEACE)
+    probe.hurry(1.0)
+    probe.reset()
+    probe.spin(PEACE)
     end = time.monotonic() + duration
     answers, angle = [], 0.0
     while time.monotonic() < end:
         angle = STEP - angle
-        answers.append(response(watcher, angle))
+        answers.append(response(probe, angle))
     names = ('periods', 'ms until published', 'ms until received')
     return dict(zip(names, map(spread, np.transpose(answers)), strict=True))
 
 
-def response(watcher: Watcher, angle: float) -> tuple[float, float, float]:
-    """Return periods, and ms until published and received, from a command to its effect."""
-    states = watcher.states
+def response(probe: SimProbe, angle: float) -> tuple[float, float, float]:
+    """Return periods, ms until published and ms until received, of one command."""
+    states = probe.states
     states.clear()
-    watcher.spin(random.uniform(*PAUSE) / RATE)
-    watcher.until(lambda: states, 'state')
+    probe.spin(random.uniform(*PAUSE) / RATE)
+    probe.until(lambda: states, 'state')
     before, sent = states[-1].effort, time.time()
-    watcher.commands.publish(JointState(name=[JOINT], position=[angle]))
+    probe.commands.publish(JointState(name=[JOINT], position=[angle]))
 
     def effects() -> list[Noted]:
         later = (item for item in states if item.published > sent)
         return [item for item in later if abs(item.effort - before) > RESPONSE]
 
-    watcher.until(effects, 'effect of a command')
+    probe.until(effects, 'effect of a command')
     first = effects()[0]
     last = max(item.stamp for item in states if item.published < sent)
     return (
@@ -261,13 +261,13 @@ def response(watcher: Watcher, angle: float) -> tuple[float, float, float]:
 
 
 def spread(values: Array) -> dict[str, float]:
-    """Return median, 99 % quantile and largest of some values."""
+    """Return median, 99 % quantile and maximum of some values."""
     p50, p99 = np.quantile(values, [0.5, 0.99]).tolist()
     return {'p50': p50, 'p99': p99, 'max': float(values.max())}
 
 
 def period_costs(scene: Scene) -> dict[str, float]:
-    """Return name -> median time of the parts of a publish period [us], nobody listening."""
+    """Return name -> median time of a part of a publish period [us], without subscribers."""
     simulation, node = Simulation(scene), Node('pacing')
     simulation.compile(scene.gait)
     messages = StateMessages(scene.robot)

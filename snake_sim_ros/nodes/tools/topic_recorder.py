@@ -1,4 +1,4 @@
-"""The command `snake-sim record`: all that is on the topics as an MCAP bag, until it is ended."""
+"""The recorder of `snake-sim record`: all topics as an MCAP bag, until a signal ends it."""
 
 from functools import partial
 from importlib import import_module
@@ -14,17 +14,17 @@ from rclpy.qos import ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from snake_sim_ros.nodes.bag_writer import BagWriter
-from snake_sim_ros.nodes.running import make_executor
-from snake_sim_ros.nodes.tools.processes import interruptible
+from snake_sim_ros.nodes.executors import make_executor
+from snake_sim_ros.nodes.tools.child_nodes import interruptible
 from snake_sim_ros.scene.quantities import ParameterError
 
-QUEUE = 10_000  # messages of a topic that may wait, some ten seconds of the fastest one
+QUEUE = 10_000  # messages of a topic that may wait, about ten seconds of the fastest topic
 LOOK_PERIOD = 0.2  # s between two looks for new topics
-DRAIN = 0.2  # s for what was sent before the end and is still on its way
+DRAIN = 0.2  # s to wait at the end for messages that are still on their way
 
 
-class Recorder(Node):
-    """A node that subscribes to whatever is published and writes the bytes as they come."""
+class TopicRecorder(Node):
+    """A node that subscribes to all topics and writes the bytes of their messages."""
 
     def __init__(self, bag: BagWriter) -> None:
         super().__init__('recorder')
@@ -32,7 +32,7 @@ class Recorder(Node):
         self._refused: set[tuple[str, str]] = set()
 
     def look(self) -> None:
-        """Subscribe to topics that are new."""
+        """Subscribe to the topics that are new."""
         for topic, kinds in self.get_topic_names_and_types():
             if topic in self._bag.counts or not self.count_publishers(topic):
                 continue
@@ -66,15 +66,15 @@ class Recorder(Node):
         self._bag.write(topic, time.time_ns(), data)
 
     def _refuse(self, topic: str, why: str) -> None:
-        """Say once why a topic is not recorded."""
+        """Print once why a topic is not recorded."""
         if (topic, why) not in self._refused:
             self._refused.add((topic, why))
             print(f'{topic} is not recorded: {why}', file=sys.stderr)
 
 
-def record(path: Path) -> int:
+def record_topics(path: Path) -> int:
     """
-    Record all topics until SIGINT or SIGTERM; times of the bag are those of their arrival.
+    Record all topics until SIGINT or SIGTERM; the bag has the times at which messages arrive.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def record(path: Path) -> int:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
         with interruptible() as stop, BagWriter(path) as bag:
-            node = Recorder(bag)
+            node = TopicRecorder(bag)
             executor = make_executor(node)
             print(f'recording all topics in {path}; Ctrl-C ends it', flush=True)
             looked = shown = 0.0

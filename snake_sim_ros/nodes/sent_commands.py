@@ -1,14 +1,14 @@
 """
-Joint commands in the three forms that robots take, as pure functions.
+Joint commands that are sent, in the three forms that robots take.
 
 - `joint_state`: sensor_msgs/JointState by name with positions and velocities, as `sim` and
   joint_state_topic_hardware_interface take it;
 - `multi_array`: std_msgs/Float64MultiArray, the positions of all joints in order, as
   forward_command_controller takes it;
 - `trajectory`: trajectory_msgs/JointTrajectory, the positions one period ahead, as
-  joint_trajectory_controller takes it. It has no velocities, for that controller refuses a
-  trajectory that does not end at rest, and a stamp of 0, which means from now on: a stamp that
-  arrives later than the point is due would be refused.
+  joint_trajectory_controller takes it. It has no velocities, because that controller refuses a
+  trajectory that does not end at rest. Its stamp is 0, which means now, because the controller
+  refuses a stamp that arrives after the point is due.
 """
 
 from array import array
@@ -28,18 +28,27 @@ from snake_sim_ros.scene.parameters import Array
 
 
 @dataclass(frozen=True)
-class CommandType:
-    """Message and topic of a form of commands, and how many periods ahead it tells the joints."""
+class CommandForm:
+    """
+    One form of joint commands.
+
+    Attributes
+    ----------
+    kind : type
+        Type of the message.
+    topic : str
+    ahead : int
+        How many publish periods ahead of its time a message commands the joints.
+    message : callable
+        Makes a message of joint names, stamp, angle [rad] and rate [rad/s] of shape (n-1, 2), and
+        publish period [ns].
+
+    """
 
     kind: Any
     topic: str
     ahead: int
     message: Callable[[list[str], Time, Array, Array, int], Any]
-
-
-def joint_names(link_count: int) -> list[str]:
-    """Return the names of all joint axes in their fixed order."""
-    return [f'joint_{i}_{axis}' for i in range(1, link_count) for axis in ('yaw', 'pitch')]
 
 
 def command_message(
@@ -56,14 +65,14 @@ def command_message(
 def positions_message(
     _names: list[str], _stamp: Time, angle: Array, _rate: Array, _: int
 ) -> Float64MultiArray:
-    """Return the positions of all joints in order."""
+    """Return the positions of all joints in their order."""
     return Float64MultiArray(data=_doubles(angle))
 
 
 def trajectory_message(
     names: list[str], _stamp: Time, angle: Array, _rate: Array, period: int
 ) -> JointTrajectory:
-    """Return a trajectory of one point, a period [ns] from now."""
+    """Return a trajectory of one point that is due a period [ns] from now."""
     sec, nanosec = divmod(period, 1_000_000_000)
     point = JointTrajectoryPoint(
         positions=_doubles(angle), time_from_start=Duration(sec=sec, nanosec=nanosec)
@@ -71,10 +80,10 @@ def trajectory_message(
     return JointTrajectory(joint_names=names, points=[point])
 
 
-COMMAND_TYPES = {
-    'joint_state': CommandType(JointState, 'joint_command', 0, command_message),
-    'multi_array': CommandType(Float64MultiArray, 'position_commands', 0, positions_message),
-    'trajectory': CommandType(JointTrajectory, 'joint_trajectory', 1, trajectory_message),
+COMMAND_FORMS = {
+    'joint_state': CommandForm(JointState, 'joint_command', 0, command_message),
+    'multi_array': CommandForm(Float64MultiArray, 'position_commands', 0, positions_message),
+    'trajectory': CommandForm(JointTrajectory, 'joint_trajectory', 1, trajectory_message),
 }
 
 

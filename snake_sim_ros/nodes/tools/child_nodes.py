@@ -1,4 +1,4 @@
-"""Nodes in processes of their own, as a command starts, watches and ends them."""
+"""Nodes in processes of their own, which a command starts, watches and ends."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -13,10 +13,10 @@ from threading import Event
 from threading import Thread
 import time
 
-from snake_sim_ros.nodes.running import SIGNALS
+from snake_sim_ros.nodes.node_process import SIGNALS
 
-LINES = 100  # of what a node printed that are kept
-LAST_WORDS = 5  # lines
+LINES = 100  # of the output of a node that are kept
+LAST_WORDS = 5  # lines of its output that the report of a node's death shows
 END_TIMEOUT = 5.0  # s, for a node to end after SIGINT
 
 
@@ -25,7 +25,7 @@ class Interrupted(Exception):
 
 
 class NodeDied(Exception):
-    """A node ended, or fell silent, although nobody asked it to."""
+    """A node ended or fell silent without being asked to."""
 
 
 @dataclass
@@ -52,12 +52,12 @@ class Child:
         """
         status = self.process.poll()
         if status is not None:
-            time.sleep(0.1)  # for its last words
+            time.sleep(0.1)  # It may still print its last words.
             words = ' / '.join(list(self.lines)[-LAST_WORDS:])
             raise NodeDied(f'{self.name} ended with status {status}: {words}')
 
     def end(self) -> None:
-        """End the process: by asking, then by force."""
+        """Ask the process to end; kill it if it does not."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
         try:
@@ -68,7 +68,19 @@ class Child:
 
 
 def start(name: str, *parameters: str, echo: bool = False) -> Child:
-    """Start a node, in a session of its own so that Ctrl-C is ours; echo what it prints."""
+    """
+    Start a node in a session of its own, so that Ctrl-C does not reach it.
+
+    Parameters
+    ----------
+    name : str
+        The node: sim, gait or viewer.
+    *parameters : str
+        Parameters of the node as ``name:=value``.
+    echo : bool
+        Print what the node prints.
+
+    """
     command = [sys.executable, '-m', 'snake_sim_ros.nodes', name, '--ros-args']
     for parameter in parameters:
         command += ['-p', parameter]
@@ -95,7 +107,7 @@ def _listen(node: Child, echo: bool) -> None:
 
 @contextmanager
 def children() -> Iterator[list[Child]]:
-    """Give a list for the nodes that are started; end them afterwards."""
+    """Yield a list for the nodes that are started; end them afterwards."""
     nodes: list[Child] = []
     try:
         yield nodes
@@ -106,7 +118,7 @@ def children() -> Iterator[list[Child]]:
 
 @contextmanager
 def interruptible() -> Iterator[Event]:
-    """Give an event that SIGINT and SIGTERM set; an exception would break off the middleware."""
+    """Yield an event that SIGINT and SIGTERM set; an exception would disrupt the middleware."""
     stop = Event()
     before = {number: signal.signal(number, lambda *_: stop.set()) for number in SIGNALS}
     try:

@@ -1,4 +1,4 @@
-"""Bags read back: an MCAP file of `snake-sim`, of `ros2 bag` or of a real robot as a run."""
+"""Reading bags: an MCAP file of `snake-sim`, `ros2 bag` or a real robot becomes a trajectory."""
 
 from collections.abc import Iterator
 from os import SEEK_END
@@ -8,7 +8,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from snake_sim_ros.recording import from_messages as wire
+from snake_sim_ros.recording import from_messages
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_from_text
@@ -18,9 +18,9 @@ from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.trajectory import Trajectory
 
-METADATA = 'snake_sim_ros'  # name of the record that has the scene of a run
-MAGIC = b'\x89MCAP0\r\n'  # at both ends of a file that is whole
-KINDS = {  # last part of a topic's name: its type
+METADATA = 'snake_sim_ros'  # name of the metadata record with the scene of a run
+MAGIC = b'\x89MCAP0\r\n'  # at both ends of a complete file
+KINDS = {  # last part of the name of a topic: its type
     'joint_states': 'sensor_msgs/msg/JointState',
     'link_poses': 'geometry_msgs/msg/PoseArray',
     'markers': 'visualization_msgs/msg/MarkerArray',
@@ -34,24 +34,24 @@ Raw = list[tuple[float, float, Any]]  # stamp of its header [s], time of its rec
 
 def read_bag(path: Path, namespace: str | None = None) -> Trajectory:
     """
-    Return what a robot did in a bag.
+    Return the trajectory of a robot in a bag.
 
-    The samples are those of `link_poses`; without them, as a real robot has none, those of
-    `joint_states`, and the robot lies at the origin. Contacts are those of the last markers before
-    a sample. Where stamps go back, as after a reset of time, time stands still. Without a
-    robot_description it is Aiko.
+    The samples are those of `link_poses`. A real robot does not publish them; then the samples are
+    those of `joint_states`, and the robot lies at the origin. Contacts are those of the last
+    markers before a sample. Where stamps go back, as after a reset of time, time stands still.
+    Without a robot_description the robot is Aiko.
 
     Parameters
     ----------
     path : Path
         An MCAP file, or the folder that `ros2 bag record -s mcap` makes.
     namespace : str, optional
-        Of the robot, such as ``/aiko``; needed if there are several.
+        Namespace of the robot, such as ``/aiko``; needed if there are several robots.
 
     Raises
     ------
     ParameterError
-        If it is no such file, not whole, or has neither link poses nor joint states.
+        If it is no such file, is not complete, or has neither link poses nor joint states.
 
     """
     found: dict[str, Raw] = {}
@@ -81,7 +81,7 @@ def read_bag(path: Path, namespace: str | None = None) -> Trajectory:
 
 
 def _robots(found: dict[str, Raw], namespace: str | None) -> list[str]:
-    """Return the namespaces in which robots are."""
+    """Return the namespaces that have a robot."""
     topics = [name for name in found if name.endswith(('/link_poses', '/joint_states'))]
     spaces = dict.fromkeys(name.rpartition('/')[0] or '/' for name in topics)
     wanted = namespace and '/' + namespace.strip('/')
@@ -89,7 +89,7 @@ def _robots(found: dict[str, Raw], namespace: str | None) -> list[str]:
 
 
 def _timed(raw: Raw) -> Messages:
-    """Return messages with their stamps, or if they have none with the times of recording."""
+    """Return messages with their stamps, or with the times of recording if none has a stamp."""
     stamped = any(stamp for stamp, _, _ in raw)
     return [(stamp if stamped else recorded, message) for stamp, recorded, message in raw]
 
@@ -103,7 +103,7 @@ def _trajectory(found: dict[str, Messages], text: str) -> Trajectory:
         for part in ('position', 'velocity', 'effort')
     )
     if found['link_poses']:
-        poses = [wire.poses(message) for _, message in source]
+        poses = [from_messages.poses(message) for _, message in source]
         for position, _ in poses:
             if len(position) != n:
                 raise ParameterError(
@@ -169,7 +169,7 @@ def _read(path: Path, found: dict[str, Raw], others: dict[str, str]) -> str:
             scene = [r.metadata['scene'] for r in reader.iter_metadata() if r.name == METADATA]
             for topic, *raw in _decoded(reader, others):
                 found.setdefault(topic, []).append(tuple(raw))
-        except Exception as error:  # broken data makes decoders raise whatever they like
+        except Exception as error:  # On broken data decoders raise errors of any type.
             raise ParameterError(
                 f'{path} cannot be read as a bag of ROS 2: {type(error).__name__}: {error}'
             ) from None
@@ -183,7 +183,7 @@ def _last(file: BinaryIO) -> bytes:
 
 
 def _decoded(reader: Any, others: dict[str, str]) -> Iterator[tuple[str, float, float, Any]]:
-    """Yield topic, stamp [s], time [s] and message of what is read; add other topics."""
+    """Yield topic, stamp [s], time [s] and message of known topics; collect the other topics."""
     from mcap_ros2.decoder import DecoderFactory
 
     factory, decoders = DecoderFactory(), dict[int, Any]()
@@ -210,19 +210,21 @@ def _stamp(message: Any) -> float:
 
 
 def _scene(found: dict[str, Messages], text: str) -> Scene:
-    """Return the scene that a run kept, or what its topics say of it."""
+    """Return the scene in the metadata of a run, or else the one that its topics describe."""
     if text:
         return scene_from_text(text)
     if not found['robot_description']:
         return Scene()
     markers = found['markers'][-1][1].markers if found['markers'] else ()
-    return wire.scene_of(found['robot_description'][-1][1].data, markers)
+    return from_messages.scene_of(found['robot_description'][-1][1].data, markers)
 
 
 def _joints(messages: Messages, part: str, stamp: Array, count: int) -> Array:
-    """Return values of the joints at some times, nan where none were before: (m, count, 2)."""
+    """Return values of the joints at some times, shape (m, count, 2); nan before the first."""
     rows = [np.full((count, 2), np.nan)]
-    rows += [wire.joint_axes(item.name, getattr(item, part), count) for _, item in messages]
+    rows += [
+        from_messages.joint_axes(item.name, getattr(item, part), count) for _, item in messages
+    ]
     return np.asarray(np.array(rows)[_latest(messages, stamp) + 1])
 
 
@@ -233,8 +235,8 @@ def _latest(messages: Messages, stamp: Array) -> Array:
 
 
 def _contacts(messages: Messages, stamp: Array) -> tuple[Array, Array, Array]:
-    """Return sample, point [m] and force [N] of all contacts, of the last markers each."""
-    touched = [wire.contacts(item.markers) or NOTHING for _, item in messages]
+    """Return sample, point [m] and force [N] of all contacts, each from the last markers."""
+    touched = [from_messages.contacts(item.markers) or NOTHING for _, item in messages]
     parts = [NOTHING if k < 0 else touched[k] for k in _latest(messages, stamp)]
     sample = np.repeat(np.arange(len(stamp)), [len(point) for point, _ in parts])
     point, force = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
@@ -242,7 +244,7 @@ def _contacts(messages: Messages, stamp: Array) -> tuple[Array, Array, Array]:
 
 
 def _levels(messages: Messages, stamp: Array) -> Array:
-    """Return the level that the last diagnostics before each time tell, or nothing."""
+    """Return the level in the last diagnostics before each time, or an empty text."""
     told = [''] + [
         next((item.value for status in message.status for item in status.values
               if item.key == 'level'), '')

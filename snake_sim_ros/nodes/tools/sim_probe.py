@@ -1,4 +1,4 @@
-"""A node that watches one `sim` closely: its states, its clock, and the processor it uses."""
+"""A probe of one `sim`: when its states arrive, how its clock runs, what processor it uses."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,19 +24,19 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from snake_sim_ros.nodes.command_messages import joint_names
-from snake_sim_ros.nodes.messages import seconds_from
-from snake_sim_ros.nodes.messages import stamp_from
-from snake_sim_ros.nodes.running import make_executor
-from snake_sim_ros.nodes.tools.processes import Child
-from snake_sim_ros.nodes.tools.processes import Interrupted
-from snake_sim_ros.nodes.tools.processes import NodeDied
+from snake_sim_ros.nodes.executors import make_executor
+from snake_sim_ros.nodes.joint_names import joint_names
+from snake_sim_ros.nodes.stamps import seconds_from
+from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.nodes.tools.child_nodes import Child
+from snake_sim_ros.nodes.tools.child_nodes import Interrupted
+from snake_sim_ros.nodes.tools.child_nodes import NodeDied
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.quantities import ParameterError
 
-TIMEOUT = 90.0  # s, for compiling and discovery
-ANSWER = 10.0  # s, for everything else
+TIMEOUT = 90.0  # s for compiling and discovery
+ANSWER = 10.0  # s for everything else
 POINT = 0.1  # s between the points of a trajectory
 TOPICS: dict[str, tuple[Any, QoSProfile]] = {
     'link_poses': (PoseArray, QoSProfile(depth=10)),
@@ -52,7 +52,19 @@ TOPICS: dict[str, tuple[Any, QoSProfile]] = {
 
 @dataclass(frozen=True)
 class Noted:
-    """A message of joint_states: stamp, when it was published and when it came [s], a torque."""
+    """
+    A message of joint_states that arrived.
+
+    Attributes
+    ----------
+    stamp : float
+        Simulated time [s].
+    published, arrived : float
+        Wall time [s].
+    effort : float
+        Torque of one joint [N m].
+
+    """
 
     stamp: float
     published: float
@@ -60,23 +72,24 @@ class Noted:
     effort: float
 
 
-class Watcher:
+class SimProbe:
     """
-    A node that watches one `sim`, with its executor.
+    A node that measures and commands one `sim`, with its executor.
 
     Parameters
     ----------
     sim : Child
     stop : Event
-        Set by a signal.
+        A signal sets it.
     joint : str
-        Whose torque is noted.
+        Name of the joint whose torque is kept.
     fast : bool
-        Serve messages at the least cost, without a note of the times of joint_states.
+        Serve messages at the least cost, and keep no times of joint_states.
 
     Attributes
     ----------
     states : list of Noted
+        The messages of joint_states that arrived.
 
     """
 
@@ -105,7 +118,7 @@ class Watcher:
         ------
         Interrupted
         NodeDied
-            If time is up, and something was waited for.
+            If time is up, and `what` names what should have come.
 
         """
         end = time.monotonic() + timeout
@@ -121,11 +134,11 @@ class Watcher:
             self.executor.spin_once(timeout_sec=min(left, 0.1))
 
     def spin(self, seconds: float) -> None:
-        """Serve messages for some time."""
+        """Serve messages for some time [s]."""
         self.until(lambda: False, timeout=seconds)
 
     def connect(self) -> None:
-        """Wait for the node."""
+        """Wait until the node can be reached."""
         self.until(self.is_connected, 'answer from sim', TIMEOUT)
         if (count := self.node.count_publishers('joint_states')) > 1:
             raise ParameterError(
@@ -134,7 +147,7 @@ class Watcher:
             )
 
     def is_connected(self) -> bool:
-        """Return whether commands and requests get to the node."""
+        """Return whether commands and requests reach the node."""
         self.sim.check()
         services = self.parameters.services_are_ready() and self.resets.service_is_ready()
         topics = (self.commands, self.trajectories)
@@ -145,7 +158,7 @@ class Watcher:
         self.until(future.done, 'response of a service')
 
     def listen(self) -> None:
-        """Subscribe to all default topics and wait until all that stream are heard."""
+        """Subscribe to all default topics and wait for a message of all that are periodic."""
         if self.fast:
             self.hear('joint_states', JointState, QoSProfile(depth=10))
         else:
@@ -156,7 +169,7 @@ class Watcher:
         self.until(lambda: self.heard >= streams, 'message on every topic')
 
     def hear(self, topic: str, kind: Any, profile: QoSProfile) -> None:
-        """Subscribe to a topic, and note no more than that it has messages."""
+        """Subscribe to a topic, and keep only that it has messages."""
         self.node.create_subscription(
             kind, topic, lambda _: self.heard.add(topic), profile, raw=True
         )
@@ -179,7 +192,7 @@ class Watcher:
         self.ask(self.parameters.set_parameters([parameter]))
 
     def crawl(self, scene: Scene, seconds: float) -> None:
-        """Let the robot do lateral undulation for some simulated time."""
+        """Let the robot follow the gait of a scene for some simulated time [s]."""
         self.trajectories.publish(trajectory(scene, seconds))
 
     def clock(self) -> tuple[float, float, float]:
@@ -197,12 +210,12 @@ class Watcher:
 
 
 def processor_time(child: Child) -> float:
-    """Return the processor time of a process [s], by the clock of clock_getcpuclockid(3)."""
+    """Return the processor time of a process [s], from the clock of clock_getcpuclockid(3)."""
     return time.clock_gettime(~child.process.pid << 3 | 2)
 
 
 def trajectory(scene: Scene, seconds: float) -> JointTrajectory:
-    """Return the gait of a scene as a trajectory from now on."""
+    """Return the gait of a scene as a trajectory that begins now."""
     axes = scene.robot.link_count - 1
     message = JointTrajectory(joint_names=joint_names(axes + 1))
     times = np.arange(0.0, seconds + POINT, POINT)

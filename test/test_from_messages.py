@@ -1,4 +1,4 @@
-"""What messages say is what was put into them: robots, poses, joints, contacts, obstacles."""
+"""Messages read back as what they were made of: robots, poses, joints, contacts, obstacles."""
 
 from dataclasses import replace
 import re
@@ -10,8 +10,8 @@ import pytest
 from rclpy.serialization import deserialize_message
 
 from snake_sim_ros.nodes.markers import SceneMarkers
-from snake_sim_ros.nodes.messages import StateMessages
-from snake_sim_ros.recording import from_messages as wire
+from snake_sim_ros.nodes.state_messages import StateMessages
+from snake_sim_ros.recording import from_messages
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
@@ -48,7 +48,7 @@ def test_robot_of_its_description(robot):
     names = ('link_length', 'link_mass', 'inertia_axial', 'inertia_transversal', 'contact_radius')
     for name in names:
         assert (found.per_link(name) == robot.per_link(name)).all(), name
-    # A link without radius has no spheres that would say where they are.
+    # A link without a radius has no spheres whose places the description could tell.
     shown = robot.per_link('contact_radius') > 0
     assert (found.per_link('contact_offset') == robot.per_link('contact_offset') * shown).all()
 
@@ -76,32 +76,34 @@ def test_places_without_numbers_are_named():
 def test_poses_are_those_of_the_state():
     scene = load_scene('lateral_undulation')
     state = initial_state(scene)
-    # The head on its side, its tail the other way round, one of the two with a negative scalar.
+    # The head lies on its side, the tail is turned around; one of them has a negative scalar.
     state.q[0, 3:] = np.array([-0.1, 0.7, 0.5, 0.5]) / 1.0
     messages = StateMessages(scene.robot)
     messages.fill(0, state, np.zeros((10, 2)))
     message = deserialize_message(bytes(messages.link_poses), PoseArray)
-    position, orientation = wire.poses(message)
+    position, orientation = from_messages.poses(message)
     assert (position == state.q[:, :3]).all()
-    # Either sign is the same turn; products of four halves round to 2e-16.
+    # Both signs are the same rotation; sums of four products of halves round to 2e-16.
     sign = np.sign((orientation * state.q[:, 3:]).sum(axis=1, keepdims=True))
     assert np.abs(sign * orientation - state.q[:, 3:]).max() < 1e-15
 
 
 def test_joints_by_name():
-    axes = wire.joint_axes(['joint_2_pitch', 'joint_1_yaw', 'wheel'], [0.2, 0.1, 7.0], 2)
+    axes = from_messages.joint_axes(['joint_2_pitch', 'joint_1_yaw', 'wheel'], [0.2, 0.1, 7.0], 2)
     assert np.array_equal(axes, [[0.1, np.nan], [np.nan, 0.2]], equal_nan=True)
-    assert np.isnan(wire.joint_axes(['joint_1_yaw'], [], 3)).all()
-    assert wire.joint_axes([], [], 0).shape == (0, 2)
+    assert np.isnan(from_messages.joint_axes(['joint_1_yaw'], [], 3)).all()
+    assert from_messages.joint_axes([], [], 0).shape == (0, 2)
 
 
 @pytest.mark.parametrize('name', ['obstacle_aided', 'step', 'lateral_undulation'])
 def test_scene_of_its_markers(name):
     scene = load_scene(name)
-    found = wire.scene_of(robot_description(scene.robot), SceneMarkers(scene).message.markers)
+    found = from_messages.scene_of(
+        robot_description(scene.robot), SceneMarkers(scene).message.markers
+    )
     assert found.robot.per_link('link_length') == pytest.approx(0.122, abs=1e-15)
     assert found.pegs.axes == pytest.approx(scene.pegs.axes, abs=1e-15)
-    # Boxes are given by their centers: a few roundings of numbers below 4 m.
+    # Boxes are given by their centers: this takes a few roundings of numbers below 4 m.
     assert np.shape(found.ground.heights) == np.shape(scene.ground.heights)
     assert np.array(found.ground.heights) == pytest.approx(
         np.array(scene.ground.heights), abs=1e-14
@@ -113,15 +115,15 @@ def test_scene_of_its_markers(name):
 
 def test_contacts_of_markers():
     markers = SceneMarkers(Scene())
-    assert wire.contacts([]) is None
+    assert from_messages.contacts([]) is None
     points, forces = np.arange(6.0).reshape(2, 3), np.array([[0.0, 1.0, 40.0], [-2.0, 0.0, 3.0]])
     markers.fill(Time(), points, forces)
-    found = wire.contacts(markers.message.markers)
+    found = from_messages.contacts(markers.message.markers)
     assert found is not None
     assert (found[0] == points).all()
     assert found[1] == pytest.approx(forces, abs=1e-12)
     markers.fill(Time(), points[:0], forces[:0])
-    assert [len(part) for part in wire.contacts(markers.message.markers)] == [0, 0]
+    assert [len(part) for part in from_messages.contacts(markers.message.markers)] == [0, 0]
 
 
 def test_a_marker_that_was_deleted_is_not_there():
@@ -129,6 +131,6 @@ def test_a_marker_that_was_deleted_is_not_there():
     markers = SceneMarkers(scene).message.markers
     for marker in markers:
         marker.action = 2
-    assert wire.scene_of(robot_description(scene.robot), markers) == replace(
+    assert from_messages.scene_of(robot_description(scene.robot), markers) == replace(
         Scene(), robot=robot_of(robot_description(scene.robot))
     )

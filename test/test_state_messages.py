@@ -1,4 +1,4 @@
-"""Messages from and to physics, without any node."""
+"""Messages of the state of the physics, and of commands, without any node."""
 
 import math
 from types import SimpleNamespace
@@ -13,13 +13,13 @@ from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from snake_sim_ros.nodes.command_messages import command_message
-from snake_sim_ros.nodes.command_messages import joint_names
 from snake_sim_ros.nodes.diagnostics import shown
 from snake_sim_ros.nodes.diagnostics import status_of
-from snake_sim_ros.nodes.messages import seconds_from
-from snake_sim_ros.nodes.messages import stamp_from
-from snake_sim_ros.nodes.messages import StateMessages
+from snake_sim_ros.nodes.joint_names import joint_names
+from snake_sim_ros.nodes.sent_commands import command_message
+from snake_sim_ros.nodes.stamps import seconds_from
+from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.quantities import flat_fields
@@ -30,7 +30,7 @@ from snake_sim_ros.stepping.simulation import joint_motion
 
 ROBOT = Robot()
 NAMES = joint_names(11)
-# Products of numbers up to 1 with a rounding each; of a sum of a few of them.
+# Sums of a few products of numbers up to 1, each with one rounding.
 ROUNDING = 1e-14
 
 
@@ -105,7 +105,7 @@ def test_twist_is_that_of_the_middle_link_in_its_frame(state):
     assert axes @ [v.x, v.y, v.z] == pytest.approx(state.u[5, :3], abs=4 * ROUNDING)
     # The angular velocity of physics is in frame B.
     assert axes @ [w.x, w.y, w.z] == pytest.approx(R @ state.u[5, 3:], abs=4 * ROUNDING)
-    # x forward, toward link 1: against that of the link, which is e_z of frame B.
+    # The x axis points forward, toward link 1, against that of the link, e_z of frame B.
     assert axes == pytest.approx(R[:, [2, 0, 1]] * [-1, -1, 1], abs=4 * ROUNDING)
     assert odom.pose.pose.orientation.w >= 0
     assert odom.child_frame_id == 'base_link'

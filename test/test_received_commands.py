@@ -1,4 +1,4 @@
-"""What the joints are told after a message, without any node."""
+"""The joint reference after a command or a trajectory was received, without any node."""
 
 from array import array
 import math
@@ -18,13 +18,13 @@ from snake_sim_ros.gaits.interpolation import hold_within
 from snake_sim_ros.gaits.interpolation import move
 from snake_sim_ros.gaits.joint_reference import compile_sampling
 from snake_sim_ros.gaits.joint_reference import JointReference
-from snake_sim_ros.nodes.command_messages import joint_names
-from snake_sim_ros.nodes.commands import extrapolated
-from snake_sim_ros.nodes.commands import joint_command
-from snake_sim_ros.nodes.commands import joint_trajectory
-from snake_sim_ros.nodes.commands import position_commands
-from snake_sim_ros.nodes.commands import RejectedCommand
-from snake_sim_ros.nodes.messages import stamp_from
+from snake_sim_ros.nodes.joint_names import joint_names
+from snake_sim_ros.nodes.received_commands import extrapolated
+from snake_sim_ros.nodes.received_commands import joint_command
+from snake_sim_ros.nodes.received_commands import position_commands
+from snake_sim_ros.nodes.received_commands import RejectedCommand
+from snake_sim_ros.nodes.received_trajectories import joint_trajectory
+from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 
@@ -64,7 +64,7 @@ def test_command_replaces_only_the_joints_that_it_names(last):
     assert (taken.angle == expected).all()
     assert (taken.rate == rates).all()
     assert (taken.stamp == stamps).all()
-    # What was there before is another object, as it was.
+    # The reference before the command is another object and did not change.
     assert (last.angle == 0.1).all()
 
 
@@ -80,8 +80,8 @@ def test_command_without_velocity_stands_still(last):
         (0.0, NOW),
         (4.95, 4.95),
         (5.0, NOW),
-        (5.2, NOW),  # of the future
-        (1.8e9, NOW),  # of the wall clock
+        (5.2, NOW),  # in the future
+        (1.8e9, NOW),  # from the wall clock
     ],
 )
 def test_time_of_a_command(last, stamp, meant):
@@ -264,13 +264,13 @@ def test_points_without_velocities_are_joined_by_lines(still):
     expected = [[0.1, 0.1], [0.2, 0.0], [0.3, -0.1], [0.3, 0.05], [0.3, 0.5], [0.3, 0.5]]
     assert angle == pytest.approx(np.array(expected), abs=1e-12)
     assert rate[[1, 3, 5]] == pytest.approx(np.array([[0.2, -0.2], [0, 0.6], [0, 0]]), abs=1e-12)
-    # The others hold what they had.
+    # The other joints keep their reference.
     assert (reference.sample(np.array([NOW + 1.0]), HORIZON, LIMIT)[0][0, 4] == 0.1).all()
 
 
 def test_points_with_velocities_are_joined_by_cubics(last):
-    # It begins with the angle and the rate that the joints are told at that time, 0.1 + 0.05 * 0.5
-    # and, after the horizon, 0.
+    # It begins with the angle and the rate of the reference at that time: 0.1 + 0.05 * 0.5 and,
+    # after the horizon, 0.
     points = (0.5, [0.3, 0.0], [0.4, -0.3]), (1.5, [-0.2, 0.2], [0.0, 0.0])
     reference = taken_trajectory(YAW, *points, last=last, stamp=NOW + 0.2)
     knots = NOW + 0.2 + np.array([0.0, 0.5, 1.5])
@@ -283,14 +283,14 @@ def test_points_with_velocities_are_joined_by_cubics(last):
     angle, rate = sampled(reference, times)
     assert angle == pytest.approx(curve(times), abs=1e-12)
     assert rate == pytest.approx(curve(times, 1), abs=1e-12)
-    # Until its begin the joints go on with what they were told.
+    # Until it begins the joints follow their previous reference.
     before, _ = sampled(reference, [NOW, NOW + 0.19])
     assert before == pytest.approx(np.array([[0.125] * 2, [0.125] * 2]), abs=1e-12)
 
 
 def test_new_trajectory_replaces_from_its_begin_on_and_only_its_joints(still):
     first = taken_trajectory(YAW, (2.0, [0.5, 0.5]), last=still)
-    # Later by a second: until then the first one goes on, and joint_3_yaw all the way.
+    # One second later: the first one goes on until then, and for joint_3_yaw to its end.
     second = taken_trajectory(['joint_1_yaw'], (1.0, [0.0]), last=first, stamp=NOW + 1.0)
     times = NOW + np.array([0.5, 1.0, 1.5, 2.0, 3.0])
     angle, _ = sampled(second, times)
@@ -442,12 +442,12 @@ def test_too_fast_a_way_to_the_first_point_is_a_jump(still, moving):
     times = np.linspace(NOW, NOW + 1.0, 101)
     angle, rate = taken.reference.sample(times, HORIZON, LIMIT)
     assert np.abs(rate).max() <= ROBOT.joint_rate_limit
-    # The first one is at its first point at once, or on a short swing that ends there.
+    # The first joint is at its first point at once, or on a short swing that ends there.
     assert np.abs(angle[:3, 0, 0] - 0.4).max() < 4 / 27 * 0.5 * 0.02 + 1e-9
     assert angle[[2, -1]][:, JOINTS[0], JOINTS[1]] == pytest.approx(
         np.array([[0.4, 0.1], [0.5, 0.2]]), abs=1e-9
     )
-    # The second one is near enough to go there, from where it is.
+    # The second joint is near enough to move there from its present angle.
     assert angle[0][JOINTS][1] == pytest.approx(still.angle[JOINTS][1], abs=1e-9)
 
 
@@ -487,7 +487,7 @@ def test_trajectories_that_wait_are_not_without_number(still):
         reference = taken_trajectory(YAW, (1.0, [0.2, 0.2]), last=reference, stamp=NOW + 1 + k)
     with pytest.raises(RejectedCommand, match='20 trajectories that begin earlier still wait'):
         taken_trajectory(YAW, (1.0, [0.2, 0.2]), last=reference, stamp=NOW + 30)
-    # One that makes others void, and one after the first has begun, are taken.
+    # A trajectory that makes others void is taken, and so is one after the first has begun.
     assert len(taken_trajectory(YAW, (1.0, [0.2, 0.2]), last=reference).motions) == 1
     later = reference.settled(NOW + 1)
     taken_trajectory(YAW, (1.0, [0.2, 0.2]), last=later, now=NOW + 1, stamp=NOW + 30)

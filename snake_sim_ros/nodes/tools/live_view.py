@@ -1,30 +1,30 @@
-"""The command `snake-sim view` of a live robot: the node viewer, and of a scene its nodes, too."""
+"""The live view of `snake-sim view`: the node `viewer`, and for a scene also `sim` and `gait`."""
 
 import sys
 from threading import Event
 
-from snake_sim_ros.nodes.tools.processes import Child
-from snake_sim_ros.nodes.tools.processes import children
-from snake_sim_ros.nodes.tools.processes import interruptible
-from snake_sim_ros.nodes.tools.processes import NodeDied
-from snake_sim_ros.nodes.tools.processes import start
+from snake_sim_ros.nodes.tools.child_nodes import Child
+from snake_sim_ros.nodes.tools.child_nodes import children
+from snake_sim_ros.nodes.tools.child_nodes import interruptible
+from snake_sim_ros.nodes.tools.child_nodes import NodeDied
+from snake_sim_ros.nodes.tools.child_nodes import start
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.view.page import check_address
 
 LOOK_PERIOD = 0.2  # s between two looks at the nodes
 
 
-def view(source: str | None, host: str, port: int, open_browser: bool) -> int:
+def view_live(source: str | None, host: str, port: int, open_browser: bool) -> int:
     """
-    Show the robot that is on the topics, or run a scene and show it, until SIGINT or SIGTERM.
+    Show the robot on the topics, or run a scene and show it, until SIGINT or SIGTERM.
 
     Parameters
     ----------
     source : str, optional
-        Scene, a YAML file or a name.
+        A scene to run: a YAML file or a name.
     host : str
     port : int
-        Of the page.
+        Address of the page.
     open_browser : bool
 
     Returns
@@ -57,7 +57,7 @@ def view(source: str | None, host: str, port: int, open_browser: bool) -> int:
 
 
 def _watch(nodes: list[Child], stop: Event) -> None:
-    """Wait until all is to end; raise if a node ends before."""
+    """Wait for the event; raise if a node ends before."""
     while not stop.wait(LOOK_PERIOD):
         for node in nodes:
             node.check()

@@ -1,0 +1,39 @@
+"""The command `snake-sim artefacts`: what methods without set-valued laws make up, as a CSV."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from snake_sim_ros.commands.table_options import add_other_sources
+from snake_sim_ros.comparison.csv_tables import plain
+from snake_sim_ros.comparison.csv_tables import read_table
+from snake_sim_ros.comparison.csv_tables import records_of
+from snake_sim_ros.comparison.csv_tables import TableWriter
+
+
+def add_artefacts(subparsers: Any) -> None:
+    """Add the command."""
+    command = subparsers.add_parser(
+        'artefacts', help='measure what methods without set-valued laws make up: a CSV file'
+    )
+    command.set_defaults(command=_artefacts)
+    command.add_argument(
+        '--out', type=Path, default=Path('artefacts.csv'), metavar='FILE.csv',
+        help='default: artefacts.csv; rows that it has already are not measured again',
+    )  # fmt: skip
+    add_other_sources(command)
+
+
+def _artefacts(options: argparse.Namespace) -> int:
+    from snake_sim_ros.comparison import artefacts
+
+    writer = TableWriter(
+        options.out, 'artefacts', artefacts.COLUMNS, other_sources=options.other_sources
+    )
+    for measure in tqdm(list(artefacts.measurements(writer.rows)), smoothing=0):
+        writer.append(map(plain, measure()))
+    rows = records_of(read_table(options.out), 'artefacts', artefacts.Row)
+    print(artefacts.text_table(rows), end='')
+    return 0

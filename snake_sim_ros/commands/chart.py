@@ -1,0 +1,40 @@
+"""The command `snake-sim chart`: pictures of what the measuring commands wrote to CSV files."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from snake_sim_ros.comparison.csv_tables import read_table
+from snake_sim_ros.scene.quantities import ParameterError
+
+
+def add_chart(subparsers: Any) -> None:
+    """Add the command."""
+    command = subparsers.add_parser('chart', help='draw what the others measured')
+    command.set_defaults(command=_chart)
+    command.add_argument('csv', type=Path, nargs='+', metavar='FILE.csv')
+    command.add_argument(
+        '--out', type=Path, default=Path(), metavar='FOLDER', help='default: this folder'
+    )
+
+
+def _chart(options: argparse.Namespace) -> int:
+    from snake_sim_ros.comparison.charts import draw_artefacts
+    from snake_sim_ros.comparison.charts import draw_bench
+    from snake_sim_ros.comparison.stability.chart import draw_stability
+
+    draw = {'bench': draw_bench, 'stability': draw_stability, 'artefacts': draw_artefacts}
+    if not options.out.is_dir():
+        raise ParameterError(f'--out: no folder {options.out}')
+    for path in options.csv:
+        table = read_table(path)
+        kind = table.header['table']
+        if kind not in draw:
+            raise ParameterError(f'{path}: table must be one of {", ".join(draw)}; got {kind!r}')
+        try:
+            files = draw[kind](table, options.out)
+        except ParameterError as error:
+            raise ParameterError(f'{path}: {error}') from None
+        for file in files:
+            print(file)
+    return 0

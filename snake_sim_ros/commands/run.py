@@ -1,0 +1,114 @@
+"""The command `snake-sim run`: a scene without ROS, and files of what it did."""
+
+import argparse
+from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextlib import ExitStack
+import json
+from pathlib import Path
+import signal
+import sys
+from typing import Any
+from typing import TYPE_CHECKING
+
+from tqdm import tqdm
+
+from snake_sim_ros.commands.output_files import add_outputs
+from snake_sim_ros.commands.output_files import outputs
+from snake_sim_ros.commands.output_files import print_outputs
+from snake_sim_ros.commands.output_files import title_of
+from snake_sim_ros.commands.output_files import write
+from snake_sim_ros.commands.scene_options import add_method
+from snake_sim_ros.commands.scene_options import add_scene_options
+from snake_sim_ros.commands.scene_options import scene_from
+from snake_sim_ros.recording.recorded_runs import summary
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from snake_sim_ros.stepping.simulation import Simulation
+
+RATE = 100.0  # samples a second [Hz]
+BAG_RATE = 200.0  # samples a second with a bag, as `sim` publishes [Hz]
+
+
+def add_run(subparsers: Any) -> None:
+    """Add the command."""
+    command = subparsers.add_parser('run', help='run a scene and record it')
+    command.set_defaults(command=_run)
+    command.add_argument('scene', help='YAML file, or the name of a scene in config/')
+    add_outputs(command, bag=True)
+    command.add_argument('--rate', type=float, help='samples a second [Hz], default 100')
+    add_method(command)
+    add_scene_options(command)
+
+
+def _run(options: argparse.Namespace) -> int:
+    """Run a scene and write what it did; the last line on standard output is JSON."""
+    scene = scene_from(options, options.scene)
+    files = outputs(options)
+    make_stepper(scene)
+    usual = BAG_RATE if 'bag' in files else RATE
+    rate = usual if options.rate is None else options.rate
+    trajectory = _recorded(scene, rate, files.get('bag'))
+    write(trajectory, files, title_of(options.scene), options.speed)
+    report, link = trajectory.report, scene.robot.middle_link
+    x, y, z = trajectory.position[-1, link]
+    print(f'link {link + 1} at ({x:.4f}, {y:.4f}, {z:.4f}) m after {trajectory.time[-1]:g} s')
+    if report.failure:
+        print(f'diverged: {report.failure}', file=sys.stderr)
+    print_outputs(trajectory, files)
+    print(json.dumps(summary(trajectory)))
+    if report.status is Status.DIVERGED:
+        return 1
+    return 130 if trajectory.interrupted else 0
+
+
+def _recorded(scene: Scene, rate: float, bag: Path | None) -> Trajectory:
+    """Return what a scene does, sampled at a rate [Hz]; show its progress, and write a bag."""
+    from snake_sim_ros.stepping.simulation import run
+
+    print('compiling ...', end='\r', file=sys.stderr, flush=True)
+    layout = '{percentage:3.0f} %|{bar}| {n:.2f} of {total:g} s, {remaining} left'
+    with ExitStack() as stack:
+        keep = _bag(stack, bag, scene) if bag else None
+        bar = stack.enter_context(tqdm(total=scene.duration, bar_format=layout))
+
+        def observe(simulation: 'Simulation') -> None:
+            if keep:
+                with _later_interruption():
+                    keep(simulation)
+            # Rounding may exceed the total, and tqdm would warn of that.
+            bar.update(min(simulation.time, bar.total) - bar.n)
+
+        return run(scene, rate=rate, observe=observe)
+
+
+def _bag(stack: ExitStack, path: Path, scene: Scene) -> Callable[['Simulation'], None]:
+    """Open a bag for a run; return what writes a sample to it."""
+    try:
+        from snake_sim_ros.nodes.bag_writer import BagWriter
+        from snake_sim_ros.nodes.bag_writer import RunTopics
+    except ImportError as error:
+        raise ParameterError(
+            f'--bag needs ROS 2 and mcap ({error}): source a ROS 2 installation, or ./run run, '
+            f"and pip install 'snake_sim_ros[bags]'"
+        ) from None
+    return RunTopics(stack.enter_context(BagWriter(path, scene)), scene).observe
+
+
+@contextmanager
+def _later_interruption() -> Iterator[None]:
+    """Let an interruption from the keyboard wait until what is inside is done."""
+    waiting: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: waiting.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if waiting:
+        raise KeyboardInterrupt

@@ -1,0 +1,67 @@
+"""Arguments with which several commands choose a scene and change it, and the scene they mean."""
+
+import argparse
+from typing import Any
+
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import parse_yaml
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.stepping.methods import AUTO
+from snake_sim_ros.stepping.methods import METHODS
+
+# The cases A to D of the paper.
+CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')
+
+
+def add_method(command: argparse.ArgumentParser) -> None:
+    """Add the option that replaces the method of the scene."""
+    names = ', '.join([AUTO, *METHODS])
+    command.add_argument('--method', help=f'instead of that of the scene: {names}')
+
+
+def add_scene_options(command: argparse.ArgumentParser) -> None:
+    """Add the options that change values of the scene."""
+    command.add_argument('--duration', type=float, help='instead of that of the scene [s]')
+    command.add_argument(
+        '--set', action='append', default=[], metavar='KEY=VALUE',
+        help='any value of the scene, such as friction.longitudinal=0.2; may be given often',
+    )  # fmt: skip
+
+
+def add_scene_or_default(command: argparse.ArgumentParser) -> None:
+    """Add a scene as an argument that may be left out."""
+    command.add_argument('scene', nargs='?', default=CASES[0], help='default: lateral_undulation')
+
+
+def scene_from(options: argparse.Namespace, source: str) -> Scene:
+    """
+    Return a scene with the values that the options of a command give.
+
+    Parameters
+    ----------
+    options : Namespace
+        Of a command with `add_scene_options`, and `add_method` if it has that.
+    source : str
+        A YAML file, or the name of a scene in config/.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such scene, or a value is not usable.
+
+    """
+    settings: dict[str, Any] = {}
+    for item in options.set:
+        key, separator, value = item.partition('=')
+        if not separator:
+            raise ParameterError(f'--set must be KEY=VALUE, got {item!r}')
+        try:
+            settings[key] = parse_yaml(value)
+        except ParameterError as error:
+            raise ParameterError(f'--set {key}: {error}') from None
+    for key in ('duration', 'method'):
+        if getattr(options, key, None) is not None:
+            settings[key] = getattr(options, key)
+    return with_settings(load_scene(source), settings)

@@ -1,0 +1,220 @@
+"""The joint commands that the node `sim` receives, and the reference that holds after them."""
+
+from collections.abc import Callable
+from typing import Any
+
+from builtin_interfaces.msg import Time
+import numpy as np
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
+
+from snake_sim_ros.gaits.joint_reference import JointReference
+from snake_sim_ros.gaits.joint_reference import start_posture
+from snake_sim_ros.nodes.other_publishers import OtherPublishers
+from snake_sim_ros.nodes.received_commands import extrapolated
+from snake_sim_ros.nodes.received_commands import joint_command
+from snake_sim_ros.nodes.received_commands import position_commands
+from snake_sim_ros.nodes.received_commands import ReceivedCommand
+from snake_sim_ros.nodes.received_commands import RejectedCommand
+from snake_sim_ros.nodes.received_trajectories import joint_trajectory
+from snake_sim_ros.nodes.sim_parameters import Settings
+from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.stepping.levels import is_vertical
+from snake_sim_ros.stepping.levels import what_is_told
+from snake_sim_ros.stepping.simulation import Simulation
+
+LATEST = QoSProfile(depth=1)  # A newer command replaces one that waits.
+
+
+class CommandInbox:
+    """
+    Takes joint commands from three topics and keeps the reference that the joints follow.
+
+    Parameters
+    ----------
+    node : Node
+        The node that subscribes.
+    simulation : Simulation
+        The inbox reads the scene and the simulated time from it.
+    settings : Settings
+    warn : ThrottledWarnings
+
+    Attributes
+    ----------
+    settings : Settings
+        The node replaces them when its parameters change.
+    rejected, clamped : int
+        How many commands were rejected, and how many were clamped to the joint limit.
+
+    """
+
+    def __init__(
+        self, node: Node, simulation: Simulation, settings: Settings, warn: ThrottledWarnings
+    ) -> None:
+        self.settings = settings
+        self.rejected = self.clamped = 0
+        self._simulation, self._warn = simulation, warn
+        self._reference = start_posture(simulation.scene)
+        self._heard: float | None = None  # simulated time of the last command [s]
+        self._stream = ''  # topic on which commands follow each other
+        self._silent = ''  # topic of a stream that stopped
+        self._rejection = ''  # the last one since the last diagnostics, as a sentence
+        self._topics: set[str] = set()  # on which commands came since the last diagnostics
+        self._limited: JointReference | None = None  # the last one reported to exceed the limit
+        self._others = OtherPublishers(node)
+        self._subscribe(node)
+
+    def _subscribe(self, node: Node) -> None:
+        node.create_subscription(
+            JointState,
+            'joint_command',
+            lambda message: self._take('joint_command', joint_command, message),
+            LATEST,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+        node.create_subscription(
+            Float64MultiArray,
+            'position_commands',
+            lambda message: self._take('position_commands', position_commands, message),
+            LATEST,
+        )
+        node.create_subscription(
+            JointTrajectory,
+            'joint_trajectory',
+            lambda message: self._take(
+                'joint_trajectory', joint_trajectory, message, self.settings.command_horizon
+            ),
+            LATEST,
+        )
+
+    # ---- what the joints follow -----------------------------------------------------------------
+
+    def sample(self, times: Array) -> tuple[Array, Array]:
+        """
+        Return the joint reference at coming times; warn of silence and of the joint limit.
+
+        Parameters
+        ----------
+        times : ndarray, shape (m,)
+            Increasing, from the simulated time on [s].
+
+        Returns
+        -------
+        angle, rate : ndarray, shape (m, n-1, 2)
+            (yaw, pitch) [rad], [rad/s].
+
+        """
+        self._reference = self._reference.settled(self._simulation.time)
+        self._watch_silence()
+        self._watch_limit(times[-1])
+        return self._sampled(times, self.settings.command_horizon)
+
+    def commanded_angle(self) -> Array:
+        """Return the commanded joint angles at the simulated time [rad], shape (n-1, 2)."""
+        angle, _ = self._sampled(np.array([self._simulation.time]), 0.0)
+        return angle[0]
+
+    def hold(self, angle: Array | None = None) -> None:
+        """
+        Make all commands void; hold an angle instead.
+
+        Parameters
+        ----------
+        angle : ndarray, shape (n-1, 2), optional
+            Joint angles that hold from the simulated time on [rad]; default: those of the start.
+
+        """
+        now = self._simulation.time
+        if angle is None:
+            self._reference = start_posture(self._simulation.scene, now)
+        else:
+            stamp = np.full(angle.shape, now)
+            self._reference = JointReference(stamp, angle, np.zeros_like(angle))
+        self._heard, self._stream, self._silent = None, '', ''
+
+    def _sampled(self, times: Array, horizon: float) -> tuple[Array, Array]:
+        limit = self._simulation.scene.robot.joint_limit
+        return self._reference.sample(times, horizon, limit)
+
+    # ---- what came ------------------------------------------------------------------------------
+
+    def _take(
+        self, topic: str, read: Callable[..., ReceivedCommand], message: Any, *more: float
+    ) -> None:
+        """Take a command, or warn why it is rejected."""
+        scene, now = self._simulation.scene, self._simulation.time
+        self._topics.add(topic)
+        if not self.settings.publish_clock and hasattr(message, 'header'):
+            # The stamp belongs to a clock that another node makes. Zero means now.
+            message.header.stamp = Time()
+        try:
+            command = read(message, self._reference, scene.robot, now, *more)
+            if scene.level == 'planar':
+                _refuse_vertical(topic, command.reference)
+        except RejectedCommand as error:
+            self.rejected += 1
+            self._rejection = f'{error}; the last good command is held'
+            self._warn(error.kind, self._rejection)
+            return
+        self._reference = command.reference
+        if command.clamped:
+            self.clamped += 1
+            self._warn('clamped', command.clamped)
+        if command.jump:
+            self._warn('jump', command.jump)
+        follows = self._heard is not None and now - self._heard <= self.settings.command_timeout
+        self._stream = topic if follows else ''
+        self._heard, self._silent = now, ''
+
+    def _watch_silence(self) -> None:
+        """Warn when a stream of commands stops; its last command is held in any case."""
+        timeout = self.settings.command_timeout
+        if not self._stream or not timeout or self._reference.motions:
+            return
+        if self._heard is not None and self._simulation.time - self._heard > timeout:
+            self._warn('silent', f'no {self._stream} for {timeout:g} s; the last one is held')
+            self._stream, self._silent = '', self._stream
+
+    def _watch_limit(self, now: float) -> None:
+        """Warn when a command goes beyond the joint limit with its velocity."""
+        reference = self._reference
+        if reference is self._limited or reference.motions:
+            return
+        clamped = extrapolated(
+            reference, self._simulation.scene.robot, now, self.settings.command_horizon
+        )
+        if clamped:
+            self._limited = reference
+            self.clamped += 1
+            self._warn('clamped', clamped)
+
+    # ---- what is reported -----------------------------------------------------------------------
+
+    def remarks(self) -> list[str]:
+        """Return a sentence each on the last rejection and on a stream that stopped."""
+        remarks = [self._rejection] if self._rejection else []
+        if self._silent:
+            remarks.append(f'no {self._silent} any more; the last one is held')
+        return remarks
+
+    def end_interval(self) -> None:
+        """Begin the next interval of diagnostics, after a look for other publishers."""
+        self._others.look(self._topics, clock=self.settings.publish_clock)
+        self._topics.clear()
+        self._rejection = ''
+
+
+def _refuse_vertical(topic: str, reference: JointReference) -> None:
+    """Raise if a reference moves pitch joints, which the planar level cannot."""
+    told = ''
+    if any(motion.coefficients[..., motion.axes % 2 == 1].any() for motion in reference.motions):
+        told = 'a pitch joint is told to move'
+    if is_vertical(reference.angle, reference.rate):
+        told = what_is_told(reference.angle, reference.rate)
+    if told:
+        raise RejectedCommand('pitch', f'{topic}: {told}, but level is planar')

@@ -1,0 +1,130 @@
+"""How the process of a node starts and ends."""
+
+import argparse
+from collections.abc import Callable
+import gc
+import os
+import signal
+import sys
+import tempfile
+from threading import Event
+from types import FrameType
+from typing import Any
+from typing import NoReturn
+from typing import TypeVar
+
+import rclpy
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+from snake_sim_ros.scene.quantities import ParameterError
+
+N = TypeVar('N', bound=Node)
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def run_node(
+    make: Callable[[], N], run: Callable[[N, Event], None], args: list[str] | None = None
+) -> int:
+    """
+    Start rclpy, make a node, run it, and end cleanly on SIGINT and SIGTERM.
+
+    While the node is being made, a signal ends the process at once. Once the node runs, a signal
+    sets the event that `run` takes. The handlers of rclpy would shut down the context while the
+    node still publishes, so they are not used.
+
+    Parameters
+    ----------
+    make : callable
+        Returns the node.
+    run : callable
+        Takes the node and the event, and returns soon after the event is set.
+    args : list of str, optional
+        Command line with the name of the program; default: that of the process.
+
+    Returns
+    -------
+    int
+        2 if a parameter is not usable; one sentence on standard error says which and why. In all
+        other cases the process ends here, with exit status 0.
+
+    """
+    if not os.access(os.path.expanduser('~'), os.W_OK):
+        os.environ.setdefault('ROS_LOG_DIR', tempfile.gettempdir())
+    stop = Event()
+    try:
+        _interrupt_on_signals(stop)
+        _initialize(args)
+        _refuse_arguments(remove_ros_args(sys.argv if args is None else args)[1:])
+        try:
+            node = make()
+        except ValueError as error:
+            if 'PARAMETER_NOT_SET' not in str(error):
+                raise
+            raise ParameterError('a parameter is an empty list; write it as text: "[]"') from None
+        _on_signals(lambda number, frame: stop.set())
+        gc.freeze()  # The objects of the compiler stay, and each look through them takes 50 ms.
+        run(node, stop)
+        node.destroy_node()
+        del node
+    except ParameterError as error:
+        print(f'error: {error}', file=sys.stderr, flush=True)
+        return 2
+    except (KeyboardInterrupt, RuntimeError):  # The middleware turns one into the other.
+        if not stop.is_set():
+            raise
+    finally:
+        rclpy.try_shutdown()
+    end_at_once()
+
+
+def end_at_once() -> NoReturn:
+    """
+    End the process with exit status 0 as soon as the middleware is released.
+
+    A regular exit frees the interpreter and the compiled code, which takes 0.3 s, and seconds on a
+    busy machine. A node must end within two seconds.
+    """
+    gc.collect()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)
+
+
+def _interrupt_on_signals(stop: Event) -> None:
+    """Let a signal set the event and interrupt whatever runs."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        stop.set()
+        raise KeyboardInterrupt
+
+    def ignore_interrupt(ignored: Any) -> None:
+        # A callback of the compiler swallows the interruption, but `run` then ends at once.
+        if not (stop.is_set() and ignored.exc_type is KeyboardInterrupt):
+            sys.__unraisablehook__(ignored)
+
+    sys.unraisablehook = ignore_interrupt
+    _on_signals(interrupt)
+
+
+def _on_signals(handler: Callable[[int, FrameType | None], None]) -> None:
+    for number in SIGNALS:
+        signal.signal(number, handler)
+
+
+def _initialize(args: list[str] | None) -> None:
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        reason, _, _ = str(error).partition(', at ')  # The rest names a line of rcl.
+        raise ParameterError(reason) from None
+
+
+def _refuse_arguments(arguments: list[str]) -> None:
+    """End the process with a usage message if arguments are left that ROS does not know."""
+    argparse.ArgumentParser(
+        prog=os.path.basename(sys.argv[0]),
+        usage='%(prog)s [--ros-args [-p NAME:=VALUE ...] [--params-file FILE] [-r FROM:=TO ...]]',
+        epilog='ros2 param list shows the parameters of a node that runs.',
+    ).parse_args(arguments)

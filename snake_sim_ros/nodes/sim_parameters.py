@@ -1,0 +1,71 @@
+"""The parameters of the node `sim` besides those of its scene, and which of all may change."""
+
+from array import array
+from collections.abc import Iterable
+from dataclasses import dataclass
+from dataclasses import replace
+from typing import Any
+
+from rclpy.parameter import Parameter
+
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.quantities import flat_fields
+from snake_sim_ros.scene.quantities import quantity
+from snake_sim_ros.scene.quantities import Record
+
+CHANGEABLE = (
+    *('real_time_factor', 'command_horizon', 'command_timeout'),
+    *('friction.longitudinal', 'friction.transversal', 'friction.rolling', 'pegs.friction'),
+    *('robot.yaw_stiffness', 'robot.yaw_damping', 'robot.pitch_stiffness', 'robot.pitch_damping'),
+    *('self_contact_friction', 'gravity'),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(Record):
+    """Parameters of the node besides those of the scene."""
+
+    scene: str = quantity(
+        'lateral_undulation', '', 'scene: a YAML file or the name of one in config/'
+    )
+    publish_rate: float = quantity(
+        200.0, 'Hz', 'state messages a second of simulated time', minimum=10, maximum=1000
+    )
+    real_time_factor: float = quantity(
+        1.0, '1', 'simulated time per wall time; 0 is as fast as possible', minimum=0, maximum=1000
+    )
+    command_horizon: float = quantity(
+        0.05, 's', 'how long a command is extrapolated with its velocity', minimum=0, maximum=1
+    )
+    command_timeout: float = quantity(
+        0.5, 's', 'when a stream of commands that stops is reported; 0 is never', minimum=0
+    )
+    publish_clock: bool = quantity(True, '', 'publish /clock; one node of a graph may')
+    publish_robot_description: bool = quantity(True, '', 'publish robot_description')
+    publish_tf: bool = quantity(True, '', 'publish /tf and /tf_static where tf2_msgs is installed')
+    frame_prefix: str = quantity(
+        'auto', '', 'what the frames odom and base_link begin with; auto: namespace and a slash'
+    )
+    start_paused: bool = quantity(False, '', 'wait for ~/pause or ~/step')
+
+
+def changed(
+    settings: Settings, scene: Scene, parameters: Iterable[Parameter]
+) -> tuple[Settings, Scene]:
+    """
+    Return settings and scene with the values of some parameters; others are not looked at.
+
+    Raises
+    ------
+    ParameterError
+        If a value is not usable.
+
+    """
+    given = {
+        item.name: item.value.tolist() if isinstance(item.value, array) else item.value
+        for item in parameters
+        if item.name in CHANGEABLE
+    }
+    own: dict[str, Any] = {n: given.pop(n) for n in flat_fields(settings) if n in given}
+    return replace(settings, **own), with_settings(scene, given)

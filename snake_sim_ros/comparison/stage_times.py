@@ -11,6 +11,7 @@ from snake_sim_ros.dynamics.articulated_body import unload_chain
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.base import without_memory
 from snake_sim_ros.stepping.moreau import begin_step
 from snake_sim_ros.stepping.moreau import end_step
 from snake_sim_ros.stepping.planar import moreau as planar
@@ -25,15 +26,15 @@ STEPS = 1000
 
 
 @compiled
-def spatial_stages(model, work, q, u, history, angle, rate, report, stamps):
+def spatial_stages(model, work, steps, stamps):
     """Do what `moreau.advance` does, with a time stamp after every stage, and a sweep apart."""
-    for k in range(len(angle)):
+    for k in range(len(steps.angle)):
         stamps[k, 0] = cycle_counter()
-        problem = begin_step(model, work, q, u, history.impulse, angle[k], rate[k])
+        problem = begin_step(model, work, steps, k)
         stamps[k, 1] = cycle_counter()
-        outcome = solve_contacts(model, problem, None, history)
+        outcome = solve_contacts(model, problem, None, steps.history)
         stamps[k, 2] = cycle_counter()
-        if not end_step(model, work, q, u, history, len(problem.closed), outcome, report):
+        if not end_step(model, work, steps, problem, outcome):
             break
         stamps[k, 3] = cycle_counter()
         unload_chain(work.chain)
@@ -43,16 +44,17 @@ def spatial_stages(model, work, q, u, history, angle, rate, report, stamps):
 
 
 @compiled
-def planar_stages(model, work, q, u, history, angle, rate, report, stamps):
+def planar_stages(model, work, steps, stamps):
     """Do what `moreau.advance` does, with a time stamp after every stage."""
-    for k in range(len(angle)):
+    history = without_memory(steps.history)
+    for k in range(len(steps.angle)):
         stamps[k, 0] = cycle_counter()
-        count = planar.begin_step(model, work, q, u, angle[k], rate[k])
+        count = planar.begin_step(model, work, steps, k)
         stamps[k, 1] = cycle_counter()
         closed = work.closed[:count]
         outcome = planar_newton.solve_contacts(model, work, closed, None, history)
         stamps[k, 2] = cycle_counter()
-        if not planar.end_step(model, work, q, u, history, count, outcome, report):
+        if not planar.end_step(model, work, steps, count, outcome):
             break
         stamps[k, 3] = cycle_counter()
         stamps[k, 4] = stamps[k, 3]
@@ -74,8 +76,8 @@ def stage_times(scene: Scene, level: str) -> dict[str, float]:
     stamps = np.zeros((STEPS, 5), np.int64)
     stages = planar_stages if level == 'planar' else spatial_stages
 
-    def loop(model, work, q, u, history, angle, rate, report, cycles):  # type: ignore[no-untyped-def]
-        stages(model, work, q, u, history, angle, rate, report, stamps)
+    def loop(model, work, steps):  # type: ignore[no-untyped-def]
+        stages(model, work, steps, stamps)
 
     make = PlanarStepper if level == 'planar' else SpatialStepper
     simulation = Simulation(scene, make(scene, loop))

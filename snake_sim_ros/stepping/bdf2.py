@@ -10,13 +10,7 @@ constraints at the velocity of the end: it is of first order. Here all are taken
 where the star is the end as it is predicted, ``u* = 2 u_n - u_(n-1)``. The contact laws stay as
 they are; they hold for u_E and are solved by Newton's method through the chain.
 
-Deviation: a contact with a gap takes part when it may close in the step, with the law
-``gamma_N + (g - h gamma_N*)/h + compliance P_N >= 0``: the step ends with the gap closed, neither
-open nor inside the floor. That is where an inelastic impact in the step takes the configuration,
-up to dt^2: the impulse moves it as far as the gap asks, whenever in the step it acts. What sticks
-as it lands is taken to stick for all of the step: off by dt times the jump across. The velocity
-afterwards is that of the impact law, ``gamma_N >= 0``: the contacts that closed are solved once
-more without their gaps.
+Contacts that may close in the step take part with their gaps, see `events.py`.
 
 The formula never differentiates across an event, a jump of the velocity whatever caused it. A
 contact that lands, however softly, is one; so is a normal impulse beyond what forces make in a
@@ -41,7 +35,6 @@ import numpy as np
 from snake_sim_ros.contact.detection import contacts_of
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.newton import solve_contacts
-from snake_sim_ros.contact.selection import IMPACT
 from snake_sim_ros.contact.selection import selected
 from snake_sim_ros.contact.solver import Problem
 from snake_sim_ros.dynamics.balance import applied_torque
@@ -65,19 +58,16 @@ from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import without_memory
+from snake_sim_ros.stepping.events import closed_at_end
+from snake_sim_ros.stepping.events import Events
+from snake_sim_ros.stepping.events import events
+from snake_sim_ros.stepping.events import leave_gaps
+from snake_sim_ros.stepping.events import REACH
 from snake_sim_ros.stepping.moreau import finish
 from snake_sim_ros.stepping.moreau import turns_are_small
-from snake_sim_ros.stepping.report import CONTACTS
-from snake_sim_ros.stepping.report import FALLBACKS
-from snake_sim_ros.stepping.report import note_outcome
-from snake_sim_ros.stepping.report import UNCONVERGED
+from snake_sim_ros.stepping.steps import note_outcome
 
 PARTS = 2  # of a step that starts anew
-REACH = 0.3  # a gap takes part if this speed could close it in the step [m/s]
-# By its law a contact that carries load has no gap; what gap it has is the error of integration,
-# of third order in dt. Up to RESTS it stays on velocity level, so that the error is not made a
-# velocity; beyond, it is open, and may land.
-RESTS = 1e-4  # [m]
 # Selection: what is small beside an error of first order is not small here. Loads of a flat robot
 # follow the heights of its links through the stiff joints, so these must not sink.
 PRESS = 3e-8  # see contact_laws.PRESS [m/s]
@@ -219,15 +209,7 @@ def begin(model, own, work, h, h_q, late, history):
     count = contacts_of(model.obstacles, reach, model, work, work.q_mid)
     closed, contacts = work.closed[:count], work.contacts
     contact_velocities(closed, contacts, work.chain.frame, work.chain.twist)
-    for a in closed:
-        contacts.start[a], contacts.last[a] = contacts.gamma[a, 0], history.impulse[a, 0]
-        gap = contacts.gap[a] - h_q * contacts.start[a]
-        rests = history.impulse[a, 0] > 0.0 and contacts.gap[a] <= RESTS
-        if gap > model.activation_tolerance and not rests:
-            contacts.shift[a] = gap / h_q
-        elif gap < 0.0 and not rests:  # what the motion before put inside comes out
-            contacts.shift[a] = max(gap, late * min(0.0, contacts.start[a])) / h_q
-        contacts.gamma[a, 0] += contacts.shift[a]
+    leave_gaps(model, h_q, late, closed, contacts, history.impulse)
     laws = selected(
         model.laws, closed, contacts, model.mass, history.impulse, PRESS, model.dt,
         -h * model.gravity[2],
@@ -246,48 +228,6 @@ def advance_link(h, frame, hat, u, q, i):
     e2, e3 = hat[i, 5] + e[2] - p[2], hat[i, 6] + e[3] - p[3]
     s = 1.0 / math.sqrt(e0 * e0 + e1 * e1 + e2 * e2 + e3 * e3)
     q[i, 3], q[i, 4], q[i, 5], q[i, 6] = s * e0, s * e1, s * e2, s * e3
-
-
-class Events(NamedTuple):
-    """What the impulses of a step say of its velocities."""
-
-    jumps: bool  # whether a contact landed that carried no load before, or an impulse is no force
-    lands: bool  # whether velocities close gaps in the step: they are not those after the impact
-    closed: int  # contacts that are closed, not all that could close
-
-
-@inlined
-def events(model, h, closed, contacts):
-    """Return the `Events` of a step in which forces acted for a time h [s]."""
-    weight = largest = 0.0
-    for m in model.mass:
-        weight -= m * h * model.gravity[2]
-    for a in closed:
-        largest = max(largest, contacts.last[a])
-    jumps, lands, count = False, False, 0
-    for a in closed:
-        P_N = contacts.impulse[a, 0]
-        count += P_N > 0.0 or contacts.shift[a] <= 0.0
-        if P_N > 0.0:
-            lands = lands or contacts.shift[a] != 0.0
-            meets = contacts.last[a] <= 0.0 and contacts.start[a] < 0.0
-            jumps = jumps or meets or P_N > IMPACT * max(weight, largest)
-    return Events(jumps or lands, lands, count)
-
-
-@inlined
-def closed_at_end(h_q, tolerance, closed, contacts):
-    """Keep the contacts that are closed after a step in front, at no gap; return their number."""
-    count = 0
-    for a in closed:
-        gap = contacts.gap[a] + h_q * (
-            contacts.gamma[a, 0] - contacts.shift[a] - contacts.start[a]
-        )
-        if contacts.impulse[a, 0] > 0.0 or contacts.shift[a] == 0.0 or gap <= tolerance:
-            contacts.shift[a] = 0.0
-            closed[count] = a
-            count += 1
-    return count
 
 
 @merged
@@ -343,7 +283,7 @@ def end_references(dt, part, known, angle, rate, memory, own):
 
 
 @merged
-def one_part(own, model, work, dt, q, u, history, report):
+def one_part(own, model, work, dt, steps):
     """
     Advance q, u and history by dt, a step or a part of it, to the references in own.end_angle.
 
@@ -353,6 +293,7 @@ def one_part(own, model, work, dt, q, u, history, report):
         1 if there was an event, 0 if not, -1 if the part diverged; then q and u are as before.
 
     """
+    q, u, report, history = steps.q, steps.u, steps.report, steps.history
     n, memory = len(q), history.memory
     phase, span = memory.phase[0], memory.span[0]
     h, h_q = formula(phase, dt, q, u, memory, own)
@@ -368,7 +309,7 @@ def one_part(own, model, work, dt, q, u, history, report):
     small, found = solve(model, own, work, problem, h, h_q, contact_history, report)
     if not small:
         return -1
-    report[CONTACTS] = found.closed
+    report.contacts = found.closed
     applied_torque(work.R, work.chain.twist, work.torque, work.damping, work.applied)
     for j in range(n - 1):
         for axis in range(2):
@@ -388,16 +329,17 @@ def one_part(own, model, work, dt, q, u, history, report):
 
 
 @merged
-def step(own, model, work, q, u, history, angle, rate, report):
-    """Advance q, u and history by one step; return whether to go on."""
-    memory = history.memory
+def step(own, model, work, steps, k):
+    """Take step k; return whether to go on."""
+    q, u, report, memory = steps.q, steps.u, steps.report, steps.history.memory
+    angle, rate = steps.angle[k], steps.rate[k]
     known, smooth = memory.span[0] > 0.0, memory.phase[0] == SMOOTH
     parts, event = 1 if smooth else PARTS, memory.phase[0] == UNKNOWN
-    unconverged, fallbacks = report[UNCONVERGED], report[FALLBACKS]
+    unconverged, fallbacks = report.unconverged, report.fallbacks
     keep(q, u, own.q_start, own.u_start)
     for part in range(PARTS - parts, PARTS):
         end_references(model.dt, part + 1, known, angle, rate, memory, own)
-        outcome = one_part(own, model, work, model.dt / parts, q, u, history, report)
+        outcome = one_part(own, model, work, model.dt / parts, steps)
         if outcome < 0:
             keep(own.q_start, own.u_start, q, u)
             return False
@@ -408,9 +350,9 @@ def step(own, model, work, q, u, history, angle, rate, report):
     if not smooth:
         keep(own.q_start, own.u_start, memory.q_before, memory.u_before)
     memory.phase[0] = ANEW if event else SMOOTH
-    report[UNCONVERGED] = min(report[UNCONVERGED], unconverged + 1)  # steps, not parts of them
-    report[FALLBACKS] = min(report[FALLBACKS], fallbacks + 1)
-    return finish(model, work.chain.twist, q, u, without_memory(history), report)
+    report.unconverged = min(report.unconverged, unconverged + 1)  # steps, not parts of them
+    report.fallbacks = min(report.fallbacks, fallbacks + 1)
+    return finish(model, work.chain.twist, q, u, steps.history.settling, report)
 
 
 @inlined
@@ -441,15 +383,16 @@ def recognize(model, work, q, u, memory):
 
 
 @compiled
-def advance(own, model, work, q, u, history, angle, rate, report, cycles):
-    """Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`."""
-    recognize(model, work, q, u, history.memory)
-    for k in range(len(angle)):
-        cycles[k] = cycle_counter()
-        if not step(own, model, work, q, u, history, angle[k], rate[k], report):
+def advance(own, model, work, steps):
+    """Take some steps, up to the first that diverges; see `spatial.SpatialStepper`."""
+    q, u, memory = steps.q, steps.u, steps.history.memory
+    recognize(model, work, q, u, memory)
+    for k in range(len(steps.angle)):
+        steps.cycles[k] = cycle_counter()
+        if not step(own, model, work, steps, k):
             break
-    keep(q, u, history.memory.q, history.memory.u)
-    cycles[len(angle)] = cycle_counter()
+    keep(q, u, memory.q, memory.u)
+    steps.cycles[len(steps.angle)] = cycle_counter()
 
 
 def what_is_not_possible(scene: Scene) -> str:

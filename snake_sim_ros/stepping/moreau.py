@@ -51,28 +51,13 @@ from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.stepping.base import State
-from snake_sim_ros.stepping.report import CONTACTS
-from snake_sim_ros.stepping.report import FAILED_LINK
-from snake_sim_ros.stepping.report import FAILED_VALUE
-from snake_sim_ros.stepping.report import GAP_MAX
-from snake_sim_ros.stepping.report import note_outcome
-from snake_sim_ros.stepping.report import PENETRATION
-from snake_sim_ros.stepping.report import STEPS
-from snake_sim_ros.stepping.report import TWIST_MAX
+from snake_sim_ros.stepping.steps import note_outcome
 
 
 @inlined
-def begin_step(model, work, q, u, impulse, angle, rate):
-    """
-    Return the contact problem of a step, section VII; velocities are those of the start.
-
-    Parameters
-    ----------
-    impulse : ndarray, shape (contacts, 5)
-        Impulses of the last step [N s].
-
-    """
-    R, chain = work.R, work.chain
+def begin_step(model, work, steps, k):
+    """Return the contact problem of step k, section VII; velocities are those of its start."""
+    q, u, R, chain = steps.q, steps.u, work.R, work.chain
     middle_coordinates(model.dt, q, u, work.q_mid)
     if model.pd_scheme == START:
         link_frames(q[:, 3:], R)
@@ -82,7 +67,7 @@ def begin_step(model, work, q, u, impulse, angle, rate):
     rates_in_inertial_frame(R, u, work.omega)
     joint_coordinates(R, work.omega, work.coordinate[1])
     chain_geometry(model.half_length, R, work.center, chain.axis)
-    joint_control(model, work.coordinate, angle, rate, work.torque, work.damping)
+    joint_control(model, work.coordinate, steps.angle[k], steps.rate[k], work.torque, work.damping)
     axis_loads(chain.axis, work.torque, work.damping, chain.torque, chain.damping)
     link_inertia(model, R, work.center, chain.bare)
     smooth_momentum(model, model.dt, u, u, R, work.center, chain.momentum)
@@ -90,22 +75,23 @@ def begin_step(model, work, q, u, impulse, angle, rate):
     count = contacts_of(model.obstacles, model.activation_tolerance, model, work, work.q_mid)
     closed, contacts = work.closed[:count], work.contacts
     contact_velocities(closed, contacts, chain.frame, chain.twist)
-    fall = -model.dt * model.gravity[2]
+    fall, impulse = -model.dt * model.gravity[2], steps.history.impulse
     laws = selected(model.laws, closed, contacts, model.mass, impulse, PRESS, model.dt, fall)
     return Problem(laws, closed, contacts, chain)
 
 
 @inlined
-def end_step(model, work, q, u, history, count, outcome, report):
+def end_step(model, work, steps, problem, outcome):
     """Move q and u to the end of the step; return whether to go on, False if it diverged."""
+    q, u, report = steps.q, steps.u, steps.report
     if not turns_are_small(model.dt, work.chain.twist, report):
         return False
     applied_torque(work.R, work.chain.twist, work.torque, work.damping, work.applied)
     end_velocities(work.chain.twist, work.R, work.center, u)
     end_coordinates(model.dt, work.q_mid, u, q)
     note_outcome(outcome, report)
-    report[CONTACTS] = count
-    return finish(model, work.chain.twist, q, u, history, report)
+    report.contacts = len(problem.closed)
+    return finish(model, work.chain.twist, q, u, steps.history.settling, report)
 
 
 @inlined
@@ -114,13 +100,13 @@ def turns_are_small(dt, twist, report):
     for i in range(len(twist)):
         turn = dt * math.sqrt(twist[i, 0] ** 2 + twist[i, 1] ** 2 + twist[i, 2] ** 2)
         if not (turn < math.pi / 2 and math.isfinite(twist[i, 3] + twist[i, 4] + twist[i, 5])):
-            report[FAILED_LINK], report[FAILED_VALUE] = i + 1, turn
+            report.failed_link, report.failed_turn = i + 1, turn
             return False
     return True
 
 
 @inlined
-def finish(model, twist, q, u, history, report):
+def finish(model, twist, q, u, settling, report):
     """
     Close the joints at the end of a step, and report how it was.
 
@@ -132,33 +118,33 @@ def finish(model, twist, q, u, history, report):
     """
     gap, violation = joint_violation(model.half_length, q)
     close_joints(model.drift_correction, model.half_length, model.mass, q)
-    report[STEPS] += 1
+    report.steps += 1
     depth = deepest(model.obstacles, model.contact_offset, model.contact_radius, q)
-    report[PENETRATION] = max(report[PENETRATION], depth)
-    report[GAP_MAX] = max(report[GAP_MAX], gap)
-    report[TWIST_MAX] = max(report[TWIST_MAX], violation)
+    report.penetration_max = max(report.penetration_max, depth)
+    report.joint_gap_max = max(report.joint_gap_max, gap)
+    report.joint_twist_max = max(report.joint_twist_max, violation)
     if model.settle_steps == 0:
         return True
     lies = lies_flat_and_still(model.contact_offset, model.contact_radius, q, u, twist)
-    left = history.settling[0] - 1.0 if lies else model.settle_steps
-    history.settling[0] = left
+    left = settling[0] - 1.0 if lies else model.settle_steps
+    settling[0] = left
     return left > 0.0
 
 
 @compiled
-def advance(solver, model, work, q, u, history, angle, rate, report, cycles):
+def advance(solver, model, work, steps):
     """
-    Advance q, u and history in place by one step a reference; see `spatial.SpatialStepper`.
+    Take some steps, up to the first that diverges; see `spatial.SpatialStepper`.
 
     The type of `solver` chooses how the contacts are solved, see `solver.solve`.
     """
-    for k in range(len(angle)):
-        cycles[k] = cycle_counter()
-        problem = begin_step(model, work, q, u, history.impulse, angle[k], rate[k])
-        outcome = solve(solver, model, problem, history)
-        if not end_step(model, work, q, u, history, len(problem.closed), outcome, report):
+    for k in range(len(steps.angle)):
+        steps.cycles[k] = cycle_counter()
+        problem = begin_step(model, work, steps, k)
+        outcome = solve(solver, model, problem, steps.history)
+        if not end_step(model, work, steps, problem, outcome):
             break
-    cycles[len(angle)] = cycle_counter()
+    steps.cycles[len(steps.angle)] = cycle_counter()
 
 
 def where_impulses_acted(scene: Scene, state: State, memory: None) -> tuple[Array, float]:

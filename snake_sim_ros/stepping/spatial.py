@@ -16,8 +16,8 @@ from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.model import make_model
 from snake_sim_ros.stepping.model import make_workspace
-from snake_sim_ros.stepping.report import report_from
-from snake_sim_ros.stepping.report import REPORT_SIZE
+from snake_sim_ros.stepping.steps import make_steps
+from snake_sim_ros.stepping.steps import report_of
 
 
 class SpatialStepper:
@@ -28,10 +28,9 @@ class SpatialStepper:
     ----------
     scene : Scene
     loop : callable
-        Compiled ``advance(model, work, q, u, history, angle, rate, report, cycles)``: advances q,
-        u and history in place by one step a reference, up to the first that diverges, and fills
-        cycles with the time stamps between the steps. What it takes before the model is bound: a
-        contact solver for `moreau.advance`, arrays of its own for `bdf2.advance`.
+        Compiled ``advance(model, work, steps)``, see `steps.Steps`: takes the steps, up to the first
+        that diverges. What it takes before the model is bound: a contact solver for
+        `moreau.advance`, arrays of its own for `bdf2.advance`.
     memory : NamedTuple of arrays, optional
         What the loop keeps in the memory of a history, as it is before the first step.
 
@@ -59,9 +58,9 @@ class SpatialStepper:
     ) -> tuple[State, History, Report]:
         """Return state, history and report after as many steps as there are references."""
         check_arguments(len(self.model.mass), self.empty, state, history, angle, rate)
-        q, u, history = state.q.copy(), state.u.copy(), copied(history)
-        numbers, self.cycles = np.zeros(REPORT_SIZE), np.zeros(len(angle) + 1, np.int64)
-        angle, rate = np.ascontiguousarray(angle), np.ascontiguousarray(rate)
-        self.loop(self.model, self.work, q, u, history, angle, rate, numbers, self.cycles)
-        report = report_from(numbers, self.work.applied, self.model.dt)
-        return State(q, u), self.empty_history() if report.failure else history, report
+        steps = make_steps(state.q.copy(), state.u.copy(), copied(history), angle, rate)
+        self.loop(self.model, self.work, steps)
+        self.cycles = steps.cycles
+        report = report_of(steps, self.work.applied, self.model.dt)
+        history = self.empty_history() if report.failure else steps.history
+        return State(steps.q, steps.u), history, report

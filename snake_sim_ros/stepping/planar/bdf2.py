@@ -30,11 +30,7 @@ from snake_sim_ros.stepping.planar.moreau import is_planar
 from snake_sim_ros.stepping.planar.moreau import move
 from snake_sim_ros.stepping.planar.newton import BEND
 from snake_sim_ros.stepping.planar.newton import solve_contacts
-from snake_sim_ros.stepping.report import CONTACTS
-from snake_sim_ros.stepping.report import FALLBACKS
-from snake_sim_ros.stepping.report import note_outcome
-from snake_sim_ros.stepping.report import STEPS
-from snake_sim_ros.stepping.report import UNCONVERGED
+from snake_sim_ros.stepping.steps import note_outcome
 
 
 class Memory(NamedTuple):
@@ -153,8 +149,9 @@ def starts_anew(model, work, q, u):
 
 
 @merged
-def one_part(own, model, work, dt, late, known, q, u, history, angle, rate, report):
+def one_part(own, model, work, dt, late, known, steps, k):
     """Advance q, u and history by dt, a step or a part of it; return whether it was done."""
+    q, u, report, history = steps.q, steps.u, steps.report, steps.history
     n, memory = len(u), history.memory.scheme
     span, phase = memory.span[0], memory.phase[0]
     h, h_q = formula(model, dt, phase, q, u, memory, own)
@@ -164,10 +161,10 @@ def one_part(own, model, work, dt, late, known, q, u, history, angle, rate, repo
             history.impulse[a, j] *= scale
         history.change[a, 0] *= scale
         history.change[a, BEND] *= scale
-    begin(model, own, work, h, h_q, late, known, angle, rate, memory)
+    begin(model, own, work, h, h_q, late, known, steps.angle[k], steps.rate[k], memory)
     outcome = solve_contacts(model, work, work.closed, None, without_memory(history))
     memory.span[0] = h
-    if not is_planar(model, work, history, outcome, report):
+    if not is_planar(model, work, steps, outcome):
         return False
     keep(q, u, memory.q_before, memory.u_before)
     for i in range(n + 2):
@@ -186,29 +183,30 @@ def one_part(own, model, work, dt, late, known, q, u, history, angle, rate, repo
 
 
 @merged
-def step(own, model, work, q, u, history, angle, rate, report):
-    """Advance q, u and history by one step; return whether it was done."""
-    n, memory = len(u), history.memory.scheme
+def step(own, model, work, steps, k):
+    """Take step k; return whether it was done."""
+    q, u, report, memory = steps.q, steps.u, steps.report, steps.history.memory.scheme
+    n = len(u)
     known, phase = memory.span[0] > 0.0, memory.phase[0]
     if phase == UNKNOWN and starts_anew(model, work, q, u):
         phase = memory.phase[0] = ANEW
     parts = 1 if phase == SMOOTH else PARTS
-    unconverged, fallbacks = report[UNCONVERGED], report[FALLBACKS]
+    unconverged, fallbacks = report.unconverged, report.fallbacks
     keep(q, u, own.q_start, own.u_start)
     for part in range(parts):
         late, dt = model.dt * ((part + 1) / parts - 0.5), model.dt / parts
-        if not one_part(own, model, work, dt, late, known, q, u, history, angle, rate, report):
+        if not one_part(own, model, work, dt, late, known, steps, k):
             keep(own.q_start, own.u_start, q, u)
             return False
     if phase != SMOOTH:
         keep(own.q_start, own.u_start, memory.q_before, memory.u_before)
     for j in range(n - 1):
-        memory.rate[j] = rate[j, 0]
+        memory.rate[j] = steps.rate[k, j, 0]
     memory.phase[0] = ANEW if phase == UNKNOWN else SMOOTH
-    report[UNCONVERGED] = min(report[UNCONVERGED], unconverged + 1)  # steps, not parts of them
-    report[FALLBACKS] = min(report[FALLBACKS], fallbacks + 1)
-    report[STEPS] += 1
-    report[CONTACTS] = 2 * n
+    report.unconverged = min(report.unconverged, unconverged + 1)  # steps, not parts of them
+    report.fallbacks = min(report.fallbacks, fallbacks + 1)
+    report.steps += 1
+    report.contacts = 2 * n
     return True
 
 
@@ -223,10 +221,10 @@ def keep(q, u, q_to, u_to):
 
 
 @compiled
-def advance(own, model, work, q, u, history, angle, rate, report, cycles):
-    """Advance q, u and history in place by one step a reference; see `stepper.PlanarStepper`."""
-    for k in range(len(angle)):
-        cycles[k] = cycle_counter()
-        if not step(own, model, work, q, u, history, angle[k], rate[k], report):
+def advance(own, model, work, steps):
+    """Take some steps, up to the first that is not planar; see `stepper.PlanarStepper`."""
+    for k in range(len(steps.angle)):
+        steps.cycles[k] = cycle_counter()
+        if not step(own, model, work, steps, k):
             break
-    cycles[len(angle)] = cycle_counter()
+    steps.cycles[len(steps.angle)] = cycle_counter()

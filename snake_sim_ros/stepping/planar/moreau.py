@@ -40,21 +40,15 @@ from snake_sim_ros.stepping.planar.model import ROLLS
 from snake_sim_ros.stepping.planar.pegs import peg_depth
 from snake_sim_ros.stepping.planar.pegs import touch_pegs
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
-from snake_sim_ros.stepping.report import CONTACTS
-from snake_sim_ros.stepping.report import FAILED_LINK
-from snake_sim_ros.stepping.report import FAILED_VALUE
-from snake_sim_ros.stepping.report import LEFT
-from snake_sim_ros.stepping.report import note_outcome
-from snake_sim_ros.stepping.report import PENETRATION
-from snake_sim_ros.stepping.report import STEPS
+from snake_sim_ros.stepping.steps import note_outcome
 
 FADE = 3.0  # time in which slip and way are forgotten [s]
 
 
 @inlined
-def begin_step(model, work, q, u, angle, rate):
+def begin_step(model, work, steps, k):
     """
-    Fill all that a contact solver needs; velocities (n, 3) are those of the start.
+    Fill all that a contact solver needs in step k; velocities are those of its start.
 
     Returns
     -------
@@ -62,6 +56,7 @@ def begin_step(model, work, q, u, angle, rate):
         Closed contacts: all 2n with the floor, and those with pegs.
 
     """
+    q, u, angle, rate = steps.q, steps.u, steps.angle[k], steps.rate[k]
     n, dt, chain = len(u), model.dt, work.chain
     for i in range(n):
         theta = q[2 + i] + dt / 2 * u[i, 2]
@@ -79,27 +74,28 @@ def begin_step(model, work, q, u, angle, rate):
 
 
 @inlined
-def is_planar(model, work, history, outcome, report):
+def is_planar(model, work, steps, outcome):
     """
     Return whether the solution of a step is planar, and no link turns further than resolved.
 
     In work.standing, ROLLS is then whether what it rolls is all that is not planar.
     """
+    report = steps.report
     work.standing[ROLLS] = 0.0
     if not (
         (outcome.converged or model.patient)
         and work.standing[LEAST] > 0.0
         and abs(work.standing[ROLL]) <= model.most_lean
     ):
-        report[LEFT] = 1.0
+        report.left = 1
         return False
-    if model.held and rolls_too_far(model, work, history.memory):
-        work.standing[ROLLS] = report[LEFT] = 1.0
+    if model.held and rolls_too_far(model, work, steps.history.memory):
+        work.standing[ROLLS] = report.left = 1
         return False
     for i in range(len(work.twist)):
         turn = model.dt * abs(work.twist[i, 0])
         if not (turn < math.pi / 2 and math.isfinite(work.twist[i, 1] + work.twist[i, 2])):
-            report[FAILED_LINK], report[FAILED_VALUE] = i + 1, turn
+            report.failed_link, report.failed_turn = i + 1, turn
             return False
     return True
 
@@ -146,7 +142,7 @@ def end_velocities(model, work, u):
 
 
 @inlined
-def end_step(model, work, q, u, history, count, outcome, report):
+def end_step(model, work, steps, count, outcome):
     """
     Move q (n+2,) and u (n, 3) to the end of the step, unless it is not planar or diverged.
 
@@ -156,7 +152,8 @@ def end_step(model, work, q, u, history, count, outcome, report):
         Whether it was done.
 
     """
-    if not is_planar(model, work, history, outcome, report):
+    q, u, report = steps.q, steps.u, steps.report
+    if not is_planar(model, work, steps, outcome):
         return False
     before_x, before_y = held_point(model, q)
     move(model, 0.5 * model.dt, q, u)
@@ -166,9 +163,9 @@ def end_step(model, work, q, u, history, count, outcome, report):
     q[0] += before_x - after_x
     q[1] += before_y - after_y
     note_outcome(outcome, report)
-    report[STEPS] += 1
-    report[CONTACTS] = count
-    report[PENETRATION] = max(report[PENETRATION], peg_depth(model, q))
+    report.steps += 1
+    report.contacts = count
+    report.penetration_max = max(report.penetration_max, peg_depth(model, q))
     return True
 
 
@@ -198,16 +195,17 @@ def held_point(model, q):
 
 
 @compiled
-def advance(solver, model, work, q, u, history, angle, rate, report, cycles):
+def advance(solver, model, work, steps):
     """
-    Advance q, u and history in place by one step a reference; see `stepper.PlanarStepper`.
+    Take some steps, up to the first that is not planar; see `stepper.PlanarStepper`.
 
     The type of `solver` chooses how the contacts are solved, see `solver.solve_in_plane`.
     """
-    for k in range(len(angle)):
-        cycles[k] = cycle_counter()
-        count = begin_step(model, work, q, u, angle[k], rate[k])
-        outcome = solve_in_plane(solver, model, work, work.closed[:count], without_memory(history))
-        if not end_step(model, work, q, u, history, count, outcome, report):
+    history = without_memory(steps.history)
+    for k in range(len(steps.angle)):
+        steps.cycles[k] = cycle_counter()
+        count = begin_step(model, work, steps, k)
+        outcome = solve_in_plane(solver, model, work, work.closed[:count], history)
+        if not end_step(model, work, steps, count, outcome):
             break
-    cycles[len(angle)] = cycle_counter()
+    steps.cycles[len(steps.angle)] = cycle_counter()

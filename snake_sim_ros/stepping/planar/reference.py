@@ -17,7 +17,6 @@ from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.base import History
 from snake_sim_ros.stepping.planar.model import LEAN
 from snake_sim_ros.stepping.planar.model import LEAST
 from snake_sim_ros.stepping.planar.model import PlanarMemory
@@ -26,14 +25,7 @@ from snake_sim_ros.stepping.planar.model import PlanarWorkspace
 from snake_sim_ros.stepping.planar.model import ROLL
 from snake_sim_ros.stepping.planar.model import ROLLS
 from snake_sim_ros.stepping.planar.moreau import FADE
-from snake_sim_ros.stepping.report import CONTACTS
-from snake_sim_ros.stepping.report import ITERATIONS
-from snake_sim_ros.stepping.report import ITERATIONS_MAX
-from snake_sim_ros.stepping.report import LEFT
-from snake_sim_ros.stepping.report import PRINTED_RESIDUAL
-from snake_sim_ros.stepping.report import RESIDUAL
-from snake_sim_ros.stepping.report import STEPS
-from snake_sim_ros.stepping.report import UNCONVERGED
+from snake_sim_ros.stepping.steps import Steps
 
 BALANCE = 1e-9  # share of a load that rounding may leave of its balance
 
@@ -155,9 +147,9 @@ def make_loop(scene: Scene) -> Callable[..., None]:
         return np.array([prox_ellipse(*x, mu[0] * load, mu[1] * load) for x, load in pairs])
 
     def step(
-        model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array, history: History,
-        angle: Array, rate: Array, report: Array,
-    ) -> bool:  # fmt: skip
+        model: PlanarModel, work: PlanarWorkspace, steps: Steps, angle: Array, rate: Array
+    ) -> bool:
+        q, u, history, report = steps.q, steps.u, steps.history, steps.report
         impulse = history.impulse
         theta, half, offset = q[2:] + dt / 2 * u[:, 2], model.half_length, model.offset
         W_J, W_T, W_tau = directions(theta, half, offset)
@@ -205,19 +197,18 @@ def make_loop(scene: Scene) -> Callable[..., None]:
         q[:2] += held_point - model.share @ centers(q, half)  # section VII-C
         u[:] = u_E
         work.applied[:] = np.column_stack([torque - damping * np.diff(u[:, 2]), held])
-        report[[STEPS, ITERATIONS, UNCONVERGED]] += 1, iterations, change >= solver.tolerance
-        report[ITERATIONS_MAX] = max(report[ITERATIONS_MAX], iterations)
-        report[RESIDUAL] = report[PRINTED_RESIDUAL] = max(report[RESIDUAL], residual)
-        report[CONTACTS] = 2 * n
+        report.steps += 1
+        report.iterations += iterations
+        report.unconverged += change >= solver.tolerance
+        report.iterations_max = max(report.iterations_max, iterations)
+        report.residual_max = report.printed_residual_max = max(report.residual_max, residual)
+        report.contacts = 2 * n
         return True
 
-    def loop(
-        model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array, history: History,
-        angle: Array, rate: Array, report: Array, cycles: Array,
-    ) -> None:  # fmt: skip
-        for step_angle, step_rate in zip(angle, rate, strict=True):
-            if not step(model, work, q, u, history, step_angle, step_rate, report):
-                report[LEFT] = 1.0
+    def loop(model: PlanarModel, work: PlanarWorkspace, steps: Steps) -> None:
+        for angle, rate in zip(steps.angle, steps.rate, strict=True):
+            if not step(model, work, steps, angle, rate):
+                steps.report.left = 1
                 break
 
     return loop

@@ -27,9 +27,8 @@ from snake_sim_ros.stepping.planar.model import make_planar_workspace
 from snake_sim_ros.stepping.planar.model import PlanarMemory
 from snake_sim_ros.stepping.planar.model import ROLL
 from snake_sim_ros.stepping.planar.model import ROLLS
-from snake_sim_ros.stepping.report import LEFT
-from snake_sim_ros.stepping.report import report_from
-from snake_sim_ros.stepping.report import REPORT_SIZE
+from snake_sim_ros.stepping.steps import make_steps
+from snake_sim_ros.stepping.steps import report_of
 
 ROUNDING = 1e-13  # Euler parameters nearer to FLAT than this are FLAT
 
@@ -99,9 +98,8 @@ class PlanarStepper:
     ----------
     scene : Scene
     loop : callable
-        Compiled ``advance(model, work, q, u, history, angle, rate, report, cycles)``: as in
-        `spatial.SpatialStepper`, for planar coordinates q (n+2,) and velocities u (n, 3). It ends
-        before the first step that is not planar, and says so in the report.
+        Compiled ``advance(model, work, steps)``: as in `spatial.SpatialStepper`, for planar
+        coordinates. It ends before the first step that is not planar, and says so in the report.
     scheme : NamedTuple of arrays, optional
         What the loop itself keeps in the memory of a history, as it is before the first step.
 
@@ -129,12 +127,12 @@ class PlanarStepper:
         check_arguments(len(self.model.mass), self.empty, state, history, angle, rate)
         history = copied(history)
         q, u, tilt = self.coordinates(state, history.memory)
-        numbers, self.cycles = np.zeros(REPORT_SIZE), np.zeros(len(angle) + 1, np.int64)
-        angle, rate = np.ascontiguousarray(angle), np.ascontiguousarray(rate)
-        self.loop(self.model, self.work, q, u, history, angle, rate, numbers, self.cycles)
-        report = report_from(numbers, self.work.applied, self.model.dt)
+        steps = make_steps(q, u, history, angle, rate)
+        self.loop(self.model, self.work, steps)
+        self.cycles = steps.cycles
+        report = report_of(steps, self.work.applied, self.model.dt)
         report.level, report.planar_steps = self.level, report.steps
-        if numbers[LEFT]:
+        if steps.report.left:
             report.left = self.reason()
         if report.failure:
             history = self.empty_history()

@@ -1,0 +1,78 @@
+"""The steps that a compiled loop takes, and what it reports of them."""
+
+from dataclasses import fields
+from typing import Any
+from typing import NamedTuple
+
+import numpy as np
+
+from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.stepping.base import divergence
+from snake_sim_ros.stepping.base import History
+from snake_sim_ros.stepping.base import Report
+
+# What a loop adds up: fields of `base.Report`, and
+REPORT = np.dtype(
+    [
+        ('steps', np.int64),
+        ('iterations', np.int64),
+        ('iterations_max', np.int64),
+        ('unconverged', np.int64),
+        ('fallbacks', np.int64),
+        ('residual_max', float),
+        ('printed_residual_max', float),
+        ('penetration_max', float),
+        ('joint_gap_max', float),
+        ('joint_twist_max', float),
+        ('contacts', np.int64),
+        ('failed_link', np.int64),  # link, from 1, that turned too far in a step; 0 for none
+        ('failed_turn', float),  # by this angle [rad]
+        ('left', np.int64),  # whether the next step is not planar
+    ]
+)
+FIELDS = [item.name for item in fields(Report) if item.name in (REPORT.names or ())]
+
+
+class Steps(NamedTuple):
+    """
+    Steps to take: where they start, the joint references, and what is noted on the way.
+
+    A loop advances q, u and history in place, by one step for each reference.
+    """
+
+    q: Array  # coordinates and velocities, (n, 7) and (n, 6); in the plane (n+2,) and (n, 3)
+    u: Array
+    history: History
+    angle: Array  # (steps, n-1, 2) joint references [rad], [rad/s]
+    rate: Array
+    report: Any  # a record of REPORT
+    cycles: Array  # (steps+1,) time stamps between the steps
+
+
+def make_steps(q: Array, u: Array, history: History, angle: Array, rate: Array) -> Steps:
+    """Return the steps for some references, from arrays that they may change."""
+    report = np.zeros(1, REPORT).view(np.recarray)[0]
+    cycles = np.zeros(len(angle) + 1, np.int64)
+    angle, rate = np.ascontiguousarray(angle), np.ascontiguousarray(rate)
+    return Steps(q, u, history, angle, rate, report, cycles)
+
+
+@inlined
+def note_outcome(outcome, report):
+    """Add an `Outcome` of a contact solver to the report."""
+    report.iterations += outcome.iterations
+    report.iterations_max = max(report.iterations_max, outcome.iterations)
+    report.unconverged += outcome.converged == 0
+    report.fallbacks += outcome.fell_back
+    report.residual_max = max(report.residual_max, outcome.residual)
+    report.printed_residual_max = max(report.printed_residual_max, outcome.printed_residual)
+
+
+def report_of(steps: Steps, applied: Array, dt: float) -> Report:
+    """Return what a loop reported, and the joint torques of impulses in a step of dt [s]."""
+    found = steps.report
+    report = Report(**{name: found[name].item() for name in FIELDS}, joint_torque=applied / dt)
+    if link := int(found.failed_link):
+        report.failure = divergence(link, float(found.failed_turn), dt, report.steps)
+    return report

@@ -31,11 +31,11 @@ from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.quantities import ParameterError
-from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import State
 
 DT = 1 / 4000  # s
 G = 9.81

@@ -21,10 +21,10 @@ from snake_sim_ros.scene.parameters import CONFIG
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.stepping.base import History
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.state import History
+from snake_sim_ros.stepping.state import State
 
 
 class StoredStep(NamedTuple):

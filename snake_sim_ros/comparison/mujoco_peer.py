@@ -35,8 +35,8 @@ from snake_sim_ros.scene.quantities import quantity
 from snake_sim_ros.scene.quantities import Record
 from snake_sim_ros.scene.robot_description import element
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.simulation import steps_in
+from snake_sim_ros.stepping.state import State
 
 DRIVES = ('torque', 'position', 'spring')
 INTEGRATORS = ('Euler', 'implicit', 'implicitfast', 'RK4', 'discrete')

@@ -11,7 +11,6 @@ from snake_sim_ros.dynamics.articulated_body import unload_chain
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.base import without_memory
 from snake_sim_ros.stepping.moreau import begin_step
 from snake_sim_ros.stepping.moreau import end_step
 from snake_sim_ros.stepping.planar import moreau as planar
@@ -19,6 +18,7 @@ from snake_sim_ros.stepping.planar import newton as planar_newton
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.spatial import SpatialStepper
+from snake_sim_ros.stepping.state import without_memory
 
 STAGES = ('kinematics, control, contacts', 'contact laws and chain', 'end of step, drift')
 CHAIN = 'one sweep over the chain'  # part of the second stage, about one in every iteration

@@ -15,11 +15,11 @@ from snake_sim_ros.dynamics.force_directions import torque_directions
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.reference import end_coordinates
 from snake_sim_ros.stepping.reference import joint_torque_law
 from snake_sim_ros.stepping.reference import middle_coordinates
 from snake_sim_ros.stepping.reference import without_drift
+from snake_sim_ros.stepping.state import State
 
 
 def consistent(scene: Scene) -> Scene:

@@ -23,7 +23,7 @@ from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.state import initial_state
 
 SHOWN = (1, 2, 3, 5, 10, 20, 30, 40)  # steps after which the sign of eq. (84) is looked at
 

@@ -28,9 +28,6 @@ agree: backward Euler, ``q_hat = q_n`` and h = dt for both, and the next part st
 
 import math
 from typing import Any
-from typing import NamedTuple
-
-import numpy as np
 
 from snake_sim_ros.contact.detection import contacts_of
 from snake_sim_ros.contact.directions import contact_velocities
@@ -50,14 +47,16 @@ from snake_sim_ros.dynamics.kinematics import chain_geometry
 from snake_sim_ros.dynamics.kinematics import end_velocities
 from snake_sim_ros.dynamics.kinematics import half_rotation
 from snake_sim_ros.dynamics.kinematics import joint_coordinates
-from snake_sim_ros.dynamics.kinematics import joint_speed
 from snake_sim_ros.dynamics.kinematics import link_frames
 from snake_sim_ros.dynamics.kinematics import rates_in_inertial_frame
 from snake_sim_ros.dynamics.kinematics import twists
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.base import State
-from snake_sim_ros.stepping.base import without_memory
+from snake_sim_ros.stepping.bdf2_memory import ANEW
+from snake_sim_ros.stepping.bdf2_memory import keep
+from snake_sim_ros.stepping.bdf2_memory import recognize
+from snake_sim_ros.stepping.bdf2_memory import SMOOTH
+from snake_sim_ros.stepping.bdf2_memory import UNKNOWN
 from snake_sim_ros.stepping.events import closed_at_end
 from snake_sim_ros.stepping.events import Events
 from snake_sim_ros.stepping.events import events
@@ -65,13 +64,14 @@ from snake_sim_ros.stepping.events import leave_gaps
 from snake_sim_ros.stepping.events import REACH
 from snake_sim_ros.stepping.moreau import finish
 from snake_sim_ros.stepping.moreau import turns_are_small
+from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import note_outcome
 
 PARTS = 2  # of a step that starts anew
 # Selection: what is small beside an error of first order is not small here. Loads of a flat robot
 # follow the heights of its links through the stiff joints, so these must not sink.
 PRESS = 3e-8  # see contact_laws.PRESS [m/s]
-AGREE = 1e-9  # speed up to which the joints agree with given velocities [m/s]
 
 # Where the controller may act. The method has a law of its own for both: all at the end of the
 # step, linear about the end that is predicted.
@@ -83,49 +83,6 @@ IMPLICIT_SCHEMES = ('average', 'end')
 # times at 1/200 s, 0.85 at 1/20 s. `newton` gains a quarter in space at most, and loses from 1/20
 # s on.
 SPATIAL_STEP, SPATIAL_LINKS, TIGHT = 1 / 300, 15, 1e-7  # [s], links, [m/s]
-
-# Phases, what is known of the motion: nothing; that it starts here; q and u before it as well.
-UNKNOWN, ANEW, SMOOTH = 0.0, 1.0, 2.0
-
-
-class Memory(NamedTuple):
-    """What the method keeps of the last step."""
-
-    q_before: Array  # (n, 7) coordinates at its start
-    u_before: Array  # (n, 6) velocities at its start
-    q: Array  # (n, 7) coordinates at its end
-    u: Array  # (n, 6) velocities at its end
-    rate: Array  # (n-1, 2) rates of the joint references [rad/s]
-    span: Array  # (1,) time that its impulses acted for [s], 0 before the first step
-    phase: Array  # (1,) UNKNOWN, ANEW or SMOOTH
-
-    def last_span(self) -> float:
-        """Return the time that the last impulses acted for [s], 0 before the first step."""
-        return float(self.span[0])
-
-
-class Arrays(NamedTuple):
-    """Arrays that a step of this method fills, beside those of `model.Workspace`."""
-
-    q_hat: Array  # (n, 7)
-    u_hat: Array  # (n, 6)
-    u_star: Array  # (n, 6) predicted velocities; then those that move coordinates
-    q_start: Array  # (n, 7) start of the step
-    u_start: Array  # (n, 6)
-    end_angle: Array  # (n-1, 2) joint references at the end of a part of the step [rad]
-    end_rate: Array  # (n-1, 2) [rad/s]
-
-
-def make_memory(n: int) -> Memory:
-    """Return the memory before the first step, for n links."""
-    q, u, joints = np.zeros((n, 7)), np.zeros((n, 6)), np.zeros((n - 1, 2))
-    return Memory(q, u, q.copy(), u.copy(), joints, np.zeros(1), np.zeros(1))
-
-
-def make_arrays(n: int) -> Arrays:
-    """Return the arrays for n links."""
-    q, u, joints = np.zeros((n, 7)), np.zeros((n, 6)), np.zeros((n - 1, 2))
-    return Arrays(q, u, u.copy(), q.copy(), u.copy(), joints, joints.copy())
 
 
 @merged
@@ -353,33 +310,6 @@ def step(own, model, work, steps, k):
     report.unconverged = min(report.unconverged, unconverged + 1)  # steps, not parts of them
     report.fallbacks = min(report.fallbacks, fallbacks + 1)
     return finish(model, work.chain.twist, q, u, steps.history.settling, report)
-
-
-@inlined
-def keep(q, u, q_to, u_to):
-    """Fill q_to and u_to."""
-    for i in range(len(q)):
-        for k in range(7):
-            q_to[i, k] = q[i, k]
-        for k in range(6):
-            u_to[i, k] = u[i, k]
-
-
-@compiled
-def recognize(model, work, q, u, memory):
-    """Note in the memory whether this state is the end of the last step, or one to start from."""
-    same = memory.phase[0] != UNKNOWN
-    for i in range(len(q)):
-        for k in range(7):
-            same = same and memory.q[i, k] == q[i, k]
-        for k in range(6):
-            same = same and memory.u[i, k] == u[i, k]
-    if same:
-        return
-    link_frames(q[:, 3:], work.R)
-    rates_in_inertial_frame(work.R, u, work.omega)
-    agrees = joint_speed(model.half_length, work.R, u, work.omega) <= AGREE
-    memory.phase[0] = ANEW if agrees else UNKNOWN
 
 
 @compiled

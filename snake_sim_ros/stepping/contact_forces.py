@@ -8,11 +8,11 @@ from snake_sim_ros.scene.obstacles import links
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import check_state
-from snake_sim_ros.stepping.base import History
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.methods import method_of
 from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.state import check_state
+from snake_sim_ros.stepping.state import History
+from snake_sim_ros.stepping.state import State
 
 
 def contact_forces(scene: Scene, state: State, history: History) -> tuple[Array, Array]:

@@ -22,18 +22,18 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import check_arguments
-from snake_sim_ros.stepping.base import copied
-from snake_sim_ros.stepping.base import History
 from snake_sim_ros.stepping.base import Method
-from snake_sim_ros.stepping.base import named_arrays
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.planar.model import forget
 from snake_sim_ros.stepping.planar.model import PlanarMemory
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
 from snake_sim_ros.stepping.spatial import SpatialStepper
+from snake_sim_ros.stepping.state import check_arguments
+from snake_sim_ros.stepping.state import copied
+from snake_sim_ros.stepping.state import History
+from snake_sim_ros.stepping.state import named_arrays
+from snake_sim_ros.stepping.state import State
 
 LITTLE = 3e-4  # roll up to which leaving it out is exact enough to be chosen [rad]
 LITTLE_SLIP = 2e-3  # share of the way up to which the slip by rolling is, see planar

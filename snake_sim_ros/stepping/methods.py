@@ -15,9 +15,9 @@ from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping import bdf2
+from snake_sim_ros.stepping import bdf2_memory
 from snake_sim_ros.stepping import levels
 from snake_sim_ros.stepping import moreau
-from snake_sim_ros.stepping.base import History
 from snake_sim_ros.stepping.base import Method
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.planar import bdf2 as planar_bdf2
@@ -29,6 +29,7 @@ from snake_sim_ros.stepping.planar.reference import make_loop
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
 from snake_sim_ros.stepping.reference import ReferenceStepper
 from snake_sim_ros.stepping.spatial import SpatialStepper
+from snake_sim_ros.stepping.state import History
 
 Make = Callable[[Scene], Any]  # a contact solver for a scene
 
@@ -50,7 +51,9 @@ def _delassus(scene: Scene) -> Delassus:
 
 def _spatial_bdf2(scene: Scene) -> SpatialStepper:
     n = scene.robot.link_count
-    return SpatialStepper(scene, partial(bdf2.advance, bdf2.make_arrays(n)), bdf2.make_memory(n))
+    return SpatialStepper(
+        scene, partial(bdf2.advance, bdf2_memory.make_arrays(n)), bdf2_memory.make_memory(n)
+    )
 
 
 def _planar_bdf2(scene: Scene) -> PlanarStepper:

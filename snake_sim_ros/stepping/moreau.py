@@ -50,7 +50,7 @@ from snake_sim_ros.dynamics.kinematics import twists
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.steps import note_outcome
 
 

@@ -40,13 +40,13 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import H_bar
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import check_arguments
-from snake_sim_ros.stepping.base import copied
 from snake_sim_ros.stepping.base import divergence
-from snake_sim_ros.stepping.base import empty_history
-from snake_sim_ros.stepping.base import History
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.state import check_arguments
+from snake_sim_ros.stepping.state import copied
+from snake_sim_ros.stepping.state import empty_history
+from snake_sim_ros.stepping.state import History
+from snake_sim_ros.stepping.state import State
 
 
 def joint_torque_law(

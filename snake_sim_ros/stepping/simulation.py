@@ -12,15 +12,15 @@ from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.quantities import ParameterError
-from snake_sim_ros.stepping.base import carried
-from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.contact_forces import loaded_contacts
 from snake_sim_ros.stepping.contact_forces import where_impulses_acted
 from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.state import carried
+from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 
@@ -32,7 +32,7 @@ def joint_motion(q: Array, u: Array) -> tuple[Array, Array]:
     ----------
     q : ndarray, shape (m, n, 7)
     u : ndarray, shape (m, n, 6)
-        See `base.State`.
+        See `state.State`.
 
     Returns
     -------
@@ -125,7 +125,7 @@ class Simulation:
         Go on with other numbers, such as another gravity, other obstacles or another method.
 
         Pose and velocities stay, and so do the impulses of contacts that both scenes have; see
-        `base.carried`.
+        `state.carried`.
 
         Raises
         ------

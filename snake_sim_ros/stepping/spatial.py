@@ -8,14 +8,14 @@ import numpy as np
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.base import check_arguments
-from snake_sim_ros.stepping.base import copied
-from snake_sim_ros.stepping.base import empty_history
-from snake_sim_ros.stepping.base import History
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.model import make_model
 from snake_sim_ros.stepping.model import make_workspace
+from snake_sim_ros.stepping.state import check_arguments
+from snake_sim_ros.stepping.state import copied
+from snake_sim_ros.stepping.state import empty_history
+from snake_sim_ros.stepping.state import History
+from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.steps import make_steps
 from snake_sim_ros.stepping.steps import report_of
 
@@ -28,8 +28,8 @@ class SpatialStepper:
     ----------
     scene : Scene
     loop : callable
-        Compiled ``advance(model, work, steps)``, see `steps.Steps`: takes the steps, up to the first
-        that diverges. What it takes before the model is bound: a contact solver for
+        Compiled ``advance(model, work, steps)``, see `steps.Steps`: takes the steps, up to the
+        first that diverges. What it takes before the model is bound: a contact solver for
         `moreau.advance`, arrays of its own for `bdf2.advance`.
     memory : NamedTuple of arrays, optional
         What the loop keeps in the memory of a history, as it is before the first step.

@@ -9,8 +9,8 @@ import numpy as np
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.base import divergence
-from snake_sim_ros.stepping.base import History
 from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.state import History
 
 # What a loop adds up: fields of `base.Report`, and
 REPORT = np.dtype(

@@ -42,13 +42,13 @@ from snake_sim_ros.scene.quantities import quantity
 from snake_sim_ros.scene.quantities import Record
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping import moreau
-from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.model import make_model
 from snake_sim_ros.stepping.model import make_workspace
 from snake_sim_ros.stepping.spatial import SpatialStepper
+from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import State
 
 INTEGRATORS: dict[str, Any] = {'RK45': RK45, 'LSODA': LSODA, 'Radau': Radau, 'BDF': BDF}
 STEP = 1e-8  # of differences, in the unit of each number: less than a link sinks in

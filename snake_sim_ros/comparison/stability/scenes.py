@@ -30,10 +30,10 @@ from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import State
 
 G = 9.81  # m/s^2
 WEIGHTLESS = (0.0, 0.0, 0.0)

@@ -16,12 +16,11 @@ from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.joint_control import implicit_pd_law
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.stepping.base import without_memory
-from snake_sim_ros.stepping.bdf2 import AGREE
-from snake_sim_ros.stepping.bdf2 import ANEW
 from snake_sim_ros.stepping.bdf2 import PARTS
-from snake_sim_ros.stepping.bdf2 import SMOOTH
-from snake_sim_ros.stepping.bdf2 import UNKNOWN
+from snake_sim_ros.stepping.bdf2_memory import AGREE
+from snake_sim_ros.stepping.bdf2_memory import ANEW
+from snake_sim_ros.stepping.bdf2_memory import SMOOTH
+from snake_sim_ros.stepping.bdf2_memory import UNKNOWN
 from snake_sim_ros.stepping.planar.equilibrium import fill_momentum
 from snake_sim_ros.stepping.planar.equilibrium import place_links
 from snake_sim_ros.stepping.planar.moreau import end_velocities
@@ -30,6 +29,7 @@ from snake_sim_ros.stepping.planar.moreau import is_planar
 from snake_sim_ros.stepping.planar.moreau import move
 from snake_sim_ros.stepping.planar.newton import BEND
 from snake_sim_ros.stepping.planar.newton import solve_contacts
+from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import note_outcome
 
 

@@ -15,8 +15,8 @@ from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.base import named_arrays
 from snake_sim_ros.stepping.model import make_model
+from snake_sim_ros.stepping.state import named_arrays
 
 LEAST, ROLL, PART, ROLLS = range(4)  # in work.standing, see find_loads and is_planar
 LEAN = 1e-3  # roll of the robot at which it does not lie flat, and that is always left out [rad]

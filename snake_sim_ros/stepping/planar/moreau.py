@@ -29,7 +29,6 @@ from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.joint_control import pd_law
-from snake_sim_ros.stepping.base import without_memory
 from snake_sim_ros.stepping.planar.equilibrium import fill_momentum
 from snake_sim_ros.stepping.planar.equilibrium import place_links
 from snake_sim_ros.stepping.planar.model import LEAN
@@ -40,6 +39,7 @@ from snake_sim_ros.stepping.planar.model import ROLLS
 from snake_sim_ros.stepping.planar.pegs import peg_depth
 from snake_sim_ros.stepping.planar.pegs import touch_pegs
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
+from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import note_outcome
 
 FADE = 3.0  # time in which slip and way are forgotten [s]

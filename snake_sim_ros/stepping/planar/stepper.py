@@ -13,12 +13,7 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import check_arguments
-from snake_sim_ros.stepping.base import copied
-from snake_sim_ros.stepping.base import empty_history
-from snake_sim_ros.stepping.base import History
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.planar.model import forget
 from snake_sim_ros.stepping.planar.model import LEAST
 from snake_sim_ros.stepping.planar.model import make_memory
@@ -27,6 +22,11 @@ from snake_sim_ros.stepping.planar.model import make_planar_workspace
 from snake_sim_ros.stepping.planar.model import PlanarMemory
 from snake_sim_ros.stepping.planar.model import ROLL
 from snake_sim_ros.stepping.planar.model import ROLLS
+from snake_sim_ros.stepping.state import check_arguments
+from snake_sim_ros.stepping.state import copied
+from snake_sim_ros.stepping.state import empty_history
+from snake_sim_ros.stepping.state import History
+from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.steps import make_steps
 from snake_sim_ros.stepping.steps import report_of
 
@@ -50,7 +50,7 @@ def to_space(half_length, q, u, tilt, height, links, velocities):
     height : ndarray, shape (n,)
         Of the link centers [m].
     links, velocities : ndarray
-        As in `base.State`.
+        As in `state.State`.
 
     """
     x, y, reach_x, reach_y = q[0], q[1], 0.0, 0.0

@@ -1,0 +1,83 @@
+"""What the method of second order keeps of the last step, and the arrays that its step fills."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.kinematics import joint_speed
+from snake_sim_ros.dynamics.kinematics import link_frames
+from snake_sim_ros.dynamics.kinematics import rates_in_inertial_frame
+from snake_sim_ros.scene.parameters import Array
+
+# Phases, what is known of the motion: nothing; that it starts here; q and u before it as well.
+UNKNOWN, ANEW, SMOOTH = 0.0, 1.0, 2.0
+AGREE = 1e-9  # speed up to which the joints agree with given velocities [m/s]
+
+
+class Memory(NamedTuple):
+    """What the method keeps of the last step."""
+
+    q_before: Array  # (n, 7) coordinates at its start
+    u_before: Array  # (n, 6) velocities at its start
+    q: Array  # (n, 7) coordinates at its end
+    u: Array  # (n, 6) velocities at its end
+    rate: Array  # (n-1, 2) rates of the joint references [rad/s]
+    span: Array  # (1,) time that its impulses acted for [s], 0 before the first step
+    phase: Array  # (1,) UNKNOWN, ANEW or SMOOTH
+
+    def last_span(self) -> float:
+        """Return the time that the last impulses acted for [s], 0 before the first step."""
+        return float(self.span[0])
+
+
+class Arrays(NamedTuple):
+    """Arrays that a step of this method fills, beside those of `model.Workspace`."""
+
+    q_hat: Array  # (n, 7)
+    u_hat: Array  # (n, 6)
+    u_star: Array  # (n, 6) predicted velocities; then those that move coordinates
+    q_start: Array  # (n, 7) start of the step
+    u_start: Array  # (n, 6)
+    end_angle: Array  # (n-1, 2) joint references at the end of a part of the step [rad]
+    end_rate: Array  # (n-1, 2) [rad/s]
+
+
+def make_memory(n: int) -> Memory:
+    """Return the memory before the first step, for n links."""
+    q, u, joints = np.zeros((n, 7)), np.zeros((n, 6)), np.zeros((n - 1, 2))
+    return Memory(q, u, q.copy(), u.copy(), joints, np.zeros(1), np.zeros(1))
+
+
+def make_arrays(n: int) -> Arrays:
+    """Return the arrays for n links."""
+    q, u, joints = np.zeros((n, 7)), np.zeros((n, 6)), np.zeros((n - 1, 2))
+    return Arrays(q, u, u.copy(), q.copy(), u.copy(), joints, joints.copy())
+
+
+@inlined
+def keep(q, u, q_to, u_to):
+    """Fill q_to and u_to."""
+    for i in range(len(q)):
+        for k in range(7):
+            q_to[i, k] = q[i, k]
+        for k in range(6):
+            u_to[i, k] = u[i, k]
+
+
+@compiled
+def recognize(model, work, q, u, memory):
+    """Note in the memory whether this state is the end of the last step, or one to start from."""
+    same = memory.phase[0] != UNKNOWN
+    for i in range(len(q)):
+        for k in range(7):
+            same = same and memory.q[i, k] == q[i, k]
+        for k in range(6):
+            same = same and memory.u[i, k] == u[i, k]
+    if same:
+        return
+    link_frames(q[:, 3:], work.R)
+    rates_in_inertial_frame(work.R, u, work.omega)
+    agrees = joint_speed(model.half_length, work.R, u, work.omega) <= AGREE
+    memory.phase[0] = ANEW if agrees else UNKNOWN

@@ -1,0 +1,210 @@
+"""What a step goes on from: the state of all links, and the history of the steps before."""
+
+from dataclasses import dataclass
+from typing import Any
+from typing import NamedTuple
+from typing import TypeVar
+
+import numpy as np
+
+from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.scene.obstacles import same_contacts
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.posture import initial_coordinates
+from snake_sim_ros.scene.quantities import ParameterError
+
+
+@dataclass(frozen=True)
+class State:
+    """
+    Coordinates and velocities of all links, nothing else.
+
+    Attributes
+    ----------
+    q : ndarray, shape (n, 7)
+        Link centers r_G [m, frame I] and Euler parameters p, scalar first.
+    u : ndarray, shape (n, 6)
+        Velocities v_G [m/s, frame I] and angular velocities omega [rad/s, frame B].
+
+    """
+
+    q: Array
+    u: Array
+
+
+def initial_state(scene: Scene) -> State:
+    """Return the robot at rest in the initial posture of the scene."""
+    return State(initial_coordinates(scene), np.zeros((scene.robot.link_count, 6)))
+
+
+T = TypeVar('T')
+
+
+class History(NamedTuple):
+    """
+    What a step takes over from the one before, besides the state.
+
+    Attributes
+    ----------
+    impulse : ndarray, shape (contacts, 5)
+        Last impulse of every contact: normal, sliding x y, rolling x y [N s], eq. (93).
+    velocity : ndarray, shape (contacts, 5)
+        Relative velocities after it [m/s].
+    change : ndarray, shape (contacts, 5)
+        By how much the last step changed the normal impulse and the other velocities.
+    settling : ndarray, shape (1,)
+        Steps for which a robot has still to lie flat and still before it is planar, see `levels`.
+    memory : NamedTuple of arrays, or None
+        What the method itself keeps at its level, of a type of its own; None if it is nothing.
+
+    """
+
+    impulse: Array
+    velocity: Array
+    change: Array
+    settling: Array
+    memory: Any = None
+
+
+@merged
+def without_memory(history):
+    """
+    Return the same history without the memory of the method: what the solvers of contacts take.
+
+    Compiled. They are compiled once for all methods then.
+    """
+    return History(history.impulse, history.velocity, history.change, history.settling, None)
+
+
+def empty_history(contacts: int, memory: Any = None) -> History:
+    """Return the history before the first contact of a scene with so many of them."""
+    slabs = np.zeros((3, contacts, 5))
+    return History(slabs[0], slabs[1], slabs[2], np.zeros(1), memory)
+
+
+def named_arrays(record: Any, name: str = 'history') -> dict[str, Array]:
+    """Return the arrays of nested NamedTuples such as a history, by their dotted names."""
+    if isinstance(record, np.ndarray):
+        return {name: record}
+    found: dict[str, Array] = {}
+    for part in getattr(record, '_fields', ()):
+        found |= named_arrays(getattr(record, part), f'{name}.{part}')
+    return found
+
+
+def copied(record: T) -> T:
+    """Return a copy of nested NamedTuples of arrays, such as a history."""
+    if record is None:
+        return record
+    if isinstance(record, np.ndarray):
+        return record.copy()
+    parts: Any = record
+    return type(record)(*map(copied, parts))
+
+
+def check_state(links: int, contacts: int, state: State, history: History) -> None:
+    """
+    Check what a step went to; `links` and `contacts` are those of its scene.
+
+    Raises
+    ------
+    ParameterError
+        If an array has another shape or other numbers than a `Stepper` takes, or the coordinates
+        or the history are not finite. Velocities that are not are a step that diverged.
+
+    """
+    _check_array('state.q', state.q, (links, 7))
+    _check_array('state.u', state.u, (links, 6))
+    if not isinstance(history, History):
+        raise ParameterError(f'history must be a History, got {type(history).__name__}')
+    for name in ('impulse', 'velocity', 'change'):
+        _check_array(f'history.{name}', getattr(history, name), (contacts, 5))
+    _check_array('history.settling', history.settling, (1,))
+    for name, array in {'state.q': state.q, **named_arrays(history)}.items():
+        if not np.isfinite(array).all():
+            place = np.argwhere(~np.isfinite(array))[0].tolist()
+            raise ParameterError(f'{name} must be finite, got {array[tuple(place)]} at {place}')
+
+
+def check_arguments(
+    links: int, empty: History, state: State, history: History, angle: Array, rate: Array
+) -> None:
+    """
+    Check all that `Stepper.advance` takes; `links` and `empty` are those of the stepper.
+
+    Raises
+    ------
+    ParameterError
+        If an array has another shape or other numbers than a `Stepper` takes, or the memory of the
+        history is that of another method or level.
+
+    """
+    check_state(links, len(empty.impulse), state, history)
+    memory, wanted = history.memory, empty.memory
+    if type(memory) is not type(wanted):
+        raise ParameterError(
+            f'history.memory must be that of this method and level, {_kind(wanted)}, got '
+            f'{_kind(memory)}; begin with empty_history() of the stepper, or see carried'
+        )
+    found = named_arrays(memory, 'history.memory')
+    for name, array in named_arrays(wanted, 'history.memory').items():
+        _check_array(name, found.get(name), array.shape)
+    steps = len(angle) if np.ndim(angle) else 0
+    _check_array('angle', angle, (steps, links - 1, 2))
+    _check_array('rate', rate, (steps, links - 1, 2))
+
+
+def _check_array(name: str, array: Any, shape: tuple[int, ...]) -> None:
+    """Raise if this is not an array of floats of a shape."""
+    if isinstance(array, np.ndarray) and array.shape == shape and array.dtype == np.float64:
+        return
+    got = f'shape {np.shape(array)} of {array.dtype}' if isinstance(array, np.ndarray) else ''
+    raise ParameterError(
+        f'{name} must be an array of shape {shape} of float64, got {got or type(array).__name__}'
+    )
+
+
+def _kind(memory: Any) -> str:
+    """Return what a memory is called."""
+    kind = type(memory)
+    return (
+        'None'
+        if memory is None
+        else f'{kind.__module__.rpartition("stepping.")[2]}.{kind.__name__}'
+    )
+
+
+def carried(
+    history: History, before: Scene, after: Scene, scale: float, empty: History
+) -> History:
+    """
+    Return what the steps of a scene may take over from those of another one.
+
+    Contacts that both have keep what is known of them, and those that are new have not touched
+    yet. The memory is empty: differences over two steps mean nothing where forces jump.
+
+    Parameters
+    ----------
+    history : History
+        After a step of the scene `before`; left alone.
+    before, after : Scene
+        Of the same robot and time step.
+    scale : float
+        Time step over the time in which the last impulses acted: here they are of a whole step.
+    empty : History
+        That the stepper of the scene `after` begins with.
+
+    Returns
+    -------
+    History
+
+    """
+    old, new = same_contacts(before, after)
+    taken = copied(empty)
+    for name in ('impulse', 'velocity', 'change'):
+        getattr(taken, name)[new] = getattr(history, name)[old]
+    taken.impulse[:] *= scale
+    taken.change[:, 0] *= scale
+    taken.settling[:] = history.settling
+    return taken

@@ -49,12 +49,12 @@ def planar_stages(model, work, steps, stamps):
     history = without_memory(steps.history)
     for k in range(len(steps.angle)):
         stamps[k, 0] = cycle_counter()
-        count = planar.begin_step(model, work, steps, k)
+        count = planar.begin_planar_step(model, work, steps, k)
         stamps[k, 1] = cycle_counter()
         closed = work.closed[:count]
-        outcome = planar_newton.solve_contacts(model, work, closed, None, history)
+        outcome = planar_newton.solve_planar_contacts(model, work, closed, None, history)
         stamps[k, 2] = cycle_counter()
-        if not planar.end_step(model, work, steps, count, outcome):
+        if not planar.end_planar_step(model, work, steps, count, outcome):
             break
         stamps[k, 3] = cycle_counter()
         stamps[k, 4] = stamps[k, 3]

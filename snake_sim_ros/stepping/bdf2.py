@@ -60,8 +60,8 @@ from snake_sim_ros.stepping.bdf2_memory import UNKNOWN
 from snake_sim_ros.stepping.events import closed_at_end
 from snake_sim_ros.stepping.events import Events
 from snake_sim_ros.stepping.events import events
+from snake_sim_ros.stepping.events import LANDING_SPEED
 from snake_sim_ros.stepping.events import leave_gaps
-from snake_sim_ros.stepping.events import REACH
 from snake_sim_ros.stepping.moreau import finish
 from snake_sim_ros.stepping.moreau import turns_are_small
 from snake_sim_ros.stepping.state import State
@@ -82,7 +82,7 @@ IMPLICIT_SCHEMES = ('average', 'end')
 # and 40 links it takes 1.05 to 14 times as long, and with residual_tolerance 1e-5 m/s 1.6 to 1.9
 # times at 1/200 s, 0.85 at 1/20 s. `newton` gains a quarter in space at most, and loses from 1/20
 # s on.
-SPATIAL_STEP, SPATIAL_LINKS, TIGHT = 1 / 300, 15, 1e-7  # [s], links, [m/s]
+SPATIAL_STEP, SPATIAL_LINKS, SPATIAL_TOLERANCE = 1 / 300, 15, 1e-7  # [s], links, [m/s]
 
 
 @merged
@@ -162,7 +162,7 @@ def begin(model, own, work, h, h_q, late, history):
     smooth_momentum(model, h, own.u_hat, own.u_star, work.R, work.center, work.chain.momentum)
 
     twists(own.u_star, work.omega, work.center, work.chain.twist)
-    reach = max(model.activation_tolerance, REACH * h_q)
+    reach = max(model.activation_tolerance, LANDING_SPEED * h_q)
     count = contacts_of(model.obstacles, reach, model, work, work.q_mid)
     closed, contacts = work.closed[:count], work.contacts
     contact_velocities(closed, contacts, work.chain.frame, work.chain.twist)
@@ -340,7 +340,7 @@ def is_faster_in_space(scene: Scene) -> bool:
     return (
         scene.dt > SPATIAL_STEP
         and scene.robot.link_count <= SPATIAL_LINKS
-        and scene.solver.residual_tolerance < TIGHT
+        and scene.solver.residual_tolerance < SPATIAL_TOLERANCE
     )
 
 

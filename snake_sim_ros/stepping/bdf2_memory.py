@@ -13,7 +13,7 @@ from snake_sim_ros.scene.parameters import Array
 
 # Phases, what is known of the motion: nothing; that it starts here; q and u before it as well.
 UNKNOWN, ANEW, SMOOTH = 0.0, 1.0, 2.0
-AGREE = 1e-9  # speed up to which the joints agree with given velocities [m/s]
+CONSISTENT_SPEED = 1e-9  # speed up to which the joints agree with given velocities [m/s]
 
 
 class Memory(NamedTuple):
@@ -79,5 +79,5 @@ def recognize(model, work, q, u, memory):
         return
     link_frames(q[:, 3:], work.R)
     rates_in_inertial_frame(work.R, u, work.omega)
-    agrees = joint_speed(model.half_length, work.R, u, work.omega) <= AGREE
+    agrees = joint_speed(model.half_length, work.R, u, work.omega) <= CONSISTENT_SPEED
     memory.phase[0] = ANEW if agrees else UNKNOWN

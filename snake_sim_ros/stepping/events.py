@@ -15,11 +15,11 @@ from typing import NamedTuple
 from snake_sim_ros.contact.selection import IMPACT
 from snake_sim_ros.dynamics.compilation import inlined
 
-REACH = 0.3  # a gap takes part if this speed could close it in the step [m/s]
-# By its law a contact that carries load has no gap; what gap it has is the error of integration,
-# of third order in dt. Up to RESTS it stays on velocity level, so that the error is not made a
-# velocity; beyond, it is open, and may land.
-RESTS = 1e-4  # [m]
+LANDING_SPEED = 0.3  # a gap takes part if this speed could close it in the step [m/s]
+# By its law a contact that carries load has no gap. The gap that it has is the error of
+# integration, of third order in dt. Up to RESTING_GAP the contact stays on velocity level, so that
+# the error does not become a velocity. Beyond, it is open, and may land.
+RESTING_GAP = 1e-4  # [m]
 
 
 @inlined
@@ -45,7 +45,7 @@ def leave_gaps(model, h_q, late, closed, contacts, impulse):
     for a in closed:
         contacts.start[a], contacts.last[a] = contacts.gamma[a, 0], impulse[a, 0]
         gap = contacts.gap[a] - h_q * contacts.start[a]
-        rests = impulse[a, 0] > 0.0 and contacts.gap[a] <= RESTS
+        rests = impulse[a, 0] > 0.0 and contacts.gap[a] <= RESTING_GAP
         if gap > model.activation_tolerance and not rests:
             contacts.shift[a] = gap / h_q
         elif gap < 0.0 and not rests:  # what the motion before put inside comes out

@@ -1,11 +1,11 @@
 """
 Model levels: the smallest model that a scene needs, chosen while it runs.
 
-The planar level is exact for a robot that lies flat and is told nothing vertical. `LevelStepper`
-takes it as long as that holds, goes over to the spatial level at the first step in which it does
-not, and comes back when the robot has been lying flat and still for a while; where rolling was in
-the way, which does not show in that, after a PAUSE. Both levels have the same state and the same
-history: pose, velocities and impulses are carried over as they are.
+The planar level is exact for a robot that lies flat and whose pitch joints are to stay straight.
+`LevelStepper` takes it as long as that holds. It changes to the spatial level at the first step in
+which it does not hold, and changes back when the robot has been lying flat and still for a while.
+Rolling does not show in that: after rolling it changes back after SLIP_PAUSE. Both levels have the
+same state and the same contacts: pose, velocities and impulses are carried over as they are.
 """
 
 import time
@@ -35,11 +35,11 @@ from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import named_arrays
 from snake_sim_ros.stepping.state import State
 
-LITTLE = 3e-4  # roll up to which leaving it out is exact enough to be chosen [rad]
-LITTLE_SLIP = 2e-3  # share of the way up to which the slip by rolling is, see planar
-PAUSE = 10.0  # how long a robot that slips more is left to the spatial level [s]
-PATIENCE = 300  # iterations after which a planar step is left to the spatial level
-STRAIGHT = 1e-9  # pitch references up to this are none [rad], [rad/s]
+AUTO_ROLL = 3e-4  # roll up to which leaving it out is exact enough to be chosen [rad]
+AUTO_SLIP_SHARE = 2e-3  # share of the way up to which the slip by rolling is, see planar
+SLIP_PAUSE = 10.0  # how long a robot that slips more is left to the spatial level [s]
+PLANAR_ITERATIONS = 300  # iterations after which a planar step is left to the spatial level
+PITCH_ROUNDING = 1e-9  # pitch references up to this are none [rad], [rad/s]
 
 
 def what_is_not_planar(scene: Scene, name: str, method: Method) -> str:
@@ -83,7 +83,7 @@ def is_vertical(angle: Array, rate: Array) -> Array:
     pitch = angle[..., 1], rate[..., 1]
     if not (pitch[0].any() or pitch[1].any()):
         return np.zeros(angle.shape[:-2], dtype=bool)
-    return np.asarray(np.abs(pitch).max(axis=(0, -1), initial=0.0) > STRAIGHT)
+    return np.asarray(np.abs(pitch).max(axis=(0, -1), initial=0.0) > PITCH_ROUNDING)
 
 
 def what_does_not_lie(
@@ -134,13 +134,13 @@ class LevelStepper:
 
     def __init__(self, scene: Scene, planar: PlanarStepper, spatial: SpatialStepper) -> None:
         self.scene, self.planar, self.spatial = scene, planar, spatial
-        limit = min(scene.solver.iteration_limit, PATIENCE)
+        limit = min(scene.solver.iteration_limit, PLANAR_ITERATIONS)
         planar.model = planar.model._replace(
-            most_lean=LITTLE, most_slip=LITTLE_SLIP, patient=False, iteration_limit=limit
+            most_lean=AUTO_ROLL, most_slip=AUTO_SLIP_SHARE, patient=False, iteration_limit=limit
         )
         self.level = planar.level
         self.settle_steps = max(1, round(scene.settling_time / scene.dt))
-        self.pause_steps = round(PAUSE / scene.dt)  # in history besides settle_steps
+        self.pause_steps = round(SLIP_PAUSE / scene.dt)  # in history besides settle_steps
         self.ticks: list[Array] = []  # time stamps of the parts of the last call
         self.reason = ''  # why the last spatial steps were not planar
         self.used: list[Any] = []  # levels that are compiled
@@ -229,7 +229,7 @@ class LevelStepper:
         if self.planar.rolls:
             memory.slip[0] = memory.way[0] = 0.0
         elif self.planar.leans and not self.scene.pegs.x:
-            memory.slip[0] += 2.0 * self.planar.model.radius * LITTLE
+            memory.slip[0] += 2.0 * self.planar.model.radius * AUTO_ROLL
 
     def compile(
         self, stepper: Any, state: State, history: History, angle: Array, rate: Array

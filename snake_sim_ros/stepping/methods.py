@@ -41,7 +41,9 @@ def _spatial(solver: Make) -> Callable[[Scene], SpatialStepper]:
 
 def _planar(solver: Make) -> Callable[[Scene], PlanarStepper]:
     """Return how the paper's step in the plane is made with a contact solver."""
-    return lambda scene: PlanarStepper(scene, partial(planar_moreau.advance, solver(scene)))
+    return lambda scene: PlanarStepper(
+        scene, partial(planar_moreau.advance_in_plane, solver(scene))
+    )
 
 
 def _delassus(scene: Scene) -> Delassus:
@@ -58,8 +60,8 @@ def _spatial_bdf2(scene: Scene) -> SpatialStepper:
 
 def _planar_bdf2(scene: Scene) -> PlanarStepper:
     n = scene.robot.link_count
-    loop = partial(planar_bdf2.advance, planar_bdf2.make_arrays(n))
-    return PlanarStepper(scene, loop, planar_bdf2.make_memory(n))
+    loop = partial(planar_bdf2.advance_bdf2_in_plane, planar_bdf2.make_planar_arrays(n))
+    return PlanarStepper(scene, loop, planar_bdf2.make_planar_bdf2_memory(n))
 
 
 METHODS: dict[str, Method] = {

@@ -17,18 +17,18 @@ from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.joint_control import implicit_pd_law
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.bdf2 import PARTS
-from snake_sim_ros.stepping.bdf2_memory import AGREE
 from snake_sim_ros.stepping.bdf2_memory import ANEW
+from snake_sim_ros.stepping.bdf2_memory import CONSISTENT_SPEED
 from snake_sim_ros.stepping.bdf2_memory import SMOOTH
 from snake_sim_ros.stepping.bdf2_memory import UNKNOWN
 from snake_sim_ros.stepping.planar.equilibrium import fill_momentum
 from snake_sim_ros.stepping.planar.equilibrium import place_links
-from snake_sim_ros.stepping.planar.moreau import end_velocities
+from snake_sim_ros.stepping.planar.moreau import end_planar_velocities
 from snake_sim_ros.stepping.planar.moreau import held_point
 from snake_sim_ros.stepping.planar.moreau import is_planar
-from snake_sim_ros.stepping.planar.moreau import move
-from snake_sim_ros.stepping.planar.newton import BEND
-from snake_sim_ros.stepping.planar.newton import solve_contacts
+from snake_sim_ros.stepping.planar.moreau import move_in_plane
+from snake_sim_ros.stepping.planar.newton import SECOND_CHANGE
+from snake_sim_ros.stepping.planar.newton import solve_planar_contacts
 from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import note_outcome
 
@@ -57,21 +57,21 @@ class Arrays(NamedTuple):
     u_start: Array  # (n, 3)
 
 
-def make_memory(n: int) -> Memory:
+def make_planar_bdf2_memory(n: int) -> Memory:
     """Return the memory before the first step, for n links."""
     return Memory(np.zeros(n + 2), np.zeros((n, 3)), np.zeros(n - 1), np.zeros(1), np.zeros(1))
 
 
-def make_arrays(n: int) -> Arrays:
+def make_planar_arrays(n: int) -> Arrays:
     """Return the arrays for n links."""
     q, u = np.zeros((2, n + 2)), np.zeros((3, n, 3))
     return Arrays(q[0], u[0], u[1], q[1], u[2])
 
 
 @merged
-def formula(model, dt, phase, q, u, memory, own):
+def planar_formula(model, dt, phase, q, u, memory, own):
     """
-    Fill q_hat, u_hat and u_star of a step, see `bdf2.formula`; q_hat begins with the held point.
+    Fill q_hat, u_hat and u_star of a step; q_hat begins with the held point. See `formula`.
 
     Returns
     -------
@@ -101,12 +101,12 @@ def formula(model, dt, phase, q, u, memory, own):
     hat[1] += held[1]
     if phase == UNKNOWN:
         return dt, dt
-    move(model, dt / 2, hat, u)
+    move_in_plane(model, dt / 2, hat, u)
     return dt, dt / 2
 
 
 @merged
-def begin(model, own, work, h, h_q, late, known, angle, rate, memory):
+def begin_planar_part(model, own, work, h, h_q, late, known, angle, rate, memory):
     """
     Fill all that the contact solver needs.
 
@@ -145,32 +145,32 @@ def starts_anew(model, work, q, u):
         apart_x = u[j + 1, 0] - u[j, 0] + inner * s + outer * next_s
         apart_y = u[j + 1, 1] - u[j, 1] - inner * c - outer * next_c
         fastest = max(fastest, abs(apart_x), abs(apart_y))
-    return fastest <= AGREE
+    return fastest <= CONSISTENT_SPEED
 
 
 @merged
-def one_part(own, model, work, dt, late, known, steps, k):
+def planar_part(own, model, work, dt, late, known, steps, k):
     """Advance q, u and history by dt, a step or a part of it; return whether it was done."""
     q, u, report, history = steps.q, steps.u, steps.report, steps.history
     n, memory = len(u), history.memory.scheme
     span, phase = memory.span[0], memory.phase[0]
-    h, h_q = formula(model, dt, phase, q, u, memory, own)
+    h, h_q = planar_formula(model, dt, phase, q, u, memory, own)
     scale = h / (span if span > 0.0 else model.dt)
     for a in work.closed:
         for j in range(3):
             history.impulse[a, j] *= scale
         history.change[a, 0] *= scale
-        history.change[a, BEND] *= scale
-    begin(model, own, work, h, h_q, late, known, steps.angle[k], steps.rate[k], memory)
-    outcome = solve_contacts(model, work, work.closed, None, without_memory(history))
+        history.change[a, SECOND_CHANGE] *= scale
+    begin_planar_part(model, own, work, h, h_q, late, known, steps.angle[k], steps.rate[k], memory)
+    outcome = solve_planar_contacts(model, work, work.closed, None, without_memory(history))
     memory.span[0] = h
     if not is_planar(model, work, steps, outcome):
         return False
-    keep(q, u, memory.q_before, memory.u_before)
+    keep_planar(q, u, memory.q_before, memory.u_before)
     for i in range(n + 2):
         q[i] = own.q_hat[i]
-    end_velocities(model, work, u)
-    move(model, h_q, q, u)
+    end_planar_velocities(model, work, u)
+    move_in_plane(model, h_q, q, u)
     held_x, held_y = held_point(model, q)
     q[0] -= held_x
     q[1] -= held_y
@@ -183,7 +183,7 @@ def one_part(own, model, work, dt, late, known, steps, k):
 
 
 @merged
-def step(own, model, work, steps, k):
+def planar_step(own, model, work, steps, k):
     """Take step k; return whether it was done."""
     q, u, report, memory = steps.q, steps.u, steps.report, steps.history.memory.scheme
     n = len(u)
@@ -192,14 +192,14 @@ def step(own, model, work, steps, k):
         phase = memory.phase[0] = ANEW
     parts = 1 if phase == SMOOTH else PARTS
     unconverged, fallbacks = report.unconverged, report.fallbacks
-    keep(q, u, own.q_start, own.u_start)
+    keep_planar(q, u, own.q_start, own.u_start)
     for part in range(parts):
         late, dt = model.dt * ((part + 1) / parts - 0.5), model.dt / parts
-        if not one_part(own, model, work, dt, late, known, steps, k):
-            keep(own.q_start, own.u_start, q, u)
+        if not planar_part(own, model, work, dt, late, known, steps, k):
+            keep_planar(own.q_start, own.u_start, q, u)
             return False
     if phase != SMOOTH:
-        keep(own.q_start, own.u_start, memory.q_before, memory.u_before)
+        keep_planar(own.q_start, own.u_start, memory.q_before, memory.u_before)
     for j in range(n - 1):
         memory.rate[j] = steps.rate[k, j, 0]
     memory.phase[0] = ANEW if phase == UNKNOWN else SMOOTH
@@ -211,7 +211,7 @@ def step(own, model, work, steps, k):
 
 
 @inlined
-def keep(q, u, q_to, u_to):
+def keep_planar(q, u, q_to, u_to):
     """Fill q_to and u_to."""
     for i in range(len(q)):
         q_to[i] = q[i]
@@ -221,10 +221,10 @@ def keep(q, u, q_to, u_to):
 
 
 @compiled
-def advance(own, model, work, steps):
+def advance_bdf2_in_plane(own, model, work, steps):
     """Take some steps, up to the first that is not planar; see `stepper.PlanarStepper`."""
     for k in range(len(steps.angle)):
         steps.cycles[k] = cycle_counter()
-        if not step(own, model, work, steps, k):
+        if not planar_step(own, model, work, steps, k):
             break
     steps.cycles[len(steps.angle)] = cycle_counter()

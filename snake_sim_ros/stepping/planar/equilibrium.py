@@ -6,13 +6,10 @@ from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges
 from snake_sim_ros.dynamics.hinge_chain import solve_hinges
-from snake_sim_ros.stepping.planar.model import LEAST
-from snake_sim_ros.stepping.planar.model import PART
-from snake_sim_ros.stepping.planar.model import ROLL
 
 # Share of a contact's stiffness with which the floor holds the robot against rolling: none, but
 # so a straight robot is noticed, that nothing else holds.
-UNHELD = 1e-10
+ROOT_HOLD = 1e-10
 
 
 @inlined
@@ -29,7 +26,7 @@ def fill_momentum(model, work, u, u_start):
         A[3], A[4], A[5] = m, 0.0, m
         c, s = work.heading[i, 0], work.heading[i, 1]
         vx, vy, omega = u_start[i, 0], u_start[i, 1], u_start[i, 2]
-        table_velocities(work.contacts, i, n, model.offset[i], c, s, vx, vy, omega)
+        fill_link_velocities(work.contacts, i, n, model.offset[i], c, s, vx, vy, omega)
 
 
 @inlined
@@ -40,7 +37,7 @@ def place_links(model, work, weight_velocity):
     The weight would let links fall at a given velocity [m/s], as large as the part of the step is.
     """
     heading, center, half = work.heading, work.center, model.half_length
-    work.standing[PART] = weight_velocity / model.fall
+    work.standing.part[0] = weight_velocity / model.fall
     n = len(heading)
     root = n // 2
     center[root, 0] = center[root, 1] = 0.0
@@ -74,14 +71,14 @@ def place_links(model, work, weight_velocity):
         work.weight[i, 1] = work.impact[i, 1] - x * fall
         work.weight[i, 2] = work.impact[i, 2] + fall
     A = work.upright.inertia[root]
-    unheld = UNHELD * half[root] * half[root]
+    unheld = ROOT_HOLD * half[root] * half[root]
     A[0] += unheld
     A[3] += unheld
     factor_hinges(work.upright)
 
 
 @inlined
-def table_velocities(contacts, i, n, offset, c, s, vx, vy, omega):
+def fill_link_velocities(contacts, i, n, offset, c, s, vx, vy, omega):
     """Fill the sliding velocities of both contacts of a link that moves with given velocities."""
     along, across, turning = c * vx + s * vy, c * vy - s * vx, offset * omega
     contacts.gamma[i, 1] = contacts.gamma[n + i, 1] = along
@@ -89,7 +86,7 @@ def table_velocities(contacts, i, n, offset, c, s, vx, vy, omega):
 
 
 @inlined
-def contact_velocities(model, work):
+def planar_contact_velocities(model, work):
     """Fill the sliding velocities of all contacts that work.twist makes."""
     n = len(work.heading)
     for i in range(n):
@@ -97,7 +94,7 @@ def contact_velocities(model, work):
         c, s = work.heading[i, 0], work.heading[i, 1]
         w = work.twist[i, 0]
         vx, vy = work.twist[i, 1] - w * y, work.twist[i, 2] + w * x
-        table_velocities(work.contacts, i, n, model.offset[i], c, s, vx, vy, w)
+        fill_link_velocities(work.contacts, i, n, model.offset[i], c, s, vx, vy, w)
 
 
 @compiled
@@ -110,7 +107,7 @@ def factor_bare(work):
 
 
 @compiled
-def end_twists(model, work):
+def planar_twists(model, work):
     """Fill twists and sliding velocities that the friction impulses in the table lead to."""
     chain, contacts, n = work.chain, work.contacts, len(work.heading)
     for i in range(n):
@@ -127,16 +124,16 @@ def end_twists(model, work):
     for i in range(n):
         for k in range(3):
             work.twist[i, k] = chain.twist[i, k]
-    contact_velocities(model, work)
+    planar_contact_velocities(model, work)
 
 
 @compiled
-def condense(model, work, delassus):
+def condense_sliding(model, work, delassus):
     """Fill the Delassus operator and the free velocities of sliding; normal rows are zero."""
     contacts, closed, free = work.contacts, work.closed, delassus.free
     for a in closed:
         contacts.impulse[a, 1] = contacts.impulse[a, 2] = 0.0
-    end_twists(model, work)
+    planar_twists(model, work)
     for k, a in enumerate(closed):
         for j in range(3):
             free[3 * k + j] = contacts.gamma[a, j]
@@ -144,7 +141,7 @@ def condense(model, work, delassus):
         for j in range(3):
             if j > 0:
                 contacts.impulse[a, j] = 1.0
-                end_twists(model, work)
+                planar_twists(model, work)
                 contacts.impulse[a, j] = 0.0
             for other, b in enumerate(closed):
                 for i in range(3):
@@ -158,9 +155,8 @@ def find_loads(model, work):
     """
     Fill the normal impulses that go with the friction impulses in the table.
 
-    In work.standing are then LEAST, the smallest of them [N s], and ROLL, the largest roll of a
-    link with the sign of that of the middle link [rad]. What a solver may leave of friction rolls
-    nothing: one link that stands would not be held against it.
+    The smallest of them and the largest roll of a link are then in work.standing. Friction across
+    a link that a solver may leave rolls nothing: nothing would hold a single link against it.
     """
     contacts, upright, n = work.contacts, work.upright, len(work.heading)
     for i in range(n):
@@ -185,5 +181,5 @@ def find_loads(model, work):
     root = n // 2
     tilt = upright.twist[root, 0] * work.heading[root, 0]
     tilt += upright.twist[root, 1] * work.heading[root, 1]
-    lean = turn * model.lean / work.standing[PART]
-    work.standing[LEAST], work.standing[ROLL] = least, lean if tilt > 0.0 else -lean
+    lean = turn * model.lean / work.standing.part[0]
+    work.standing.least_load[0], work.standing.roll[0] = least, lean if tilt > 0.0 else -lean

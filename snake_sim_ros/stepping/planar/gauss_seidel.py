@@ -25,7 +25,7 @@ def iterate_in_plane(model, work, delassus, impulse):
     closed, contacts = work.closed, work.contacts
     tolerance, rows = model.residual_tolerance, 3 * len(closed)
     equilibrium.factor_bare(work)
-    equilibrium.condense(model, work, delassus)
+    equilibrium.condense_sliding(model, work, delassus)
     iterations = 0
     while True:
         load(closed, impulse, contacts)
@@ -41,7 +41,7 @@ def iterate_in_plane(model, work, delassus, impulse):
             G, gamma = delassus.operator, delassus.packed
             project_sliding(model.laws, G, gamma, rows, 3 * k, impulse, a, radius)
         iterations += 1
-    equilibrium.end_twists(model, work)
+    equilibrium.planar_twists(model, work)
     for a in closed:
         impulse[a, 0] = contacts.impulse[a, 0]
     return Outcome(iterations, residual <= tolerance, residual, printed, False)
@@ -54,6 +54,6 @@ class PlanarGaussSeidel(NamedTuple):
 
 
 @solve_in_plane.register(PlanarGaussSeidel)
-def solve_with_sweeps(solver, model, work, closed, history):
+def solve_plane_with_sweeps(solver, model, work, closed, history):
     """Solve the contacts of a step; see `solver.solve_in_plane`."""
     return iterate_in_plane(model, work, solver.delassus, history.impulse)

@@ -18,9 +18,19 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.model import make_model
 from snake_sim_ros.stepping.state import named_arrays
 
-LEAST, ROLL, PART, ROLLS = range(4)  # in work.standing, see find_loads and is_planar
-LEAN = 1e-3  # roll of the robot at which it does not lie flat, and that is always left out [rad]
-SLIPPING = 5e-3  # share of the way up to which the slip by rolling is left out
+# How a robot stands after a step, see find_loads and is_planar.
+STANDING = np.dtype(
+    [
+        ('least_load', float),  # smallest normal impulse [N s]
+        ('roll', float),  # largest roll of a link, with the sign of that of the middle link [rad]
+        ('part', float),  # part of a step over which the loads act
+        ('rolls', np.int64),  # whether its roll is all that is not planar
+    ]
+)
+ROLL_LIMIT = (
+    1e-3  # roll of the robot at which it does not lie flat, and that is always left out [rad]
+)
+SLIP_SHARE = 5e-3  # share of the way up to which the slip by rolling is left out
 
 
 class PlanarMemory(NamedTuple):
@@ -48,7 +58,7 @@ class PlanarMemory(NamedTuple):
         return float(self.scheme.last_span()) if self.scheme else 0.0
 
 
-def make_memory(n: int, scheme: Any = None) -> PlanarMemory:
+def make_planar_memory(n: int, scheme: Any = None) -> PlanarMemory:
     """Return the memory before the first step, for n links."""
     one = np.zeros((4, 1))
     q, u, tilt = np.zeros(n + 2), np.zeros((n, 3)), np.zeros((n, 4))
@@ -110,13 +120,13 @@ class PlanarWorkspace(NamedTuple):
     closed: Array  # (c,) numbers of the closed contacts, first the 2n with the floor
     contacts: Any  # (c,) records of all contacts, see table
     twist: Array  # (n, 3) the last twists in the plane
-    standing: Array  # (4,) LEAST, ROLL, PART, ROLLS
+    standing: Any  # (1,) a record of STANDING
 
 
 # Share of a contact's stiffness with which the pitch joints hold the robot while loads are found:
 # so small that they carry nothing else, so large that rounding does not matter.
 HOLD = 1e-5
-LIMP = 1e-6  # pitch stiffness that holds nothing but what rounding makes roll [N m/rad]
+LIMP_STIFFNESS = 1e-6  # pitch stiffness that holds nothing but what rounding makes roll [N m/rad]
 
 
 def make_planar_model(scene: Scene) -> PlanarModel:
@@ -125,7 +135,7 @@ def make_planar_model(scene: Scene) -> PlanarModel:
     half, mass, dt = spatial.half_length, spatial.mass, scene.dt
     stiffness, damping = spatial.stiffness, spatial.damping
     pitch = stiffness[:, 1]
-    stiffest = pitch.max(initial=LIMP)
+    stiffest = pitch.max(initial=LIMP_STIFFNESS)
     hold = HOLD * float(half.min()) ** 2
     keeps_center = scene.drift_correction == DRIFT_CORRECTIONS[CENTER_OF_MASS]
     share = mass / mass.sum() if keeps_center else np.eye(n)[0]
@@ -147,9 +157,9 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         tolerance=scene.solver.tolerance,
         residual_tolerance=scene.solver.residual_tolerance,
         iteration_limit=scene.solver.iteration_limit,
-        most_lean=LEAN,
-        most_slip=SLIPPING,
-        held=bool(pitch.max(initial=0.0) > LIMP),
+        most_lean=ROLL_LIMIT,
+        most_slip=SLIP_SHARE,
+        held=bool(pitch.max(initial=0.0) > LIMP_STIFFNESS),
         patient=True,
         pd_scheme=PD_SCHEMES.index(scene.pd_scheme),
         keeps_center=keeps_center,
@@ -179,7 +189,7 @@ def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
         closed=closed,
         contacts=make_table(count),
         twist=np.zeros((n, 3)),
-        standing=np.zeros(4),
+        standing=np.zeros(1, STANDING).view(np.recarray),
     )
 
 

@@ -31,22 +31,18 @@ from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.stepping.planar.equilibrium import fill_momentum
 from snake_sim_ros.stepping.planar.equilibrium import place_links
-from snake_sim_ros.stepping.planar.model import LEAN
-from snake_sim_ros.stepping.planar.model import LEAST
-from snake_sim_ros.stepping.planar.model import PART
-from snake_sim_ros.stepping.planar.model import ROLL
-from snake_sim_ros.stepping.planar.model import ROLLS
+from snake_sim_ros.stepping.planar.model import ROLL_LIMIT
 from snake_sim_ros.stepping.planar.pegs import peg_depth
 from snake_sim_ros.stepping.planar.pegs import touch_pegs
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
 from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import note_outcome
 
-FADE = 3.0  # time in which slip and way are forgotten [s]
+SLIP_MEMORY = 3.0  # time in which slip and way are forgotten [s]
 
 
 @inlined
-def begin_step(model, work, steps, k):
+def begin_planar_step(model, work, steps, k):
     """
     Fill all that a contact solver needs in step k; velocities are those of its start.
 
@@ -78,19 +74,19 @@ def is_planar(model, work, steps, outcome):
     """
     Return whether the solution of a step is planar, and no link turns further than resolved.
 
-    In work.standing, ROLLS is then whether what it rolls is all that is not planar.
+    In work.standing, `rolls` is then whether its roll is all that is not planar.
     """
     report = steps.report
-    work.standing[ROLLS] = 0.0
+    work.standing.rolls[0] = 0
     if not (
         (outcome.converged or model.patient)
-        and work.standing[LEAST] > 0.0
-        and abs(work.standing[ROLL]) <= model.most_lean
+        and work.standing.least_load[0] > 0.0
+        and abs(work.standing.roll[0]) <= model.most_lean
     ):
         report.left = 1
         return False
     if model.held and rolls_too_far(model, work, steps.history.memory):
-        work.standing[ROLLS] = report.left = 1
+        work.standing.rolls[0] = report.left = 1
         return False
     for i in range(len(work.twist)):
         turn = model.dt * abs(work.twist[i, 0])
@@ -105,8 +101,8 @@ def rolls_too_far(model, work, memory):
     """
     Return whether contacts slip too far by rolling to leave that out; if not, note it in memory.
 
-    What a roll of LEAN makes is always left out, as a gait begins with one and no way. Besides
-    that as much is as a share of the way of the center of mass.
+    The slip of a roll of ROLL_LIMIT is always left out, as a gait begins with a roll and no way. In
+    addition, a share of the way of the center of mass is left out.
     """
     mass = p_x = p_y = 0.0
     for i in range(len(work.twist)):
@@ -114,19 +110,19 @@ def rolls_too_far(model, work, memory):
         mass += m
         p_x += m * (work.twist[i, 1] - omega * work.center[i, 1])
         p_y += m * (work.twist[i, 2] + omega * work.center[i, 0])
-    h = model.dt * work.standing[PART]
-    left = 1.0 / (1.0 + h / FADE)
-    turn = abs(work.standing[ROLL] - memory.roll[0])
+    h = model.dt * work.standing.part[0]
+    left = 1.0 / (1.0 + h / SLIP_MEMORY)
+    turn = abs(work.standing.roll[0] - memory.roll[0])
     slip = left * memory.slip[0] + model.radius * turn
     way = left * memory.way[0] + h * math.sqrt(p_x * p_x + p_y * p_y) / mass
-    if not slip <= model.radius * LEAN + model.most_slip * way:
+    if not slip <= model.radius * ROLL_LIMIT + model.most_slip * way:
         return True
-    memory.roll[0], memory.slip[0], memory.way[0] = work.standing[ROLL], slip, way
+    memory.roll[0], memory.slip[0], memory.way[0] = work.standing.roll[0], slip, way
     return False
 
 
 @inlined
-def end_velocities(model, work, u):
+def end_planar_velocities(model, work, u):
     """Fill u (n, 3) from the twists, and the impulses of the joints that go with them."""
     twist, n = work.twist, len(u)
     for j in range(n - 1):
@@ -142,7 +138,7 @@ def end_velocities(model, work, u):
 
 
 @inlined
-def end_step(model, work, steps, count, outcome):
+def end_planar_step(model, work, steps, count, outcome):
     """
     Move q (n+2,) and u (n, 3) to the end of the step, unless it is not planar or diverged.
 
@@ -156,9 +152,9 @@ def end_step(model, work, steps, count, outcome):
     if not is_planar(model, work, steps, outcome):
         return False
     before_x, before_y = held_point(model, q)
-    move(model, 0.5 * model.dt, q, u)
-    end_velocities(model, work, u)
-    move(model, 0.5 * model.dt, q, u)
+    move_in_plane(model, 0.5 * model.dt, q, u)
+    end_planar_velocities(model, work, u)
+    move_in_plane(model, 0.5 * model.dt, q, u)
     after_x, after_y = held_point(model, q)
     q[0] += before_x - after_x
     q[1] += before_y - after_y
@@ -170,7 +166,7 @@ def end_step(model, work, steps, count, outcome):
 
 
 @inlined
-def move(model, h, q, u):
+def move_in_plane(model, h, q, u):
     """Move the robot for a time h, as a whole with the point that section VII-C holds."""
     for i in range(len(u)):
         q[2 + i] += h * u[i, 2]
@@ -195,7 +191,7 @@ def held_point(model, q):
 
 
 @compiled
-def advance(solver, model, work, steps):
+def advance_in_plane(solver, model, work, steps):
     """
     Take some steps, up to the first that is not planar; see `stepper.PlanarStepper`.
 
@@ -204,8 +200,8 @@ def advance(solver, model, work, steps):
     history = without_memory(steps.history)
     for k in range(len(steps.angle)):
         steps.cycles[k] = cycle_counter()
-        count = begin_step(model, work, steps, k)
+        count = begin_planar_step(model, work, steps, k)
         outcome = solve_in_plane(solver, model, work, work.closed[:count], history)
-        if not end_step(model, work, steps, count, outcome):
+        if not end_planar_step(model, work, steps, count, outcome):
             break
     steps.cycles[len(steps.angle)] = cycle_counter()

@@ -33,29 +33,29 @@ from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges
 from snake_sim_ros.dynamics.hinge_chain import solve_hinges
-from snake_sim_ros.stepping.planar.equilibrium import condense
-from snake_sim_ros.stepping.planar.equilibrium import contact_velocities
-from snake_sim_ros.stepping.planar.equilibrium import end_twists
+from snake_sim_ros.stepping.planar.equilibrium import condense_sliding
 from snake_sim_ros.stepping.planar.equilibrium import factor_bare
 from snake_sim_ros.stepping.planar.equilibrium import find_loads
+from snake_sim_ros.stepping.planar.equilibrium import planar_contact_velocities
+from snake_sim_ros.stepping.planar.equilibrium import planar_twists
 from snake_sim_ros.stepping.planar.pegs import peg_velocities
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
 
 # Where history keeps the change of the change of a load: in the plane nothing rolls.
-BEND = 3
+SECOND_CHANGE = 3
 COUPLED_STEPS = 4  # iterations before the radii are held
 MANY_STEPS = 20  # while the residual falls
 HELD_STEPS = 30
-STUCK = 0.1  # share of the tolerance at which a contact is still while radii are sought
+STILL_SHARE = 0.1  # share of the tolerance at which a contact is still while radii are sought
 
 
 @inlined
-def predict(closed, contacts, history):
+def predict_sliding(closed, contacts, history):
     """Fill radii, TRIAL and ANCHOR from the last step: what changed goes on to change."""
     last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:
         P_N = last[a, 0]
-        contacts.disc[a] = max(0.0, P_N + change[a, 0] + change[a, BEND])
+        contacts.disc[a] = max(0.0, P_N + change[a, 0] + change[a, SECOND_CHANGE])
         for k in range(3):
             contacts.anchor[a, k] = last[a, k]
         x, y = velocity[a, 1], velocity[a, 2]
@@ -69,7 +69,7 @@ def predict(closed, contacts, history):
 
 
 @merged
-def remember(closed, contacts, history):
+def remember_sliding(closed, contacts, history):
     """Fill history with impulses, velocities and their changes, 0 if open."""
     last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:
@@ -77,7 +77,7 @@ def remember(closed, contacts, history):
         P_N = contacts.impulse[a, 0]
         before = last[a, 0] > 0.0
         difference = P_N - last[a, 0] if before else 0.0
-        change[a, BEND] = difference - change[a, 0] if before else 0.0
+        change[a, SECOND_CHANGE] = difference - change[a, 0] if before else 0.0
         change[a, 0] = difference
         last[a, 0] = P_N
         for k in range(1, 3):
@@ -121,7 +121,7 @@ def sliding_law(disc, contacts, a, again):
 
 
 @merged
-def add_laws(model, work, again):
+def add_sliding_laws(model, work, again):
     """
     Fill wrenches and inertias of the links with their loads and the laws linear about TRIAL.
 
@@ -163,7 +163,7 @@ def add_laws(model, work, again):
 
 @merged
 def add_peg_laws(model, work, closed, again):
-    """Add the laws of contacts with pegs, as `add_laws` does."""
+    """Add the laws of contacts with pegs, as `add_sliding_laws` does."""
     laws, contacts, chain = model.laws, work.contacts, work.chain
     for a in closed:
         P_N, S_N = normal_law(laws, 0.0, contacts.anchor[a, 0], contacts.trial[a, 0])
@@ -194,7 +194,7 @@ def add_peg_laws(model, work, closed, again):
 
 
 @inlined
-def linear_step(model, work, closed, delassus, again):
+def planar_linear_step(model, work, closed, delassus, again):
     """
     Fill GAMMA, IMPULSE and the twists with the solution for the laws linear about TRIAL.
 
@@ -208,7 +208,7 @@ def linear_step(model, work, closed, delassus, again):
         solve_condensed(closed, 3, contacts, delassus)
         return
     pegs = closed[2 * n :]
-    add_laws(model, work, again)
+    add_sliding_laws(model, work, again)
     add_peg_laws(model, work, pegs, again)
     factor_hinges(chain)
     for j in range(n - 1):
@@ -219,7 +219,7 @@ def linear_step(model, work, closed, delassus, again):
         for k in range(3):
             v = chain.twist[i, k]
             work.twist[i, k] = work.twist[i, k] + v if again else v
-    contact_velocities(model, work)
+    planar_contact_velocities(model, work)
     peg_velocities(pegs, work)
     for a in pegs:
         slower = contacts.trial[a, 0] - contacts.gamma[a, 0]
@@ -237,13 +237,13 @@ def linear_step(model, work, closed, delassus, again):
 
 
 @merged
-def coupled_steps(model, work, closed, delassus, limit):
+def planar_coupled_steps(model, work, closed, delassus, limit):
     """Iterate with the loads of the last iterate; return iterations and the residual."""
     laws, contacts = model.laws, work.contacts
     residual, iterations, steps = math.inf, 0, COUPLED_STEPS
     while iterations < min(steps, limit):
         before = residual
-        linear_step(model, work, closed, delassus, iterations > 0)
+        planar_linear_step(model, work, closed, delassus, iterations > 0)
         find_loads(model, work)
         residual, _ = natural_map(laws, closed, contacts, model.residual_tolerance)
         iterations += 1
@@ -254,19 +254,19 @@ def coupled_steps(model, work, closed, delassus, limit):
         for a in closed:
             contacts.disc[a] = max(0.0, contacts.impulse[a, 0])
         move(closed, contacts, 1.0)
-        anchor_what_moves(laws, closed, contacts, STUCK * model.residual_tolerance)
+        anchor_what_moves(laws, closed, contacts, STILL_SHARE * model.residual_tolerance)
     return iterations, residual
 
 
 @compiled
-def held_steps(model, work, closed, delassus, tolerance, again, limit):
+def planar_held_steps(model, work, closed, delassus, tolerance, again, limit):
     """Solve the convex problem with the radii and anchors held; return iterations."""
     laws, contacts = model.laws, work.contacts
     for a in closed:  # no part of the line search
         contacts.impulse[a, 0] = contacts.iterate[a, 0] = contacts.anchor[a, 0]
     iterations = 0
     while iterations < min(HELD_STEPS, limit):
-        linear_step(model, work, closed, delassus, again or iterations > 0)
+        planar_linear_step(model, work, closed, delassus, again or iterations > 0)
         iterations += 1
         fraction = line_search(laws, closed, contacts) if again or iterations > 1 else 1.0
         if fraction == 0.0:
@@ -297,43 +297,43 @@ def anchor_what_moves(laws, closed, contacts, still):
 
 
 @inlined
-def solve_contacts(model, work, closed, delassus, history):
+def solve_planar_contacts(model, work, closed, delassus, history):
     """
     Solve the contacts of a step; return an `Outcome`.
 
     Without a Delassus operator (None) the chain is solved with the laws, else G without the chain.
     """
     laws, contacts, limit = model.laws, work.contacts, model.iteration_limit
-    predict(closed, contacts, history)
+    predict_sliding(closed, contacts, history)
     if delassus is not None:
         factor_bare(work)
-        condense(model, work, delassus)
-    iterations, residual = coupled_steps(model, work, closed, delassus, limit)
+        condense_sliding(model, work, delassus)
+    iterations, residual = planar_coupled_steps(model, work, closed, delassus, limit)
     rounds, share, before = 0, 1.0, 0.0
     while residual > model.residual_tolerance and iterations < limit:
         if rounds == 0:
-            predict(closed, contacts, history)
+            predict_sliding(closed, contacts, history)
             for a in closed:
                 contacts.held[a], contacts.step[a] = contacts.disc[a], 0.0
         for a in closed:
             contacts.disc[a] = contacts.held[a]
         inner = (1e2 if rounds < PLAIN_ROUNDS else 0.1) * model.residual_tolerance
-        iterations += held_steps(
+        iterations += planar_held_steps(
             model, work, closed, delassus, inner, rounds > 0, limit - iterations
         )
         find_loads(model, work)
         residual, _ = natural_map(laws, closed, contacts, model.residual_tolerance)
         move(closed, contacts, 1.0)
-        anchor_what_moves(laws, closed, contacts, STUCK * model.residual_tolerance)
+        anchor_what_moves(laws, closed, contacts, STILL_SHARE * model.residual_tolerance)
         along, size = follow(closed, contacts)
         share, before = next_share(share, along, before, rounds), size
         for a in closed:
             contacts.held[a] = max(0.0, contacts.held[a] + share * contacts.step[a])
         rounds += 1
     if delassus is not None:
-        end_twists(model, work)
+        planar_twists(model, work)
         find_loads(model, work)
-    remember(closed, contacts, history)
+    remember_sliding(closed, contacts, history)
     converged = residual <= model.residual_tolerance
     return Outcome(iterations, converged, residual, residual, rounds > 0)
 
@@ -345,6 +345,6 @@ class PlanarNewton(NamedTuple):
 
 
 @solve_in_plane.register(PlanarNewton)
-def solve_with_newton(solver, model, work, closed, history):
+def solve_plane_with_newton(solver, model, work, closed, history):
     """Solve the contacts of a step; see `solver.solve_in_plane`."""
-    return solve_contacts(model, work, closed, solver.delassus, history)
+    return solve_planar_contacts(model, work, closed, solver.delassus, history)

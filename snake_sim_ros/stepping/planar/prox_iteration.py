@@ -40,7 +40,7 @@ def iterate_in_plane(model, work, impulse):
     iterations, change = 0, math.inf
     while not change < model.tolerance and iterations < model.iteration_limit:
         load(work.closed, impulse, work.contacts)
-        equilibrium.end_twists(model, work)
+        equilibrium.planar_twists(model, work)
         equilibrium.find_loads(model, work)
         change = prox_friction(model, work, impulse)
         iterations += 1
@@ -55,6 +55,6 @@ class PlanarProxIteration(NamedTuple):
 
 
 @solve_in_plane.register(PlanarProxIteration)
-def solve_with_projections(solver, model, work, closed, history):
+def solve_plane_with_projections(solver, model, work, closed, history):
     """Solve the contacts of a step; see `solver.solve_in_plane`."""
     return iterate_in_plane(model, work, history.impulse)

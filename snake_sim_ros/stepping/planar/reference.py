@@ -17,14 +17,11 @@ from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.planar.model import LEAN
-from snake_sim_ros.stepping.planar.model import LEAST
 from snake_sim_ros.stepping.planar.model import PlanarMemory
 from snake_sim_ros.stepping.planar.model import PlanarModel
 from snake_sim_ros.stepping.planar.model import PlanarWorkspace
-from snake_sim_ros.stepping.planar.model import ROLL
-from snake_sim_ros.stepping.planar.model import ROLLS
-from snake_sim_ros.stepping.planar.moreau import FADE
+from snake_sim_ros.stepping.planar.model import ROLL_LIMIT
+from snake_sim_ros.stepping.planar.moreau import SLIP_MEMORY
 from snake_sim_ros.stepping.steps import Steps
 
 BALANCE = 1e-9  # share of a load that rounding may leave of its balance
@@ -124,12 +121,12 @@ def loads_from_friction(
 
 def slips_too_far(model: PlanarModel, roll: float, u: Array, memory: PlanarMemory) -> bool:
     """Return whether rolling cannot be left out, as `moreau.rolls_too_far`; if not, note it."""
-    left = 1.0 / (1.0 + model.dt / FADE)
+    left = 1.0 / (1.0 + model.dt / SLIP_MEMORY)
     way = (
         left * memory.way[0] + model.dt * np.linalg.norm(model.mass @ u[:, :2]) / model.mass.sum()
     )
     slip = left * memory.slip[0] + model.radius * abs(roll - memory.roll[0])
-    if slip > model.radius * LEAN + model.most_slip * way:
+    if slip > model.radius * ROLL_LIMIT + model.most_slip * way:
         return True
     memory.roll[0], memory.slip[0], memory.way[0] = roll, slip, way
     return False
@@ -184,12 +181,14 @@ def make_loop(scene: Scene) -> Callable[..., None]:
             normal, tangential = P_N, P_T
             iterations += 1
         work.contacts.impulse[:, 0] = normal
-        work.standing[:] = normal.min(), roll / dt, 1.0, 0.0
-        if not (work.standing[LEAST] > 0.0 and abs(work.standing[ROLL]) <= model.most_lean):
+        work.standing[0] = normal.min(), roll / dt, 1.0, 0
+        if not (
+            work.standing.least_load[0] > 0.0 and abs(work.standing.roll[0]) <= model.most_lean
+        ):
             return False
         u_E = u_E.reshape(n, 3)
         if model.held and slips_too_far(model, roll / dt, u_E, history.memory):
-            work.standing[ROLLS] = 1.0
+            work.standing.rolls[0] = 1
             return False
         impulse[:, 0], impulse[:, 1:3] = normal, tangential
         held_point = model.share @ (centers(q, half) + dt / 2 * (u + u_E)[:, :2])

@@ -15,13 +15,10 @@ from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.planar.model import forget
-from snake_sim_ros.stepping.planar.model import LEAST
-from snake_sim_ros.stepping.planar.model import make_memory
+from snake_sim_ros.stepping.planar.model import make_planar_memory
 from snake_sim_ros.stepping.planar.model import make_planar_model
 from snake_sim_ros.stepping.planar.model import make_planar_workspace
 from snake_sim_ros.stepping.planar.model import PlanarMemory
-from snake_sim_ros.stepping.planar.model import ROLL
-from snake_sim_ros.stepping.planar.model import ROLLS
 from snake_sim_ros.stepping.state import check_arguments
 from snake_sim_ros.stepping.state import copied
 from snake_sim_ros.stepping.state import empty_history
@@ -112,7 +109,7 @@ class PlanarStepper:
         self.work = make_planar_workspace(scene)
         self.loop = loop
         n = scene.robot.link_count
-        self.empty = empty_history(contact_count(scene), make_memory(n, scheme))
+        self.empty = empty_history(contact_count(scene), make_planar_memory(n, scheme))
         self.made = np.empty((n, 7)), np.empty((n, 6))  # links and velocities, see is_recalled
         self.cycles = np.zeros(1, np.int64)
 
@@ -162,13 +159,14 @@ class PlanarStepper:
     @property
     def rolls(self) -> bool:
         """Whether the last step was refused because of what contacts slip by rolling."""
-        return bool(self.work.standing[ROLLS])
+        return bool(self.work.standing.rolls[0])
 
     @property
     def leans(self) -> bool:
         """Whether the last step was refused because the robot would roll or lift off."""
-        least, roll = self.work.standing[[LEAST, ROLL]]
-        return bool(not least > 0.0 or not abs(roll) <= self.model.most_lean)
+        standing = self.work.standing[0]
+        rolls = not abs(standing.roll) <= self.model.most_lean
+        return bool(not standing.least_load > 0.0 or rolls)
 
     def coordinates(self, state: State, memory: PlanarMemory) -> tuple[Array, Array, Array]:
         """

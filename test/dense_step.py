@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from snake_sim_ros.contact.selection import LEAST
+from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
 from snake_sim_ros.contact.selection import selection_center
 from snake_sim_ros.contact.selection import selection_compliance
 from snake_sim_ros.dynamics import force_directions
@@ -148,7 +148,9 @@ def dense_step(scene: Scene, state: State, history: Array, angle: Array, rate: A
     expected = np.append(last, robot.per_link('link_mass')[active % n] * stop)
     most = float(expected.max(initial=0.0))
     size = force_directions.mean_delassus(robot)
-    compliance = selection_compliance(scene.solver.normal_compliance * size, LEAST * size, most)
+    compliance = selection_compliance(
+        scene.solver.normal_compliance * size, LEAST_COMPLIANCE * size, most
+    )
     weight = -dt * scene.gravity[2] * robot.per_link('link_mass').sum()
     return DenseStep(
         scene=scene,

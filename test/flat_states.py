@@ -7,7 +7,7 @@ from random_states import random_robot
 
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
@@ -35,7 +35,7 @@ def headings(q: Array) -> Array:
 
 def lying_flat(robot: Robot, yaw: Array, heading: float = 0.0) -> Array:
     """Return coordinates (n, 7) of a flat robot with given yaw angles (n-1,)."""
-    q = chain(robot, np.column_stack([yaw, np.zeros(len(yaw))]))
+    q = chain_coordinates(robot, np.column_stack([yaw, np.zeros(len(yaw))]))
     turn = about(2, heading)
     q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
     q[:, 3:] = product(turn, q[:, 3:])

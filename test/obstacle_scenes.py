@@ -11,7 +11,7 @@ from random_states import rate_of
 from scenes import DT
 from scenes import references
 
-from snake_sim_ros.contact.selection import PRESS
+from snake_sim_ros.contact.selection import PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import scene_contacts
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene import obstacles
@@ -21,7 +21,7 @@ from snake_sim_ros.scene.parameters import Ground
 from snake_sim_ros.scene.parameters import Pegs
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
@@ -71,12 +71,12 @@ def anywhere(rng: np.random.Generator, link_count: int) -> State:
 def lying_on(rng: np.random.Generator, scene: Scene) -> State:
     """Return a robot on its ground, up to 1 cm in it, bent by up to 0.5 rad and slowly moving."""
     robot = scene.robot
-    q = chain(robot, rng.uniform(-0.5, 0.5, (robot.link_count - 1, 2)))
+    q = chain_coordinates(robot, rng.uniform(-0.5, 0.5, (robot.link_count - 1, 2)))
     turn = product(about(2, rng.uniform(-3.0, 3.0)), about(0, rng.uniform(-0.2, 0.2)))
     q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
     q[:, 3:] = product(turn, q[:, 3:])
     q[:, :2] -= q[:, :2].mean(axis=0)
-    q[:, 2] += obstacles.lift(scene, q) - rng.uniform(0.0, 1e-2)
+    q[:, 2] += obstacles.lift_onto_ground(scene, q) - rng.uniform(0.0, 1e-2)
     return State(q, rng.uniform(-0.1, 0.1, (robot.link_count, 6)))
 
 
@@ -150,7 +150,7 @@ def check_impact(scene: Scene, state: State, method: str) -> int:
     """Assert that a method resolves an impact as the dense step does; return what closes."""
     # In a picosecond nothing moves, and forces make 1e7 rad/s^2 1e-12 s of velocity: what is
     # left is the impact law, the same for all steps. The selection rule lets contacts sink at
-    # up to PRESS, in each step in its way, and links turn at that over levers of 3 cm and
+    # up to PRESS_SPEED, in each step in its way, and links turn at that over levers of 3 cm and
     # more.
     solver = Solver(
         tolerance=1e-12, residual_tolerance=1e-10, iteration_limit=100000, normal_compliance=1e-5
@@ -162,7 +162,7 @@ def check_impact(scene: Scene, state: State, method: str) -> int:
     end, _, report = make_stepper(replace(scene, method=method)).advance(*start)
     assert dense.unconverged == report.unconverged == 0
     assert report.contacts == dense.contacts
-    assert np.abs(end.u - expected.u).max() < 2 * PRESS / 0.03
+    assert np.abs(end.u - expected.u).max() < 2 * PRESS_SPEED / 0.03
     return report.contacts
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import State
@@ -43,7 +43,7 @@ def free_links(rng: np.random.Generator, link_count: int) -> State:
 
 def jointed_links(rng: np.random.Generator, robot: Robot, angle: Array) -> State:
     """Return a robot with given joint angles (n-1, 2) in any orientation, link 1 at the origin."""
-    q = chain(robot, angle)
+    q = chain_coordinates(robot, angle)
     turn = random_parameters(rng, 1)[0]
     q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
     q[:, 3:] = product(turn, q[:, 3:])

@@ -15,8 +15,8 @@ from dense_step import EPS
 import numpy as np
 from scenes import whole_steps
 
-from snake_sim_ros.contact.selection import LEAST
-from snake_sim_ros.contact.selection import PRESS
+from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
+from snake_sim_ros.contact.selection import PRESS_SPEED
 from snake_sim_ros.contact.selection import selection_center
 from snake_sim_ros.contact.selection import selection_compliance
 from snake_sim_ros.dynamics import force_directions
@@ -81,7 +81,7 @@ def undisturbed(scene: Scene, state: State) -> Array:
 
 def press_of(scene: Scene) -> float:
     """Return the velocity at which the method may press a contact into the floor [m/s]."""
-    return bdf2.PRESS if scene.method == 'bdf2' else PRESS
+    return bdf2.PRESS_SPEED if scene.method == 'bdf2' else PRESS_SPEED
 
 
 def moved(frame: Array, start: Array, u: Array, time: float) -> Array:
@@ -189,10 +189,10 @@ def bdf2_step(
     stops = mass[active % n] * (fall / 2 - 2 * gamma[:, 0])
     most = float(np.append(last, stops).max(initial=0.0))
     compliance = selection_compliance(
-        scene.solver.normal_compliance * size, LEAST * size, most, bdf2.PRESS
+        scene.solver.normal_compliance * size, LEAST_COMPLIANCE * size, most, bdf2.PRESS_SPEED
     )
     center = selection_center(
-        dt, last, gamma[:, :3], gap, compliance, most, fall * mass.sum(), bdf2.PRESS
+        dt, last, gamma[:, :3], gap, compliance, most, fall * mass.sum(), bdf2.PRESS_SPEED
     )
     return Bdf2Step(
         scene=scene,

@@ -14,7 +14,7 @@ from random_states import random_robot
 from random_states import random_velocities
 from scenes import PRINTED
 
-from snake_sim_ros.contact.selection import PRESS
+from snake_sim_ros.contact.selection import PRESS_SPEED
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.dynamics.articulated_body import articulated_inertia
 from snake_sim_ros.dynamics.articulated_body import articulated_velocity
@@ -193,8 +193,8 @@ EVERY_CHAIN = pytest.mark.parametrize(
 @EVERY_CHAIN
 @pytest.mark.parametrize(('laws', 'speed'), [(PRINTED, 1.0), (RULE, 1.0), (RULE, 1e-4)])
 def test_steps_agree_in_contact(link_count, pd_scheme, drift_correction, laws, speed):
-    # The selection rule is reduced to PRESS where links hit the floor: all of it where speeds are
-    # low.
+    # The selection rule is reduced to PRESS_SPEED where links hit the floor: all of it where
+    # speeds are low.
     closed = 0
     for seed, friction in enumerate(FRICTIONS.values()):
         step = random_step(seed, link_count, friction, pd_scheme, drift_correction, laws, speed)
@@ -341,7 +341,7 @@ def test_solvers_find_the_same_velocities_and_normal_impulses(method, speed, lin
         modes = np.linalg.eigvalsh(G)
         lowest, left = modes[modes > 1e-9 * modes[-1]][0], 2 * math.sqrt(len(G)) * RESIDUAL
         most = max(history.impulse[:, 0].max(), 2 * np.abs(state.u[:, :3]).max())
-        compliance = min(scene.solver.normal_compliance * size, PRESS / most)
+        compliance = min(scene.solver.normal_compliance * size, PRESS_SPEED / most)
         in_impulses = left * (1 / lowest + 1 / compliance)
         mu = max(friction.longitudinal, friction.transversal, friction.rolling)
         in_links = np.linalg.norm(to_links, 2) * (left / lowest + mu * left / compliance)

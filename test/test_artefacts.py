@@ -20,7 +20,7 @@ from snake_sim_ros.comparison.artefacts import MU
 from snake_sim_ros.comparison.artefacts import PENALTY
 from snake_sim_ros.comparison.artefacts import TILT
 from snake_sim_ros.comparison.csv_tables import read_table
-from snake_sim_ros.contact.selection import PRESS
+from snake_sim_ros.contact.selection import PRESS_SPEED
 from snake_sim_ros.stepping.base import State
 
 OURS, REGULARIZED, PYRAMID = ('newton', ''), 'semi_implicit_euler', ('pyramid', '')
@@ -64,8 +64,9 @@ def test_ours_stops_where_coulomb_says(value):
 
 
 def test_ours_sinks_in_by_one_step_at_most(value):
-    # The selection rule presses at PRESS at most, for a second; a gap closes within one step.
-    assert value(artefacts.rest, OURS)[0] < PRESS * 1.0
+    # The selection rule presses at PRESS_SPEED at most, for a second; a gap closes within one
+    # step.
+    assert value(artefacts.rest, OURS)[0] < PRESS_SPEED * 1.0
     depth, rebound = value(artefacts.drop, OURS)
     assert depth < FALL * DT
     assert rebound < 1e-12

@@ -24,11 +24,11 @@ from snake_sim_ros.nodes.markers import SceneMarkers
 from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.recording.bag_reader import read_bag
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.simulation import run

@@ -30,6 +30,7 @@ from snake_sim_ros.comparison.baselines.integrators import Penalty
 from snake_sim_ros.comparison.baselines.integrators import SmoothRobot
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
@@ -37,7 +38,6 @@ from snake_sim_ros.scene.parameters import Wave
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.posture import joint_rates
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.methods import empty_history

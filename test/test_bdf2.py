@@ -6,9 +6,9 @@ from dense_step import EPS
 import numpy as np
 import pytest
 
-from snake_sim_ros.contact.selection import IMPACT
-from snake_sim_ros.contact.selection import LEAST
-from snake_sim_ros.contact.selection import REST
+from snake_sim_ros.contact.selection import IMPACT_WEIGHTS
+from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
+from snake_sim_ros.contact.selection import REST_SPEED
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Friction
@@ -250,11 +250,11 @@ def test_a_flat_link_lands_without_bounce_and_without_penetration(frequency):
         for _ in range(round(0.2 * frequency)):
             state, history, report = stepper.advance(state, history, none, none)
             assert report.status is Status.CONVERGED
-            # What is slower than REST counts as at rest: no faster upward.
-            assert state.u[0, 2] <= REST
+            # What is slower than REST_SPEED counts as at rest: no faster upward.
+            assert state.u[0, 2] <= REST_SPEED
             assert report.penetration_max <= 1e-7
         assert np.abs(gaps(scene.robot, state.q)).max() <= 1e-6
-        assert np.abs(state.u).max() <= REST
+        assert np.abs(state.u).max() <= REST_SPEED
 
 
 # ---- history ------------------------------------------------------------------------------------
@@ -306,7 +306,7 @@ def test_the_contact_laws_hold_in_every_step(name, rolling):
     stepper, state, history = make_stepper(scene), initial_state(scene), empty_history(scene)
     angle, rate = references(scene, 400)
     for k in range(len(angle)):
-        last, slow = history.impulse.copy(), np.abs(history.velocity).max() <= 10 * REST
+        last, slow = history.impulse.copy(), np.abs(history.velocity).max() <= 10 * REST_SPEED
         state, history, report = stepper.advance(state, history, angle[k : k + 1], rate[k : k + 1])
         assert report.status is Status.CONVERGED
         assert report.residual_max <= RESIDUAL
@@ -317,9 +317,9 @@ def test_the_contact_laws_hold_in_every_step(name, rolling):
         # Complementarity with the rule; velocities of landing contacts count their gap.
         # gamma = -c (P - z), where z is the last impulse if the robot was at rest, at most scaled
         # from h = dt/3 to 2/3 dt; c is at most that of the scene. Else contacts that are deep rise
-        # at PRESS, or at what the least compliance makes of IMPACT weights of the robot.
+        # at PRESS, or at what the least compliance makes of IMPACT_WEIGHTS weights of the robot.
         assert (gamma[:, 0] + compliance * P[:, 0] >= -RESIDUAL).all()
-        rise = max(PRESS, LEAST * delassus * IMPACT * weight)
+        rise = max(PRESS, LEAST_COMPLIANCE * delassus * IMPACT_WEIGHTS * weight)
         if slow:
             rise = compliance * 2.0 * last[closed, 0]
         assert (gamma[:, 0] <= RESIDUAL + rise).all()

@@ -40,8 +40,8 @@ from snake_sim_ros.comparison.pareto import fastest
 from snake_sim_ros.comparison.pareto import fitted_order
 from snake_sim_ros.comparison.pareto import fitted_power
 from snake_sim_ros.comparison.pareto import pareto_table
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.methods import METHODS

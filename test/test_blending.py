@@ -13,11 +13,11 @@ from snake_sim_ros.gaits.blending import check_limits
 from snake_sim_ros.gaits.blending import largest_values
 from snake_sim_ros.gaits.blending import shortest_blend
 from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Wave
-from snake_sim_ros.scene.quantities import ParameterError
 
 ROBOT = Robot()
 JOINTS = 10

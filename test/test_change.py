@@ -17,13 +17,13 @@ import pytest
 from scenes import isotropic
 
 from snake_sim_ros.scene import obstacles
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Ground
 from snake_sim_ros.scene.parameters import LEVELS
 from snake_sim_ros.scene.parameters import Pegs
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.base import carried
 from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import PREVIOUS

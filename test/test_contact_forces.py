@@ -45,7 +45,7 @@ def test_points_and_frames_are_those_of_the_middle_of_the_step(seed):
     history.impulse[loaded] = rng.uniform(0.1, 1.0, (loaded.sum(), 5))
     points, forces = contact_forces(scene, state, history)
     # A turn by a is taken as one by 2 atan(a/2): a = 0.02 rad, a^3/12.
-    links = obstacles.links(scene)[loaded, 0]
+    links = obstacles.contact_links(scene)[loaded, 0]
     centers = state.q[links, :3] - scene.dt / 2 * state.u[links, :3]
     assert np.abs(points - centers - lever[loaded]).max() < 1e-6
     expected = np.einsum('ak,aki->ai', history.impulse[loaded, :3], frame[loaded]) / scene.dt
@@ -116,7 +116,7 @@ def test_forces_of_the_step_of_second_order(level):
     bound = turn * np.abs(forces[:, :2]).sum() + ROUNDED
     assert np.abs(forces.sum(axis=0) - [0, 0, WEIGHT] - rate).max() < bound < 2e-3
     # The first step is four of backward Euler; impulses of the last one are kept. The selection
-    # rule lets the floor give way at up to 3e-8 m/s, bdf2.PRESS.
+    # rule lets the floor give way at up to 3e-8 m/s, bdf2.PRESS_SPEED.
     simulation.reset()
     simulation.advance(*simulation.gait_reference(1))
     _, forces = contact_forces(scene, simulation.state, simulation.history)

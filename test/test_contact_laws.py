@@ -22,7 +22,7 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.parameters import STICKY
 from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import METHODS
@@ -226,7 +226,7 @@ def test_a_solved_step_satisfies_the_scaled_disc_law(method, velocity, delta):
         method=method,
         level='spatial',
     )
-    q = chain(scene.robot, np.zeros((0, 2)))
+    q = chain_coordinates(scene.robot, np.zeros((0, 2)))
     q[:, 2] = scene.robot.contact_radius - 1e-9
     start = State(q, np.array([[*velocity, 0.0, 0.0, 0.0, 0.0]]))
     zero, before = np.zeros((1, 0, 2)), undisturbed(scene, start)

@@ -33,7 +33,7 @@ from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import center_of_mass
-from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import initial_state
@@ -95,7 +95,7 @@ def test_order_of_an_oscillating_joint(method, scheme, damping, order):
         robot = Robot(link_count=2, link_length=1e-6, yaw_stiffness=stiffness, yaw_damping=damping)
         settings = {'method': method, 'pd_scheme': scheme, 'dt': duration / count}
         scene = Scene(robot=robot, gravity=(0.0, 0.0, 0.0), **settings)
-        q = chain(robot, np.array([[amplitude, 0.0]]))
+        q = chain_coordinates(robot, np.array([[amplitude, 0.0]]))
         q[:, 2] = 1.0
         end, _, _ = run(scene, State(q, np.zeros((2, 6))), count)
         errors.append(abs(joint_angles(end.q)[0, 0] - expected))

@@ -8,7 +8,7 @@ import pytest
 from snake_sim_ros.comparison.timing import energy_error
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.dynamics.energy import balance_error
-from snake_sim_ros.dynamics.energy import contact_velocities
+from snake_sim_ros.dynamics.energy import floor_contact_velocities
 from snake_sim_ros.dynamics.energy import mechanical_energy
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
@@ -33,7 +33,7 @@ def test_contact_velocities_are_those_of_the_force_directions():
     q, u = RNG.normal(size=(11, 7)), RNG.normal(size=(11, 6))
     q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
     W_N, W_T, _ = force_directions.contact_directions(robot, rotation_matrices(q[:, 3:]))
-    gamma = contact_velocities(robot, q, u)
+    gamma = floor_contact_velocities(robot, q, u)
     assert gamma[:, 0] == pytest.approx(W_N.T @ u.ravel(), abs=1e-12)
     assert gamma[:, 1:].ravel() == pytest.approx(W_T.T @ u.ravel(), abs=1e-12)
 

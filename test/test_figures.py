@@ -18,9 +18,9 @@ from snake_sim_ros.paper import tables as paper_tables
 from snake_sim_ros.paper.experiments import case_scene
 from snake_sim_ros.paper.experiments import mean_velocity
 from snake_sim_ros.paper.experiments import record
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import initial_coordinates
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.simulation import Simulation
 
 DOCS = Path(__file__).resolve().parent.parent / 'docs'

@@ -20,7 +20,7 @@ from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import center_of_mass
-from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import initial_state
@@ -79,7 +79,7 @@ def limp(link_count, **settings):
 
 def thrown(robot, pitch_rate, yaw_rate):
     """Return a straight robot whose links turn at rates (n,) [rad/s] that its joints allow."""
-    q = chain(robot, np.zeros((robot.link_count - 1, 2)))
+    q = chain_coordinates(robot, np.zeros((robot.link_count - 1, 2)))
     q[:, 2] += HEIGHT
     R = rotation_matrices(q[:, 3:])
     omega = np.column_stack([np.zeros(robot.link_count), pitch_rate, yaw_rate])

@@ -34,12 +34,12 @@ from scenes import SPEED
 from scenes import SWEEPING
 
 from snake_sim_ros.scene import obstacles
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Ground
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import initial_coordinates
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import product
@@ -77,8 +77,8 @@ def test_gaps_are_distances_from_the_ground(seed):
             arm = sign * robot.contact_offset[i]
             axis = obstacles.rotation_matrices(state.q[i : i + 1, 3:])[0, :, 2]
             center = state.q[i, :3] + arm * axis
-            column, row = obstacles.cell_of(ground, *center[:2])
-            if center[2] <= obstacles.height(ground, column, row):
+            column, row = obstacles.cell_at(ground, *center[:2])
+            if center[2] <= obstacles.cell_height(ground, column, row):
                 continue  # inside the ground there is no nearest point
             # The nearest of all points of the boxes around, if it is within half a cell.
             nearest = math.inf
@@ -86,7 +86,7 @@ def test_gaps_are_distances_from_the_ground(seed):
                 cell = np.array([column, row]) + step - 2
                 low = np.array(ground.origin) + ground.cell * cell
                 box = np.clip(center[:2], low, low + ground.cell)
-                point = np.array([*box, min(center[2], obstacles.height(ground, *cell))])
+                point = np.array([*box, min(center[2], obstacles.cell_height(ground, *cell))])
                 nearest = min(nearest, float(np.linalg.norm(center - point)))
             if nearest > ground.cell / 2:
                 continue

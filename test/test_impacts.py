@@ -30,9 +30,9 @@ from scenes import run
 from scenes import SPEED
 from scenes import TIGHT
 
-from snake_sim_ros.contact.selection import IMPACT
-from snake_sim_ros.contact.selection import LEAST
-from snake_sim_ros.contact.selection import PRESS
+from snake_sim_ros.contact.selection import IMPACT_WEIGHTS
+from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
+from snake_sim_ros.contact.selection import PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
@@ -205,32 +205,35 @@ def test_link_of_aiko_jams_above_its_critical_friction(method):
 @each_method
 def test_selection_rule_presses_an_impact_no_deeper_than_its_bound(method, dt):
     # A link lands flat with v: twice what stops it and half its weight, m (2 v + g dt/2), is
-    # expected, so that the compliance is PRESS over that, if that is not below the least one; two
-    # contacts carry (2/m + c) P = v + g dt. In the next step the last impulse is what is expected;
-    # the contacts are far deeper than DEPTH, and rise by PRESS, or by what the compliance makes of
-    # ten weights, less what presses them in. BDF2 has its own, smaller PRESS, and lands with gaps
-    # closed: it does not rise.
+    # expected, so that the compliance is PRESS_SPEED over that, if that is not below the least
+    # one; two contacts carry (2/m + c) P = v + g dt. In the next step the last impulse is what is
+    # expected; the contacts are far deeper than DEPTH_LIMIT, and rise by PRESS_SPEED, or by what
+    # the compliance makes of ten weights, less what presses them in. BDF2 has its own, smaller
+    # PRESS_SPEED, and lands with gaps closed: it does not rise.
     v, size = 1.0, mean_delassus(ROBOT)
     solver = replace(TIGHT, normal_compliance=1e-4)
     scene = link_scene(method, dt, solver=solver, friction=isotropic(0.0))
-    c = max(LEAST * size, PRESS / (MASS * (2 * v + G * dt / 2)))
+    c = max(LEAST_COMPLIANCE * size, PRESS_SPEED / (MASS * (2 * v + G * dt / 2)))
     assert c < 1e-4 * size
     P = (v + G * dt) / (2 / MASS + c)
     state, history, report = run(scene, lying((0.0, 0.0, -v)), 1)
     error = SPEED + chain_rounding(method, v) / MASS
     if method == 'bdf2':
-        assert abs(state.u[0, 2]) <= LEAST * size * P + error
-        assert abs(run(scene, state, 1, history)[0].u[0, 2]) <= 1e-1 * PRESS
+        assert abs(state.u[0, 2]) <= LEAST_COMPLIANCE * size * P + error
+        assert abs(run(scene, state, 1, history)[0].u[0, 2]) <= 1e-1 * PRESS_SPEED
         return
     assert abs(state.u[0, 2] + c * P) < error
-    assert c * P < max(PRESS, LEAST * size * P * 1.01)
+    assert c * P < max(PRESS_SPEED, LEAST_COMPLIANCE * size * P * 1.01)
     # G^-1 <= m/2 makes less than m R of the residuals of two contacts.
     assert abs(history.impulse[0, 0] - P) < MASS * error
     # The printed laws are violated by as much, and the report tells.
     assert abs(report.printed_residual_max - c * P) < error
     assert report.residual_max <= SPEED
-    later = min(1e-4 * size, max(LEAST * size, PRESS / max(P, MASS * (G * dt / 2 + 2 * c * P))))
-    lift = max(PRESS, later * min(P, IMPACT * MASS * G * dt))
+    later = min(
+        1e-4 * size,
+        max(LEAST_COMPLIANCE * size, PRESS_SPEED / max(P, MASS * (G * dt / 2 + 2 * c * P))),
+    )
+    lift = max(PRESS_SPEED, later * min(P, IMPACT_WEIGHTS * MASS * G * dt))
     P = (c * P + G * dt + lift) / (2 / MASS + later)
     state, history, report = run(scene, state, 1, history)
     assert abs(state.u[0, 2] + later * P - lift) < error

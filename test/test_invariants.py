@@ -24,11 +24,12 @@ from schemes import check_laws
 from schemes import of_two_states
 from schemes import step_of
 
-from snake_sim_ros.contact.selection import LEAST
+from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
 from snake_sim_ros.contact.selection import selection_center
 from snake_sim_ros.contact.selection import selection_compliance
 from snake_sim_ros.dynamics.force_directions import contact_directions
 from snake_sim_ros.dynamics.force_directions import mean_delassus
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import PD_SCHEMES
@@ -37,7 +38,6 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.parameters import Wave
 from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
@@ -130,13 +130,13 @@ def test_contacts_obey_their_laws_and_take_energy_in_every_step(
         closed.append(touching.sum())
         P_N, P_T, P_V = P[:, 0], P[:, 1:3], P[:, 3:]
         gamma_T, gamma_V = gamma[:, 1:3], gamma[:, 3:]
-        # The selection rule presses with c (P_N - center); c is less where PRESS would be exceeded
-        # by the last impulse, or by twice what stops the link and half its weight.
+        # The selection rule presses with c (P_N - center); c is less where PRESS_SPEED would be
+        # exceeded by the last impulse, or by twice what stops the link and half its weight.
         before = contact_velocities(scene, q_mid, start.u)[touching, :3]
         stop = -scene.gravity[2] * scene.dt / 2 - 2 * before[:, 0]
         last = impulses[k][touching, 0]
         most = float(np.append(last, ROBOT.link_mass * stop).max(initial=0.0))
-        c = selection_compliance(solver.normal_compliance * size, LEAST * size, most)
+        c = selection_compliance(solver.normal_compliance * size, LEAST_COMPLIANCE * size, most)
         gap = gaps(scene.robot, q_mid)[touching]
         weight = -scene.gravity[2] * scene.dt * scene.robot.per_link('link_mass').sum()
         gamma_N = gamma[:, 0] + c * (

@@ -21,7 +21,7 @@ from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import about
@@ -87,7 +87,7 @@ def cases(draw):
     )
     pitch = draw(st.sampled_from([0.0, 0.02, 0.3]))
     angle = rng.uniform(-1.0, 1.0, (n - 1, 2)) * [0.6, pitch]
-    q = chain(robot, angle)
+    q = chain_coordinates(robot, angle)
     turn = product(about(2, rng.uniform(-np.pi, np.pi)), about(1, rng.uniform(-pitch, pitch)))
     q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
     q[:, 3:] = product(turn, q[:, 3:])

@@ -15,8 +15,9 @@ from scenes import slope
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.dynamics.kinematics import FLAT_GAP
 from snake_sim_ros.dynamics.kinematics import FLAT_TILT
-from snake_sim_ros.dynamics.kinematics import STILL
+from snake_sim_ros.dynamics.kinematics import STILL_SPEED
 from snake_sim_ros.gaits.joint_reference import start_posture
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
@@ -25,7 +26,6 @@ from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
@@ -192,7 +192,7 @@ def flat_and_still(scene, state):
     return (
         np.abs(gaps(scene.robot, state.q)).max() <= FLAT_GAP
         and np.abs(R[:, 2, 0]).max() <= FLAT_TILT
-        and speed <= STILL
+        and speed <= STILL_SPEED
     )
 
 
@@ -271,7 +271,7 @@ def test_a_vertical_push_goes_to_space_and_energy_does_not_rise(lift, method):
     rise = np.diff(energies)
     assert rise.max() <= 1e-4 * energies[0], rise.max()
     # What moves vertically is lost when it is left out: 10 mm/s at most, and less where it lies.
-    lost = scene.robot.per_link('link_mass').sum() * STILL**2 / 2
+    lost = scene.robot.per_link('link_mass').sum() * STILL_SPEED**2 / 2
     assert -lost <= rise[back] <= 1e-9
 
 

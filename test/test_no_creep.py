@@ -6,7 +6,7 @@ from dense_step import EPS
 import numpy as np
 import pytest
 
-from snake_sim_ros.contact.selection import PRESS
+from snake_sim_ros.contact.selection import PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import joint_gaps
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import load_scene
@@ -71,7 +71,7 @@ def test_nothing_sinks_or_creeps_on_a_slope(method, seconds, compliance, directi
     # The impulses of the last step solve this one: every residual is rounding, of G P = 2e-3 m/s
     # or less, 22 contacts: 1e-17 m/s, and half a unit in the last place of |q| <= 1 m when a step
     # is added, 60 000 times 1e-16 m if all had the same sign. A residual of 1e-9 m/s that had the
-    # same sign would make 6e-8 m, PRESS 3e-5 m.
+    # same sign would make 6e-8 m, PRESS_SPEED 3e-5 m.
     bound = 1e-11
     assert np.abs(robot.state.q - start).max() <= bound
     assert np.abs(gaps(robot.scene.robot, robot.state.q) - height).max() <= bound
@@ -86,7 +86,7 @@ def test_a_robot_that_comes_to_rest_is_held_from_then_on():
     robot.rest(0.1)
     start = robot.state.q
     robot.rest(1.0)
-    assert np.abs(robot.state.q - start)[:, 2].max() <= 0.1 * PRESS
+    assert np.abs(robot.state.q - start)[:, 2].max() <= 0.1 * PRESS_SPEED
 
 
 @pytest.mark.parametrize('method', ['newton', 'newton_dense', 'bdf2', 'gauss_seidel'])
@@ -109,7 +109,7 @@ def test_t13_a_sliding_link_does_not_lift(velocity, method):
     if velocity[1] == 0.0:  # it still slides at the end: v0 - mu g t, friction of all the weight
         # Less what the residual leaves open of each normal impulse: mu r_N 1e-9 m/s over m.
         slack = 1000 * 2 * 0.5 * 0.1 * 1e-9 / (7.5 / 11)
-        assert state.u[0, 0] == pytest.approx(6.0 - lost, abs=slack + 2 * PRESS)
+        assert state.u[0, 0] == pytest.approx(6.0 - lost, abs=slack + 2 * PRESS_SPEED)
 
 
 @pytest.mark.parametrize('method', ['newton', 'newton_dense', 'bdf2', 'gauss_seidel'])

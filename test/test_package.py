@@ -9,8 +9,8 @@ import pytest
 import setuptools
 
 from snake_sim_ros.comparison.bench_entries import LARGE
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.methods import LARGE_STEP
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -8,6 +8,8 @@ import math
 import numpy as np
 import pytest
 
+from snake_sim_ros.scene.checked_records import from_mapping
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import Ground
@@ -17,8 +19,6 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.parameters import Wave
 from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.quantities import ParameterError
-from snake_sim_ros.scene.quantities import record_from
 
 FIELDS = [
     (record, item)
@@ -271,27 +271,29 @@ def test_numbers_of_other_types_are_converted():
 )
 def test_misspelt_keys_name_the_nearest(mapping, where, wrong, right):
     expected = f'{where}: unknown key {wrong!r}; did you mean {right!r}?'
-    assert refusal(record_from, Scene, mapping, 'scene') == expected
+    assert refusal(from_mapping, Scene, mapping, 'scene') == expected
 
 
 def test_keys_like_none_name_all():
-    message = refusal(record_from, Friction, {'x': 1}, 'friction')
+    message = refusal(from_mapping, Friction, {'x': 1}, 'friction')
     assert message == (
         "friction: unknown key 'x'; choose from: longitudinal, rolling, transversal"
     )
-    assert refusal(record_from, Scene, {7: 1}, 'scene').startswith('scene: unknown key 7; choose ')
+    assert refusal(from_mapping, Scene, {7: 1}, 'scene').startswith(
+        'scene: unknown key 7; choose '
+    )
 
 
 def test_errors_name_file_and_place():
-    message = refusal(record_from, Scene, {'gait': {'yaw': {'amplitude': math.nan}}}, 'my.yaml')
+    message = refusal(from_mapping, Scene, {'gait': {'yaw': {'amplitude': math.nan}}}, 'my.yaml')
     assert message == 'my.yaml: gait: yaw: amplitude must be finite, got nan rad'
-    message = refusal(record_from, Scene, {'solver': [1]}, 'my.yaml')
+    message = refusal(from_mapping, Scene, {'solver': [1]}, 'my.yaml')
     assert message == 'my.yaml: solver must be a mapping of names to values, got [1]'
 
 
 def test_degrees():
     keys = {'amplitude_deg': 30, 'angular_frequency_deg': 80.0, 'phase_lag_deg': -50, 'offset': 1}
-    wave = record_from(Wave, keys, 'wave')
+    wave = from_mapping(Wave, keys, 'wave')
     # 180 deg = pi rad
     expected = Wave(
         amplitude=math.radians(30),
@@ -300,8 +302,8 @@ def test_degrees():
         offset=1.0,
     )
     assert wave == expected
-    assert record_from(Robot, {'joint_limit_deg': 90}, 'robot').joint_limit == math.pi / 2
-    message = refusal(record_from, Wave, {'amplitude_deg': 'large'}, 'wave')
+    assert from_mapping(Robot, {'joint_limit_deg': 90}, 'robot').joint_limit == math.pi / 2
+    message = refusal(from_mapping, Wave, {'amplitude_deg': 'large'}, 'wave')
     assert message.endswith("amplitude_deg must be a number, got 'large'")
 
 
@@ -318,18 +320,18 @@ def test_degrees():
     ],
 )
 def test_degrees_are_for_angles(record, name):
-    message = refusal(record_from, record, {f'{name}_deg': 1}, 'here')
+    message = refusal(from_mapping, record, {f'{name}_deg': 1}, 'here')
     assert message == f'here: {name}_deg: {name} is not an angle'
 
 
 @pytest.mark.parametrize('name', ['robot', 'friction', 'gait', 'solver'])
 def test_groups_are_not_in_degrees(name):
-    assert f'{name}_deg' in refusal(record_from, Scene, {f'{name}_deg': {}}, 'scene')
+    assert f'{name}_deg' in refusal(from_mapping, Scene, {f'{name}_deg': {}}, 'scene')
 
 
 def test_a_value_is_given_once():
     for keys in (('amplitude', 'amplitude_deg'), ('amplitude_deg', 'amplitude')):
-        message = refusal(record_from, Wave, dict.fromkeys(keys, 1), 'wave')
+        message = refusal(from_mapping, Wave, dict.fromkeys(keys, 1), 'wave')
         assert message == 'wave: amplitude is given twice, as amplitude and as amplitude_deg'
 
 

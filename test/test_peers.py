@@ -18,6 +18,7 @@ from snake_sim_ros.comparison.mujoco_peer import mjcf
 from snake_sim_ros.comparison.mujoco_peer import mujoco_states
 from snake_sim_ros.comparison.mujoco_peer import MujocoSettings
 from snake_sim_ros.comparison.mujoco_peer import run_mujoco
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import load_scene
@@ -27,7 +28,6 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Wave
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import initial_coordinates
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import State

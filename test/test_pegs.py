@@ -32,14 +32,14 @@ from scenes import run
 from scenes import SPEED
 
 from snake_sim_ros.scene import obstacles
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Pegs
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.posture import initial_coordinates
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import State
@@ -205,7 +205,7 @@ def test_impacts_take_energy(method):
     # Projections of all contacts at once settle an impact in hundreds of sweeps.
     solver = Solver(tolerance=1e-9, residual_tolerance=1e-9, iteration_limit=20000)
     scene = Scene(robot=robot, pegs=pegs, method=method, solver=solver, dt=dt, **SLIPPERY)
-    q = chain(robot, np.zeros((3, 2)))
+    q = chain_coordinates(robot, np.zeros((3, 2)))
     q[:, 0] -= q[:, 0].mean()
     q[:, 2] = RADIUS
     for _ in range(throws):

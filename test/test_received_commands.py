@@ -13,9 +13,9 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from snake_sim_ros.gaits.interpolation import extrapolate
-from snake_sim_ros.gaits.interpolation import hold_within
-from snake_sim_ros.gaits.interpolation import move
+from snake_sim_ros.gaits.interpolation import hold_at_limit
+from snake_sim_ros.gaits.interpolation import sample_command
+from snake_sim_ros.gaits.interpolation import sample_motion
 from snake_sim_ros.gaits.joint_reference import compile_sampling
 from snake_sim_ros.gaits.joint_reference import JointReference
 from snake_sim_ros.nodes.joint_names import joint_names
@@ -500,7 +500,7 @@ def test_sampling_is_compiled_once_for_commands_of_all_kinds(still):
     reference = joint_command(command(['joint_1_yaw']), reference, ROBOT, NOW).reference
     reference.settled(NOW + 0.1).settled(NOW + 2.0)
     reference.sample(NOW + np.arange(5.0), HORIZON, np.inf)
-    for kernel in (extrapolate, hold_within, move):
+    for kernel in (sample_command, hold_at_limit, sample_motion):
         assert len(kernel.signatures) == 1
 
 

@@ -14,7 +14,7 @@ from snake_sim_ros.recording.from_messages import B_TO_WIRE
 from snake_sim_ros.scene.parameters import CONFIG
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
@@ -98,7 +98,7 @@ def test_joint_states_drive_it_to_the_pose_of_the_model(robot):
     for name, value in zip(joint_names(robot.link_count), angle.ravel(), strict=True):
         data.joint(name).qpos = value
     mujoco.mj_kinematics(model, data)
-    q = chain(robot, angle)
+    q = chain_coordinates(robot, angle)
     frames = rotation_matrices(product(q[:, 3:], B_TO_WIRE))
     position = q[:, :3] - q[robot.middle_link, :3]
     base = frames[robot.middle_link] * [-1, -1, 1]  # x toward link 1

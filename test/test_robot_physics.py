@@ -35,15 +35,16 @@ from schemes import span
 from schemes import undisturbed
 from scipy.linalg import null_space
 
-from snake_sim_ros.contact.selection import DEPTH
-from snake_sim_ros.contact.selection import LEAST
-from snake_sim_ros.contact.selection import PRESS
-from snake_sim_ros.contact.selection import REST
+from snake_sim_ros.contact.selection import DEPTH_LIMIT
+from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
+from snake_sim_ros.contact.selection import PRESS_SPEED
+from snake_sim_ros.contact.selection import REST_SPEED
 from snake_sim_ros.dynamics.force_directions import contact_directions
 from snake_sim_ros.dynamics.force_directions import joint_directions
 from snake_sim_ros.dynamics.force_directions import mass_matrix
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.dynamics.force_directions import torque_directions
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
@@ -51,8 +52,7 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import center_of_mass
-from snake_sim_ros.scene.posture import chain
-from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import PREVIOUS
@@ -134,7 +134,7 @@ def test_two_links_that_spin_lose_what_the_frozen_joint_takes(method, dt):
         robot=Robot(link_count=2), gravity=(0.0, 0.0, 0.0), drift_correction='none',
         method=method, dt=dt,
     )  # fmt: skip
-    q = chain(scene.robot, np.zeros((1, 2)))
+    q = chain_coordinates(scene.robot, np.zeros((1, 2)))
     q[:, :3] += [-half, 0.0, 1.0]
     u = np.zeros((2, 6))
     u[:, 4], u[:, 1] = spin, spin * q[:, 0]
@@ -172,7 +172,7 @@ def delassus(robot, q):
 
 def straight(robot):
     """Return the robot at rest, straight and flat on the floor."""
-    q = chain(robot, np.zeros((robot.link_count - 1, 2)))
+    q = chain_coordinates(robot, np.zeros((robot.link_count - 1, 2)))
     q[:, 2] = RADIUS + CLOSED
     return State(q, np.zeros((robot.link_count, 6)))
 
@@ -233,7 +233,7 @@ def test_robot_at_rest_stays_there(method, delta):
         P, depth = G * acted * MASS / 2, 0.0
         residual += press_of(scene) if delta else 0.0  # it sinks in the first step
         steps = 1 if delta else steps
-    assert depth < 2 * PRESS * dt
+    assert depth < 2 * PRESS_SPEED * dt
     # The residual may be in the null space of G, where impulses are off by it over c, and the
     # velocities of contacts by c times that: sqrt(22) R + R.
     error = steps * dt * residual * (math.sqrt(22) + 1 if delta else 1)
@@ -249,12 +249,12 @@ def test_robot_at_rest_stays_there(method, delta):
 @every_method
 def test_selection_rule_picks_the_normal_impulses_of_least_norm(method):
     # (G + c) P = g dt: all alike, P = g dt/(2/m + c), wherever the solver starts. At a hundredth
-    # of g the rule may be stiffer by PRESS, so that sweeps, which take r c of the error in the
-    # null space of G away, need not be many: r = 0.3 kg is 0.99/lambda_max. Without friction:
+    # of g the rule may be stiffer by PRESS_SPEED, so that sweeps, which take r c of the error in
+    # the null space of G away, need not be many: r = 0.3 kg is 0.99/lambda_max. Without friction:
     # sticking contacts can push against each other, which pitches links and moves their weight.
-    # The robot slides: at rest the impulses next to the last ones are selected.
-    # Less weight for a method that presses in less, and impulses for the time they act.
-    share = press_of(Scene(method=method)) / PRESS
+    # The robot slides: at rest the impulses next to the last ones are selected. Less weight for a
+    # method that presses in less, and impulses for the time they act.
+    share = press_of(Scene(method=method)) / PRESS_SPEED
     gravity, delta = 0.01 * G * share, 0.015
     solver = Solver(
         tolerance=1e-16, residual_tolerance=1e-14 * share, normal_compliance=delta, r_normal=0.3,
@@ -265,13 +265,14 @@ def test_selection_rule_picks_the_normal_impulses_of_least_norm(method):
         level='spatial',
     )  # fmt: skip
     c = delta * mean_delassus(scene.robot)
-    # Contacts are CLOSED deep, which counts as a share of DEPTH: pressed in by that much less.
-    out = press_of(scene) * abs(CLOSED) / DEPTH
+    # Contacts are CLOSED deep, which counts as a share of DEPTH_LIMIT: pressed in by that much
+    # less.
+    out = press_of(scene) * abs(CLOSED) / DEPTH_LIMIT
     P = (gravity * span(scene) + out) / (2 / MASS + c)
     assert 2 * c * P < press_of(scene)
     for seed in range(1 if method == 'reference' else 5):
         start = straight(scene.robot)
-        start.u[:, 0] = 10 * REST
+        start.u[:, 0] = 10 * REST_SPEED
         history = undisturbed(scene, start)
         history.impulse[:, 0] = P * np.random.default_rng(seed).uniform(0.0, 2.0, 22)
         # What is left of a residual, or eps/r_N, in the null space of G: that over c.
@@ -352,7 +353,7 @@ def test_heavy_link_is_carried(method, ratio, delta):
     # The heavy link falls with the mean of what its two contacts press, up to the residual. Half
     # its weight is what is expected of a contact.
     expected = ratio * MASS * G * span(scene) / 2
-    compliance = min(delta * size, max(LEAST * size, press_of(scene) / expected))
+    compliance = min(delta * size, max(LEAST_COMPLIANCE * size, press_of(scene) / expected))
     press = compliance * history.impulse[[5, 16], 0].mean()
     assert abs(end.u[5, 2] + press) < solver.residual_tolerance
 

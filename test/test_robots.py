@@ -17,6 +17,7 @@ from scenes import references
 from scenes import run
 
 from snake_sim_ros.comparison import timing
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import load_scene
@@ -26,7 +27,6 @@ from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.posture import joint_rates
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scenes import references
 
-from snake_sim_ros.dynamics.kinematics import STILL
+from snake_sim_ros.dynamics.kinematics import STILL_SPEED
 from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Gait
@@ -203,7 +203,7 @@ def test_auto_comes_back_after_a_pause(chunk, monkeypatch):
     )
     # It lies flat and still all the time: 80 steps of the pause, and 40 to settle.
     assert sum(planar for planar, _, _ in taken) == 400 - 120
-    assert np.abs(state.u).max() < STILL
+    assert np.abs(state.u).max() < STILL_SPEED
     assert history[SETTLING] == 0
 
 

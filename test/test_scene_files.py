@@ -5,6 +5,9 @@ import math
 import pytest
 import yaml
 
+from snake_sim_ros.scene.checked_records import flat_fields
+from snake_sim_ros.scene.checked_records import from_mapping
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import CONFIG
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Gait
@@ -15,9 +18,6 @@ from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.parameters import scene_to_text
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.parameters import Wave
-from snake_sim_ros.scene.quantities import flat_fields
-from snake_sim_ros.scene.quantities import ParameterError
-from snake_sim_ros.scene.quantities import record_from
 
 ROBOTS = ('aiko', 'slender')
 SCENES = sorted(path.stem for path in CONFIG.glob('*.yaml') if path.stem not in ROBOTS)
@@ -68,7 +68,7 @@ def mapping_of(robot):
 
 def test_aiko_is_the_default_robot():
     mapping = mapping_of('aiko')
-    assert record_from(Robot, mapping, 'aiko.yaml') == Robot()
+    assert from_mapping(Robot, mapping, 'aiko.yaml') == Robot()
     # Nothing is left to a default: the file says it all, angles in degrees or radians.
     names = {key.removesuffix('_deg') for key in mapping}
     assert names == set(flat_fields(Robot()))

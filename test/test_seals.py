@@ -8,7 +8,7 @@ from snake_sim_ros.commands.main import main
 from snake_sim_ros.comparison import csv_tables as tables
 from snake_sim_ros.comparison.csv_tables import read_table
 from snake_sim_ros.comparison.csv_tables import TableWriter
-from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.checked_records import ParameterError
 
 COLUMNS = ('name', 'value')
 ROWS = [{'name': name, 'value': value} for name, value in (('a', 0.1), ('b', None), ('c, d', 3))]

@@ -10,8 +10,8 @@ import pytest
 from random_states import random_robot
 from scipy.optimize import nnls
 
-from snake_sim_ros.contact.selection import LEAST
-from snake_sim_ros.contact.selection import PRESS
+from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
+from snake_sim_ros.contact.selection import PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Friction
@@ -126,7 +126,8 @@ def start_histories(scene):
 
 @each_method
 def test_the_result_does_not_depend_on_the_history(method):
-    # The cap of the rule follows the last impulses (`selected`): a small compliance keeps it out.
+    # The cap of the rule follows the last impulses (`apply_selection_rule`): a small compliance
+    # keeps it out.
     settings = {'method': method, 'solver.residual_tolerance': 1e-12}
     scene = with_settings(SCENE, {**settings, 'solver.normal_compliance': 1e-5})
     state, _, angle, rate = moving(scene)
@@ -179,7 +180,7 @@ def test_the_law_with_the_rule_holds_and_is_capped(name, method):
             assert (gamma + step.compliance * P_N).min() >= -RESIDUAL
             # The cap is that of the impulses before the step: an impulse that grows presses more.
             growth = max(1.0, P_N.max() / before) if before > 0.0 else np.inf
-            assert gamma.min() >= -PRESS * growth - RESIDUAL
+            assert gamma.min() >= -PRESS_SPEED * growth - RESIDUAL
 
 
 @each_method
@@ -201,8 +202,8 @@ def test_at_rest_no_contact_sinks_faster_than_allowed(ratio, method):
         if k > 0:  # before the first step nothing is known of the load
             growth = max(1.0, history.impulse[:, 0].max() / before)
             # Where the compliance is the least one, it presses with that times the impulse.
-            least = LEAST * mean_delassus(scene.robot) * history.impulse[:, 0].max()
-            pressed = max(PRESS * growth, least)
+            least = LEAST_COMPLIANCE * mean_delassus(scene.robot) * history.impulse[:, 0].max()
+            pressed = max(PRESS_SPEED * growth, least)
             assert step.gamma(state.u)[:, 0].min() >= -pressed - RESIDUAL
     # The weight is spread as it will stay: an impulse that still grew by 1 % would say otherwise.
     assert growth <= 1.01
@@ -263,8 +264,8 @@ def test_a_gap_counts_as_closed_up_to_the_tolerance(method):
         end, history, report = one_step(scene, state, empty_history(scene), none, none)
         assert report.contacts == closed
         assert np.count_nonzero(history.impulse[:, 0]) == closed
-        if closed:  # it carries the weight, and gamma_N >= -PRESS less what an iteration leaves
-            assert abs(end.u[0, 2]) <= PRESS + 1e-7 / 0.1 * 2
+        if closed:  # it carries the weight; gamma_N >= -PRESS_SPEED less what an iteration leaves
+            assert abs(end.u[0, 2]) <= PRESS_SPEED + 1e-7 / 0.1 * 2
         else:  # free fall
             assert end.u[0, 2] == pytest.approx(-9.81 * scene.dt, rel=10 * EPS)
 

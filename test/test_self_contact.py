@@ -17,10 +17,11 @@ from scenes import isotropic
 from scenes import kinetic_energy
 from scenes import RADIUS
 
-from snake_sim_ros.contact.selection import LEAST
+from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.dynamics.force_directions import scene_contacts
 from snake_sim_ros.scene import obstacles
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import Pegs
@@ -28,9 +29,8 @@ from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.parameters import Wave
-from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.posture import initial_coordinates
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.methods import empty_history
@@ -97,7 +97,7 @@ def curled(robot, gap=0.0, bend=1.0):
         middle = (low + high) / 2
         angle = np.zeros((robot.link_count - 1, 2))
         angle[:, 0] = middle
-        q = chain(robot, angle)
+        q = chain_coordinates(robot, angle)
         q[:, 2] = RADIUS
         scene = Scene(robot=robot, self_contact=True)
         first = obstacles.first_pair(scene)
@@ -112,7 +112,7 @@ def test_gaps_and_directions(seed):
     scene, state = robot_scene(rng, self_contact=True), anywhere(rng, 5)
     robot, R = scene.robot, rotation_matrices(state.q[:, 3:])
     gap, lever, _ = obstacles.contact_geometry(scene, state.q)
-    apart = obstacles.pairs(scene)
+    apart = obstacles.pair_contacts(scene)
     assert len(apart) == 4 * 6  # links 1-3, 1-4, 1-5, 2-4, 2-5, 3-5
     for a, (i, j, s, t) in enumerate(apart, obstacles.first_pair(scene)):
         one = state.q[i, :3] + s * robot.contact_offset[i] * R[i, :, 2]
@@ -236,8 +236,8 @@ def test_a_folded_robot_is_solved_for_from_anywhere(k):
 def test_both_methods_fold_a_robot_alike(k):
     # Two solutions with residuals e: their kinetic energy apart is half of sum dP dgamma, and with
     # compliance c the laws leave dP dgamma <= 2 e |dP| - c dP^2 <= e^2/c of every contact. c is
-    # not below LEAST of the mean Delassus entry. On top comes what `newton_dense` rounds, see
-    # test_newton.py.
+    # not below LEAST_COMPLIANCE of the mean Delassus entry. On top comes what `newton_dense`
+    # rounds, see test_newton.py.
     e, scene = 1e-12, FOLDED[k][0]
     ends = []
     for method in ('newton', 'newton_dense'):
@@ -245,7 +245,7 @@ def test_both_methods_fold_a_robot_alike(k):
         assert report.unconverged == 0
         ends.append(end.u)
     robot = scene.robot
-    square = report.contacts * e**2 / (LEAST * mean_delassus(robot))
+    square = report.contacts * e**2 / (LEAST_COMPLIANCE * mean_delassus(robot))
     rounding = 9 * 1.4e5 * EPS * np.abs(ends).max()
     bound = math.sqrt(square / robot.inertia_axial) + rounding
     assert np.abs(ends[0] - ends[1]).max() < bound < 1e-6

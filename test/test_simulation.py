@@ -8,12 +8,12 @@ from random_states import random_parameters
 
 from snake_sim_ros.gaits.joint_reference import JointReference
 from snake_sim_ros.gaits.joint_reference import start_posture
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.posture import joint_rates
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.simulation import joint_motion

@@ -25,7 +25,7 @@ from snake_sim_ros.scene.parameters import Pegs
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.methods import METHODS
@@ -105,7 +105,7 @@ def test_links_that_meet_each_other_stay_together(method, speed, dt):
     gap, low, high = 2.4 * dt * speed, math.radians(80), math.radians(110)
     for _ in range(60):
         angle[:, 0] = (low + high) / 2
-        q = chain(robot, angle)
+        q = chain_coordinates(robot, angle)
         q[:, 2] = RADIUS + 1e-3  # above the floor
         closest = obstacles.contact_geometry(scene, q)[0][obstacles.first_pair(scene) :].min()
         low, high = (angle[0, 0], high) if closest > gap else (low, angle[0, 0])

@@ -30,7 +30,7 @@ from snake_sim_ros.comparison.stability.runs import OUTCOMES
 from snake_sim_ros.comparison.stability.runs import simulate
 from snake_sim_ros.comparison.stability.scenes import dropped_precisely
 from snake_sim_ros.comparison.stability.scenes import rod_limit
-from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import Status
 

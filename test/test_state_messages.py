@@ -20,9 +20,9 @@ from snake_sim_ros.nodes.sent_commands import command_message
 from snake_sim_ros.nodes.stamps import seconds_from
 from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.nodes.state_messages import StateMessages
+from snake_sim_ros.scene.checked_records import flat_fields
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.quantities import flat_fields
 from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import State

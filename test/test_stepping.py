@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import LEVELS
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import State

@@ -9,8 +9,8 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.trajectory import ARRAYS
 from snake_sim_ros.stepping.trajectory import Trajectory

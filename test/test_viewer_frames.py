@@ -8,11 +8,11 @@ import sys
 import numpy as np
 import pytest
 
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import product
@@ -37,7 +37,7 @@ def frame(time, **changes):
 
 def test_posture_of_joint_angles_is_where_odometry_says():
     rng = np.random.default_rng(7)
-    q = chain(ROBOT, rng.uniform(-0.5, 0.5, (10, 2)))
+    q = chain_coordinates(ROBOT, rng.uniform(-0.5, 0.5, (10, 2)))
     turn = product(about(2, 1.1), about(1, 0.3))
     q[:, :3] = q[:, :3] @ rotation_matrices(turn).T + [1.0, 2.0, 3.0]
     q[:, 3:] = product(turn, q[:, 3:])

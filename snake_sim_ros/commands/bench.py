@@ -15,7 +15,7 @@ from snake_sim_ros.commands.scene_options import scene_from
 from snake_sim_ros.commands.table_options import add_other_sources
 from snake_sim_ros.comparison.csv_tables import plain
 from snake_sim_ros.comparison.csv_tables import TableWriter
-from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.checked_records import ParameterError
 
 if TYPE_CHECKING:
     from snake_sim_ros.comparison.bench_entries import Contender

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from snake_sim_ros.comparison.csv_tables import read_table
-from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.checked_records import ParameterError
 
 
 def add_chart(subparsers: Any) -> None:

@@ -11,7 +11,7 @@ from snake_sim_ros.commands.output_files import print_outputs
 from snake_sim_ros.commands.output_files import title_of
 from snake_sim_ros.commands.output_files import write
 from snake_sim_ros.recording.recorded_runs import read_run
-from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.checked_records import ParameterError
 
 
 def add_export(subparsers: Any) -> None:

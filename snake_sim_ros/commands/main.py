@@ -18,7 +18,7 @@ from snake_sim_ros.commands.seal import add_seal
 from snake_sim_ros.commands.stability import add_stability
 from snake_sim_ros.commands.urdf import add_urdf
 from snake_sim_ros.commands.view import add_view
-from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.checked_records import ParameterError
 
 # In the order of the help text.
 COMMANDS = (

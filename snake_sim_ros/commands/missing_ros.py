@@ -1,6 +1,6 @@
 """What a command says that needs ROS 2 where it is not installed."""
 
-from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.checked_records import ParameterError
 
 
 def missing_ros(what: str, command: str, error: ImportError) -> ParameterError:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import math
 from pathlib import Path
 
-from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 FORMATS = {'out': '.npz', 'csv': '.csv', 'bag': '.mcap', 'gif': '.gif', 'mp4': '.mp4'}

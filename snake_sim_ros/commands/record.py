@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.checked_records import ParameterError
 
 
 def add_record(subparsers: Any) -> None:

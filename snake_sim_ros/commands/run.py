@@ -23,8 +23,8 @@ from snake_sim_ros.commands.scene_options import add_method
 from snake_sim_ros.commands.scene_options import add_scene_options
 from snake_sim_ros.commands.scene_options import scene_from
 from snake_sim_ros.recording.recorded_runs import summary
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.trajectory import Trajectory

@@ -9,7 +9,7 @@ from tqdm import tqdm
 from snake_sim_ros.commands.table_options import add_other_sources
 from snake_sim_ros.comparison.csv_tables import plain
 from snake_sim_ros.comparison.csv_tables import TableWriter
-from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.checked_records import ParameterError
 
 
 def add_stability(subparsers: Any) -> None:

@@ -26,11 +26,11 @@ from snake_sim_ros.comparison.baselines.integrators import Penalty
 from snake_sim_ros.comparison.mujoco_peer import mujoco_states
 from snake_sim_ros.comparison.mujoco_peer import MujocoSettings
 from snake_sim_ros.dynamics.energy import mechanical_energy
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper

@@ -19,9 +19,9 @@ from snake_sim_ros.comparison.mujoco_peer import MujocoSettings
 from snake_sim_ros.comparison.mujoco_peer import run_mujoco
 from snake_sim_ros.comparison.timing import energy_error
 from snake_sim_ros.comparison.timing import timed
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.simulation import steps_in
 

@@ -12,7 +12,7 @@ from typing import Any
 from snake_sim_ros.comparison.csv_tables import is_empty
 from snake_sim_ros.comparison.csv_tables import records_of
 from snake_sim_ros.comparison.csv_tables import Table
-from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.checked_records import ParameterError
 
 
 @dataclass(frozen=True, kw_only=True)

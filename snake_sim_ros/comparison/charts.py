@@ -29,8 +29,8 @@ from snake_sim_ros.comparison.csv_tables import Table
 from snake_sim_ros.comparison.pareto import fitted_order
 from snake_sim_ros.comparison.pareto import fitted_power
 from snake_sim_ros.comparison.pareto import pareto_table
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.quantities import ParameterError
 
 PATH_COLOR = '#0072b2'
 POSTURE_COLORS = ('#999999', '#56b4e9', '#009e73', '#e69f00', '#d55e00')

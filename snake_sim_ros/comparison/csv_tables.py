@@ -32,7 +32,7 @@ from snake_sim_ros.comparison.seals import check
 from snake_sim_ros.comparison.seals import SEAL
 from snake_sim_ros.comparison.seals import sealed
 from snake_sim_ros.comparison.seals import unsealed
-from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.checked_records import ParameterError
 
 LIBRARIES = ('numpy', 'scipy', 'numba', 'mujoco')
 SAME = ('table', 'provenance', 'processor', 'settings')  # of all rows of a file

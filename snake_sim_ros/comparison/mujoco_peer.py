@@ -21,18 +21,18 @@ import numpy as np
 
 from snake_sim_ros.comparison.course import Course
 from snake_sim_ros.comparison.course import SAMPLE
-from snake_sim_ros.dynamics.energy import BALANCE
+from snake_sim_ros.dynamics.energy import BALANCE_TIME
 from snake_sim_ros.dynamics.energy import imbalance
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene import obstacles
+from snake_sim_ros.scene.checked_records import CheckedRecord
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.checked_records import quantity
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.posture import joint_rates
-from snake_sim_ros.scene.quantities import ParameterError
-from snake_sim_ros.scene.quantities import quantity
-from snake_sim_ros.scene.quantities import Record
 from snake_sim_ros.scene.robot_description import element
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.simulation import steps_in
@@ -49,7 +49,7 @@ ITERATIONS = 100  # MuJoCo's own limit of its solver
 
 
 @dataclass(frozen=True, kw_only=True)
-class MujocoSettings(Record):
+class MujocoSettings(CheckedRecord):
     """
     What a user of MuJoCo can choose for the robot of a scene.
 
@@ -225,7 +225,7 @@ def run_mujoco(scene: Scene, settings: MujocoSettings, limit: float) -> Course:
     data, judge = mujoco.MjData(model), mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, START)
     poses, states, nanoseconds = [_pose(judge, model, data.qpos)], [_state(data)], [0]
-    failure, late, depth, balanced = '', False, 0.0, round(BALANCE / scene.dt)
+    failure, late, depth, balanced = '', False, 0.0, round(BALANCE_TIME / scene.dt)
     count, iterations = data.solver_niter, [0]
     with _warnings(mujoco) as warnings:
         while len(poses) <= samples and not (failure or late):

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from dataclasses import field
 from hashlib import sha256
 
-from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.checked_records import ParameterError
 
 SEAL = 'seal'  # name of the column, and of the last line of a head
 MARK = f'# {SEAL}: '

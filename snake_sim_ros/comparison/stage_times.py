@@ -6,8 +6,8 @@ import numpy as np
 
 from snake_sim_ros.contact.newton import solve_contacts
 from snake_sim_ros.dynamics.articulated_body import factor_chain
+from snake_sim_ros.dynamics.articulated_body import reset_chain
 from snake_sim_ros.dynamics.articulated_body import solve_chain
-from snake_sim_ros.dynamics.articulated_body import unload_chain
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.scene.parameters import Scene
@@ -37,7 +37,7 @@ def spatial_stages(model, work, steps, stamps):
         if not end_step(model, work, steps, problem, outcome):
             break
         stamps[k, 3] = cycle_counter()
-        unload_chain(work.chain)
+        reset_chain(work.chain)
         factor_chain(work.chain)
         solve_chain(work.chain, work.chain.torque)
         stamps[k, 4] = cycle_counter()

@@ -27,16 +27,16 @@ from snake_sim_ros.comparison.course import SAMPLE
 from snake_sim_ros.dynamics.articulated_body import factor
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import cycle_counter
-from snake_sim_ros.dynamics.energy import BALANCE
 from snake_sim_ros.dynamics.energy import balance_error
+from snake_sim_ros.dynamics.energy import BALANCE_TIME
+from snake_sim_ros.scene.checked_records import flat_fields
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_to_text
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.quantities import flat_fields
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import method_of
@@ -146,7 +146,7 @@ def timed(
 
 def energy_error(scene: Scene, make: Callable[[Scene], Stepper] | None = None) -> float:
     """
-    Return `energy.balance_error` of the first BALANCE seconds of a scene.
+    Return `energy.balance_error` of the first BALANCE_TIME seconds of a scene.
 
     nan if it diverges, and for method bdf2, whose impulses are not those of a whole step.
     """
@@ -154,7 +154,7 @@ def energy_error(scene: Scene, make: Callable[[Scene], Stepper] | None = None) -
         return math.nan
     simulation = Simulation(scene, make and make(scene))
     q, u, impulse, torque = [simulation.state.q], [simulation.state.u], [], []
-    for _ in range(steps_in(min(BALANCE, scene.duration), scene.dt, 'duration')):
+    for _ in range(steps_in(min(BALANCE_TIME, scene.duration), scene.dt, 'duration')):
         report = simulation.advance(*simulation.gait_reference(1))
         if report.failure:
             return math.nan

@@ -25,7 +25,7 @@ class Delassus(NamedTuple):
 
     operator: Array  # (c, c) G
     system: Array  # (c, c+1) matrix and right side of a linear problem
-    free: Array  # (c,) velocities without contact impulses
+    free_velocity: Array  # (c,) velocities without contact impulses
     packed: Array  # (c,) velocities
 
 
@@ -34,13 +34,13 @@ def make_delassus(size: int) -> Delassus:
     return Delassus(
         operator=np.zeros((size, size)),
         system=np.zeros((size, size + 1)),
-        free=np.zeros(size),
+        free_velocity=np.zeros(size),
         packed=np.zeros(size),
     )
 
 
 @inlined
-def load_chain(closed, contacts, chain):
+def fill_wrenches(closed, contacts, chain):
     """Fill the wrenches of the links: momentum and contact impulses S, eqs. (75), (76)."""
     for i in range(len(chain.wrench)):
         for k in range(6):
@@ -51,7 +51,7 @@ def load_chain(closed, contacts, chain):
 @compiled
 def end_twists(closed, contacts, chain):
     """Fill twists and relative velocities that the impulses lead to, (84), (86), (90)-(92)."""
-    load_chain(closed, contacts, chain)
+    fill_wrenches(closed, contacts, chain)
     solve_chain(chain, chain.torque)
     contact_velocities(closed, contacts, chain.frame, chain.twist)
 
@@ -64,7 +64,7 @@ def condense(closed, width, contacts, chain, delassus):
     end_twists(closed, contacts, chain)
     for k, a in enumerate(closed):
         for j in range(width):
-            delassus.free[width * k + j] = contacts.gamma[a, j]
+            delassus.free_velocity[width * k + j] = contacts.gamma[a, j]
     for k, a in enumerate(closed):
         for j in range(width):
             contacts.impulse[a, j] = 1.0
@@ -84,7 +84,7 @@ def condensed_velocities(closed, width, contacts, delassus):
     rows = width * len(closed)
     packed = delassus.packed
     for row in range(rows):
-        packed[row] = delassus.free[row]
+        packed[row] = delassus.free_velocity[row]
     for k, a in enumerate(closed):
         for j in range(width):
             P = contacts.impulse[a, j]
@@ -131,7 +131,7 @@ def condensed_system(closed, width, contacts, delassus):
     rows = width * len(closed)
     B = delassus.system
     for column in range(rows + 1):
-        g = delassus.free if column == rows else delassus.operator[column]
+        g = delassus.free_velocity if column == rows else delassus.operator[column]
         for k, a in enumerate(closed):
             row = width * k
             g_N = g[row]

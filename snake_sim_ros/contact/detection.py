@@ -16,11 +16,11 @@ from snake_sim_ros.contact.laws import OtherFriction
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.kinematics import axis_z
-from snake_sim_ros.dynamics.kinematics import penetration
+from snake_sim_ros.dynamics.kinematics import floor_penetration
 from snake_sim_ros.scene.obstacles import first_pair
 from snake_sim_ros.scene.obstacles import first_peg
 from snake_sim_ros.scene.obstacles import is_flat
-from snake_sim_ros.scene.obstacles import pairs
+from snake_sim_ros.scene.obstacles import pair_contacts
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 
@@ -52,7 +52,7 @@ def make_obstacles(scene: Scene) -> Obstacles | None:
         pegs=scene.pegs.axes,
         first_peg=first_peg(scene),
         first_pair=first_pair(scene),
-        pair_count=len(pairs(scene)),
+        pair_count=len(pair_contacts(scene)),
     )
 
 
@@ -71,21 +71,21 @@ def make_other_friction(scene: Scene, proximal: float) -> OtherFriction | None:
 
 
 @inlined
-def contacts_of(obstacles, tolerance, model, work, q):
+def find_contacts(obstacles, tolerance, model, work, q):
     """Fill the closed contacts, their points and frames; return how many are closed."""
     offset, radius = model.contact_offset, model.contact_radius
     if obstacles is None:
-        return closed_contacts(
+        return find_floor_contacts(
             tolerance, offset, radius, q[:, 2], work.R, work.center, work.closed, work.contacts
         )
-    return touching(
+    return find_obstacle_contacts(
         obstacles, tolerance, offset, radius, q, work.R, work.center, work.closed, work.contacts,
         work.chain.frame,
     )  # fmt: skip
 
 
 @merged
-def closed_contacts(tolerance, offset, radius, height, R, center, closed, contacts):
+def find_floor_contacts(tolerance, offset, radius, height, R, center, closed, contacts):
     """
     Fill closed contacts, their points and frames; return how many are closed.
 
@@ -117,16 +117,18 @@ def closed_contacts(tolerance, offset, radius, height, R, center, closed, contac
 
 
 @inlined
-def deepest(obstacles, offset, radius, q):
+def penetration(obstacles, offset, radius, q):
     """Return how deep the robot is in the floor or in an obstacle [m], 0 if it is not."""
     if obstacles is None:
-        return penetration(offset, radius, q)
-    return penetration_of(obstacles, offset, radius, q)
+        return floor_penetration(offset, radius, q)
+    return obstacle_penetration(obstacles, offset, radius, q)
 
 
 @merged
-def touching(obstacles, tolerance, offset, radius, q, R, center, closed, contacts, frame):
-    """Fill the contacts with gaps up to `tolerance`; see `detection.closed_contacts`."""
+def find_obstacle_contacts(
+    obstacles, tolerance, offset, radius, q, R, center, closed, contacts, frame
+):
+    """Fill the contacts with gaps up to `tolerance`; see `find_floor_contacts`."""
     n, count = len(R), 0
     for i in range(n):
         axis = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
@@ -139,9 +141,9 @@ def touching(obstacles, tolerance, offset, radius, q, R, center, closed, contact
                     a = (side if k == 0 else 1 + 3 * side + k) * n + i
                     closed[count] = a
                     count += 1
-                    place(contacts, a, gap, arm, radius[i], axis, center[i], (nx, ny, nz))
-                    contacts.link[a], contacts.other[a] = i, -1
-                    face_link(frame[a], (nx, ny, nz), axis)
+                    place_contact(contacts, a, gap, arm, radius[i], axis, center[i], (nx, ny, nz))
+                    contacts.link[a], contacts.other_link[a] = i, -1
+                    fill_contact_frame(frame[a], (nx, ny, nz), axis)
         for k in range(len(obstacles.pegs)):
             px, py, peg_radius = obstacles.pegs[k, 0], obstacles.pegs[k, 1], obstacles.pegs[k, 2]
             reach = offset[i] + radius[i] + peg_radius + tolerance
@@ -155,13 +157,13 @@ def touching(obstacles, tolerance, offset, radius, q, R, center, closed, contact
                 a = obstacles.first_peg + k * n + i
                 closed[count] = a
                 count += 1
-                place(contacts, a, gap, arm, radius[i], axis, center[i], (nx, ny, 0.0))
-                contacts.link[a], contacts.other[a] = i, -1
-                fill(frame[a], 0, (nx, ny, 0.0))
-                fill(frame[a], 1, (-ny, nx, 0.0))
-                fill(frame[a], 2, (0.0, 0.0, 1.0))
+                place_contact(contacts, a, gap, arm, radius[i], axis, center[i], (nx, ny, 0.0))
+                contacts.link[a], contacts.other_link[a] = i, -1
+                set_axis(frame[a], 0, (nx, ny, 0.0))
+                set_axis(frame[a], 1, (-ny, nx, 0.0))
+                set_axis(frame[a], 2, (0.0, 0.0, 1.0))
     if obstacles.pair_count > 0:
-        count = touching_links(
+        count = find_pair_contacts(
             obstacles.first_pair, tolerance, offset, radius, q, R, center, closed, contacts, frame,
             count,
         )  # fmt: skip
@@ -169,7 +171,7 @@ def touching(obstacles, tolerance, offset, radius, q, R, center, closed, contact
 
 
 @merged
-def touching_links(a, tolerance, offset, radius, q, R, center, closed, contacts, frame, count):
+def find_pair_contacts(a, tolerance, offset, radius, q, R, center, closed, contacts, frame, count):
     """Fill the contacts of links with each other, from number a on; return how many are closed."""
     n = len(R)
     for i in range(n):
@@ -192,15 +194,15 @@ def touching_links(a, tolerance, offset, radius, q, R, center, closed, contacts,
                     closed[count] = a
                     count += 1
                     normal = dx / distance, dy / distance, dz / distance
-                    place(contacts, a, gap, arm, radius[i], axis, center[i], normal)
-                    contacts.link[a], contacts.other[a] = i, j
-                    face_link(frame[a], normal, axis)
+                    place_contact(contacts, a, gap, arm, radius[i], axis, center[i], normal)
+                    contacts.link[a], contacts.other_link[a] = i, j
+                    fill_contact_frame(frame[a], normal, axis)
                 a += 1
     return count
 
 
 @merged
-def penetration_of(obstacles, offset, radius, q):
+def obstacle_penetration(obstacles, offset, radius, q):
     """Return how deep the robot is in the ground or in a peg [m], 0 if it is not."""
     lowest = 0.0
     for i in range(len(q)):
@@ -277,13 +279,13 @@ def ground_contact(obstacles, x, y, z, radius, k):
     cell = obstacles.cell
     column = math.floor((x - obstacles.origin_x) / cell)
     row = math.floor((y - obstacles.origin_y) / cell)
-    own = height(obstacles, column, row)
+    own = cell_top(obstacles, column, row)
     if k == 0:
         return z - own - radius, 0.0, 0.0, 1.0
     side_x = -1 if x < obstacles.origin_x + cell * (column + 0.5) else 1
     side_y = -1 if y < obstacles.origin_y + cell * (row + 0.5) else 1
     beyond_x, beyond_y = side_x if k != 2 else 0, side_y if k != 1 else 0
-    top = height(obstacles, column + beyond_x, row + beyond_y)
+    top = cell_top(obstacles, column + beyond_x, row + beyond_y)
     if top <= own:
         return math.inf, 0.0, 0.0, 1.0
     dx = dy = 0.0
@@ -293,8 +295,8 @@ def ground_contact(obstacles, x, y, z, radius, k):
         dy = y - (obstacles.origin_y + cell * (row + 0.5) + side_y * cell / 2)
     dz = max(0.0, z - top)
     if k == 3:
-        along_x = height(obstacles, column + side_x, row)
-        along_y = height(obstacles, column, row + side_y)
+        along_x = cell_top(obstacles, column + side_x, row)
+        along_y = cell_top(obstacles, column, row + side_y)
         if max(along_x, along_y) >= min(z, top):  # on the box of another neighbor, too
             return math.inf, 0.0, 0.0, 1.0
     distance = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -304,7 +306,7 @@ def ground_contact(obstacles, x, y, z, radius, k):
 
 
 @inlined
-def height(obstacles, column, row):
+def cell_top(obstacles, column, row):
     """Return the height of a cell [m]."""
     heights = obstacles.heights
     if 0 <= row < heights.shape[0] and 0 <= column < heights.shape[1]:
@@ -313,7 +315,7 @@ def height(obstacles, column, row):
 
 
 @inlined
-def place(contacts, a, gap, arm, radius, axis, center, normal):
+def place_contact(contacts, a, gap, arm, radius, axis, center, normal):
     """Fill the point of contact a: on the sphere around a point of the link axis."""
     contacts.gap[a] = gap
     contacts.shift[a] = 0.0
@@ -323,7 +325,7 @@ def place(contacts, a, gap, arm, radius, axis, center, normal):
 
 
 @inlined
-def face_link(frame, normal, axis):
+def fill_contact_frame(frame, normal, axis):
     """
     Fill a frame with e_x along a link and e_y across it, in the tangent plane.
 
@@ -331,27 +333,27 @@ def face_link(frame, normal, axis):
     a wall across e_x, stands in for its axis.
     """
     nx, ny, nz = normal
-    x, y, z = tangential(normal, axis)
+    x, y, z = tangential_part(normal, axis)
     square = x * x + y * y + z * z
     if square <= 1e-12:
         steep = abs(nx) > 0.7
-        x, y, z = tangential(normal, (0.0 if steep else 1.0, 1.0 if steep else 0.0, 0.0))
+        x, y, z = tangential_part(normal, (0.0 if steep else 1.0, 1.0 if steep else 0.0, 0.0))
         square = x * x + y * y + z * z
     scale = 1.0 / math.sqrt(square)
     x, y, z = scale * x, scale * y, scale * z
-    fill(frame, 0, normal)
-    fill(frame, 1, (x, y, z))
-    fill(frame, 2, (ny * z - nz * y, nz * x - nx * z, nx * y - ny * x))
+    set_axis(frame, 0, normal)
+    set_axis(frame, 1, (x, y, z))
+    set_axis(frame, 2, (ny * z - nz * y, nz * x - nx * z, nx * y - ny * x))
 
 
 @inlined
-def tangential(normal, v):
+def tangential_part(normal, v):
     """Return v without its part along the normal."""
     along = normal[0] * v[0] + normal[1] * v[1] + normal[2] * v[2]
     return v[0] - along * normal[0], v[1] - along * normal[1], v[2] - along * normal[2]
 
 
 @inlined
-def fill(frame, k, v):
+def set_axis(frame, k, v):
     """Write the vector v to frame[k]."""
     frame[k, 0], frame[k, 1], frame[k, 2] = v

@@ -64,7 +64,7 @@ def direction(contacts, frame, a, k):
 def add_wrench_in_frames(closed, contacts, frame, wrench):
     """Do what `add_contact_wrench` does, for contacts with frames."""
     for a in closed:
-        i, other = contacts.link[a], contacts.other[a]
+        i, other = contacts.link[a], contacts.other_link[a]
         for k in range(3):
             w = direction(contacts, frame, a, k)
             for j in range(6):
@@ -82,7 +82,7 @@ def add_wrench_in_frames(closed, contacts, frame, wrench):
 def velocities_in_frames(closed, contacts, frame, twist):
     """Do what `contact_velocities` does, for contacts with frames."""
     for a in closed:
-        i, other = contacts.link[a], contacts.other[a]
+        i, other = contacts.link[a], contacts.other_link[a]
         for k in range(3):
             w = direction(contacts, frame, a, k)
             gamma = contacts.shift[a] if k == 0 else 0.0

@@ -21,11 +21,11 @@ from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.projections import prox_disc
 from snake_sim_ros.contact.projections import prox_ellipse
 from snake_sim_ros.contact.projections import prox_half_line
-from snake_sim_ros.contact.prox_iteration import load
+from snake_sim_ros.contact.prox_iteration import copy_impulses
 from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.dynamics.articulated_body import factor_chain
-from snake_sim_ros.dynamics.articulated_body import unload_chain
+from snake_sim_ros.dynamics.articulated_body import reset_chain
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
@@ -43,8 +43,8 @@ def sweep(laws, closed, width, contacts, delassus, impulse):
             r = 1.0 / largest_eigenvalue(G, row + 3)
             x, y = impulse[a, 3] - r * gamma[row + 3], impulse[a, 4] - r * gamma[row + 4]
             x, y = prox_disc(x, y, rolling_disc(laws, laws.other, a).mu_x * P_N)
-            put(G, gamma, rows, row + 3, impulse, a, 3, x)
-            put(G, gamma, rows, row + 4, impulse, a, 4, y)
+            set_impulse(G, gamma, rows, row + 3, impulse, a, 3, x)
+            set_impulse(G, gamma, rows, row + 4, impulse, a, 4, y)
         else:
             impulse[a, 3] = impulse[a, 4] = 0.0
 
@@ -54,9 +54,9 @@ def project_normal(laws, G, gamma, rows, row, contacts, impulse, a):
     """Project and return the normal impulse of contact a, whose rows begin at `row`."""
     P_N = impulse[a, 0]
     r = 1.0 / (G[row, row] + laws.compliance)
-    rule = laws.compliance * (P_N - contacts.center[a])
+    rule = laws.compliance * (P_N - contacts.selection_center[a])
     P_N = prox_half_line(P_N - r * (gamma[row] + rule))
-    put(G, gamma, rows, row, impulse, a, 0, P_N)
+    set_impulse(G, gamma, rows, row, impulse, a, 0, P_N)
     return P_N
 
 
@@ -67,12 +67,12 @@ def project_sliding(laws, G, gamma, rows, row, impulse, a, P_N):
     x, y = impulse[a, 1] - r * gamma[row + 1], impulse[a, 2] - r * gamma[row + 2]
     disc = sliding_disc(laws, laws.other, a)
     x, y = prox_ellipse(x, y, disc.mu_x * P_N, disc.mu_y * P_N)
-    put(G, gamma, rows, row + 1, impulse, a, 1, x)
-    put(G, gamma, rows, row + 2, impulse, a, 2, y)
+    set_impulse(G, gamma, rows, row + 1, impulse, a, 1, x)
+    set_impulse(G, gamma, rows, row + 2, impulse, a, 2, y)
 
 
 @compiled
-def put(G, gamma, rows, column, impulse, a, j, P):
+def set_impulse(G, gamma, rows, column, impulse, a, j, P):
     """Set an impulse, and add what its change does to all velocities."""
     change = P - impulse[a, j]
     impulse[a, j] = P
@@ -92,13 +92,13 @@ def largest_eigenvalue(G, k):
 def iterate(problem, tolerance, limit, delassus, impulse):
     """Sweep until the contact laws hold; return an `Outcome`."""
     laws, closed, contacts, chain = problem
-    unload_chain(chain)
+    reset_chain(chain)
     factor_chain(chain)
     width = 5 if laws.rolling.mu_x > 0.0 else 3
     condense(closed, width, contacts, chain, delassus)
     iterations = 0
     while True:
-        load(closed, impulse, contacts)
+        copy_impulses(closed, impulse, contacts)
         condensed_velocities(closed, width, contacts, delassus)  # anew: rounding does not add up
         residual, printed = natural_map(laws, closed, contacts, tolerance)
         if residual <= tolerance or iterations >= limit:

@@ -47,8 +47,8 @@ class Laws(NamedTuple):
     sliding: Disc
     rolling: Disc
     compliance: float  # of the selection rule [1/kg]
-    least: float  # compliance that the rule is not reduced below [1/kg]
-    proximal: float  # compliance of the proximal point method [1/kg]
+    least_compliance: float  # compliance that the rule is not reduced below [1/kg]
+    proximal_compliance: float  # compliance of the proximal point method [1/kg]
     r_N: float
     r_T: float
     r_V: float

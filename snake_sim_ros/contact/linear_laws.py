@@ -19,7 +19,7 @@ import math
 from snake_sim_ros.contact.delassus import condensed_system
 from snake_sim_ros.contact.delassus import condensed_velocities
 from snake_sim_ros.contact.delassus import eliminate
-from snake_sim_ros.contact.delassus import load_chain
+from snake_sim_ros.contact.delassus import fill_wrenches
 from snake_sim_ros.contact.delassus import solve_condensed
 from snake_sim_ros.contact.directions import add_contact_wrench
 from snake_sim_ros.contact.directions import contact_velocities
@@ -31,21 +31,23 @@ from snake_sim_ros.contact.table import ROLLING
 from snake_sim_ros.contact.table import SLIDING
 from snake_sim_ros.dynamics.articulated_body import correct_chain
 from snake_sim_ros.dynamics.articulated_body import factor_chain
-from snake_sim_ros.dynamics.articulated_body import left_over
-from snake_sim_ros.dynamics.articulated_body import respond
-from snake_sim_ros.dynamics.articulated_body import unload_chain
+from snake_sim_ros.dynamics.articulated_body import find_residual
+from snake_sim_ros.dynamics.articulated_body import reset_chain
+from snake_sim_ros.dynamics.articulated_body import solve_residual
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 
-CORRECTIONS = 4  # of the twists, at most
-SMALL = 1e-6  # correction after which the next one would be rounding [m/s, rad/s]
+MOST_CORRECTIONS = 4  # of the twists, at most
+SMALL_CORRECTION = 1e-6  # correction after which the next one would be rounding [m/s, rad/s]
 
 
 @compiled
 def normal_law(laws, center, anchor, gamma):
     """Return the impulse that follows from gamma_N, and its derivative with the opposite sign."""
-    proximal = 0.0 if laws.compliance > 1e-2 * laws.proximal else laws.proximal
+    proximal = (
+        0.0 if laws.compliance > 1e-2 * laws.proximal_compliance else laws.proximal_compliance
+    )
     stiffness = 1.0 / (laws.compliance + proximal)
     P_N = stiffness * (laws.compliance * center + proximal * anchor - gamma)
     return (P_N, stiffness) if P_N > 0.0 else (0.0, 0.0)
@@ -91,7 +93,7 @@ def linearize_disc(disc, contacts, a, radius, S_N):
         disc, contacts.anchor[a, k], contacts.anchor[a, k + 1], x, y, radius
     )
     kind = SLIDING if k == 1 else ROLLING
-    contacts.force[a, k], contacts.force[a, k + 1] = P_x, P_y
+    contacts.law_impulse[a, k], contacts.law_impulse[a, k + 1] = P_x, P_y
     S_xN, S_yN = d_x * S_N, d_y * S_N
     contacts.P_0[a, k] = P_x + S_xx * x + S_xy * y + S_xN * normal
     contacts.P_0[a, k + 1] = P_y + S_xy * x + S_yy * y + S_yN * normal
@@ -104,11 +106,13 @@ def linearize(laws, closed, contacts):
     """Fill the laws of all contacts, linear about TRIAL."""
     for a in closed:
         P_N, S_N = normal_law(
-            laws, contacts.center[a], contacts.anchor[a, 0], contacts.trial[a, 0]
+            laws, contacts.selection_center[a], contacts.anchor[a, 0], contacts.trial[a, 0]
         )
-        contacts.force[a, 0] = P_N
+        contacts.law_impulse[a, 0] = P_N
         contacts.P_0[a, 0], contacts.S_N[a] = P_N + S_N * contacts.trial[a, 0], S_N
-        radius, follow = (P_N, S_N) if contacts.disc[a] == FREE else (contacts.disc[a], 0.0)
+        radius, follow = (
+            (P_N, S_N) if contacts.disc_radius[a] == FREE else (contacts.disc_radius[a], 0.0)
+        )
         linearize_disc(sliding_disc(laws, laws.other, a), contacts, a, radius, follow)
         if laws.rolling.mu_x > 0.0:
             linearize_disc(rolling_disc(laws, laws.other, a), contacts, a, radius, follow)
@@ -240,7 +244,7 @@ def linear_impulses(closed, contacts, rolling):
     """Fill the impulses of the linear laws at GAMMA, from those at TRIAL: few digits cancel."""
     for a in closed:
         normal = contacts.gamma[a, 0] - contacts.trial[a, 0]
-        contacts.impulse[a, 0] = contacts.force[a, 0] - contacts.S_N[a] * normal
+        contacts.impulse[a, 0] = contacts.law_impulse[a, 0] - contacts.S_N[a] * normal
         for k in range(1, 5 if rolling else 3, 2):
             kind = SLIDING if k == 1 else ROLLING
             x = contacts.gamma[a, k] - contacts.trial[a, k]
@@ -251,18 +255,18 @@ def linear_impulses(closed, contacts, rolling):
                 contacts.S_yy[a, kind],
             )
             S_xN, S_yN = contacts.S_xN[a, kind], contacts.S_yN[a, kind]
-            P_x, P_y = contacts.force[a, k], contacts.force[a, k + 1]
+            P_x, P_y = contacts.law_impulse[a, k], contacts.law_impulse[a, k + 1]
             contacts.impulse[a, k] = P_x - S_xx * x - S_xy * y - S_xN * normal
             contacts.impulse[a, k + 1] = P_y - S_xy * x - S_yy * y - S_yN * normal
 
 
 @inlined
-def single_count(closed, contacts, pairs):
+def count_single(closed, contacts, pairs):
     """Return the number of contacts without those of two links, which are listed last."""
     if pairs is None:
         return len(closed)
     count = len(closed)
-    while count > 0 and contacts.other[closed[count - 1]] >= 0:
+    while count > 0 and contacts.other_link[closed[count - 1]] >= 0:
         count -= 1
     return count
 
@@ -274,9 +278,9 @@ def couple_pairs(again, closed, width, contacts, chain, pairs):
 
     They couple two links, which a sweep over the chain cannot fold into the inertia of one. The
     chain is solved for a unit of every component of their impulses instead; what is left is a
-    small dense problem. `pairs` is the Delassus operator of the chain, None without such contacts.
-    Whenever the twists are corrected, so are these impulses: solved for once, they keep what
-    rounding left of the twists, 1e-7 m/s and more, and Newton's method circles there.
+    small dense problem. `pair_delassus` is the Delassus operator of the chain, None without such
+    contacts. Whenever the twists are corrected, so are these impulses: solved for once, they keep
+    what rounding left of the twists, 1e-7 m/s and more, and Newton's method circles there.
 
     Parameters
     ----------
@@ -291,20 +295,20 @@ def couple_pairs(again, closed, width, contacts, chain, pairs):
     """
     if pairs is None or len(closed) == 0:
         return 0.0
-    for j in range(len(chain.left_over)):
-        chain.left_over[j, 0] = chain.left_over[j, 1] = 0.0
+    for j in range(len(chain.residual_torque)):
+        chain.residual_torque[j, 0] = chain.residual_torque[j, 1] = 0.0
     if not again:
-        respond_to_pairs(closed, width, contacts, chain, pairs)
+        condense_pairs(closed, width, contacts, chain, pairs)
     contact_velocities(closed, contacts, chain.frame, chain.twist)
-    solve_left_over(closed, width, contacts, pairs)
+    solve_correction(closed, width, contacts, pairs)
     chain.wrench[:] = 0.0
     add_contact_wrench(closed, contacts, chain.frame, chain.wrench)
-    add_packed(closed, width, contacts, pairs)
+    add_kept_impulses(closed, width, contacts, pairs)
     return correct_chain(chain)
 
 
 @compiled
-def respond_to_pairs(closed, width, contacts, chain, pairs):
+def condense_pairs(closed, width, contacts, chain, pairs):
     """Fill G of the contacts of two links on the prepared chain; set their impulses to 0."""
     for a in closed:
         contacts.impulse[a] = 0.0
@@ -321,7 +325,7 @@ def respond_to_pairs(closed, width, contacts, chain, pairs):
             chain.wrench[:] = 0.0
             add_contact_wrench(closed[k : k + 1], contacts, chain.frame, chain.wrench)
             contacts.impulse[a, j] = 0.0
-            respond(chain)
+            solve_residual(chain)
             contact_velocities(closed, contacts, chain.frame, chain.correction)
             for other, b in enumerate(closed):
                 for i in range(width):
@@ -330,12 +334,12 @@ def respond_to_pairs(closed, width, contacts, chain, pairs):
 
 
 @compiled
-def solve_left_over(closed, width, contacts, delassus):
+def solve_correction(closed, width, contacts, delassus):
     """
     Fill the impulses with what the laws leave at GAMMA, answered by G; keep the old ones packed.
 
     To be added to the old ones. The stiffness of the laws costs as many digits here as in the
-    chain, see `articulated_body.left_over`.
+    chain, see `articulated_body.find_residual`.
     """
     rows = width * len(closed)
     B, packed = delassus.system, delassus.packed
@@ -354,8 +358,8 @@ def solve_left_over(closed, width, contacts, delassus):
 
 
 @inlined
-def add_packed(closed, width, contacts, delassus):
-    """Add to the impulses those that `solve_left_over` kept."""
+def add_kept_impulses(closed, width, contacts, delassus):
+    """Add to the impulses those that `solve_correction` kept."""
     for k, a in enumerate(closed):
         for j in range(width):
             contacts.impulse[a, j] += delassus.packed[width * k + j]
@@ -380,25 +384,28 @@ def linear_step(problem, delassus):
     if delassus is not None:
         width = 5 if rolling else 3
         finite = solve_condensed(closed, width, contacts, delassus)
-        if chain.pairs is not None:  # links that are pressed together, stiff where little moves
-            solve_left_over(closed, width, contacts, delassus)
-            add_packed(closed, width, contacts, delassus)
+        if (
+            chain.pair_delassus is not None
+        ):  # links that are pressed together, stiff where little moves
+            solve_correction(closed, width, contacts, delassus)
+            add_kept_impulses(closed, width, contacts, delassus)
             condensed_velocities(closed, width, contacts, delassus)
         return finite
-    unload_chain(chain)
-    single = closed[: single_count(closed, contacts, chain.pairs)]
+    reset_chain(chain)
+    single = closed[: count_single(closed, contacts, chain.pair_delassus)]
     add_laws(single, contacts, chain.frame, rolling, chain.wrench, chain.inertia)
     factor_chain(chain)
-    for k in range(CORRECTIONS if len(closed) > 0 else 1):  # a chain in the air is not stiff
+    for k in range(MOST_CORRECTIONS if len(closed) > 0 else 1):  # a chain in the air is not stiff
         if k > 0:  # once more for what rounding left
-            load_chain(closed, contacts, chain)
-            left_over(chain)
+            fill_wrenches(closed, contacts, chain)
+            find_residual(chain)
         largest = correct_chain(chain)
         largest = max(
-            largest, couple_pairs(k > 0, closed[len(single) :], 3, contacts, chain, chain.pairs)
+            largest,
+            couple_pairs(k > 0, closed[len(single) :], 3, contacts, chain, chain.pair_delassus),
         )
         contact_velocities(closed, contacts, chain.frame, chain.twist)
         linear_impulses(single, contacts, rolling)
-        if k > 0 and not largest > SMALL:
+        if k > 0 and not largest > SMALL_CORRECTION:
             break
     return math.isfinite(chain.twist[0, 3] + chain.twist[len(chain.twist) - 1, 3])

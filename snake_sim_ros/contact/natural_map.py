@@ -34,16 +34,16 @@ def natural_map(laws, closed, contacts, enough):
     for a in closed:
         P_N = contacts.impulse[a, 0]
         x = P_N - laws.r_N * contacts.gamma[a, 0]
-        rule = laws.compliance * (P_N - contacts.center[a])
+        rule = laws.compliance * (P_N - contacts.selection_center[a])
         selected = max(selected, abs(P_N - max(0.0, x - laws.r_N * rule)))
         printed = max(printed, abs(P_N - max(0.0, x)))
-        slide = disc_misfit(
+        slide = disc_residual(
             contacts.impulse[a, 1], contacts.impulse[a, 2], contacts.gamma[a, 1],
             contacts.gamma[a, 2], sliding_disc(laws, laws.other, a), P_N, laws.r_T, enough,
         )  # fmt: skip
         tangential = max(tangential, slide)
         if laws.rolling.mu_x > 0.0:
-            roll = disc_misfit(
+            roll = disc_residual(
                 contacts.impulse[a, 3], contacts.impulse[a, 4], contacts.gamma[a, 3],
                 contacts.gamma[a, 4], rolling_disc(laws, laws.other, a), P_N, laws.r_V, enough,
             )  # fmt: skip
@@ -71,7 +71,7 @@ def sliding_bound(laws, other, closed, contacts):
         P_N, P_x, P_y = contacts.impulse[a, 0], contacts.impulse[a, 1], contacts.impulse[a, 2]
         gamma_x, gamma_y = contacts.gamma[a, 1], contacts.gamma[a, 2]
         x = P_N - laws.r_N * contacts.gamma[a, 0]
-        rule = laws.compliance * (P_N - contacts.center[a])
+        rule = laws.compliance * (P_N - contacts.selection_center[a])
         selected = max(selected, abs(P_N - max(0.0, x - laws.r_N * rule)))
         printed = max(printed, abs(P_N - max(0.0, x)))
         x, y = over_x * (P_x - r * gamma_x), over_y * (P_y - r * gamma_y)
@@ -89,7 +89,7 @@ def sliding_bound(laws, other, closed, contacts):
 
 
 @inlined
-def disc_misfit(P_x, P_y, gamma_x, gamma_y, disc, bound, r, enough):
+def disc_residual(P_x, P_y, gamma_x, gamma_y, disc, bound, r, enough):
     """
     Return ``|P - prox(P - r gamma)|/r`` for half axes (mu_x, mu_y) bound, or an upper bound of it.
 

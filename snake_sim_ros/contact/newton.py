@@ -29,22 +29,22 @@ from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.contact.table import FREE
 from snake_sim_ros.dynamics.articulated_body import factor_chain
-from snake_sim_ros.dynamics.articulated_body import unload_chain
+from snake_sim_ros.dynamics.articulated_body import reset_chain
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 
-COUPLED_STEPS = 6  # Newton iterations before the radii are held
-COUPLED_STEPS_LATER = 4  # and between rounds
-MANY_STEPS = 100  # while the residual falls
-HELD_STEPS = 30
-PLAIN_ROUNDS = 8  # rounds after which they are solved for more exactly
-ROUNDS_ANEW = 24  # rounds after which they begin anew, where links touch links; see begin_anew
-MOST_SHARE = 64.0  # of the way that held radii are moved at once
+COUPLED_ITERATIONS = 6  # Newton iterations before the radii are held
+LATER_COUPLED_ITERATIONS = 4  # and between rounds
+MOST_COUPLED_ITERATIONS = 100  # while the residual falls
+HELD_ITERATIONS = 30
+INEXACT_ROUNDS = 8  # rounds after which they are solved for more exactly
+RESTART_ROUNDS = 24  # rounds after which they begin anew, where links touch links; see begin_anew
+MOST_RELAXATION = 64.0  # of the way that held radii are moved at once
 
 
 @compiled
-def misfit(laws, closed, contacts, fraction):
+def law_error(laws, closed, contacts, fraction):
     """
     Compare impulses and laws a fraction of the way from TRIAL, ITERATE to GAMMA, IMPULSE.
 
@@ -61,25 +61,30 @@ def misfit(laws, closed, contacts, fraction):
     for a in closed:
         step = contacts.gamma[a, 0] - contacts.trial[a, 0]
         P_N, _ = normal_law(
-            laws, contacts.center[a], contacts.anchor[a, 0], contacts.trial[a, 0] + fraction * step
+            laws,
+            contacts.selection_center[a],
+            contacts.anchor[a, 0],
+            contacts.trial[a, 0] + fraction * step,
         )
-        radius = P_N if contacts.disc[a] == FREE else contacts.disc[a]
+        radius = P_N if contacts.disc_radius[a] == FREE else contacts.disc_radius[a]
         P = contacts.iterate[a, 0]
         d = P + fraction * (contacts.impulse[a, 0] - P) - P_N
         normal = max(normal, abs(d))
         slope += d * step
-        d, along = disc_gap(sliding_disc(laws, laws.other, a), contacts, a, radius, fraction)
+        d, along = disc_law_error(sliding_disc(laws, laws.other, a), contacts, a, radius, fraction)
         sliding = max(sliding, d)
         slope += along
         if laws.rolling.mu_x > 0.0:
-            d, along = disc_gap(rolling_disc(laws, laws.other, a), contacts, a, radius, fraction)
+            d, along = disc_law_error(
+                rolling_disc(laws, laws.other, a), contacts, a, radius, fraction
+            )
             rolling = max(rolling, d)
             slope += along
     return slope, max(normal / laws.r_N, sliding / laws.r_T, rolling / laws.r_V)
 
 
 @inlined
-def disc_gap(disc, contacts, a, radius, fraction):
+def disc_law_error(disc, contacts, a, radius, fraction):
     """Return |P - P(gamma)| of one kind of friction at contact a, and its part of the slope."""
     k = disc.column
     x, y = contacts.trial[a, k], contacts.trial[a, k + 1]
@@ -101,17 +106,17 @@ def line_search(laws, closed, contacts):
 
     0 means that the way goes up from its start. False position with halved weights (Illinois).
     """
-    high, above = 1.0, misfit(laws, closed, contacts, 1.0)[0]
+    high, above = 1.0, law_error(laws, closed, contacts, 1.0)[0]
     if not above > 0.0:
         return 1.0
-    low, below = 0.0, misfit(laws, closed, contacts, 0.0)[0]
+    low, below = 0.0, law_error(laws, closed, contacts, 0.0)[0]
     if not below < 0.0:
         return 0.0
     enough = 0.1 * min(-below, above)
     fraction, side = 0.5, 0
     for _ in range(20):
         fraction = low - below * (high - low) / (above - below)
-        slope = misfit(laws, closed, contacts, fraction)[0]
+        slope = law_error(laws, closed, contacts, fraction)[0]
         if abs(slope) <= enough:
             break
         if slope > 0.0:
@@ -126,7 +131,7 @@ def line_search(laws, closed, contacts):
 
 
 @inlined
-def move(closed, contacts, fraction):
+def move_trial(closed, contacts, fraction):
     """Move TRIAL and ITERATE a fraction of the way to GAMMA and IMPULSE."""
     for a in closed:
         for j in range(5):
@@ -163,13 +168,13 @@ def anchor_disc(disc, contacts, a, radius):
 
 
 @merged
-def coupled_steps(problem, tolerance, limit, delassus, rounds):
+def iterate_coupled(problem, tolerance, limit, delassus, rounds):
     """Iterate with the radii that the normal impulses have; return iterations and the verdict."""
     laws, closed, contacts, _ = problem
     for a in closed:
-        contacts.disc[a] = FREE
+        contacts.disc_radius[a] = FREE
     residual = printed = math.inf
-    iterations, steps = 0, COUPLED_STEPS if rounds == 0 else COUPLED_STEPS_LATER
+    iterations, steps = 0, COUPLED_ITERATIONS if rounds == 0 else LATER_COUPLED_ITERATIONS
     while iterations < min(steps, limit):
         iterations += 1
         before = residual
@@ -183,34 +188,34 @@ def coupled_steps(problem, tolerance, limit, delassus, rounds):
             fraction = line_search(laws, closed, contacts)
             if fraction == 0.0:
                 break
-        move(closed, contacts, fraction)
+        move_trial(closed, contacts, fraction)
         anchor_at_iterate(laws, closed, contacts)
-        if residual < 0.95 * before and steps < MANY_STEPS:
+        if residual < 0.95 * before and steps < MOST_COUPLED_ITERATIONS:
             steps += 1  # slow, but it gets there
     return iterations, residual, printed
 
 
 @merged
-def held_steps(problem, tolerance, limit, delassus):
+def iterate_held(problem, tolerance, limit, delassus):
     """Solve the convex problem with the radii held; return iterations and the verdict."""
     laws, closed, contacts, _ = problem
     for a in closed:
-        contacts.disc[a] = contacts.held[a]
+        contacts.disc_radius[a] = contacts.held_radius[a]
     iterations = 0
-    while iterations < min(HELD_STEPS, limit):
+    while iterations < min(HELD_ITERATIONS, limit):
         iterations += 1
         if not linear_step(problem, delassus):
             return iterations, math.inf, math.inf
         fraction = line_search(laws, closed, contacts)
-        move(closed, contacts, fraction if fraction > 0.0 else 1.0)
-        if fraction == 1.0 and misfit(laws, closed, contacts, 1.0)[1] <= tolerance:
+        move_trial(closed, contacts, fraction if fraction > 0.0 else 1.0)
+        if fraction == 1.0 and law_error(laws, closed, contacts, 1.0)[1] <= tolerance:
             break
     residual, printed = natural_map(laws, closed, contacts, tolerance)
     return iterations, residual, printed
 
 
 @merged
-def newton(problem, tolerance, limit, delassus):
+def iterate(problem, tolerance, limit, delassus):
     """
     Find impulses and twists that satisfy the contact laws, from what `predict` filled.
 
@@ -225,8 +230,10 @@ def newton(problem, tolerance, limit, delassus):
     residual = printed = math.inf
     share, before = 1.0, 0.0
     for rounds in range(limit):
-        most = limit - iterations - (HELD_STEPS if rounds > 0 else 0)  # with radii held at the end
-        spent, residual, printed = coupled_steps(problem, tolerance, most, delassus, rounds)
+        most = (
+            limit - iterations - (HELD_ITERATIONS if rounds > 0 else 0)
+        )  # with radii held at the end
+        spent, residual, printed = iterate_coupled(problem, tolerance, most, delassus, rounds)
         iterations += spent
         if residual <= tolerance or iterations >= limit:
             break
@@ -236,22 +243,24 @@ def newton(problem, tolerance, limit, delassus):
                     contacts.trial[a, j] = contacts.saved_trial[a, j]
                     contacts.iterate[a, j] = contacts.saved_iterate[a, j]
             else:
-                contacts.held[a] = max(0.0, contacts.iterate[a, 0])
-                contacts.step[a] = 0.0
+                contacts.held_radius[a] = max(0.0, contacts.iterate[a, 0])
+                contacts.radius_step[a] = 0.0
         anchor_at_iterate(laws, closed, contacts)
         fell_back = True
-        inner = 1e2 * tolerance if rounds < PLAIN_ROUNDS else 0.1 * tolerance
-        spent, residual, printed = held_steps(problem, inner, limit - iterations, delassus)
+        inner = 1e2 * tolerance if rounds < INEXACT_ROUNDS else 0.1 * tolerance
+        spent, residual, printed = iterate_held(problem, inner, limit - iterations, delassus)
         iterations += spent
         if residual <= tolerance or iterations >= limit or residual == math.inf:
             break
         anchor_at_iterate(laws, closed, contacts)
-        along, size = follow(closed, contacts)
-        share, before = next_share(share, along, before, rounds), size
-        if chain.pairs is not None:
-            begin_anew(rounds, closed, contacts)
+        along, size = find_radius_steps(closed, contacts)
+        share, before = next_relaxation(share, along, before, rounds), size
+        if chain.pair_delassus is not None:
+            restart_radii(rounds, closed, contacts)
         for a in closed:
-            contacts.held[a] = max(0.0, contacts.held[a] + share * contacts.step[a])
+            contacts.held_radius[a] = max(
+                0.0, contacts.held_radius[a] + share * contacts.radius_step[a]
+            )
             for j in range(5):
                 contacts.saved_trial[a, j] = contacts.trial[a, j]
                 contacts.saved_iterate[a, j] = contacts.iterate[a, j]
@@ -259,25 +268,25 @@ def newton(problem, tolerance, limit, delassus):
 
 
 @inlined
-def begin_anew(rounds, closed, contacts):
+def restart_radii(rounds, closed, contacts):
     """
     Hold other radii where the rounds go in a circle: no friction at first, then much everywhere.
 
     The rounds have a solution to go to, but come to it only from some starts. Robots that fold
     onto themselves with friction of 0.6 and more get there by one of these.
     """
-    if rounds != ROUNDS_ANEW and rounds != 2 * ROUNDS_ANEW:
+    if rounds != RESTART_ROUNDS and rounds != 2 * RESTART_ROUNDS:
         return
     radius = 0.0
-    if rounds > ROUNDS_ANEW:
+    if rounds > RESTART_ROUNDS:
         for a in closed:
             radius = max(radius, contacts.anchor[a, 0])
     for a in closed:
-        contacts.held[a], contacts.step[a] = radius, 0.0
+        contacts.held_radius[a], contacts.radius_step[a] = radius, 0.0
 
 
 @inlined
-def follow(closed, contacts):
+def find_radius_steps(closed, contacts):
     """
     Fill STEP, how far the radii held are from the normal impulses that came of them.
 
@@ -289,20 +298,20 @@ def follow(closed, contacts):
     """
     along = size = 0.0
     for a in closed:
-        step = contacts.anchor[a, 0] - contacts.held[a]
-        along += step * contacts.step[a]
+        step = contacts.anchor[a, 0] - contacts.held_radius[a]
+        along += step * contacts.radius_step[a]
         size += step * step
-        contacts.step[a] = step
+        contacts.radius_step[a] = step
     return along, size
 
 
 @inlined
-def next_share(share, along, before, rounds):
-    """Return how much of the next step of the radii to take; see `follow`."""
+def next_relaxation(share, along, before, rounds):
+    """Return how much of the next step of the radii to take; see `find_radius_steps`."""
     if rounds > 0 and along > 0.5 * before:
-        return min(2.0 * share, MOST_SHARE)  # slow, all in one direction: further
+        return min(2.0 * share, MOST_RELAXATION)  # slow, all in one direction: further
     if along < 0.0:
-        return max(0.5 * min(share, 1.0), 1.0 / MOST_SHARE)  # to and fro: less far
+        return max(0.5 * min(share, 1.0), 1.0 / MOST_RELAXATION)  # to and fro: less far
     return share
 
 
@@ -327,7 +336,7 @@ def predict(laws, closed, contacts, history):
                 ahead = x * next_x + y * next_y > 0.0
                 contacts.trial[a, k] = next_x if ahead else x
                 contacts.trial[a, k + 1] = next_y if ahead else y
-        contacts.trial[a, 0] = -laws.compliance * (max(0.0, P_N) - contacts.center[a])
+        contacts.trial[a, 0] = -laws.compliance * (max(0.0, P_N) - contacts.selection_center[a])
 
 
 @merged
@@ -335,7 +344,7 @@ def remember(closed, contacts, history):
     """Fill history with the impulses, velocities and changes of the closed contacts, 0 if open."""
     last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:
-        contacts.noted[a] = 1
+        contacts.is_closed[a] = 1
         now = contacts.impulse[a, 0] > 0.0
         before = now and last[a, 0] > 0.0
         change[a, 0] = contacts.impulse[a, 0] - last[a, 0] if before else 0.0
@@ -346,10 +355,10 @@ def remember(closed, contacts, history):
             last[a, j] = contacts.impulse[a, j] if now else 0.0
             velocity[a, j] = contacts.gamma[a, j] if now else 0.0
     for a in range(len(contacts)):
-        if contacts.noted[a] == 0 and last[a, 0] > 0.0:
+        if contacts.is_closed[a] == 0 and last[a, 0] > 0.0:
             for j in range(5):
                 last[a, j] = velocity[a, j] = change[a, j] = 0.0
-        contacts.noted[a] = 0
+        contacts.is_closed[a] = 0
 
 
 @inlined
@@ -362,10 +371,10 @@ def solve_contacts(model, problem, delassus, history):
     laws, closed, contacts, chain = problem
     predict(laws, closed, contacts, history)
     if delassus is not None:
-        unload_chain(chain)
+        reset_chain(chain)
         factor_chain(chain)
         condense(closed, 5 if laws.rolling.mu_x > 0.0 else 3, contacts, chain, delassus)
-    outcome = newton(problem, model.residual_tolerance, model.iteration_limit, delassus)
+    outcome = iterate(problem, model.residual_tolerance, model.iteration_limit, delassus)
     if delassus is not None:
         end_twists(closed, contacts, chain)
     remember(closed, contacts, history)

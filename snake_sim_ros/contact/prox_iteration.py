@@ -16,16 +16,16 @@ from snake_sim_ros.contact.projections import prox_half_line
 from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.dynamics.articulated_body import factor_chain
-from snake_sim_ros.dynamics.articulated_body import unload_chain
+from snake_sim_ros.dynamics.articulated_body import reset_chain
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import merged
 
 # Most impulse components of a contact problem that is condensed: for larger ones it does not pay.
-CONDENSED = 48
+MOST_CONDENSED_ROWS = 48
 
 
 @compiled
-def load(closed, impulse, contacts):
+def copy_impulses(closed, impulse, contacts):
     """Fill the impulses of the table."""
     for a in closed:
         for j in range(5):
@@ -43,7 +43,7 @@ def prox_sweep(laws, closed, contacts, impulse):
     normal = sliding = rolling = 0.0
     for a in closed:
         P_N, P_x, P_y = contacts.impulse[a, 0], contacts.impulse[a, 1], contacts.impulse[a, 2]
-        rule = laws.compliance * (P_N - contacts.center[a])
+        rule = laws.compliance * (P_N - contacts.selection_center[a])
         new = prox_half_line(P_N - laws.r_N * (contacts.gamma[a, 0] + rule))
         disc = sliding_disc(laws, laws.other, a)
         new_x, new_y = prox_ellipse(
@@ -76,7 +76,7 @@ def iterate(problem, tolerance, limit, delassus, impulse):
     The residual is that of the impulses before the last projection, those of the twists.
     """
     laws, closed, contacts, chain = problem
-    unload_chain(chain)
+    reset_chain(chain)
     factor_chain(chain)
     width = 5 if laws.rolling.mu_x > 0.0 else 3
     columns = width * len(closed)
@@ -88,7 +88,7 @@ def iterate(problem, tolerance, limit, delassus, impulse):
             # than was spent, and a sweep costs less from here on. The iterates stay the same.
             condense(closed, width, contacts, chain, delassus)
             condensed = True
-        load(closed, impulse, contacts)
+        copy_impulses(closed, impulse, contacts)
         if condensed:
             condensed_velocities(closed, width, contacts, delassus)
         else:

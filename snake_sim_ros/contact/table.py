@@ -19,11 +19,11 @@ CONTACT = np.dtype(
         ('impulse', float, 5),  # impulses P [N s]
         ('gap', float),  # gap g [m]
         ('shift', float),  # velocity that a gap still leaves open, a part of gamma_N [m/s]
-        ('start', float),  # gamma_N before the contacts act [m/s]
-        ('center', float),  # P_N about which the selection rule is compliant [N s]
-        ('last', float),  # P_N of the last step [N s]
+        ('approach_velocity', float),  # gamma_N before the contacts act [m/s]
+        ('selection_center', float),  # P_N about which the selection rule is compliant [N s]
+        ('last_normal_impulse', float),  # P_N of the last step [N s]
         ('link', np.int64),  # index of the link
-        ('other', np.int64),  # index of the link that it touches, -1 for none
+        ('other_link', np.int64),  # index of the link that it touches, -1 for none
         # The linear laws P = P_0 - S gamma.
         ('P_0', float, 5),
         ('S_N', float),
@@ -35,14 +35,14 @@ CONTACT = np.dtype(
         # Newton's method.
         ('trial', float, 5),  # gamma about which the laws are linear
         ('iterate', float, 5),  # impulses that go with it
-        ('force', float, 5),  # impulses of the laws at trial
+        ('law_impulse', float, 5),  # impulses of the laws at trial
         ('anchor', float, 5),  # impulses that the proximal point method starts from
         ('saved_trial', float, 5),  # to come back to
         ('saved_iterate', float, 5),
-        ('disc', float),  # radius of the friction disc if it is held, else FREE: it is P_N
-        ('held', float),  # radius to hold next
-        ('step', float),  # how far the one held before was from what it led to
-        ('noted', np.int64),  # whether the contact is among the closed ones
+        ('disc_radius', float),  # radius of the friction disc if it is held, else FREE: it is P_N
+        ('held_radius', float),  # radius to hold next
+        ('radius_step', float),  # how far the one held before was from what it led to
+        ('is_closed', np.int64),  # whether the contact is among the closed ones
     ]
 )
 SLIDING, ROLLING = range(2)  # kinds of friction

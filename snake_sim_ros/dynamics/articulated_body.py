@@ -47,16 +47,16 @@ class Chain(NamedTuple):
     load: Array  # (n-1, 2) loads of the joint axes
     rate: Array  # (n-1, 2) rates of the joint axes
     rate_correction: Array  # (n-1, 2) what is added to them
-    left_over: Array  # (n-1, 2) torque that the rates leave
+    residual_torque: Array  # (n-1, 2) torque that the rates leave
     twist: Array  # (n, 6) the solution
     correction: Array  # (n, 6) what is added to it
     no_torque: Array  # (n-1, 2) zero
     frame: Array | None = None  # (contacts, 3, 3) contact frames; None on a flat floor
-    pairs: Any = None  # Delassus operator of contacts of two links, where there can be any
+    pair_delassus: Any = None  # Delassus operator of contacts of two links, where there can be any
 
 
 @inlined
-def unload_chain(chain):
+def reset_chain(chain):
     """Fill inertia and wrench with those of the links alone, twists and rates with 0."""
     for i in range(len(chain.wrench)):
         for k in range(6):
@@ -65,7 +65,10 @@ def unload_chain(chain):
                 chain.inertia[i, k, j] = chain.bare[i, k, j]
             chain.twist[i, k] = 0.0
     for j in range(len(chain.torque)):
-        chain.left_over[j, 0], chain.left_over[j, 1] = chain.torque[j, 0], chain.torque[j, 1]
+        chain.residual_torque[j, 0], chain.residual_torque[j, 1] = (
+            chain.torque[j, 0],
+            chain.torque[j, 1],
+        )
         chain.rate[j, 0] = chain.rate[j, 1] = 0.0
 
 
@@ -88,11 +91,11 @@ def solve_chain(chain, torque):
 
 
 @inlined
-def respond(chain):
+def solve_residual(chain):
     """Fill chain.correction with what chain.left_over and chain.wrench make of the chain."""
     articulated_velocity(
         chain.axis, chain.left, chain.right, chain.compliance,
-        chain.inertia[len(chain.inertia) // 2], chain.left_over, chain.wrench,
+        chain.inertia[len(chain.inertia) // 2], chain.residual_torque, chain.wrench,
         chain.load, chain.rate_correction, chain.correction,
     )  # fmt: skip
 
@@ -108,7 +111,7 @@ def correct_chain(chain):
         Largest component of a twist that was added.
 
     """
-    respond(chain)
+    solve_residual(chain)
     largest = 0.0
     for i in range(len(chain.twist)):
         for k in range(6):
@@ -121,7 +124,7 @@ def correct_chain(chain):
 
 
 @merged
-def left_over(chain):
+def find_residual(chain):
     """
     Fill what chain.twist leaves of the balance of momentum: chain.wrench and chain.left_over.
 
@@ -130,14 +133,14 @@ def left_over(chain):
     is evaluated with the bare inertia, brings them back (iterative refinement).
     """
     for i in range(len(chain.twist)):
-        v = line(chain.twist, i)
+        v = row_of(chain.twist, i)
         for k in range(6):
-            chain.wrench[i, k] -= dot(line(chain.bare[i], k), v)
+            chain.wrench[i, k] -= dot(row_of(chain.bare[i], k), v)
     for j in range(len(chain.rate)):
         rate0, rate1 = chain.rate[j, 0], chain.rate[j, 1]
         d00, d01, d11 = chain.damping[j, 0], chain.damping[j, 1], chain.damping[j, 2]
-        chain.left_over[j, 0] = chain.torque[j, 0] - d00 * rate0 - d01 * rate1
-        chain.left_over[j, 1] = chain.torque[j, 1] - d01 * rate0 - d11 * rate1
+        chain.residual_torque[j, 0] = chain.torque[j, 0] - d00 * rate0 - d01 * rate1
+        chain.residual_torque[j, 1] = chain.torque[j, 1] - d01 * rate0 - d11 * rate1
 
 
 @compiled
@@ -176,23 +179,23 @@ def articulated_inertia(axis, damping, inertia, left, right, compliance):
 @inlined
 def fold_inertia(j, axis, damping, A, parent, left, right, compliance):
     """Add to the inertia of the parent what joint j lets it feel of the inertia A beyond."""
-    s0, s1 = line(axis[j], 0), line(axis[j], 1)
-    a0, a1, a2, a3, a4, a5 = lines(A)
+    s0, s1 = row_of(axis[j], 0), row_of(axis[j], 1)
+    a0, a1, a2, a3, a4, a5 = rows_of(A)
     g0 = (dot(a0, s0), dot(a1, s0), dot(a2, s0), dot(a3, s0), dot(a4, s0), dot(a5, s0))
     g1 = (dot(a0, s1), dot(a1, s1), dot(a2, s1), dot(a3, s1), dot(a4, s1), dot(a5, s1))
-    h0, h1 = blend(s0, a0, a1, a2, a3, a4, a5), blend(s1, a0, a1, a2, a3, a4, a5)
+    h0, h1 = combine_rows(s0, a0, a1, a2, a3, a4, a5), combine_rows(s1, a0, a1, a2, a3, a4, a5)
     d00, d01 = damping[j, 0] + dot(s0, g0), damping[j, 1] + dot(s0, g1)
     d10, d11 = damping[j, 1] + dot(s1, g0), damping[j, 2] + dot(s1, g1)
     scale = 1.0 / (d00 * d11 - d01 * d10)
     c00, c01, c10, c11 = d11 * scale, -d01 * scale, -d10 * scale, d00 * scale
     compliance[j, 0], compliance[j, 1] = c00, c01
     compliance[j, 2], compliance[j, 3] = c10, c11
-    g0, g1 = pair(c00, g0, c10, g1), pair(c01, g0, c11, g1)
+    g0, g1 = combine(c00, g0, c10, g1), combine(c01, g0, c11, g1)
     add_reduced(parent, (a0, a1, a2, a3, a4, a5), g0, h0, g1, h1)
     store(left[j], 0, g0)
     store(left[j], 1, g1)
-    store(right[j], 0, pair(c00, h0, c01, h1))
-    store(right[j], 1, pair(c10, h0, c11, h1))
+    store(right[j], 0, combine(c00, h0, c01, h1))
+    store(right[j], 1, combine(c10, h0, c11, h1))
 
 
 @compiled
@@ -224,11 +227,11 @@ def articulated_velocity(
     root = n // 2
     arm, other = ZERO, ZERO
     for k in range(root):
-        arm = fold(k, axis, left, torque, load, total(arm, line(wrench, k)))
+        arm = fold(k, axis, left, torque, load, add(arm, row_of(wrench, k)))
         i = n - 1 - k
         if i > root:
-            other = fold(i - 1, axis, left, torque, load, total(other, line(wrench, i)))
-    arm = solve(root_factor, total(total(arm, other), line(wrench, root)))
+            other = fold(i - 1, axis, left, torque, load, add(other, row_of(wrench, i)))
+    arm = solve(root_factor, add(add(arm, other), row_of(wrench, root)))
     other = arm
     store(twist, root, arm)
     for k in range(root):
@@ -244,8 +247,8 @@ def articulated_velocity(
 @inlined
 def fold(j, axis, left, torque, load, w):
     """Return what the parent of joint j feels of the wrench w beyond; keep its load."""
-    load0 = torque[j, 0] + dot(line(axis[j], 0), w)
-    load1 = torque[j, 1] + dot(line(axis[j], 1), w)
+    load0 = torque[j, 0] + dot(row_of(axis[j], 0), w)
+    load1 = torque[j, 1] + dot(row_of(axis[j], 1), w)
     load[j, 0], load[j, 1] = load0, load1
     return (
         w[0] - left[j, 0, 0] * load0 - left[j, 1, 0] * load1,
@@ -261,10 +264,10 @@ def fold(j, axis, left, torque, load, w):
 def unfold(j, axis, right, compliance, load, rate, v):
     """Return the twist of the link beyond joint j from that of its parent, v; keep the rates."""
     load0, load1 = load[j, 0], load[j, 1]
-    rate0 = compliance[j, 0] * load0 + compliance[j, 1] * load1 - dot(line(right[j], 0), v)
-    rate1 = compliance[j, 2] * load0 + compliance[j, 3] * load1 - dot(line(right[j], 1), v)
+    rate0 = compliance[j, 0] * load0 + compliance[j, 1] * load1 - dot(row_of(right[j], 0), v)
+    rate1 = compliance[j, 2] * load0 + compliance[j, 3] * load1 - dot(row_of(right[j], 1), v)
     rate[j, 0], rate[j, 1] = rate0, rate1
-    return total(v, pair(rate0, line(axis[j], 0), rate1, line(axis[j], 1)))
+    return add(v, combine(rate0, row_of(axis[j], 0), rate1, row_of(axis[j], 1)))
 
 
 @compiled
@@ -300,13 +303,13 @@ def solve(A, w):
 
 
 @inlined
-def line(A, i):
+def row_of(A, i):
     """Return A[i] as a tuple."""
     return A[i, 0], A[i, 1], A[i, 2], A[i, 3], A[i, 4], A[i, 5]
 
 
 @merged
-def lines(A):
+def rows_of(A):
     """Return the six rows of A as tuples."""
     return (
         (A[0, 0], A[0, 1], A[0, 2], A[0, 3], A[0, 4], A[0, 5]),
@@ -331,13 +334,13 @@ def dot(a, b):
 
 
 @inlined
-def total(a, b):
+def add(a, b):
     """Return a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5]
 
 
 @inlined
-def pair(x, a, y, b):
+def combine(x, a, y, b):
     """Return x a + y b."""
     return (
         x * a[0] + y * b[0], x * a[1] + y * b[1], x * a[2] + y * b[2],
@@ -346,10 +349,10 @@ def pair(x, a, y, b):
 
 
 @inlined
-def blend(s, a0, a1, a2, a3, a4, a5):
+def combine_rows(s, a0, a1, a2, a3, a4, a5):
     """Return the sum of s[k] a_k."""
-    return total(
-        total(pair(s[0], a0, s[1], a1), pair(s[2], a2, s[3], a3)), pair(s[4], a4, s[5], a5)
+    return add(
+        add(combine(s[0], a0, s[1], a1), combine(s[2], a2, s[3], a3)), combine(s[4], a4, s[5], a5)
     )
 
 

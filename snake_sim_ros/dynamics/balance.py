@@ -6,7 +6,7 @@ from snake_sim_ros.dynamics.joint_control import pd_law
 
 
 @merged
-def joint_control(model, coordinate, angle, rate, torques, dampings):
+def control_impulses(model, coordinate, angle, rate, torques, dampings):
     """Fill the impulses and the implicit damping of the controller on every joint axis."""
     start, mid = coordinate[0], coordinate[1]
     for j in range(len(torques)):

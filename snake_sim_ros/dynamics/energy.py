@@ -17,7 +17,7 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import joint_rates
 from snake_sim_ros.scene.rotations import rotation_matrices
 
-BALANCE = 1.0  # s from the start over which the balance of a run is drawn up
+BALANCE_TIME = 1.0  # s from the start over which the balance of a run is drawn up
 
 
 def mechanical_energy(scene: Scene, q: Array, u: Array) -> Array:
@@ -36,7 +36,7 @@ def mechanical_energy(scene: Scene, q: Array, u: Array) -> Array:
     return np.asarray(0.5 * (inertia * u**2).sum(axis=(-2, -1)) + potential.sum(axis=-1))
 
 
-def contact_velocities(robot: Robot, q: Array, u: Array) -> Array:
+def floor_contact_velocities(robot: Robot, q: Array, u: Array) -> Array:
     """
     Return gamma_N, gamma_Tx, gamma_Ty of all floor contacts, front ones first, eqs. (17)-(31).
 
@@ -91,7 +91,7 @@ def work_of_steps(
     """
     middle, mean = 0.5 * (q[1:] + q[:-1]), 0.5 * (u[1:] + u[:-1])
     middle[..., 3:] /= np.linalg.norm(middle[..., 3:], axis=-1, keepdims=True)
-    gamma = contact_velocities(scene.robot, middle, mean)
+    gamma = floor_contact_velocities(scene.robot, middle, mean)
     contacts = (impulse * gamma).sum(axis=(1, 2))
     joints = scene.dt * (torque * joint_rates(middle, mean)).sum(axis=(1, 2))
     return contacts, joints

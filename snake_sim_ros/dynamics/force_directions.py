@@ -87,7 +87,7 @@ def scene_contacts(scene: Scene, q: Array) -> tuple[Array, Array, Array, Array]:
     gap, lever, frame = obstacles.contact_geometry(scene, q)
     n, count = robot.link_count, len(gap)
     W_N, W_T, W_V = (np.zeros((6 * n, width * count)) for width in (1, 2, 2))
-    for a, (i, j) in enumerate(obstacles.links(scene)):
+    for a, (i, j) in enumerate(obstacles.contact_links(scene)):
         normal, *tangents = frame[a]
         for link, sign in ((i, 1), (j, -1)) if j >= 0 else ((i, 1),):
             arm = q[i, :3] + lever[a] - q[link, :3]

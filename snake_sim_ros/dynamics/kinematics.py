@@ -16,7 +16,7 @@ PAPER, CENTER_OF_MASS, NONE = range(len(DRIFT_CORRECTIONS))
 
 FLAT_GAP = 1e-4  # gap of a robot that lies flat, and depth [m]
 FLAT_TILT = 1e-3  # its roll [rad]
-STILL = 1e-3  # vertical speed of a robot that lies still, and of contacts that roll [m/s]
+STILL_SPEED = 1e-3  # vertical speed of a robot that lies still, and of contacts that roll [m/s]
 
 
 @compiled
@@ -173,7 +173,7 @@ def axis_z(q, i):
 
 
 @inlined
-def joint_speed(half_length, R, u, omega):
+def joint_violation_rate(half_length, R, u, omega):
     """
     Return the fastest rate of joint violations at given velocities [m/s], eqs. (38)-(41).
 
@@ -295,7 +295,7 @@ def square_axes(q, j):
 
 
 @merged
-def penetration(offset, radius, q):
+def floor_penetration(offset, radius, q):
     """Return how deep the lowest contact sphere is below the floor [m], 0 if it is not."""
     lowest = 0.0
     for i in range(len(q)):
@@ -311,7 +311,7 @@ def lies_flat_and_still(offset, radius, q, u, omega):
         height, lift = q[i, 2] - radius[i], offset[i] * axis_z(q, i)[2]
         gap = max(abs(height + lift), abs(height - lift))
         speed = radius[i] * max(abs(omega[i, 0]), abs(omega[i, 1]))
-        if not (gap <= FLAT_GAP and max(speed, abs(u[i, 2])) <= STILL):
+        if not (gap <= FLAT_GAP and max(speed, abs(u[i, 2])) <= STILL_SPEED):
             return False
         if not abs(2.0 * (e1 * e3 - e0 * e2)) <= FLAT_TILT:
             return False

@@ -16,14 +16,16 @@ import math
 
 import numpy as np
 
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait import soft_start
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Wave
-from snake_sim_ros.scene.quantities import ParameterError
 
-MULTIPLES = range(-4, 5)  # of the yaw frequency: the pitch wave has a fixed place on the yaw wave
+FREQUENCY_RATIOS = range(
+    -4, 5
+)  # of the yaw frequency: the pitch wave has a fixed place on the yaw wave
 
 
 @dataclass(frozen=True)
@@ -85,9 +87,9 @@ class Blend:
         Return the reference that begins to blend into another gait now.
 
         Both waves keep their phase, with one exception: where the pitch frequency is one of
-        `MULTIPLES` of the yaw frequency, the two waves make up one motion, as in sidewinding.
-        Then the phases in the parameters say where the pitch wave lies on the yaw wave, and the
-        blend ends there.
+        `FREQUENCY_RATIOS` of the yaw frequency, the two waves make up one motion, as in
+        sidewinding. Then the phases in the parameters say where the pitch wave lies on the yaw
+        wave, and the blend ends there.
 
         Parameters
         ----------
@@ -109,7 +111,7 @@ class Blend:
         )
         yaw, pitch = later.frequency[-1]
         shift, waves = self.shift, yaw * gait.yaw.amplitude * gait.pitch.amplitude
-        for multiple in MULTIPLES:
+        for multiple in FREQUENCY_RATIOS:
             if waves != 0.0 and abs(pitch - multiple * yaw) < 1e-9 * abs(yaw):
                 on_yaw, on_pitch = phase - later._delays.sum(axis=0)
                 shift = multiple * on_yaw - on_pitch

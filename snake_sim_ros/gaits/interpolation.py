@@ -12,7 +12,7 @@ from snake_sim_ros.dynamics.compilation import compiled
 
 
 @compiled
-def extrapolate(times, stamp, told_angle, told_rate, horizon, angle, rate):
+def sample_command(times, stamp, told_angle, told_rate, horizon, angle, rate):
     """Write angles that change by their rates for a while after their stamps, then are held."""
     for i in range(len(times)):
         for k in range(len(stamp)):
@@ -22,7 +22,7 @@ def extrapolate(times, stamp, told_angle, told_rate, horizon, angle, rate):
 
 
 @compiled
-def move(times, axes, knots, coefficients, angle, rate):
+def sample_motion(times, axes, knots, coefficients, angle, rate):
     """Write what some axes do from the begin of a motion on; see `Motion`."""
     piece, last = 0, len(knots) - 1
     for i in range(len(times)):
@@ -40,7 +40,7 @@ def move(times, axes, knots, coefficients, angle, rate):
 
 
 @compiled
-def hold_within(limit, angle, rate):
+def hold_at_limit(limit, angle, rate):
     """Let what is beyond a limit stand still there."""
     for i in range(angle.shape[0]):
         for k in range(angle.shape[1]):

@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from snake_sim_ros.gaits.interpolation import extrapolate
-from snake_sim_ros.gaits.interpolation import hold_within
-from snake_sim_ros.gaits.interpolation import move
+from snake_sim_ros.gaits.interpolation import hold_at_limit
+from snake_sim_ros.gaits.interpolation import sample_command
+from snake_sim_ros.gaits.interpolation import sample_motion
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.posture import joint_angles
 
-INSTANT = 1e-3  # s, the length of a motion that has one point only
+SINGLE_POINT_DURATION = 1e-3  # s, the length of a motion that has one point only
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,10 @@ def motion_through(axes: Array, times: Array, angle: Array, rate: Array | None) 
 
     """
     if len(times) == 1:
-        times, angle = times[0] + np.array([0.0, INSTANT]), np.repeat(angle, 2, axis=0)
+        times, angle = (
+            times[0] + np.array([0.0, SINGLE_POINT_DURATION]),
+            np.repeat(angle, 2, axis=0),
+        )
         rate = None
     span = np.diff(times)[:, None]
     slope = np.diff(angle, axis=0) / span
@@ -139,12 +142,12 @@ class JointReference:
         shape = (len(times), *self.stamp.shape)
         sampled = np.empty((2, len(times), self.stamp.size))
         told = self.stamp.ravel(), self.angle.ravel(), self.rate.ravel()
-        extrapolate(times, *told, float(horizon), *sampled)
+        sample_command(times, *told, float(horizon), *sampled)
         for motion in self.motions:
             if motion.begin > times[-1]:
                 break
-            move(times, motion.axes, motion.times, motion.coefficients, *sampled)
-        hold_within(float(limit), *sampled)
+            sample_motion(times, motion.axes, motion.times, motion.coefficients, *sampled)
+        hold_at_limit(float(limit), *sampled)
         return sampled[0].reshape(shape), sampled[1].reshape(shape)
 
     def commanded(self, axes: Array, stamp: float, angle: Array, rate: Array) -> 'JointReference':
@@ -186,7 +189,7 @@ class JointReference:
             over, *rest = kept
             kept = tuple(rest)
             sampled = np.empty((2, 1, self.stamp.size))
-            move(np.array([over.end]), over.axes, over.times, over.coefficients, *sampled)
+            sample_motion(np.array([over.end]), over.axes, over.times, over.coefficients, *sampled)
             told = sampled[:, 0, over.axes]
             reference = replace(reference, motions=()).commanded(over.axes, over.end, *told)
         return replace(reference, motions=(*kept, *waiting))

@@ -35,13 +35,13 @@ from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import run_node
 from snake_sim_ros.nodes.sent_commands import COMMAND_FORMS
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
+from snake_sim_ros.scene.checked_records import CheckedRecord
+from snake_sim_ros.scene.checked_records import flat_fields
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.checked_records import quantity
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.quantities import flat_fields
-from snake_sim_ros.scene.quantities import ParameterError
-from snake_sim_ros.scene.quantities import quantity
-from snake_sim_ros.scene.quantities import Record
 
 # The node takes the gait of a scene, and these parameters of its robot.
 ROBOT = ('link_count', 'link_length', 'joint_limit', 'joint_rate_limit')
@@ -51,7 +51,7 @@ CHANGEABLE = ('scene', 'stride', 'cmd_vel_timeout')
 
 
 @dataclass(frozen=True, kw_only=True)
-class Settings(Record):
+class Settings(CheckedRecord):
     """Parameters of the node besides those of the gait."""
 
     scene: str = quantity(

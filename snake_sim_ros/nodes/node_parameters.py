@@ -12,14 +12,14 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from snake_sim_ros.scene.checked_records import flat_fields
+from snake_sim_ros.scene.checked_records import from_mapping
+from snake_sim_ros.scene.checked_records import nearest
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import parse_yaml
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.quantities import flat_fields
-from snake_sim_ros.scene.quantities import nearest
-from snake_sim_ros.scene.quantities import ParameterError
-from snake_sim_ros.scene.quantities import record_from
 
 S = TypeVar('S')
 
@@ -94,7 +94,7 @@ def settle(
     """
     given = given_parameters(node)
     own = {name: given[name] for name in flat_fields(kind()) if name in given}
-    settings = record_from(kind, own, node.get_name())
+    settings = from_mapping(kind, own, node.get_name())
     scene = load_scene(settings.scene)
     names = [name for name in flat_fields(scene) if name.startswith(of_scene)]
     known = {*flat_fields(settings), *names}

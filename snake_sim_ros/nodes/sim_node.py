@@ -25,7 +25,7 @@ from snake_sim_ros.nodes.simulation_services import serve
 from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.nodes.state_publishers import StatePublishers
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
-from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.simulation import steps_in

@@ -8,11 +8,11 @@ from typing import Any
 
 from rclpy.parameter import Parameter
 
+from snake_sim_ros.scene.checked_records import CheckedRecord
+from snake_sim_ros.scene.checked_records import flat_fields
+from snake_sim_ros.scene.checked_records import quantity
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.quantities import flat_fields
-from snake_sim_ros.scene.quantities import quantity
-from snake_sim_ros.scene.quantities import Record
 
 CHANGEABLE = (
     *('real_time_factor', 'command_horizon', 'command_timeout'),
@@ -23,7 +23,7 @@ CHANGEABLE = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Settings(Record):
+class Settings(CheckedRecord):
     """Parameters of the node besides those of the scene."""
 
     scene: str = quantity(

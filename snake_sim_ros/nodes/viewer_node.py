@@ -36,11 +36,11 @@ from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
 from snake_sim_ros.nodes.transforms import LATCHED
 from snake_sim_ros.nodes.viewer_controls import Controls
 from snake_sim_ros.recording import from_messages
+from snake_sim_ros.scene.checked_records import CheckedRecord
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.checked_records import quantity
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.quantities import ParameterError
-from snake_sim_ros.scene.quantities import quantity
-from snake_sim_ros.scene.quantities import Record
 from snake_sim_ros.view.frames import Frame
 from snake_sim_ros.view.frames import placed
 from snake_sim_ros.view.frames import TraceBuffer
@@ -58,7 +58,7 @@ NO_POINTS = np.zeros((0, 3))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Settings(Record):
+class Settings(CheckedRecord):
     """Parameters of the node."""
 
     host: str = quantity('127.0.0.1', '', 'address of this machine to serve the page at')

@@ -9,12 +9,12 @@ from typing import BinaryIO
 import numpy as np
 
 from snake_sim_ros.recording import from_messages
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_from_text
-from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.trajectory import Trajectory
 
@@ -111,7 +111,7 @@ def _trajectory(found: dict[str, Messages], text: str) -> Trajectory:
                 )
         position, orientation = (np.array(parts) for parts in zip(*poses, strict=True))
     else:
-        q = np.array([chain(scene.robot, each) for each in np.nan_to_num(angle)])
+        q = np.array([chain_coordinates(scene.robot, each) for each in np.nan_to_num(angle)])
         q[..., 2] -= gaps(scene.robot, q).min(axis=-1, keepdims=True)
         position, orientation = q[..., :3], q[..., 3:]
     sample, point, force = _contacts(found['markers'], stamp)

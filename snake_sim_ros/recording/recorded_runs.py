@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from snake_sim_ros.recording.bag_reader import read_bag
-from snake_sim_ros.scene.quantities import ParameterError
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.stepping.methods import method_of
 from snake_sim_ros.stepping.trajectory import Trajectory
 

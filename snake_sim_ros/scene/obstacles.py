@@ -27,7 +27,9 @@ from snake_sim_ros.scene.parameters import Ground
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
 
-BESIDE = 6  # slots of the cells beside the two spheres of a link: along x, along y, diagonal
+NEIGHBOR_SLOTS = (
+    6  # slots of the cells beside the two spheres of a link: along x, along y, diagonal
+)
 E_X, E_Y, E_Z = np.eye(3)
 # How pictures show what has no end: pegs so high, in contact radii, and boxes of the ground so far
 # below the lowest of them [m].
@@ -41,7 +43,7 @@ def is_flat(scene: Scene) -> bool:
 
 def first_peg(scene: Scene) -> int:
     """Return the number of the first contact with a peg."""
-    return scene.robot.link_count * (2 + (BESIDE if scene.ground.heights else 0))
+    return scene.robot.link_count * (2 + (NEIGHBOR_SLOTS if scene.ground.heights else 0))
 
 
 def first_pair(scene: Scene) -> int:
@@ -49,7 +51,7 @@ def first_pair(scene: Scene) -> int:
     return first_peg(scene) + scene.robot.link_count * len(scene.pegs.x)
 
 
-def pairs(scene: Scene) -> list[tuple[int, int, int, int]]:
+def pair_contacts(scene: Scene) -> list[tuple[int, int, int, int]]:
     """Return link, other link, and the signs of their spheres, of every contact of two links."""
     n = scene.robot.link_count if scene.self_contact else 0
     apart = [(i, j) for i in range(n) for j in range(i + 2, n)]
@@ -82,7 +84,7 @@ def contact_keys(scene: Scene) -> list[tuple[Any, ...]]:
     for peg in map(tuple, scene.pegs.axes.tolist()):
         keys += [('peg', *peg, before[peg], i) for i in range(n)]
         before[peg] += 1
-    return keys + [('pair', *pair) for pair in pairs(scene)]
+    return keys + [('pair', *pair) for pair in pair_contacts(scene)]
 
 
 def same_contacts(before: Scene, after: Scene) -> tuple[Array, Array]:
@@ -107,14 +109,14 @@ def same_contacts(before: Scene, after: Scene) -> tuple[Array, Array]:
     return old, new
 
 
-def links(scene: Scene) -> Array:
+def contact_links(scene: Scene) -> Array:
     """Return the link of every contact and the one it touches, or -1, shape (contacts, 2)."""
     n, first = scene.robot.link_count, first_pair(scene)
     of_world = [(a % n, -1) for a in range(first)]
-    return np.array(of_world + [(i, j) for i, j, _, _ in pairs(scene)])
+    return np.array(of_world + [(i, j) for i, j, _, _ in pair_contacts(scene)])
 
 
-def friction(scene: Scene, a: int) -> tuple[float, float, float]:
+def contact_friction(scene: Scene, a: int) -> tuple[float, float, float]:
     """Return mu along e_x and e_y of the contact frame, and of rolling, of contact a."""
     if a >= first_pair(scene):
         return scene.self_contact_friction, scene.self_contact_friction, 0.0
@@ -124,7 +126,7 @@ def friction(scene: Scene, a: int) -> tuple[float, float, float]:
     return floor.longitudinal, floor.transversal, floor.rolling
 
 
-def height(ground: Ground, column: int, row: int) -> float:
+def cell_height(ground: Ground, column: int, row: int) -> float:
     """Return the height of a cell [m]."""
     if 0 <= row < len(ground.heights) and 0 <= column < len(ground.heights[0]):
         return ground.heights[row][column]
@@ -137,7 +139,7 @@ def cell_centers(ground: Ground) -> Array:
     return np.asarray(ground.origin + ground.cell * (np.stack([columns, rows], axis=-1) + 0.5))
 
 
-def cell_of(ground: Ground, x: float, y: float) -> tuple[int, int]:
+def cell_at(ground: Ground, x: float, y: float) -> tuple[int, int]:
     """Return column and row of the cell at a point."""
     x, y = x - ground.origin[0], y - ground.origin[1]
     return math.floor(x / ground.cell), math.floor(y / ground.cell)
@@ -150,16 +152,16 @@ def nearest_points(ground: Ground, center: Array) -> list[Array | None]:
     Of the cell below it, then of its neighbors along x, along y and diagonally, on the side where
     they are nearer; None where there is no contact.
     """
-    column, row = cell_of(ground, center[0], center[1])
+    column, row = cell_at(ground, center[0], center[1])
     middle = np.array(ground.origin) + ground.cell * (np.array([column, row]) + 0.5)
     side = np.where(center[:2] < middle, -1, 1)
     edge = middle + side * ground.cell / 2
-    own = height(ground, column, row)
+    own = cell_height(ground, column, row)
     points: list[Array | None] = [np.array([center[0], center[1], own])]
     tops: list[float] = []
     for beyond in ((1, 0), (0, 1), (1, 1)):
         step = side * beyond
-        top = height(ground, column + step[0], row + step[1])
+        top = cell_height(ground, column + step[0], row + step[1])
         x, y = np.where(beyond, edge, center[:2])
         z = min(center[2], top)
         hidden = beyond == (1, 1) and max(tops) >= z
@@ -215,7 +217,10 @@ def contact_geometry(
         axis = R[i] @ E_Z
         for side, sign in enumerate((1, -1)):
             arm = sign * offset[i] * axis
-            slots = (side, *(2 + BESIDE // 2 * side + k for k in range(BESIDE // 2)))
+            slots = (
+                side,
+                *(2 + NEIGHBOR_SLOTS // 2 * side + k for k in range(NEIGHBOR_SLOTS // 2)),
+            )
             if not any(wanted[slot * n + i] for slot in slots if slot * n < first):
                 continue
             points = nearest_points(scene.ground, q[i, :3] + arm)
@@ -242,7 +247,7 @@ def contact_geometry(
             gap[a] = np.linalg.norm(apart) - peg_radius - radius[i]
             lever[a] = arm - radius[i] * normal
             frame[a] = normal, np.cross(E_Z, normal), E_Z
-    for a, (i, j, s, t) in enumerate(pairs(scene), first_pair(scene)):
+    for a, (i, j, s, t) in enumerate(pair_contacts(scene), first_pair(scene)):
         if not wanted[a]:
             continue
         arm = s * offset[i] * R[i] @ E_Z
@@ -254,9 +259,9 @@ def contact_geometry(
     return gap, lever, frame
 
 
-def support(ground: Ground, x: float, y: float, radius: float) -> float:
+def resting_height(ground: Ground, x: float, y: float, radius: float) -> float:
     """Return the height at which a sphere above (x, y) rests on the ground [m]."""
-    column, row = cell_of(ground, x, y)
+    column, row = cell_at(ground, x, y)
     most = -np.inf
     for step in np.ndindex(3, 3):
         cell = np.array([column, row]) + step - 1
@@ -264,11 +269,11 @@ def support(ground: Ground, x: float, y: float, radius: float) -> float:
         apart = np.array([x, y]) - np.clip([x, y], corner, corner + ground.cell)
         inside = radius**2 - apart @ apart
         if inside >= 0.0:
-            most = max(most, height(ground, *cell) + math.sqrt(inside))
+            most = max(most, cell_height(ground, *cell) + math.sqrt(inside))
     return most
 
 
-def lift(scene: Scene, q: Array) -> float:
+def lift_onto_ground(scene: Scene, q: Array) -> float:
     """Return how far up the robot touches the ground and is nowhere inside it [m]."""
     robot, lifts = scene.robot, []
     R = rotation_matrices(q[:, 3:])
@@ -277,5 +282,5 @@ def lift(scene: Scene, q: Array) -> float:
     ):
         for arm in (offset, -offset):
             x, y, z = q[i, :3] + arm * R[i, :, 2]
-            lifts.append(support(scene.ground, x, y, radius) - z)
+            lifts.append(resting_height(scene.ground, x, y, radius) - z)
     return float(max(lifts))

@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 import yaml
 
 from snake_sim_ros import PACKAGE
-from snake_sim_ros.scene.quantities import mapping_from
-from snake_sim_ros.scene.quantities import ParameterError
-from snake_sim_ros.scene.quantities import quantity
-from snake_sim_ros.scene.quantities import Record
-from snake_sim_ros.scene.quantities import record_from
-from snake_sim_ros.scene.quantities import replaced
+from snake_sim_ros.scene.checked_records import CheckedRecord
+from snake_sim_ros.scene.checked_records import from_mapping
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.checked_records import quantity
+from snake_sim_ros.scene.checked_records import to_mapping
+from snake_sim_ros.scene.checked_records import with_values
 
 Array = NDArray[Any]
 Numbers = tuple[float, ...]
@@ -41,7 +41,7 @@ INERTIAS = ('as_printed', 'consistent')
 
 
 @dataclass(frozen=True, kw_only=True)
-class Robot(Record):
+class Robot(CheckedRecord):
     """
     Links and joints of the robot, section VIII-A.
 
@@ -129,7 +129,7 @@ class Robot(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Friction(Record):
+class Friction(CheckedRecord):
     """Coefficients of spatial Coulomb friction (an ellipse) and of rolling friction."""
 
     longitudinal: float = quantity(
@@ -144,7 +144,7 @@ class Friction(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pegs(Record):
+class Pegs(CheckedRecord):
     """Round vertical posts of any height, fixed to the ground: one entry for each."""
 
     x: Numbers = quantity((), 'm', 'x of the peg axes')
@@ -175,7 +175,7 @@ class Pegs(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ground(Record):
+class Ground(CheckedRecord):
     """The ground as square cells of constant height; around them, and without any, it is z = 0."""
 
     heights: tuple[Numbers, ...] = quantity(
@@ -198,7 +198,7 @@ class Ground(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wave(Record):
+class Wave(CheckedRecord):
     """A wave of joint references, eqs. (70), (71)."""
 
     amplitude: float = quantity(0.0, 'rad', 'amplitude A')
@@ -209,7 +209,7 @@ class Wave(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gait(Record):
+class Gait(CheckedRecord):
     """A yaw wave, a pitch wave and the time over which both fade in."""
 
     yaw: Wave = Wave()
@@ -218,7 +218,7 @@ class Gait(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Solver(Record):
+class Solver(CheckedRecord):
     """Numbers of the contact iteration, section VII-B."""
 
     normal_compliance: float = quantity(
@@ -255,7 +255,7 @@ DRIFT_CORRECTIONS = ('paper', 'center_of_mass', 'none')
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scene(Record):
+class Scene(CheckedRecord):
     """All that is needed to repeat a run."""
 
     robot: Robot = Robot()
@@ -320,19 +320,19 @@ def load_scene(source: str | Path) -> Scene:
     mapping = _read(path)
     if isinstance(mapping.get('robot'), str):
         mapping['robot'] = _read(_find(mapping['robot'], path.parent))
-    scene: Scene = record_from(Scene, mapping, str(path.name))
+    scene: Scene = from_mapping(Scene, mapping, str(path.name))
     return scene
 
 
 def scene_from_text(text: str) -> Scene:
     """Return the scene that `scene_to_text` wrote."""
-    scene: Scene = record_from(Scene, parse_yaml(text), 'scene')
+    scene: Scene = from_mapping(Scene, parse_yaml(text), 'scene')
     return scene
 
 
 def scene_to_text(scene: Scene) -> str:
     """Return the scene as YAML text, in SI and radians, with nothing left to a default."""
-    return yaml.safe_dump(mapping_from(scene), sort_keys=False)
+    return yaml.safe_dump(to_mapping(scene), sort_keys=False)
 
 
 def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
@@ -356,7 +356,7 @@ def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
         group, _, leaf = name.rpartition('.')
         groups.setdefault(group, {})[leaf] = value
     for group, values in groups.items():
-        scene = replaced(scene, [part for part in group.split('.') if part], values, '')
+        scene = with_values(scene, [part for part in group.split('.') if part], values, '')
     return scene
 
 

@@ -6,10 +6,10 @@ import numpy as np
 
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene import obstacles
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import product
@@ -88,7 +88,7 @@ def center_of_mass(robot: Robot, q: Array) -> Array:
     return np.asarray(np.einsum('i,...ij->...j', mass, q[..., :3]) / mass.sum())
 
 
-def chain(robot: Robot, angle: Array) -> Array:
+def chain_coordinates(robot: Robot, angle: Array) -> Array:
     """
     Return the coordinates of the robot with given joint angles, link 1 flat at the origin.
 
@@ -127,13 +127,15 @@ def initial_coordinates(scene: Scene) -> Array:
 
     """
     robot = scene.robot
-    q = chain(robot, gait.reference(scene.gait, 0.0, robot.link_count - 1)[0])
+    q = chain_coordinates(robot, gait.reference(scene.gait, 0.0, robot.link_count - 1)[0])
     q[:, :2] -= q[:, :2].mean(axis=0)
     (xx, xy), (_, yy) = q[:, :2].T @ q[:, :2]
     turn = about(2, -math.atan2(2 * xy, xx - yy) / 2)
     q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
     q[:, 3:] = product(turn, q[:, 3:])
-    q[:, 2] += obstacles.lift(scene, q) if scene.ground.heights else -gaps(robot, q).min()
+    q[:, 2] += (
+        obstacles.lift_onto_ground(scene, q) if scene.ground.heights else -gaps(robot, q).min()
+    )
     if scene.pegs.x or scene.self_contact:
         refuse_overlap(scene, q)
     return q
@@ -146,7 +148,7 @@ def refuse_overlap(scene: Scene, q: Array) -> None:
     a = first + int(gap.argmin())
     if gap.min() >= 0.0:
         return
-    depth, (link, other) = -gap.min(), obstacles.links(scene)[a] + 1
+    depth, (link, other) = -gap.min(), obstacles.contact_links(scene)[a] + 1
     if other > 0:
         raise ParameterError(
             f'links must be apart at the start: link {link} is {depth:.3g} m inside link {other}'

@@ -20,9 +20,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.quantities import ParameterError
 
 # Mass and moments of inertia of a cross, over those of the link that hangs on it: parsers take
 # moments above 1e-14 kg m^2, which is little for 200 links of 7 mm.

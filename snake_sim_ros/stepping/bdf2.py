@@ -29,10 +29,10 @@ agree: backward Euler, ``q_hat = q_n`` and h = dt for both, and the next part st
 import math
 from typing import Any
 
-from snake_sim_ros.contact.detection import contacts_of
+from snake_sim_ros.contact.detection import find_contacts
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.newton import solve_contacts
-from snake_sim_ros.contact.selection import selected
+from snake_sim_ros.contact.selection import apply_selection_rule
 from snake_sim_ros.contact.solver import Problem
 from snake_sim_ros.dynamics.balance import applied_torque
 from snake_sim_ros.dynamics.balance import axis_loads
@@ -163,11 +163,11 @@ def begin(model, own, work, h, h_q, late, history):
 
     twists(own.u_star, work.omega, work.center, work.chain.twist)
     reach = max(model.activation_tolerance, LANDING_SPEED * h_q)
-    count = contacts_of(model.obstacles, reach, model, work, work.q_mid)
+    count = find_contacts(model.obstacles, reach, model, work, work.q_mid)
     closed, contacts = work.closed[:count], work.contacts
     contact_velocities(closed, contacts, work.chain.frame, work.chain.twist)
     leave_gaps(model, h_q, late, closed, contacts, history.impulse)
-    laws = selected(
+    laws = apply_selection_rule(
         model.laws, closed, contacts, model.mass, history.impulse, PRESS, model.dt,
         -h * model.gravity[2],
     )  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.kinematics import joint_speed
+from snake_sim_ros.dynamics.kinematics import joint_violation_rate
 from snake_sim_ros.dynamics.kinematics import link_frames
 from snake_sim_ros.dynamics.kinematics import rates_in_inertial_frame
 from snake_sim_ros.scene.parameters import Array
@@ -79,5 +79,5 @@ def recognize(model, work, q, u, memory):
         return
     link_frames(q[:, 3:], work.R)
     rates_in_inertial_frame(work.R, u, work.omega)
-    agrees = joint_speed(model.half_length, work.R, u, work.omega) <= CONSISTENT_SPEED
+    agrees = joint_violation_rate(model.half_length, work.R, u, work.omega) <= CONSISTENT_SPEED
     memory.phase[0] = ANEW if agrees else UNKNOWN

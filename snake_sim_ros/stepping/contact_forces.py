@@ -4,7 +4,7 @@ import numpy as np
 
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.obstacles import contact_geometry
-from snake_sim_ros.scene.obstacles import links
+from snake_sim_ros.scene.obstacles import contact_links
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
@@ -50,7 +50,7 @@ def contact_forces(scene: Scene, state: State, history: History) -> tuple[Array,
     if len(others):
         wanted = np.isin(np.arange(contact_count(scene)), others)
         _, lever, frame = contact_geometry(scene, q, wanted)
-        centers = q[links(scene)[others, 0], :3]
+        centers = q[contact_links(scene)[others, 0], :3]
         points = np.concatenate([points, centers + lever[others]])
         frames = np.concatenate([frames, frame[others]])
     impulses = history.impulse[loaded, :3]

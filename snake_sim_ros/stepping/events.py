@@ -12,7 +12,7 @@ more without their gaps.
 
 from typing import NamedTuple
 
-from snake_sim_ros.contact.selection import IMPACT
+from snake_sim_ros.contact.selection import IMPACT_WEIGHTS
 from snake_sim_ros.dynamics.compilation import inlined
 
 LANDING_SPEED = 0.3  # a gap takes part if this speed could close it in the step [m/s]
@@ -43,13 +43,14 @@ def leave_gaps(model, h_q, late, closed, contacts, impulse):
 
     """
     for a in closed:
-        contacts.start[a], contacts.last[a] = contacts.gamma[a, 0], impulse[a, 0]
-        gap = contacts.gap[a] - h_q * contacts.start[a]
+        contacts.approach_velocity[a] = contacts.gamma[a, 0]
+        contacts.last_normal_impulse[a] = impulse[a, 0]
+        gap = contacts.gap[a] - h_q * contacts.approach_velocity[a]
         rests = impulse[a, 0] > 0.0 and contacts.gap[a] <= RESTING_GAP
         if gap > model.activation_tolerance and not rests:
             contacts.shift[a] = gap / h_q
         elif gap < 0.0 and not rests:  # what the motion before put inside comes out
-            contacts.shift[a] = max(gap, late * min(0.0, contacts.start[a])) / h_q
+            contacts.shift[a] = max(gap, late * min(0.0, contacts.approach_velocity[a])) / h_q
         contacts.gamma[a, 0] += contacts.shift[a]
 
 
@@ -68,15 +69,15 @@ def events(model, h, closed, contacts):
     for m in model.mass:
         weight -= m * h * model.gravity[2]
     for a in closed:
-        largest = max(largest, contacts.last[a])
+        largest = max(largest, contacts.last_normal_impulse[a])
     jumps, lands, count = False, False, 0
     for a in closed:
         P_N = contacts.impulse[a, 0]
         count += P_N > 0.0 or contacts.shift[a] <= 0.0
         if P_N > 0.0:
             lands = lands or contacts.shift[a] != 0.0
-            meets = contacts.last[a] <= 0.0 and contacts.start[a] < 0.0
-            jumps = jumps or meets or P_N > IMPACT * max(weight, largest)
+            meets = contacts.last_normal_impulse[a] <= 0.0 and contacts.approach_velocity[a] < 0.0
+            jumps = jumps or meets or P_N > IMPACT_WEIGHTS * max(weight, largest)
     return Events(jumps or lands, lands, count)
 
 
@@ -86,7 +87,7 @@ def closed_at_end(h_q, tolerance, closed, contacts):
     count = 0
     for a in closed:
         gap = contacts.gap[a] + h_q * (
-            contacts.gamma[a, 0] - contacts.shift[a] - contacts.start[a]
+            contacts.gamma[a, 0] - contacts.shift[a] - contacts.approach_velocity[a]
         )
         if contacts.impulse[a, 0] > 0.0 or contacts.shift[a] == 0.0 or gap <= tolerance:
             contacts.shift[a] = 0.0

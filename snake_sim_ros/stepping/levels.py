@@ -16,11 +16,11 @@ import numpy as np
 
 from snake_sim_ros.dynamics.kinematics import FLAT_GAP
 from snake_sim_ros.dynamics.kinematics import FLAT_TILT
-from snake_sim_ros.dynamics.kinematics import STILL
+from snake_sim_ros.dynamics.kinematics import STILL_SPEED
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Method
 from snake_sim_ros.stepping.base import Report
@@ -104,7 +104,7 @@ def what_does_not_lie(
     if not (np.abs(R[:, 2, 0]) <= FLAT_TILT).all():
         i = int(np.abs(R[:, 2, 0]).argmax())
         return f'link {i + 1} is rolled by {np.arcsin(R[i, 2, 0]):.3g} rad'
-    if not (speed <= STILL).all():
+    if not (speed <= STILL_SPEED).all():
         return f'link {int(speed.argmax()) + 1} moves vertically at {speed.max():.3g} m/s'
     return ''
 

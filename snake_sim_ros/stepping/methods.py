@@ -9,11 +9,11 @@ from snake_sim_ros.contact.delassus import Delassus
 from snake_sim_ros.contact.delassus import make_delassus
 from snake_sim_ros.contact.gauss_seidel import GaussSeidel
 from snake_sim_ros.contact.newton import Newton
-from snake_sim_ros.contact.prox_iteration import CONDENSED
+from snake_sim_ros.contact.prox_iteration import MOST_CONDENSED_ROWS
 from snake_sim_ros.contact.prox_iteration import ProxIteration
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping import bdf2
 from snake_sim_ros.stepping import bdf2_memory
 from snake_sim_ros.stepping import levels
@@ -95,7 +95,7 @@ METHODS: dict[str, Method] = {
     ),
     # The paper's iteration: projections of all contacts at once.
     'paper': Method(
-        spatial=_spatial(lambda scene: ProxIteration(make_delassus(CONDENSED))),
+        spatial=_spatial(lambda scene: ProxIteration(make_delassus(MOST_CONDENSED_ROWS))),
         planar=_planar(lambda scene: PlanarProxIteration()),
         where_impulses_acted=moreau.where_impulses_acted,
     ),

@@ -11,13 +11,13 @@ from snake_sim_ros.contact.detection import make_other_friction
 from snake_sim_ros.contact.detection import Obstacles
 from snake_sim_ros.contact.laws import Laws
 from snake_sim_ros.contact.laws import make_disc
-from snake_sim_ros.contact.selection import LEAST
+from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
 from snake_sim_ros.contact.table import make_table
 from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.obstacles import is_flat
-from snake_sim_ros.scene.obstacles import pairs
+from snake_sim_ros.scene.obstacles import pair_contacts
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.scene.parameters import PD_SCHEMES
@@ -76,8 +76,8 @@ def make_model(scene: Scene) -> Model:
         sliding=make_disc(1, friction.longitudinal, friction.transversal, PROXIMAL * size),
         rolling=make_disc(3, friction.rolling, friction.rolling, PROXIMAL * size),
         compliance=solver.normal_compliance * size,
-        least=LEAST * size,
-        proximal=PROXIMAL * size,
+        least_compliance=LEAST_COMPLIANCE * size,
+        proximal_compliance=PROXIMAL * size,
         r_N=solver.r_normal,
         r_T=solver.r_sliding,
         r_V=solver.r_rolling,
@@ -132,12 +132,14 @@ def make_workspace(scene: Scene) -> Workspace:
             load=zeros((n - 1, 2)),
             rate=zeros((n - 1, 2)),
             rate_correction=zeros((n - 1, 2)),
-            left_over=zeros((n - 1, 2)),
+            residual_torque=zeros((n - 1, 2)),
             twist=zeros((n, 6)),
             correction=zeros((n, 6)),
             no_torque=zeros((n - 1, 2)),
             frame=None if is_flat(scene) else zeros((count, 3, 3)),
-            pairs=make_delassus(5 * len(pairs(scene))) if scene.self_contact else None,
+            pair_delassus=make_delassus(5 * len(pair_contacts(scene)))
+            if scene.self_contact
+            else None,
         ),
         closed=np.zeros(count, np.int64),
         contacts=make_table(count),

@@ -20,16 +20,16 @@ import math
 
 import numpy as np
 
-from snake_sim_ros.contact.detection import contacts_of
-from snake_sim_ros.contact.detection import deepest
+from snake_sim_ros.contact.detection import find_contacts
+from snake_sim_ros.contact.detection import penetration
 from snake_sim_ros.contact.directions import contact_velocities
-from snake_sim_ros.contact.selection import PRESS
-from snake_sim_ros.contact.selection import selected
+from snake_sim_ros.contact.selection import apply_selection_rule
+from snake_sim_ros.contact.selection import PRESS_SPEED
 from snake_sim_ros.contact.solver import Problem
 from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.dynamics.balance import applied_torque
 from snake_sim_ros.dynamics.balance import axis_loads
-from snake_sim_ros.dynamics.balance import joint_control
+from snake_sim_ros.dynamics.balance import control_impulses
 from snake_sim_ros.dynamics.balance import link_inertia
 from snake_sim_ros.dynamics.balance import smooth_momentum
 from snake_sim_ros.dynamics.compilation import compiled
@@ -67,16 +67,20 @@ def begin_step(model, work, steps, k):
     rates_in_inertial_frame(R, u, work.omega)
     joint_coordinates(R, work.omega, work.coordinate[1])
     chain_geometry(model.half_length, R, work.center, chain.axis)
-    joint_control(model, work.coordinate, steps.angle[k], steps.rate[k], work.torque, work.damping)
+    control_impulses(
+        model, work.coordinate, steps.angle[k], steps.rate[k], work.torque, work.damping
+    )
     axis_loads(chain.axis, work.torque, work.damping, chain.torque, chain.damping)
     link_inertia(model, R, work.center, chain.bare)
     smooth_momentum(model, model.dt, u, u, R, work.center, chain.momentum)
     twists(u, work.omega, work.center, chain.twist)
-    count = contacts_of(model.obstacles, model.activation_tolerance, model, work, work.q_mid)
+    count = find_contacts(model.obstacles, model.activation_tolerance, model, work, work.q_mid)
     closed, contacts = work.closed[:count], work.contacts
     contact_velocities(closed, contacts, chain.frame, chain.twist)
     fall, impulse = -model.dt * model.gravity[2], steps.history.impulse
-    laws = selected(model.laws, closed, contacts, model.mass, impulse, PRESS, model.dt, fall)
+    laws = apply_selection_rule(
+        model.laws, closed, contacts, model.mass, impulse, PRESS_SPEED, model.dt, fall
+    )
     return Problem(laws, closed, contacts, chain)
 
 
@@ -119,7 +123,7 @@ def finish(model, twist, q, u, settling, report):
     gap, violation = joint_violation(model.half_length, q)
     close_joints(model.drift_correction, model.half_length, model.mass, q)
     report.steps += 1
-    depth = deepest(model.obstacles, model.contact_offset, model.contact_radius, q)
+    depth = penetration(model.obstacles, model.contact_offset, model.contact_radius, q)
     report.penetration_max = max(report.penetration_max, depth)
     report.joint_gap_max = max(report.joint_gap_max, gap)
     report.joint_twist_max = max(report.joint_twist_max, violation)

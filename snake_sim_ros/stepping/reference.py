@@ -17,7 +17,7 @@ import numpy as np
 from snake_sim_ros.contact.projections import prox_disc
 from snake_sim_ros.contact.projections import prox_ellipse
 from snake_sim_ros.contact.projections import prox_half_line
-from snake_sim_ros.contact.selection import LEAST
+from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
 from snake_sim_ros.contact.selection import selection_center
 from snake_sim_ros.contact.selection import selection_compliance
 from snake_sim_ros.dynamics.force_directions import E_X
@@ -136,7 +136,7 @@ def contact_prox(
     The normal forces of a robot that lies flat are not unique, and friction depends on them; this
     tiny compliance makes them the ones of least norm. The scene can switch it off.
     """
-    (mu_x, mu_y, mu_V), r = obstacles.friction(scene, a), scene.solver
+    (mu_x, mu_y, mu_V), r = obstacles.contact_friction(scene, a), scene.solver
     P_N = prox_half_line(P[0] - r.r_normal * (gamma[0] + compliance * (P[0] - center)))
     P_T = prox_ellipse(*(P[1:3] - r.r_sliding * gamma[1:3]), mu_x * P_N, mu_y * P_N)
     P_V = prox_disc(*(P[3:] - r.r_rolling * gamma[3:]), mu_V * P_N)
@@ -181,7 +181,7 @@ class ReferenceStepper:
     ) -> tuple[State, History, Report]:
         """Return state, history and report after one step, section VII."""
         scene, robot, dt = self.scene, self.scene.robot, self.scene.dt
-        n, history, links = robot.link_count, copied(history), obstacles.links(scene)
+        n, history, links = robot.link_count, copied(history), obstacles.contact_links(scene)
         impulse = history.impulse
         u_A = state.u.ravel()
 
@@ -207,7 +207,7 @@ class ReferenceStepper:
         stops = robot.per_link('link_mass')[links[active, 0]] * (0.5 * fall - 2.0 * gamma_A[:, 0])
         most = max(0.0, float(np.append(P[:, 0], stops).max(initial=0.0)))
         compliance = selection_compliance(
-            scene.solver.normal_compliance * self.size, LEAST * self.size, most
+            scene.solver.normal_compliance * self.size, LEAST_COMPLIANCE * self.size, most
         )
         weight = fall * float(robot.per_link('link_mass').sum())
         center = selection_center(dt, P[:, 0], gamma_A, gap[active], compliance, most, weight)
@@ -261,7 +261,7 @@ def natural_map(
     scene: Scene, compliance: float, a: int, center: float, P: Array, gamma: Array
 ) -> float:
     """Return ``max |P - prox_C(P - r gamma)|/r`` of contact a, sets of the given P_N [m/s]."""
-    (mu_x, mu_y, mu_V), r = obstacles.friction(scene, a), scene.solver
+    (mu_x, mu_y, mu_V), r = obstacles.contact_friction(scene, a), scene.solver
     P_T = prox_ellipse(*(P[1:3] - r.r_sliding * gamma[1:3]), mu_x * P[0], mu_y * P[0])
     P_V = prox_disc(*(P[3:] - r.r_rolling * gamma[3:]), mu_V * P[0])
     P_N = prox_half_line(P[0] - r.r_normal * (gamma[0] + compliance * (P[0] - center)))

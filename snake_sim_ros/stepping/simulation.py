@@ -8,10 +8,10 @@ import numpy as np
 
 from snake_sim_ros.dynamics import kinematics
 from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.contact_forces import contact_forces

@@ -8,11 +8,11 @@ from typing import TypeVar
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import same_contacts
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import initial_coordinates
-from snake_sim_ros.scene.quantities import ParameterError
 
 
 @dataclass(frozen=True)

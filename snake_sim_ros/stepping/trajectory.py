@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.parameters import scene_to_text
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.base import Report
 
 FORMAT = 2  # of npz files; 1, without contacts, did not say so

@@ -23,11 +23,11 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import uniform_filter1d
 
-from snake_sim_ros.scene.obstacles import cell_of
-from snake_sim_ros.scene.obstacles import height
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.obstacles import cell_at
+from snake_sim_ros.scene.obstacles import cell_height
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Ground
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.scene.robot_description import color_name
 from snake_sim_ros.scene.robot_description import COLORS
 from snake_sim_ros.scene.rotations import rotation_matrices
@@ -179,10 +179,10 @@ def ground_faces(ground: Ground, camera: Array, sun: Array) -> tuple[Array, Arra
     # With a border, which is flat.
     cells = [(i - 1, j - 1) for i, j in np.ndindex(shape[0] + 2, shape[1] + 2)]
     for cell in sorted(cells, key=lambda cell: float(camera[2, :2] @ cell)):
-        top = height(ground, *cell)
+        top = cell_height(ground, *cell)
         corners = ground.origin + ground.cell * (np.array(cell) + 0.5 + square / 2)
         for step, paint in zip(near, paints[:2], strict=True):
-            below = height(ground, *(cell + step))
+            below = cell_height(ground, *(cell + step))
             if below < top:
                 edge = corners[square @ step > 0]
                 faces.append(np.column_stack([edge[[0, 1, 1, 0]], [top, top, below, below]]))
@@ -302,7 +302,7 @@ class Film:
     def _draw_shadows(self, bodies: Array) -> None:
         """Draw shadows on the ground below each link and peg."""
         ground = self.trajectory.scene.ground
-        floor = [height(ground, *cell_of(ground, x, y)) for x, y, _ in bodies.mean(axis=1)]
+        floor = [cell_height(ground, *cell_at(ground, x, y)) for x, y, _ in bodies.mean(axis=1)]
         fall = np.eye(3) - np.outer(UP, self.sun)  # along the light, to z = 0
         lift = np.multiply.outer(floor, UP)[:, None]
         strips = self.seen((bodies - lift) @ fall + lift)

@@ -12,7 +12,7 @@ import numpy as np
 
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.posture import chain
+from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import FLAT
@@ -140,7 +140,7 @@ def placed(robot: Robot, angle: Array, base: tuple[Array, Array] | None) -> Arra
         forward and z up. Without it the robot lies on the floor around the origin, along x.
 
     """
-    q = chain(robot, angle)
+    q = chain_coordinates(robot, angle)
     middle, center = q[robot.middle_link].copy(), q[:, :3].mean(axis=0)
     if base is None:
         along = q[-1, :2] - q[0, :2]

@@ -17,9 +17,9 @@ import webbrowser
 
 import numpy as np
 
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.view.frames import at_rest
 from snake_sim_ros.view.frames import curves
 from snake_sim_ros.view.frames import Frame

@@ -8,8 +8,8 @@ import time
 import numpy as np
 
 from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.view.frames import Frame
 from snake_sim_ros.view.frames import PATH_LENGTH

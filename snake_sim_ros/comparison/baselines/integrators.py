@@ -32,14 +32,14 @@ from snake_sim_ros.comparison.course import SAMPLE
 from snake_sim_ros.contact.delassus import make_delassus
 from snake_sim_ros.dynamics.energy import imbalance
 from snake_sim_ros.dynamics.energy import mechanical_energy
+from snake_sim_ros.scene.checked_records import CheckedRecord
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.checked_records import quantity
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.posture import joint_rates
-from snake_sim_ros.scene.quantities import ParameterError
-from snake_sim_ros.scene.quantities import quantity
-from snake_sim_ros.scene.quantities import Record
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping import moreau
 from snake_sim_ros.stepping.base import Report
@@ -57,7 +57,7 @@ BATCH = 1000  # states whose energies are evaluated together
 
 
 @dataclass(frozen=True, kw_only=True)
-class Penalty(Record):
+class Penalty(CheckedRecord):
     """
     Regularized contact: a spring-damper for each sphere, friction that is smooth at rest.
 

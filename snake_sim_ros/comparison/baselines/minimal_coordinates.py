@@ -13,14 +13,14 @@ import math
 from typing import NamedTuple
 
 from snake_sim_ros.comparison.baselines.penalty import penalty_forces
-from snake_sim_ros.contact.delassus import load_chain
-from snake_sim_ros.contact.detection import contacts_of
-from snake_sim_ros.contact.detection import deepest
+from snake_sim_ros.contact.delassus import fill_wrenches
+from snake_sim_ros.contact.detection import find_contacts
+from snake_sim_ros.contact.detection import penetration
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.dynamics.articulated_body import factor_chain
-from snake_sim_ros.dynamics.articulated_body import line
+from snake_sim_ros.dynamics.articulated_body import reset_chain
+from snake_sim_ros.dynamics.articulated_body import row_of
 from snake_sim_ros.dynamics.articulated_body import solve_chain
-from snake_sim_ros.dynamics.articulated_body import unload_chain
 from snake_sim_ros.dynamics.balance import link_inertia
 from snake_sim_ros.dynamics.balance import smooth_momentum
 from snake_sim_ros.dynamics.compilation import compiled
@@ -114,7 +114,9 @@ def move_joint(j, inner, outer, rates, chain):
         twist[outer, k] = twist[inner, k] + moved
         acceleration[outer, k] = acceleration[inner, k]
     for k in range(2):  # yaw turns about an axis of link j, pitch about one of link j+1
-        add_moved_axis(line(twist, j + k), line(axis[j], k), rates[2 * j + k], acceleration[outer])
+        add_moved_axis(
+            row_of(twist, j + k), row_of(axis[j], k), rates[2 * j + k], acceleration[outer]
+        )
 
 
 @inlined
@@ -208,17 +210,17 @@ def rate_of_change(model, law, waves, work, motion, t, y, y_dot):
     move_links(y, work, motion.u)
     balance(model, work, motion)
     y_dot[-2] = joint_torques(model, waves, t, y, chain.torque)
-    closed = work.closed[: contacts_of(model.obstacles, 0.0, model, work, work.q_mid)]
+    closed = work.closed[: find_contacts(model.obstacles, 0.0, model, work, work.q_mid)]
     contact_velocities(closed, contacts, chain.frame, chain.twist)
     penalty_forces(law, model.laws, closed, contacts, model.mass)
     y_dot[-1] = 0.0
     for a in closed:
         for k in range(3):
             y_dot[-1] += contacts.impulse[a, k] * contacts.gamma[a, k]
-    carried = carried_acceleration(line(chain.twist, root))
-    unload_chain(chain)
+    carried = carried_acceleration(row_of(chain.twist, root))
+    reset_chain(chain)
     factor_chain(chain)
-    load_chain(closed, contacts, chain)
+    fill_wrenches(closed, contacts, chain)
     solve_chain(chain, chain.torque)
     for k in range(3):
         y_dot[k] = y[begin + k]
@@ -246,4 +248,4 @@ def configuration(model, work, motion, y):
     """Fill work.q_mid and motion.u with all links; return the deepest gap below zero [m]."""
     place_links(model.half_length, y, work)
     move_links(y, work, motion.u)
-    return deepest(model.obstacles, model.contact_offset, model.contact_radius, work.q_mid)
+    return penetration(model.obstacles, model.contact_offset, model.contact_radius, work.q_mid)

@@ -17,7 +17,7 @@ from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.dynamics.articulated_body import factor_chain
-from snake_sim_ros.dynamics.articulated_body import unload_chain
+from snake_sim_ros.dynamics.articulated_body import reset_chain
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import merged
 
@@ -90,7 +90,7 @@ def solve_with_springs(law, model, problem, history):
     laws, closed, contacts, chain = problem
     penalty_forces(law, laws, closed, contacts, model.mass)
     make_impulses(model.dt, closed, contacts, history.impulse)
-    unload_chain(chain)
+    reset_chain(chain)
     factor_chain(chain)
     end_twists(closed, contacts, chain)
     residual, printed = natural_map(laws, closed, contacts, BOUND)

@@ -17,15 +17,15 @@ from snake_sim_ros.contact.delassus import condensed_velocities
 from snake_sim_ros.contact.delassus import Delassus
 from snake_sim_ros.contact.delassus import end_twists
 from snake_sim_ros.contact.gauss_seidel import project_normal
-from snake_sim_ros.contact.gauss_seidel import put
+from snake_sim_ros.contact.gauss_seidel import set_impulse
 from snake_sim_ros.contact.laws import sliding_disc
 from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.projections import prox_half_line
-from snake_sim_ros.contact.prox_iteration import load
+from snake_sim_ros.contact.prox_iteration import copy_impulses
 from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.dynamics.articulated_body import factor_chain
-from snake_sim_ros.dynamics.articulated_body import unload_chain
+from snake_sim_ros.dynamics.articulated_body import reset_chain
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 
@@ -45,9 +45,9 @@ def sweep(laws, closed, contacts, delassus, impulse):
         P_N = project_normal(laws, G, gamma, rows, row, contacts, impulse, a)
         disc = sliding_disc(laws, laws.other, a)
         x = impulse[a, 1] - gamma[row + 1] / G[row + 1, row + 1]
-        put(G, gamma, rows, row + 1, impulse, a, 1, clipped(x, disc.mu_x * P_N))
+        set_impulse(G, gamma, rows, row + 1, impulse, a, 1, clipped(x, disc.mu_x * P_N))
         y = impulse[a, 2] - gamma[row + 2] / G[row + 2, row + 2]
-        put(G, gamma, rows, row + 2, impulse, a, 2, clipped(y, disc.mu_y * P_N))
+        set_impulse(G, gamma, rows, row + 2, impulse, a, 2, clipped(y, disc.mu_y * P_N))
 
 
 @merged
@@ -56,7 +56,7 @@ def pyramid_map(laws, closed, contacts):
     normal = sliding = 0.0
     for a in closed:
         P_N, P_x, P_y = contacts.impulse[a, 0], contacts.impulse[a, 1], contacts.impulse[a, 2]
-        rule = laws.compliance * (P_N - contacts.center[a])
+        rule = laws.compliance * (P_N - contacts.selection_center[a])
         normal = max(
             normal, abs(P_N - prox_half_line(P_N - laws.r_N * (contacts.gamma[a, 0] + rule)))
         )
@@ -76,14 +76,14 @@ def iterate(problem, tolerance, limit, delassus, impulse):
     is from the other.
     """
     laws, closed, contacts, chain = problem
-    unload_chain(chain)
+    reset_chain(chain)
     factor_chain(chain)
     condense(closed, 3, contacts, chain, delassus)
     for a in closed:
         impulse[a, 3] = impulse[a, 4] = 0.0
     iterations = 0
     while True:
-        load(closed, impulse, contacts)
+        copy_impulses(closed, impulse, contacts)
         condensed_velocities(closed, 3, contacts, delassus)  # anew: rounding does not add up
         residual = pyramid_map(laws, closed, contacts)
         if residual <= tolerance or iterations >= limit:

@@ -23,8 +23,8 @@ from snake_sim_ros.comparison.stability.maps import MAPS
 from snake_sim_ros.comparison.stability.runs import Cell
 from snake_sim_ros.comparison.stability.runs import cells_of
 from snake_sim_ros.comparison.stability.runs import StabilityMap
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.quantities import ParameterError
 
 COLORS = {
     'converged': '#ffffff',

@@ -27,9 +27,9 @@ from snake_sim_ros.comparison.csv_tables import records_of
 from snake_sim_ros.comparison.csv_tables import Table
 from snake_sim_ros.dynamics.energy import mechanical_energy
 from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import empty_history

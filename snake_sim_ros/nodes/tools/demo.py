@@ -19,8 +19,8 @@ from snake_sim_ros.nodes.tools.child_nodes import Interrupted
 from snake_sim_ros.nodes.tools.child_nodes import interruptible
 from snake_sim_ros.nodes.tools.child_nodes import NodeDied
 from snake_sim_ros.nodes.tools.child_nodes import start
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.quantities import ParameterError
 
 START_TIMEOUT = 90.0  # s, for compiling and discovery
 STALL_TIMEOUT = 10.0  # s without a message

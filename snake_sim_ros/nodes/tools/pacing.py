@@ -37,10 +37,10 @@ from snake_sim_ros.nodes.tools.child_nodes import NodeDied
 from snake_sim_ros.nodes.tools.child_nodes import start
 from snake_sim_ros.nodes.tools.sim_probe import Noted
 from snake_sim_ros.nodes.tools.sim_probe import SimProbe
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.quantities import ParameterError
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.simulation import steps_in
 

@@ -32,8 +32,8 @@ from snake_sim_ros.nodes.tools.child_nodes import Child
 from snake_sim_ros.nodes.tools.child_nodes import Interrupted
 from snake_sim_ros.nodes.tools.child_nodes import NodeDied
 from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.quantities import ParameterError
 
 TIMEOUT = 90.0  # s for compiling and discovery
 ANSWER = 10.0  # s for everything else

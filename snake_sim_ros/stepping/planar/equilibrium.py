@@ -130,7 +130,7 @@ def planar_twists(model, work):
 @compiled
 def condense_sliding(model, work, delassus):
     """Fill the Delassus operator and the free velocities of sliding; normal rows are zero."""
-    contacts, closed, free = work.contacts, work.closed, delassus.free
+    contacts, closed, free = work.contacts, work.closed, delassus.free_velocity
     for a in closed:
         contacts.impulse[a, 1] = contacts.impulse[a, 2] = 0.0
     planar_twists(model, work)

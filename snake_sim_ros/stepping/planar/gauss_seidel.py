@@ -7,7 +7,7 @@ from snake_sim_ros.contact.delassus import Delassus
 from snake_sim_ros.contact.gauss_seidel import project_sliding
 from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.projections import prox_half_line
-from snake_sim_ros.contact.prox_iteration import load
+from snake_sim_ros.contact.prox_iteration import copy_impulses
 from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.stepping.planar import equilibrium
@@ -28,7 +28,7 @@ def iterate_in_plane(model, work, delassus, impulse):
     equilibrium.condense_sliding(model, work, delassus)
     iterations = 0
     while True:
-        load(closed, impulse, contacts)
+        copy_impulses(closed, impulse, contacts)
         condensed_velocities(closed, 3, contacts, delassus)
         equilibrium.find_loads(model, work)
         residual, printed = natural_map(model.laws, closed, contacts, tolerance)

@@ -101,8 +101,8 @@ def rolls_too_far(model, work, memory):
     """
     Return whether contacts slip too far by rolling to leave that out; if not, note it in memory.
 
-    The slip of a roll of ROLL_LIMIT is always left out, as a gait begins with a roll and no way. In
-    addition, a share of the way of the center of mass is left out.
+    The slip of a roll of ROLL_LIMIT is always left out, as a gait begins with a roll and no way.
+    In addition, a share of the way of the center of mass is left out.
     """
     mass = p_x = p_y = 0.0
     for i in range(len(work.twist)):

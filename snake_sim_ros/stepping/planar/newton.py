@@ -20,12 +20,12 @@ from snake_sim_ros.contact.linear_laws import linearize_disc
 from snake_sim_ros.contact.linear_laws import normal_law
 from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.newton import anchor_disc
-from snake_sim_ros.contact.newton import follow
+from snake_sim_ros.contact.newton import find_radius_steps
+from snake_sim_ros.contact.newton import INEXACT_ROUNDS
+from snake_sim_ros.contact.newton import law_error
 from snake_sim_ros.contact.newton import line_search
-from snake_sim_ros.contact.newton import misfit
-from snake_sim_ros.contact.newton import move
-from snake_sim_ros.contact.newton import next_share
-from snake_sim_ros.contact.newton import PLAIN_ROUNDS
+from snake_sim_ros.contact.newton import move_trial
+from snake_sim_ros.contact.newton import next_relaxation
 from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.contact.table import SLIDING
 from snake_sim_ros.dynamics.compilation import compiled
@@ -55,7 +55,7 @@ def predict_sliding(closed, contacts, history):
     last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:
         P_N = last[a, 0]
-        contacts.disc[a] = max(0.0, P_N + change[a, 0] + change[a, SECOND_CHANGE])
+        contacts.disc_radius[a] = max(0.0, P_N + change[a, 0] + change[a, SECOND_CHANGE])
         for k in range(3):
             contacts.anchor[a, k] = last[a, k]
         x, y = velocity[a, 1], velocity[a, 2]
@@ -73,7 +73,7 @@ def remember_sliding(closed, contacts, history):
     """Fill history with impulses, velocities and their changes, 0 if open."""
     last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:
-        contacts.noted[a] = 1
+        contacts.is_closed[a] = 1
         P_N = contacts.impulse[a, 0]
         before = last[a, 0] > 0.0
         difference = P_N - last[a, 0] if before else 0.0
@@ -86,10 +86,10 @@ def remember_sliding(closed, contacts, history):
             velocity[a, k] = gamma
             last[a, k] = contacts.impulse[a, k]
     for a in range(len(contacts) if len(contacts) > len(closed) else 0):
-        if contacts.noted[a] == 0 and last[a, 0] > 0.0:
+        if contacts.is_closed[a] == 0 and last[a, 0] > 0.0:
             for j in range(5):
                 last[a, j] = velocity[a, j] = change[a, j] = 0.0
-        contacts.noted[a] = 0
+        contacts.is_closed[a] = 0
 
 
 @inlined
@@ -107,9 +107,9 @@ def sliding_law(disc, contacts, a, again):
     """
     x, y = contacts.trial[a, 1], contacts.trial[a, 2]
     P_x, P_y, S_xx, S_xy, S_yy, _, _ = disc_law(
-        disc, contacts.anchor[a, 1], contacts.anchor[a, 2], x, y, contacts.disc[a]
+        disc, contacts.anchor[a, 1], contacts.anchor[a, 2], x, y, contacts.disc_radius[a]
     )
-    contacts.force[a, 1], contacts.force[a, 2] = P_x, P_y
+    contacts.law_impulse[a, 1], contacts.law_impulse[a, 2] = P_x, P_y
     contacts.S_xx[a, SLIDING], contacts.S_xy[a, SLIDING], contacts.S_yy[a, SLIDING] = (
         S_xx,
         S_xy,
@@ -167,11 +167,13 @@ def add_peg_laws(model, work, closed, again):
     laws, contacts, chain = model.laws, work.contacts, work.chain
     for a in closed:
         P_N, S_N = normal_law(laws, 0.0, contacts.anchor[a, 0], contacts.trial[a, 0])
-        contacts.force[a, 0], contacts.S_N[a] = P_N, S_N
+        contacts.law_impulse[a, 0], contacts.S_N[a] = P_N, S_N
         contacts.P_0[a, 0] = P_N + S_N * contacts.trial[a, 0]
-        linearize_disc(sliding_disc(laws, laws.other, a), contacts, a, contacts.disc[a], 0.0)
-        normal = contacts.force[a, 0] if again else contacts.P_0[a, 0]
-        along = contacts.force[a, 1] if again else contacts.P_0[a, 1]
+        linearize_disc(
+            sliding_disc(laws, laws.other, a), contacts, a, contacts.disc_radius[a], 0.0
+        )
+        normal = contacts.law_impulse[a, 0] if again else contacts.P_0[a, 0]
+        along = contacts.law_impulse[a, 1] if again else contacts.P_0[a, 1]
         S_T = contacts.S_xx[a, SLIDING]
         t_x, t_y = contacts.heading[a, 0], contacts.heading[a, 1]
         x, y = contacts.point[a, 0], contacts.point[a, 1]
@@ -203,7 +205,7 @@ def planar_linear_step(model, work, closed, delassus, again):
     contacts, chain, n = work.contacts, work.chain, len(work.heading)
     if delassus is not None:
         for a in closed:
-            linearize_disc(model.laws.sliding, contacts, a, contacts.disc[a], 0.0)
+            linearize_disc(model.laws.sliding, contacts, a, contacts.disc_radius[a], 0.0)
             contacts.P_0[a, 0], contacts.S_N[a] = contacts.impulse[a, 0], 0.0
         solve_condensed(closed, 3, contacts, delassus)
         return
@@ -223,7 +225,7 @@ def planar_linear_step(model, work, closed, delassus, again):
     peg_velocities(pegs, work)
     for a in pegs:
         slower = contacts.trial[a, 0] - contacts.gamma[a, 0]
-        contacts.impulse[a, 0] = contacts.force[a, 0] + contacts.S_N[a] * slower
+        contacts.impulse[a, 0] = contacts.law_impulse[a, 0] + contacts.S_N[a] * slower
     for a in closed:
         d_x = contacts.gamma[a, 1] - contacts.trial[a, 1]
         d_y = contacts.gamma[a, 2] - contacts.trial[a, 2]
@@ -232,8 +234,8 @@ def planar_linear_step(model, work, closed, delassus, again):
             contacts.S_xy[a, SLIDING],
             contacts.S_yy[a, SLIDING],
         )
-        contacts.impulse[a, 1] = contacts.force[a, 1] - S_xx * d_x - S_xy * d_y
-        contacts.impulse[a, 2] = contacts.force[a, 2] - S_xy * d_x - S_yy * d_y
+        contacts.impulse[a, 1] = contacts.law_impulse[a, 1] - S_xx * d_x - S_xy * d_y
+        contacts.impulse[a, 2] = contacts.law_impulse[a, 2] - S_xy * d_x - S_yy * d_y
 
 
 @merged
@@ -252,8 +254,8 @@ def planar_coupled_steps(model, work, closed, delassus, limit):
         if residual < 0.5 * before and steps < MANY_STEPS:
             steps += 1
         for a in closed:
-            contacts.disc[a] = max(0.0, contacts.impulse[a, 0])
-        move(closed, contacts, 1.0)
+            contacts.disc_radius[a] = max(0.0, contacts.impulse[a, 0])
+        move_trial(closed, contacts, 1.0)
         anchor_what_moves(laws, closed, contacts, STILL_SHARE * model.residual_tolerance)
     return iterations, residual
 
@@ -274,8 +276,8 @@ def planar_held_steps(model, work, closed, delassus, tolerance, again, limit):
         for i in range(len(work.twist)):
             for k in range(3):
                 work.twist[i, k] -= (1.0 - fraction) * work.chain.twist[i, k]
-        move(closed, contacts, fraction)
-        if fraction == 1.0 and misfit(laws, closed, contacts, 1.0)[1] <= tolerance:
+        move_trial(closed, contacts, fraction)
+        if fraction == 1.0 and law_error(laws, closed, contacts, 1.0)[1] <= tolerance:
             break
     return iterations
 
@@ -314,21 +316,23 @@ def solve_planar_contacts(model, work, closed, delassus, history):
         if rounds == 0:
             predict_sliding(closed, contacts, history)
             for a in closed:
-                contacts.held[a], contacts.step[a] = contacts.disc[a], 0.0
+                contacts.held_radius[a], contacts.radius_step[a] = contacts.disc_radius[a], 0.0
         for a in closed:
-            contacts.disc[a] = contacts.held[a]
-        inner = (1e2 if rounds < PLAIN_ROUNDS else 0.1) * model.residual_tolerance
+            contacts.disc_radius[a] = contacts.held_radius[a]
+        inner = (1e2 if rounds < INEXACT_ROUNDS else 0.1) * model.residual_tolerance
         iterations += planar_held_steps(
             model, work, closed, delassus, inner, rounds > 0, limit - iterations
         )
         find_loads(model, work)
         residual, _ = natural_map(laws, closed, contacts, model.residual_tolerance)
-        move(closed, contacts, 1.0)
+        move_trial(closed, contacts, 1.0)
         anchor_what_moves(laws, closed, contacts, STILL_SHARE * model.residual_tolerance)
-        along, size = follow(closed, contacts)
-        share, before = next_share(share, along, before, rounds), size
+        along, size = find_radius_steps(closed, contacts)
+        share, before = next_relaxation(share, along, before, rounds), size
         for a in closed:
-            contacts.held[a] = max(0.0, contacts.held[a] + share * contacts.step[a])
+            contacts.held_radius[a] = max(
+                0.0, contacts.held_radius[a] + share * contacts.radius_step[a]
+            )
         rounds += 1
     if delassus is not None:
         planar_twists(model, work)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.projections import prox_ellipse
 from snake_sim_ros.contact.projections import prox_half_line
-from snake_sim_ros.contact.prox_iteration import load
+from snake_sim_ros.contact.prox_iteration import copy_impulses
 from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.stepping.planar import equilibrium
@@ -39,7 +39,7 @@ def iterate_in_plane(model, work, impulse):
     equilibrium.factor_bare(work)
     iterations, change = 0, math.inf
     while not change < model.tolerance and iterations < model.iteration_limit:
-        load(work.closed, impulse, work.contacts)
+        copy_impulses(work.closed, impulse, work.contacts)
         equilibrium.planar_twists(model, work)
         equilibrium.find_loads(model, work)
         change = prox_friction(model, work, impulse)

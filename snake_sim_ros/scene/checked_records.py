@@ -21,7 +21,7 @@ from typing import get_type_hints
 
 import numpy as np
 
-WANTED = {str: 'text', bool: 'true or false', int: 'a whole number', float: 'a number'}
+KIND_NAMES = {str: 'text', bool: 'true or false', int: 'a whole number', float: 'a number'}
 
 
 class ParameterError(ValueError):
@@ -67,9 +67,9 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
             return int(value)
         if float in kinds:
             return number
-    if isinstance(value, (list, tuple, np.ndarray)) and kinds[-1] not in WANTED:
+    if isinstance(value, (list, tuple, np.ndarray)) and kinds[-1] not in KIND_NAMES:
         return tuple(_converted(name, entry, get_args(kinds[-1])[0]) for entry in value)
-    wanted = WANTED.get(kinds[0], 'numbers')
+    wanted = KIND_NAMES.get(kinds[0], 'numbers')
     raise ParameterError(f'{name} must be {wanted}, got {value!r}')
 
 
@@ -95,7 +95,7 @@ def _check(name: str, value: Any, limits: Mapping[str, Any]) -> None:
         raise ParameterError(f'{name} must be {bound}{unit}, got {value:g}{unit}')
 
 
-class Record:
+class CheckedRecord:
     """What all records share: every field is checked when the record is made."""
 
     def __post_init__(self) -> None:
@@ -137,7 +137,7 @@ def flat_fields(record: Any, prefix: str = '') -> dict[str, tuple[Any, Mapping[s
     return flat
 
 
-def record_from(cls: type, mapping: Any, where: str) -> Any:
+def from_mapping(cls: type, mapping: Any, where: str) -> Any:
     """
     Return a record of type `cls` from nested mappings.
 
@@ -162,7 +162,7 @@ def record_from(cls: type, mapping: Any, where: str) -> Any:
         if name != key:
             value = _radians(key, value, cls, where)
         elif is_dataclass(hints[name]):
-            value = record_from(hints[name], value, f'{where}: {name}')  # type: ignore[arg-type]
+            value = from_mapping(hints[name], value, f'{where}: {name}')  # type: ignore[arg-type]
         values[name] = value
     try:
         return cls(**values)
@@ -170,18 +170,18 @@ def record_from(cls: type, mapping: Any, where: str) -> Any:
         raise ParameterError(f'{where}: {error}') from None
 
 
-def mapping_from(record: Any) -> dict[str, Any]:
-    """Return nested mappings of names to values, the opposite of `record_from`."""
+def to_mapping(record: Any) -> dict[str, Any]:
+    """Return nested mappings of names to values, the opposite of `from_mapping`."""
     mapping: dict[str, Any] = {}
     for item in fields(record):
         value = getattr(record, item.name)
         if is_dataclass(value):
-            value = mapping_from(value)
+            value = to_mapping(value)
         mapping[item.name] = list(value) if isinstance(value, tuple) else value
     return mapping
 
 
-def replaced(record: Any, path: list[str], values: dict[str, Any], prefix: str) -> Any:
+def with_values(record: Any, path: list[str], values: dict[str, Any], prefix: str) -> Any:
     """Return a record with values replaced in the record that a path of names leads to."""
     names = {item.name for item in fields(record)}
     for name in path[:1] or values:
@@ -191,7 +191,7 @@ def replaced(record: Any, path: list[str], values: dict[str, Any], prefix: str) 
         inner = getattr(record, path[0])
         if not is_dataclass(inner):
             raise ParameterError(f'{prefix}{path[0]} is a value, it has no parts')
-        values = {path[0]: replaced(inner, path[1:], values, f'{prefix}{path[0]}.')}
+        values = {path[0]: with_values(inner, path[1:], values, f'{prefix}{path[0]}.')}
     try:
         return replace(record, **values)
     except ParameterError as error:

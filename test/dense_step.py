@@ -14,9 +14,9 @@ from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping import reference
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.model import PROXIMAL
+from snake_sim_ros.stepping.state import State
 
 EPS = np.finfo(float).eps
 

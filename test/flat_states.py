@@ -11,7 +11,7 @@ from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.state import State
 
 
 def flat_robot(rng: np.random.Generator, link_count: int) -> Robot:

@@ -14,7 +14,7 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.parameters import Wave
 from snake_sim_ros.stepping import simulation
-from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.state import State
 
 TIME = 0.3  # s
 KINDS = ('push', 'landing', 'stop', 'peg', 'push and landing')

@@ -7,7 +7,7 @@ from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.state import State
 
 EPS = np.finfo(float).eps
 

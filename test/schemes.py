@@ -26,10 +26,11 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping import bdf2
+from snake_sim_ros.stepping import events
 from snake_sim_ros.stepping import reference
 from snake_sim_ros.stepping.base import PREVIOUS
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.state import State
 
 
 def span(scene: Scene) -> float:
@@ -39,7 +40,7 @@ def span(scene: Scene) -> float:
 
 def of_two_states(history: Array) -> bool:
     """Return whether the next step of `bdf2` uses the formula of two states."""
-    return bool(notes(history)[bdf2.PHASE] == bdf2.SMOOTH)
+    return bool(notes(history)[bdf2.PHASE] == bdf2_memory.SMOOTH)
 
 
 def memory_of(history: Array) -> Array:
@@ -63,7 +64,7 @@ def in_motion(scene: Scene, before: State, now: State) -> Array:
     history, n = empty_history(scene), scene.robot.link_count
     memory = memory_of(history)
     memory[: 26 * n] = np.concatenate([part.ravel() for s in (before, now) for part in (s.q, s.u)])
-    notes(history)[[bdf2.PHASE, bdf2.SPAN]] = bdf2.SMOOTH, span(scene)
+    notes(history)[[bdf2.PHASE, bdf2.SPAN]] = bdf2_memory.SMOOTH, span(scene)
     return history
 
 
@@ -168,7 +169,7 @@ def bdf2_step(
 
     # Contacts that may close, and what their gaps leave open.
     gap = gaps(robot, q_star)
-    reach = max(scene.solver.activation_tolerance, bdf2.REACH * h)
+    reach = max(scene.solver.activation_tolerance, events.LANDING_SPEED * h)
     active = np.flatnonzero(gap <= reach)
     W_N, W_T, W_V = force_directions.contact_directions(robot, R)
     W = np.concatenate(
@@ -177,7 +178,7 @@ def bdf2_step(
     gamma = np.einsum('rkj,r->kj', W, u_star.ravel())
     gap, last = gap[active], history.impulse[active, 0] * h / notes(history)[bdf2.SPAN]
     ahead = gap - h * gamma[:, 0]  # where the contact would be without the motion of the step
-    rests = (last > 0.0) & (gap <= bdf2.RESTS)
+    rests = (last > 0.0) & (gap <= events.RESTING_GAP)
     out = np.maximum(ahead, (dt - h) * np.minimum(0.0, gamma[:, 0]))  # of what is inside by then
     open_ = ahead > scene.solver.activation_tolerance
     shift = np.where(rests, 0.0, np.where(open_, ahead, np.minimum(out, 0.0))) / h

@@ -35,12 +35,12 @@ from snake_sim_ros.scene.rotations import H_bar
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping import reference
-from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.model import PROXIMAL
+from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import State
 
 # Laws of the paper as printed, and with the selection rule and the activation tolerance.
 RULE: dict[str, float] = {}

@@ -13,19 +13,20 @@ from scenes import MASS
 
 from snake_sim_ros.commands import main as cli
 from snake_sim_ros.comparison import artefacts
+from snake_sim_ros.comparison.artefacts import DROP_HEIGHT
 from snake_sim_ros.comparison.artefacts import DT
-from snake_sim_ros.comparison.artefacts import FAST
-from snake_sim_ros.comparison.artefacts import HEIGHT
 from snake_sim_ros.comparison.artefacts import MU
 from snake_sim_ros.comparison.artefacts import PENALTY
-from snake_sim_ros.comparison.artefacts import TILT
+from snake_sim_ros.comparison.artefacts import SLIDING_SPEED
+from snake_sim_ros.comparison.artefacts import SLOPE_ANGLE
 from snake_sim_ros.comparison.csv_tables import read_table
+from snake_sim_ros.comparison.timed_run import trajectory_of_states
 from snake_sim_ros.contact.selection import PRESS_SPEED
-from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.base import Report
 
 OURS, REGULARIZED, PYRAMID = ('newton', ''), 'semi_implicit_euler', ('pyramid', '')
 DEFAULT, STIFF, NO_SLIP = (('mujoco', name) for name in ('default', 'fast', 'accurate'))
-FALL = math.sqrt(2 * G * HEIGHT)  # m/s, velocity of impact
+FALL = math.sqrt(2 * G * DROP_HEIGHT)  # m/s, velocity of impact
 STOP = artefacts.stopping_point(artefacts.ORTHOTROPIC)
 # A method of first order may be half a step early or late: of the way, at sqrt(2) m/s.
 LATE = math.sqrt(2) * DT / 2
@@ -64,8 +65,7 @@ def test_ours_stops_where_coulomb_says(value):
 
 
 def test_ours_sinks_in_by_one_step_at_most(value):
-    # The selection rule presses at PRESS_SPEED at most, for a second; a gap closes within one
-    # step.
+    # The selection rule presses at PRESS at most, for a second; a gap closes within one step.
     assert value(artefacts.rest, OURS)[0] < PRESS_SPEED * 1.0
     depth, rebound = value(artefacts.drop, OURS)
     assert depth < FALL * DT
@@ -74,7 +74,7 @@ def test_ours_sinks_in_by_one_step_at_most(value):
 
 def test_ours_gains_energy_by_explicit_gyroscopic_terms(value):
     # T12: velocities across grow by exp(Omega^2 dt t/2), so that ours is no better here.
-    *across, w_z = artefacts.SPIN
+    *across, w_z = artefacts.SPIN_RATES
     Omega = (ALONG - ACROSS) / ACROSS * w_z
     share = ACROSS * np.dot(across, across) / (ACROSS * np.dot(across, across) + ALONG * w_z**2)
     expected = 100 * share * (math.exp(Omega**2 * DT * 10.0) - 1)
@@ -87,7 +87,7 @@ def test_ours_gains_energy_by_explicit_gyroscopic_terms(value):
 
 def test_regularized_friction_creeps(value):
     # mu tanh(v/eps) = tan b, once the start has died out.
-    expected = PENALTY.sliding_velocity * math.atanh(math.tan(TILT) / MU)
+    expected = PENALTY.sliding_velocity * math.atanh(math.tan(SLOPE_ANGLE) / MU)
     assert value(artefacts.creep, REGULARIZED)[0] == pytest.approx(expected, rel=1e-3)
 
 
@@ -99,7 +99,7 @@ def test_springs_sink_in(value):
     omega = math.sqrt(2 * k / MASS)
     depth, rebound = value(artefacts.drop, REGULARIZED)
     assert depth == pytest.approx(FALL / (math.e * omega), rel=2 * omega * DT)
-    assert 1e-5 < rebound < HEIGHT
+    assert 1e-5 < rebound < DROP_HEIGHT
 
 
 def test_a_pyramid_changes_the_direction_of_sliding(value):
@@ -123,7 +123,7 @@ def test_mujoco_creeps_as_its_friction_is_soft(value):
     # A steady slide v of a contact with the friction f = m g sin(tilt)/2 has b v = R f, where b =
     # 2/(d_w t_c), t_c = dt, and R = (1 - d)/(d m impratio); d is 0.1 to 0.99 from the surface to a
     # depth of 0.1 mm, d_w = 0.99, impratio = 30. The defaults have t_c = 0.02 s and impratio = 1.
-    b, f = 2 / (0.99 * DT), MASS * G * math.sin(TILT) / 2
+    b, f = 2 / (0.99 * DT), MASS * G * math.sin(SLOPE_ANGLE) / 2
     softest, hardest = ((1 - d) / (d * MASS * 30) * f / b for d in (0.1, 0.99))
     assert hardest < value(artefacts.creep, STIFF)[0] < softest
     assert value(artefacts.creep, DEFAULT)[0] > softest
@@ -137,7 +137,7 @@ def test_mujoco_creeps_no_more_with_its_second_friction_solver(value):
 @pytest.mark.parametrize('contender', [DEFAULT, STIFF])
 def test_mujoco_lifts_what_slides(contender, value):
     # The cone of velocities: mu v upward if all of a step were contact, a height of (mu v)^2/2g.
-    assert 1e-3 < value(artefacts.lifting, contender)[0] < (MU * FAST) ** 2 / (2 * G)
+    assert 1e-3 < value(artefacts.lifting, contender)[0] < (MU * SLIDING_SPEED) ** 2 / (2 * G)
 
 
 @pytest.mark.parametrize('contender', [DEFAULT, STIFF, NO_SLIP])
@@ -156,8 +156,12 @@ def test_default_cone_of_mujoco_is_a_pyramid(value):
 
 def still(scene, start, steps, every):
     """Run nothing: every state is the start."""
-    count = steps // every + 1
-    return State(np.tile(start.q, (count, 1, 1)), np.tile(start.u, (count, 1, 1)))
+    return lasting(scene, start, steps // every + 1)
+
+
+def lasting(scene, state, count):
+    """Return a trajectory of so many samples of one state."""
+    return trajectory_of_states(scene, [state] * count, DT, Report(), 0.0)
 
 
 def test_the_command_writes_a_table_and_goes_on_with_it(tmp_path, monkeypatch, capsys):
@@ -183,7 +187,7 @@ def test_a_run_that_ends_early_is_a_row_without_value():
     artefact = artefacts.ARTEFACTS[0]
 
     def fails(scene, start, steps, every):
-        return State(start.q[None], start.u[None])
+        return lasting(scene, start, 1)
 
     (row,) = artefacts.measured(artefact, fails, rows)
     assert row.value is None

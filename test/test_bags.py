@@ -30,8 +30,8 @@ from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.robot_description import robot_description
-from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.state import initial_state
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 STATES = QoSProfile(depth=10)

@@ -39,10 +39,10 @@ from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.posture import joint_rates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.state import State
 
 DT = 1 / 4000
 LEVEL = (0.0, 0.0, -G)
@@ -91,8 +91,8 @@ def test_stopping_distance_is_that_of_regularized_friction(method, law):
     start = sunk(lying((v, 0.0, 0.0), radius=0.0), MASS * G / 2 / SOFT.stiffness)
     expected, eps = stopping_distance(law, v, mu, 5 * SOFT.sliding_velocity), 0.05
     if method == 'RK45':
-        course = integrate(scene, penalty, 'RK45', 1e-8, 60.0, start=start)
-        end, bound = course.position[-1, 0], course.report.steps * 1e-8  # one tolerance a step
+        run = integrate(scene, penalty, 'RK45', 1e-8, 60.0, start=start).trajectory
+        end, bound = run.position[-1, 0], run.report.steps * 1e-8  # one tolerance a step
     else:
         state, _, report = advanced(make_semi_implicit(scene, penalty), scene, start, 12000)
         assert report.steps == 12000
@@ -279,15 +279,15 @@ def test_jacobian_is_that_of_central_differences():
 def test_energy_of_an_integrated_run_is_balanced(tolerance):
     # Of every step one tolerance [J] may be left in the work of the joints and in that of the
     # contacts; the joints do 0.065 J, and 2/0.065 = 31.
-    course = integrate(undulating(), SOFT, 'RK45', tolerance, 60.0)
-    assert course.status == 'converged'
-    assert len(course.position) == 3
-    assert 0.0 < course.energy_error < 31 * course.report.steps * tolerance
+    run = integrate(undulating(), SOFT, 'RK45', tolerance, 60.0)
+    assert run.status == 'converged'
+    assert len(run.trajectory.position) == 3
+    assert 0.0 < run.energy_error < 31 * run.trajectory.report.steps * tolerance
 
 
 def test_semi_implicit_euler_is_of_first_order():
     scene = undulating(drift_correction='center_of_mass')
-    exact = integrate(scene, SOFT, 'LSODA', 1e-8, 60.0).path[-1]
+    exact = integrate(scene, SOFT, 'LSODA', 1e-8, 60.0).trajectory.path[-1]
     errors = []
     for rate in (2000, 4000, 8000):
         fine = replace(scene, dt=1 / rate)
@@ -301,10 +301,10 @@ def test_semi_implicit_euler_is_of_first_order():
 
 
 def test_a_run_that_takes_too_long_is_stopped():
-    course = integrate(undulating(), SOFT, 'RK45', 1e-4, 0.0)
-    assert course.late
-    assert course.status == 'too_slow'
-    assert course.simulated == 0.0
+    run = integrate(undulating(), SOFT, 'RK45', 1e-4, 0.0)
+    assert run.late
+    assert run.status == 'too_slow'
+    assert run.simulated == 0.0
 
 
 @pytest.mark.filterwarnings('ignore::RuntimeWarning')
@@ -322,9 +322,9 @@ def test_a_run_that_takes_too_long_is_stopped():
 )
 def test_an_integrator_that_fails_says_when_and_why(integrator, gravity, stiffness, reason):
     scene = undulating(gravity=(0.0, 0.0, -gravity))
-    course = integrate(scene, replace(SOFT, stiffness=stiffness), integrator, 1e-4, 5.0)
-    assert re.match(rf't = \S+ s: {integrator}: {reason}', course.report.failure)
-    assert course.status == 'diverged'
+    run = integrate(scene, replace(SOFT, stiffness=stiffness), integrator, 1e-4, 5.0)
+    assert re.match(rf't = \S+ s: {integrator}: {reason}', run.trajectory.report.failure)
+    assert run.status == 'diverged'
 
 
 def test_a_start_without_finite_accelerations_is_refused():

@@ -15,23 +15,18 @@ import pytest
 from snake_sim_ros.commands.bench import PARTS
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.comparison import bench
-from snake_sim_ros.comparison import bench_entries as contenders
 from snake_sim_ros.comparison import bench_rows
 from snake_sim_ros.comparison import csv_tables as tables
 from snake_sim_ros.comparison import soak
 from snake_sim_ros.comparison import timing
-from snake_sim_ros.comparison.bench_entries import Contender
 from snake_sim_ros.comparison.bench_rows import COLUMNS
 from snake_sim_ros.comparison.bench_rows import Entry
 from snake_sim_ros.comparison.bench_rows import Row
 from snake_sim_ros.comparison.bench_tables import agreement_table
 from snake_sim_ros.comparison.bench_tables import soak_table
 from snake_sim_ros.comparison.charts import cost_over_links
-from snake_sim_ros.comparison.course import Course
-from snake_sim_ros.comparison.course import extrapolated
-from snake_sim_ros.comparison.course import largest_difference
-from snake_sim_ros.comparison.course import path_error
-from snake_sim_ros.comparison.course import SAMPLE
+from snake_sim_ros.comparison.contenders import all_contenders
+from snake_sim_ros.comparison.contenders import Contender
 from snake_sim_ros.comparison.csv_tables import plain
 from snake_sim_ros.comparison.csv_tables import read_table
 from snake_sim_ros.comparison.csv_tables import Table
@@ -40,31 +35,44 @@ from snake_sim_ros.comparison.pareto import fastest
 from snake_sim_ros.comparison.pareto import fitted_order
 from snake_sim_ros.comparison.pareto import fitted_power
 from snake_sim_ros.comparison.pareto import pareto_table
+from snake_sim_ros.comparison.path_errors import extrapolated
+from snake_sim_ros.comparison.path_errors import largest_difference
+from snake_sim_ros.comparison.path_errors import motion
+from snake_sim_ros.comparison.path_errors import path_error
+from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
+from snake_sim_ros.comparison.timed_run import trajectory_of_states
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.rotations import about
+from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.state import empty_history
+from snake_sim_ros.stepping.state import State
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENE = replace(load_scene('lateral_undulation'), duration=0.3)
 
 
-def course(path, **values):
-    """Return the course of a robot of one link along a path."""
-    m = len(path)
-    values = {'seconds': 1.0, 'median': 2.0, 'p99': 3.0, 'compile_seconds': 4.0, **values}
-    return Course(
-        position=np.asarray(path, dtype=float)[:, None, :],
-        axis=np.tile([1.0, 0.0, 0.0], (m, 1, 1)),
-        joint_angle=np.zeros((m, 0, 2)),
-        report=values.pop('report', Report(steps=10 * (m - 1))),
-        **values,
-    )
+def along(path):
+    """Return the trajectory of a robot of one link along a path."""
+    path = np.asarray(path, dtype=float)
+    states = [State(np.array([[*r, 1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 6))) for r in path]
+    scene = replace(SCENE, robot=Robot(link_count=1))
+    return trajectory_of_states(scene, states, SAMPLING_PERIOD, Report(), 1.0)
 
 
-STRAIGHT = course([(0, 0, 0), (1, 0, 0), (2, 0, 0)])
+def moved_by(run, factor):
+    """Return a timed run whose way from the start is longer by a factor."""
+    start = run.trajectory.position[:1]
+    position = start + factor * (run.trajectory.position - start)
+    return replace(run, trajectory=replace(run.trajectory, position=position))
+
+
+STRAIGHT = along([(0, 0, 0), (1, 0, 0), (2, 0, 0)])
 
 
 class Sliding:
@@ -75,6 +83,10 @@ class Sliding:
     def __init__(self, scene, failing=math.inf):
         self.dt, self.failing = scene.dt, failing
         self.cycles = np.zeros(1, np.int64)
+        self.contacts = contact_count(scene)
+
+    def empty_history(self):
+        return empty_history(self.contacts)
 
     def advance(self, state, history, angle, rate):
         steps = len(angle)
@@ -88,25 +100,27 @@ class Sliding:
 
 
 def test_path_error_is_relative_to_the_way_gone():
-    bent = course([(0, 0, 0), (1, 0.3, 0.4), (2, 0, 0.1)])
+    bent = along([(0, 0, 0), (1, 0.3, 0.4), (2, 0, 0.1)])
     assert path_error(bent.path, STRAIGHT.path) == pytest.approx(0.5 / 2)
 
 
 def test_a_run_that_ended_early_is_infinitely_far_off():
     assert path_error(STRAIGHT.path[:2], STRAIGHT.path) == math.inf
-    assert largest_difference(STRAIGHT.heading[:2], STRAIGHT.heading) == math.inf
+    assert largest_difference(motion(STRAIGHT).heading[:2], motion(STRAIGHT).heading) == math.inf
 
 
 def test_extrapolation_takes_off_an_error_of_first_order():
-    coarse, fine = (course([(0, 0, 0), (1 + h, 0, 3 * h)]) for h in (0.2, 0.1))
+    coarse, fine = (along([(0, 0, 0), (1 + h, 0, 3 * h)]) for h in (0.2, 0.1))
     assert extrapolated(coarse, fine).path == pytest.approx(np.array([(0, 0, 0), (1, 0, 0)]))
 
 
 def test_heading_does_not_jump():
+    # A link whose axis e_z is at an angle in the plane: first about y by 90 deg, then about z.
     angles = np.linspace(3.0, 3.3, 4)
-    axis = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(4)])[:, None]
-    turning = replace(course(np.zeros((4, 3))), axis=axis)
-    assert np.diff(turning.heading) == pytest.approx(0.1)
+    turns = np.array([product(about(2, angle), about(1, np.pi / 2)) for angle in angles])
+    turning = replace(along(np.zeros((4, 3))), orientation=turns[:, None])
+    assert np.diff(motion(turning).heading) == pytest.approx(0.1)
+    assert motion(turning).heading[0] == pytest.approx(3.0)
 
 
 def test_times_are_those_of_the_clocks(monkeypatch):
@@ -116,11 +130,12 @@ def test_times_are_those_of_the_clocks(monkeypatch):
     monkeypatch.setattr(timing.time, 'perf_counter', lambda: next(seconds))
     monkeypatch.setattr(timing, 'cycle_counter', lambda: next(ticks))
     run = timing.timed(SCENE, Sliding)
+    trajectory = run.trajectory
     # From start to end one reading of the counter for 7 of the clock: 2 in each of 3 samples.
-    assert run.median == run.p99 == pytest.approx(2000 * 7 * 2.0)
-    assert run.seconds == pytest.approx(3e-3)
-    assert len(run.position) == 4
-    assert run.report.steps == 1200
+    assert run.timing.median == run.timing.p99 == pytest.approx(2000 * 7 * 2.0)
+    assert trajectory.seconds == pytest.approx(3e-3)
+    assert len(trajectory.position) == 4
+    assert trajectory.report.steps == 1200
 
 
 def test_a_run_that_takes_too_long_is_stopped_and_says_so(monkeypatch):
@@ -128,7 +143,7 @@ def test_a_run_that_takes_too_long_is_stopped_and_says_so(monkeypatch):
     monkeypatch.setattr(timing.time, 'perf_counter', lambda: next(seconds))
     run = timing.timed(SCENE, Sliding, limit=1.5)
     assert run.status == 'too_slow'
-    assert len(run.position) == 2
+    assert len(run.trajectory.position) == 2
 
 
 def entry(run, **values):
@@ -136,7 +151,7 @@ def entry(run, **values):
     return Entry((Row(**values),), run, 1.0)
 
 
-def rival(make=Sliding, **values):
+def contender(make=Sliding, **values):
     def run(scene, limit):
         return timing.timed(scene, make, limit=limit)
 
@@ -148,9 +163,9 @@ def rival(make=Sliding, **values):
 @pytest.fixture
 def references(monkeypatch):
     def straight(scene):
-        run = timing.timed(scene, Sliding)
-        way = np.outer(SAMPLE * np.arange(4), [1.0, 0.0, 0.0])
-        return replace(run, position=run.position[:1] + way[:, None]), 1e-6
+        found = motion(timing.timed(scene, Sliding).trajectory)
+        way = np.outer(SAMPLING_PERIOD * np.arange(4), [1.0, 0.0, 0.0])
+        return found._replace(path=found.path[:1] + way), 1e-6
 
     monkeypatch.setattr(bench, 'converged', straight)
     return bench.References({'A': SCENE})
@@ -158,7 +173,7 @@ def references(monkeypatch):
 
 def test_a_known_error_is_in_the_row(references):
     # The speed is 1 + dt instead of 1: at the end 0.3 dt of 0.3 m.
-    (only,) = bench.precision(references, [rival()], 10.0)
+    (only,) = bench.precision(references, [contender()], 10.0)
     (row,) = bench_rows.outcome(only)
     assert row.error_path == pytest.approx(1e-3)
     assert row.error_limit == row.error_path
@@ -171,11 +186,9 @@ def test_a_known_error_is_in_the_row(references):
 def test_model_error_and_step_error_are_told_apart(references):
     # The contender's own small steps lead to a speed of 1, then its model is made 2 % faster.
     def fast(scene, limit):
-        run = timing.timed(scene, Sliding, limit=limit)
-        start = run.position[:1]
-        return replace(run, position=start + 1.02 * (run.position - start))
+        return moved_by(timing.timed(scene, Sliding, limit=limit), 1.02)
 
-    other = rival(run=fast)
+    other = contender(run=fast)
     other = replace(other, own_limit=('fast', replace(other, rates=(2000, 4000))))
     (only,) = bench.precision(references, [other], 10.0)
     (row,) = bench_rows.outcome(only)
@@ -185,7 +198,7 @@ def test_model_error_and_step_error_are_told_apart(references):
 
 
 def test_a_run_that_diverges_is_a_row_without_errors(references):
-    diverging = rival(make=lambda scene: Sliding(scene, failing=-10.0))
+    diverging = contender(make=lambda scene: Sliding(scene, failing=-10.0))
     (only,) = bench.precision(references, [diverging], 10.0)
     (row,) = bench_rows.outcome(only)
     assert row.status == 'diverged' and row.error_path == math.inf
@@ -313,7 +326,7 @@ def test_a_table_that_is_not_of_a_bench_is_refused(table, message):
 
 
 def test_every_compiled_method_takes_part_at_both_levels():
-    entered = {(rival.method, rival.level) for rival in contenders.all_contenders()}
+    entered = {(each.method, each.level) for each in all_contenders()}
     for method in set(METHODS) - {'reference', 'auto'}:
         assert {(method, 'spatial'), (method, 'planar')} <= entered
     baselines = {'semi_implicit_euler', 'rk45', 'lsoda', 'radau', 'bdf', 'pyramid', 'mujoco'}
@@ -321,15 +334,14 @@ def test_every_compiled_method_takes_part_at_both_levels():
 
 
 def test_contenders_have_names_of_their_own():
-    names = [(r.method, r.level, r.setting) for r in contenders.all_contenders()]
+    names = [(r.method, r.level, r.setting) for r in all_contenders()]
     assert len(names) == len(set(names))
 
 
 def test_what_moves_up_is_not_run_in_the_plane():
     scenes = {name: load_scene(name) for name in ('lateral_undulation', 'sidewinding')}
     rows = [
-        item.keys[0]
-        for item in bench.precision(bench.References(scenes), contenders.all_contenders(), 1.0)
+        item.keys[0] for item in bench.precision(bench.References(scenes), all_contenders(), 1.0)
     ]
     levels = {(row.case, row.level) for row in rows}
     assert levels == {
@@ -395,7 +407,7 @@ def test_exponent_of_the_cost_over_links_is_that_of_a_power_law():
 
 def test_links_are_measured_from_few_to_as_many_as_a_robot_may_have():
     # An exponent says something over more than a decade.
-    rows = [item.keys[0] for item in bench.links(SCENE, [rival()], bench.LINK_COUNTS, 1.0)]
+    rows = [item.keys[0] for item in bench.links(SCENE, [contender()], bench.LINK_COUNTS, 1.0)]
     assert [row.n for row in rows] == list(bench.LINK_COUNTS)
     assert max(bench.LINK_COUNTS) == 200 >= 10 * min(bench.LINK_COUNTS)
 
@@ -403,11 +415,10 @@ def test_links_are_measured_from_few_to_as_many_as_a_robot_may_have():
 def test_agreement_is_that_of_paths(monkeypatch):
     # A speed of 1 + dt for newton, 1 % more for the others: 1 % of the way.
     def run(scene):
-        course = timing.timed(scene, Sliding)
         faster = 1.0 if scene.method == 'newton' else 1.01
-        start = course.position[:1]
-        report = replace(course.report, unconverged=3)
-        return replace(course, position=start + faster * (course.position - start), report=report)
+        found = moved_by(timing.timed(scene, Sliding), faster)
+        report = replace(found.trajectory.report, unconverged=3)
+        return replace(found, trajectory=replace(found.trajectory, report=report))
 
     made = []
 
@@ -439,7 +450,9 @@ def test_agreement_is_that_of_paths(monkeypatch):
 
 
 def test_soak_looks_at_penetration_and_memory(monkeypatch):
-    monkeypatch.setattr(bench, 'SOAKED', {'lateral_undulation': soak.SOAKED['lateral_undulation']})
+    monkeypatch.setattr(
+        bench, 'SOAKED_SCENES', {'lateral_undulation': soak.SOAKED_SCENES['lateral_undulation']}
+    )
     (only,) = bench.soaks((4, 30))
     rows = bench_rows.outcome(only)
     assert [(row.steps, row.duration) for row in rows] == [(4, 0.001), (30, 0.0075)]
@@ -462,7 +475,7 @@ def test_soak_among_pegs_begins_anew_after_every_duration(monkeypatch):
             return super().advance(state, history, angle, rate)
 
     start = Simulation(SCENE, Sliding(SCENE)).state.q[0, 0]
-    monkeypatch.setattr(soak, 'SECOND', 500 * SCENE.dt)
+    monkeypatch.setattr(soak, 'LAST_PERIOD', 500 * SCENE.dt)
     monkeypatch.setattr(soak, 'Simulation', lambda scene: Simulation(scene, Counting(scene)))
     for restarts, steps in (
         (True, [500, 500, 200, 500, 500, 200, 500, 100]),
@@ -499,7 +512,7 @@ def test_memory_is_unknown_where_the_system_does_not_tell(monkeypatch):
 
 def test_soak_scenes_are_those_of_the_documentation():
     assert max(soak.MARKS) == 10**7
-    scenes = {name: soak.soaked_scene(name) for name in soak.SOAKED}
+    scenes = {name: soak.soaked_scene(name) for name in soak.SOAKED_SCENES}
     assert scenes['lateral_undulation'].level == 'spatial'
     assert scenes['sidewinding'].gait.pitch.amplitude > 0
     assert scenes['obstacle_aided'].pegs.x
@@ -595,23 +608,25 @@ def test_stages_are_those_of_the_step(tmp_path):
 from functools import partial
 
 import numpy as np
-from snake_sim_ros import gait, newton, planar_newton, stages
+from snake_sim_ros.comparison import stage_times as stages
+from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.stepping.planar.stepper import PlanarStepper
-from snake_sim_ros.stepping.spatial import SpatialStepper
-from snake_sim_ros.stepping.base import initial_state, no_history
+from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.methods import METHODS
 
 scene = load_scene('lateral_undulation')
 reference = gait.reference(scene.gait, scene.dt * (np.arange(2) + 0.5), 10)
-for make, plain, stamped in (
-    (SpatialStepper, partial(newton.advance, None), stages.spatial_stages),
-    (PlanarStepper, partial(planar_newton.advance, None), stages.planar_stages),
+method = METHODS['newton']
+for make, stamped in (
+    (method.spatial, stages.spatial_stages),
+    (method.planar, stages.planar_stages),
 ):
     stamps = np.zeros((2, 5), np.int64)
+    plain, other = make(scene), make(scene)
+    other.loop = lambda *arguments: stamped(*arguments, stamps)
     ends = [
-        make(scene, loop).advance(initial_state(scene), empty_history(scene), *reference)[0]
-        for loop in (plain, lambda *arguments: stamped(*arguments[:-1], stamps))
+        stepper.advance(initial_state(scene), stepper.empty_history(), *reference)[0]
+        for stepper in (plain, other)
     ]
     assert (ends[0].q == ends[1].q).all() and (ends[0].u == ends[1].u).all()
 """

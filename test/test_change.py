@@ -24,11 +24,8 @@ from snake_sim_ros.scene.parameters import Pegs
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.stepping.base import carried
-from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import PREVIOUS
 from snake_sim_ros.stepping.base import SETTLING
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.methods import empty_history
@@ -36,6 +33,9 @@ from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.report import REPORT_SIZE
 from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.state import carried
+from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import State
 
 # Nothing of it is in reach of a robot that lies at the origin. The first peg of the one scene is
 # the second of the other.

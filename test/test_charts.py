@@ -8,12 +8,12 @@ import pytest
 
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.comparison import artefacts
-from snake_sim_ros.comparison.bench_entries import all_contenders
 from snake_sim_ros.comparison.bench_rows import COLUMNS
 from snake_sim_ros.comparison.bench_rows import rows_of
 from snake_sim_ros.comparison.charts import draw_artefacts
+from snake_sim_ros.comparison.charts import METHOD_STYLES
 from snake_sim_ros.comparison.charts import save
-from snake_sim_ros.comparison.charts import STYLES
+from snake_sim_ros.comparison.contenders import all_contenders
 from snake_sim_ros.comparison.csv_tables import read_table
 from snake_sim_ros.comparison.pareto import fastest
 from snake_sim_ros.comparison.pareto import pareto_table
@@ -81,8 +81,8 @@ def test_figures_say_what_is_not_known_of_their_numbers(tmp_path):
 
 
 def test_every_method_has_a_style_of_its_own():
-    assert {rival.method for rival in all_contenders()} <= set(STYLES)
-    assert len({style[:2] for style in STYLES.values()}) == len(STYLES)
+    assert {each.method for each in all_contenders()} <= set(METHOD_STYLES)
+    assert len({style[:2] for style in METHOD_STYLES.values()}) == len(METHOD_STYLES)
 
 
 def test_tables_of_the_page_are_those_of_the_files(rows):

@@ -23,10 +23,10 @@ from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.parameters import STICKY
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.state import State
 
 # A projection is exact up to rounding: the root t to sqrt(1e-8)^2, then three products.
 ROUNDING = 8 * EPS

@@ -36,11 +36,11 @@ from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import State
 
 # In NumPy the same takes minutes; `reference` agrees with `paper` step by step, see
 # test_agreement.

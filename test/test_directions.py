@@ -21,7 +21,7 @@ from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.state import State
 
 # Central differences with step h = 1e-5 of r + R b: the third derivative of R b is |omega|^3 |b|.
 # Here |omega| <= 2 sqrt(3) = 3.5 rad/s and |b| <= 0.12 m, the longest lever: h^2/6 |omega|^3 |b|

@@ -14,7 +14,7 @@ from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.state import initial_state
 
 RNG = np.random.default_rng(0)
 

@@ -13,7 +13,9 @@ import pytest
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.dynamics.energy import work_of_steps
 from snake_sim_ros.paper import experiments
+from snake_sim_ros.paper import figure_page
 from snake_sim_ros.paper import figures
+from snake_sim_ros.paper import path_figures
 from snake_sim_ros.paper import tables as paper_tables
 from snake_sim_ros.paper.experiments import case_scene
 from snake_sim_ros.paper.experiments import mean_velocity
@@ -64,7 +66,7 @@ def test_figure_shows_something_and_says_what_is_assumed(pictures, name, tmp_pat
     file = tmp_path / 'figure.png'
     figures.save_small(figure, file)
     with Image.open(file) as image:
-        assert image.format == 'PNG' and image.width == figures.WIDTH * figures.DPI
+        assert image.format == 'PNG' and image.width == figure_page.WIDTH * figures.DPI
         assert len(image.getcolors()) > 10
 
 
@@ -87,7 +89,7 @@ def test_paths_are_to_scale(pictures):
 def test_outlines_are_as_wide_as_links():
     scene = Scene()
     q, axis = initial_coordinates(scene), np.tile([0.6, 0.8, 0.0], (11, 1))
-    corners = figures.outlines(scene.robot, q[:, :3], axis)
+    corners = path_figures.outlines(scene.robot, q[:, :3], axis)
     assert corners.mean(axis=1) == pytest.approx(q[:, :2])
     width = np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1)
     assert width == pytest.approx(np.full(11, 2 * 0.0525))
@@ -111,8 +113,8 @@ def test_normal_forces_carry_the_weight(cases):
     # Their impulse is that of the weight and the upward momentum at the end, which is not more
     # than twice what it was on average over any sampling period.
     for case in cases:
-        mass, span = case.scene.robot.per_link('link_mass'), case.time[-1]
-        momentum = np.diff(case.position[..., 2], axis=0) @ mass * experiments.RATE
+        mass, span = case.scene.robot.per_link('link_mass'), case.trajectory.time[-1]
+        momentum = np.diff(case.trajectory.position[..., 2], axis=0) @ mass * experiments.RATE
         total = case.normal_force.sum(axis=1).mean()
         most = 2.0 * np.abs(momentum).max() / span
         assert total == pytest.approx(73.575, abs=most + 1e-6)
@@ -140,7 +142,7 @@ def test_samples_are_sums_and_means_of_all_steps(cases):
         torque.append(report.joint_torque)
     q, u, impulse, torque = map(np.array, (q, u, impulse, torque))
     contacts, joints = work_of_steps(case.scene, q, u, impulse, torque)
-    assert np.array_equal(case.position[10], q[400, :, :3])
+    assert np.array_equal(case.trajectory.position[10], q[400, :, :3])
     assert case.contact_work[10] == pytest.approx(contacts.sum(), rel=1e-12)
     assert case.joint_work[10] == pytest.approx(joints.sum(), rel=1e-12)
     assert case.torque[9] == pytest.approx(torque[360:].mean(axis=0), rel=1e-12)
@@ -153,7 +155,7 @@ def test_tracking_error_is_what_the_joint_law_says(cases):
     # differs from that of its ends by up to h^2/12 of its second derivative, here by differences.
     for case in cases:
         kp, kd = (case.scene.robot.per_joint(name) for name in ('stiffness', 'damping'))
-        error = case.reference - case.angle
+        error = case.tracking_error
         h = 1.0 / experiments.RATE
         expected = kp * 0.5 * (error[1:] + error[:-1]) + kd * np.diff(error, axis=0) / h
         off = np.abs(case.torque - expected).max(axis=1)[5:-5]

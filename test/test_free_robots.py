@@ -23,13 +23,13 @@ from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import State
 
 GAITS = ('lateral_undulation', 'sidewinding', 'sinus_lifting')  # A and B, C, D
 # Steps without friction. `paper` and `gauss_seidel` sweep for long.

@@ -18,7 +18,7 @@ from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.scene.robot_description import robot_of
-from snake_sim_ros.stepping.base import initial_state
+from snake_sim_ros.stepping.state import initial_state
 
 LISTS = {
     'link_length': (0.1, 0.2, 0.15, 0.12),

@@ -43,10 +43,10 @@ from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import State
 
 # A method that adds laws of a stiffness 1/(1e-5 G) to the inertia of a link loses up to six digits
 # of velocities around 1 m/s.

@@ -41,15 +41,15 @@ from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.bdf2 import IMPLICIT_SCHEMES
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.model import PROXIMAL
 from snake_sim_ros.stepping.reference import middle_coordinates
+from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import State
 
 
 def wave(sign=1.0):

@@ -27,13 +27,13 @@ from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.bdf2 import PHASE
-from snake_sim_ros.stepping.bdf2 import SMOOTH
+from snake_sim_ros.stepping.bdf2_memory import SMOOTH
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.state import State
 
 RESIDUAL = 1e-9  # m/s
 LIMIT = 500  # iterations

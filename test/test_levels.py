@@ -17,6 +17,7 @@ from snake_sim_ros.dynamics.kinematics import FLAT_GAP
 from snake_sim_ros.dynamics.kinematics import FLAT_TILT
 from snake_sim_ros.dynamics.kinematics import STILL_SPEED
 from snake_sim_ros.gaits.joint_reference import start_posture
+from snake_sim_ros.recording import npz
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import load_scene
@@ -29,14 +30,14 @@ from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import State
 
 CASE_A = load_scene('lateral_undulation')
 CASE_B = load_scene('lateral_undulation_isotropic')
@@ -102,7 +103,7 @@ def test_auto_takes_the_smallest_level(name, level, tmp_path):
     assert (report.level, trajectory.level.tolist()) == (level, [level] * 6)
     assert report.planar_steps == (report.steps if level == 'planar' else 0)
     assert bool(report.left) == (level == 'spatial')
-    trajectory.save(tmp_path / 'run.npz')
+    npz.write(trajectory, tmp_path / 'run.npz')
     with np.load(tmp_path / 'run.npz') as data:
         assert data['level'].tolist() == [level] * 6
 

@@ -30,11 +30,11 @@ from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.parameters import scene_to_text
 from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import PREVIOUS
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.state import initial_state
 
 RESIDUAL = 1e-9  # m/s, the tolerance of all scenes
 # Steps that do not converge, far beyond Painleve's threshold (0.978 for one link and lower with

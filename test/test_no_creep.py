@@ -15,11 +15,11 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import State
 
 DT = 1 / 1000
 TILT = np.radians(10.0)

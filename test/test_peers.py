@@ -10,14 +10,14 @@ import pytest
 from scenes import G
 from scenes import slope
 
-from snake_sim_ros.comparison.course import SAMPLE
-from snake_sim_ros.comparison.mujoco_peer import CONTACTS
-from snake_sim_ros.comparison.mujoco_peer import DRIVES
-from snake_sim_ros.comparison.mujoco_peer import INTEGRATORS
-from snake_sim_ros.comparison.mujoco_peer import mjcf
-from snake_sim_ros.comparison.mujoco_peer import mujoco_states
-from snake_sim_ros.comparison.mujoco_peer import MujocoSettings
-from snake_sim_ros.comparison.mujoco_peer import run_mujoco
+from snake_sim_ros.comparison.mujoco_model import CONTACTS
+from snake_sim_ros.comparison.mujoco_model import DRIVES
+from snake_sim_ros.comparison.mujoco_model import INTEGRATORS
+from snake_sim_ros.comparison.mujoco_model import mjcf
+from snake_sim_ros.comparison.mujoco_model import MujocoSettings
+from snake_sim_ros.comparison.mujoco_runs import mujoco_trajectory
+from snake_sim_ros.comparison.mujoco_runs import run_mujoco
+from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Gait
@@ -29,9 +29,9 @@ from snake_sim_ros.scene.parameters import Wave
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import State
 
 mujoco = pytest.importorskip('mujoco')
 
@@ -126,9 +126,9 @@ def test_link_slides_down_a_slope_as_it_should(friction, direction, contact):
     robot = Robot(link_count=1, inertia_axial=10.0, inertia_transversal=10.0)
     b, dt, t = math.atan(0.3), 1 / 1000, 1.0
     scene = Scene(robot=robot, friction=friction, gravity=slope(b, direction), dt=dt, duration=t)
-    course = run_mujoco(scene, MujocoSettings(contact=contact), LONG)
+    run = run_mujoco(scene, MujocoSettings(contact=contact), LONG)
     expected = G * (math.sin(b) - 0.1 * math.cos(b)) * t * (t + dt) / 2
-    way = course.path[-1] - course.path[0]
+    way = run.trajectory.path[-1] - run.trajectory.path[0]
     assert np.linalg.norm(way[:2]) + 0.1 * way[2] == pytest.approx(expected, rel=1e-7)
 
 
@@ -154,8 +154,11 @@ def swinging(times):
 @pytest.mark.parametrize('integrator', INTEGRATORS)
 def test_drives_follow_one_law(drive, integrator):
     # Steps of first order shift the force by half a step against the reference: up to A w dt/2.
-    course = run_mujoco(TWO_LINKS, MujocoSettings(drive=drive, integrator=integrator), LONG)
-    yaw, times = course.joint_angle[:, 0, 0], SAMPLE * np.arange(len(course.path))
+    run = run_mujoco(TWO_LINKS, MujocoSettings(drive=drive, integrator=integrator), LONG)
+    yaw, times = (
+        run.trajectory.joint_angle[:, 0, 0],
+        SAMPLING_PERIOD * np.arange(len(run.trajectory.path)),
+    )
     shift = WAVE.amplitude * WAVE.angular_frequency * TWO_LINKS.dt / 2
     assert np.abs(yaw - swinging(times))[1:].max() < 1.1 * shift
 
@@ -181,13 +184,14 @@ def test_states_are_those_of_all_links():
     R = rotation_matrices(start.q[:, 3:])
     start.u[:, :3] = np.array([1.0, 2.0, 0.0]) + np.cross(omega, start.q[:, :3])
     start.u[:, 3:] = np.einsum('iab,a->ib', R, omega)
-    states = mujoco_states(scene, MujocoSettings(), start, steps=4, every=2)
+    run = mujoco_trajectory(scene, MujocoSettings(), start, steps=4, every=2)
+    states = State(run.coordinates, run.velocity)
     assert states.q.shape == (3, 11, 7)
-    again = mujoco_states(scene, MujocoSettings(), State(states.q[1], states.u[1]), 2, 2)
+    again = mujoco_trajectory(scene, MujocoSettings(), State(states.q[1], states.u[1]), 2, 2)
     # Angles are read from quaternions and velocities of up to 4 m/s from twists: rounding, which
     # two steps of joints with inertias of 5e-4 kg m^2 against 7.5 kg multiply.
-    assert np.abs(again.q[1] - states.q[2]).max() < 1e-12
-    assert np.abs(again.u[1] - states.u[2]).max() < 1e-10
+    assert np.abs(again.coordinates[1] - states.q[2]).max() < 1e-12
+    assert np.abs(again.velocity[1] - states.u[2]).max() < 1e-10
     # What was put in: the center of mass falls, with the momentum of the start.
     fallen = states.u[:, :, :3].mean(axis=1) - start.u[:, :3].mean(axis=0)
     assert np.abs(fallen[:, 2] + G * scene.dt * np.array([0, 2, 4])).max() < 1e-3
@@ -202,16 +206,16 @@ BY_CALLER = MujocoSettings(drive='torque', integrator='Euler')
 
 def test_torques_of_too_large_steps_are_a_failure():
     # 4 - 2 c dt - w^2 dt^2 > 0 of the stiffest mode: dt < 9.03e-4 s, model_spec 10.2.
-    course = run_mujoco(replace(FLIGHT, dt=1 / 500), BY_CALLER, LONG)
-    assert course.report.status is Status.DIVERGED
-    assert re.match(r't = [\d.]+ s: MuJoCo: .*QACC', course.report.failure)
-    assert course.simulated < FLIGHT.duration
+    run = run_mujoco(replace(FLIGHT, dt=1 / 500), BY_CALLER, LONG)
+    assert run.trajectory.report.status is Status.DIVERGED
+    assert re.match(r't = [\d.]+ s: MuJoCo: .*QACC', run.trajectory.report.failure)
+    assert run.simulated < FLIGHT.duration
 
 
 def test_torques_of_small_steps_are_none():
-    course = run_mujoco(replace(FLIGHT, dt=1 / 2000), BY_CALLER, LONG)
-    assert not course.report.failure
-    assert course.simulated == FLIGHT.duration
+    run = run_mujoco(replace(FLIGHT, dt=1 / 2000), BY_CALLER, LONG)
+    assert not run.trajectory.report.failure
+    assert run.simulated == FLIGHT.duration
 
 
 def test_warnings_of_mujoco_go_where_they_went():
@@ -221,7 +225,7 @@ def test_warnings_of_mujoco_go_where_they_went():
 
 
 def test_a_run_that_takes_too_long_is_stopped():
-    course = run_mujoco(replace(FLIGHT, dt=1 / 1000), MujocoSettings(), 1e-9)
-    assert course.late
-    assert course.status == 'too_slow'
-    assert course.simulated == pytest.approx(SAMPLE)
+    run = run_mujoco(replace(FLIGHT, dt=1 / 1000), MujocoSettings(), 1e-9)
+    assert run.late
+    assert run.status == 'too_slow'
+    assert run.simulated == pytest.approx(SAMPLING_PERIOD)

@@ -41,8 +41,8 @@ from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import initial_state
-from snake_sim_ros.stepping.base import State
+from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import State
 
 PEG = 0.03  # radius of a single peg [m]
 FREE = 25.0  # far above the floor [m]

@@ -31,7 +31,6 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import where_impulses_acted
 from snake_sim_ros.stepping.methods import empty_history
@@ -39,6 +38,7 @@ from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.planar.equilibrium import UNHELD
 from snake_sim_ros.stepping.planar.model import HOLD
+from snake_sim_ros.stepping.state import initial_state
 
 RESIDUAL = 1e-12  # m/s
 # Impulses are some 1e-3 N s, rounded through the chain of joints: 1e5 EPS of it at most.

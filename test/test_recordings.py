@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.stepping.trajectory import Trajectory
+from snake_sim_ros.recording import npz
 
 
 @pytest.fixture(scope='module')
@@ -22,12 +22,12 @@ def recorded(tmp_path_factory):
 
 
 def test_formats_agree(recorded, tmp_path):
-    trajectory = Trajectory.load(recorded / 'run.npz')
+    trajectory = npz.read(recorded / 'run.npz')
     # The rate is that of `sim`, because one of the files is a bag.
     assert trajectory.time == pytest.approx(np.arange(21) * 0.005, abs=1e-15)
     assert main(['export', str(recorded / 'run.mcap'), '--csv', str(tmp_path / 'bag.csv'),
                  '--out', str(tmp_path / 'bag.npz')]) == 0  # fmt: skip
-    assert np.array_equal(Trajectory.load(tmp_path / 'bag.npz').position, trajectory.position)
+    assert np.array_equal(npz.read(tmp_path / 'bag.npz').position, trajectory.position)
     rows = {}
     for path in (recorded / 'run.csv', tmp_path / 'bag.csv'):
         with path.open(encoding='utf-8', newline='') as file:
@@ -42,7 +42,7 @@ def test_formats_agree(recorded, tmp_path):
 def test_rate_of_a_run_with_a_bag_may_be_another_one(tmp_path):
     files = ['--out', str(tmp_path / 'run.npz'), '--bag', str(tmp_path / 'run.mcap')]
     assert main(['run', 'lateral_undulation', '--duration', '0.1', '--rate', '50', *files]) == 0
-    assert len(Trajectory.load(tmp_path / 'run.npz').time) == 6
+    assert len(npz.read(tmp_path / 'run.npz').time) == 6
 
 
 @pytest.mark.parametrize(

@@ -54,13 +54,13 @@ from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import PREVIOUS
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import where_impulses_acted
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import State
 
 
 def flying(scene):

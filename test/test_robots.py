@@ -27,10 +27,10 @@ from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.posture import joint_rates
-from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.state import initial_state
 
 # Soft in pitch: under their weight all links come down to the floor, thin ones too.
 UNEQUAL = """
@@ -234,7 +234,8 @@ def test_situations_take_turns(monkeypatch):
     # What there is to pay for, not what it cost: the robot that is lifted has no contact.
     monkeypatch.setattr(timing, 'ROUNDS', 1)
     runs = timing.situations(0.01)
+    reports = {name: run.trajectory.report for name, run in runs.items()}
     assert list(runs) == list(timing.SITUATIONS)
-    assert runs['all contacts'].report.contacts == 22
-    assert runs['flight'].report.contacts == 0
-    assert runs['flight'].report.iterations == runs['flight'].report.steps
+    assert reports['all contacts'].contacts == 22
+    assert reports['flight'].contacts == 0
+    assert reports['flight'].iterations == reports['flight'].steps

@@ -20,18 +20,18 @@ from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping import levels
-from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import PREVIOUS
 from snake_sim_ros.stepping.base import SETTLING
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.planar.model import LEAN
-from snake_sim_ros.stepping.planar.model import SLIPPING
+from snake_sim_ros.stepping.planar.model import ROLL_LIMIT
+from snake_sim_ros.stepping.planar.model import SLIP_SHARE
 from snake_sim_ros.stepping.planar.moreau import LAST_ROLL
 from snake_sim_ros.stepping.planar.moreau import SLIP
 from snake_sim_ros.stepping.planar.moreau import WAY
+from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import State
 
 RADIUS = 0.0525
 DT = 1 / 2000
@@ -91,7 +91,7 @@ def promised(way):
     Before auto leaves the plane, it has left out the slip of a roll of LEAN and LITTLE_SLIP of its
     way; and as far again the robot slips when it then rolls in space.
     """
-    return 2.0 * (RADIUS * LEAN + levels.LITTLE_SLIP * way)
+    return 2.0 * (RADIUS * ROLL_LIMIT + levels.AUTO_SLIP_SHARE * way)
 
 
 # ---- what is left out ---------------------------------------------------------------------------
@@ -168,7 +168,7 @@ def test_the_planar_level_says_when_it_slips_too_far(method):
     memory = history[PREVIOUS:].reshape(-1)
 
     def step(slip, way):
-        memory[SLIP], memory[WAY] = slip * RADIUS * LEAN, way
+        memory[SLIP], memory[WAY] = slip * RADIUS * ROLL_LIMIT, way
         stepper = make_stepper(scene)
         return stepper.advance(initial_state(scene), history, angle, np.zeros(angle.shape))
 
@@ -181,7 +181,7 @@ def test_the_planar_level_says_when_it_slips_too_far(method):
     assert report.steps == 0
     assert (end.q == initial_state(scene).q).all()
     # Who has come far may slip farther.
-    assert step(1.1, 0.2 * RADIUS * LEAN / SLIPPING)[2].status is Status.CONVERGED
+    assert step(1.1, 0.2 * RADIUS * ROLL_LIMIT / SLIP_SHARE)[2].status is Status.CONVERGED
 
 
 @pytest.mark.parametrize('chunk', [1, 7, 400])
@@ -189,7 +189,7 @@ def test_auto_comes_back_after_a_pause(chunk, monkeypatch):
     monkeypatch.setattr(levels, 'PAUSE', 0.04)
     scene = on_ice(5, settling_time=0.02)
     history = empty_history(scene)
-    history[PREVIOUS:].reshape(-1)[SLIP] = 1.1 * RADIUS * LEAN
+    history[PREVIOUS:].reshape(-1)[SLIP] = 1.1 * RADIUS * ROLL_LIMIT
     state, stepper = initial_state(scene), make_stepper(scene)
     hold = np.tile(start_posture(scene).angle, (400, 1, 1))
     taken = []

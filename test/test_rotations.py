@@ -16,9 +16,9 @@ from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.scene.rotations import rotation_matrix
 from snake_sim_ros.scene.rotations import tilde
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.reference import end_coordinates
 from snake_sim_ros.stepping.reference import middle_coordinates
+from snake_sim_ros.stepping.state import State
 
 # Entries of the matrices are at most 1 and come from at most a dozen operations on numbers up to 1
 # that are themselves rounded, |p|^2 = 1 +- 4 eps: 32 roundings are enough for every product below.

@@ -8,18 +8,22 @@ from random_states import random_parameters
 
 from snake_sim_ros.gaits.joint_reference import JointReference
 from snake_sim_ros.gaits.joint_reference import start_posture
+from snake_sim_ros.recording import npz
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.posture import joint_rates
-from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.simulation import joint_motion
+from snake_sim_ros.stepping.sampling import joint_motion
+from snake_sim_ros.stepping.sampling import Keep
+from snake_sim_ros.stepping.simulation import Limits
 from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.simulation import steps_in
+from snake_sim_ros.stepping.state import initial_state
 
 
 @pytest.fixture
@@ -87,7 +91,7 @@ def test_steps_in_a_period():
 def test_recording_has_all_samples_and_its_scene(scene, tmp_path):
     trajectory = run(scene)
     path = tmp_path / 'run.npz'
-    trajectory.save(path)
+    npz.write(trajectory, path)
     with np.load(path) as data:
         shapes = {name: data[name].shape for name in data.files}
         text = str(data['scene'])
@@ -200,3 +204,67 @@ def test_interruption_returns_what_was_recorded(scene):
     assert len(trajectory.time) == 4
     assert times == pytest.approx([0.0, 0.01, 0.02, 0.03])
     assert len(trajectory.position) == len(trajectory.joint_torque) == 4
+
+
+def test_an_interruption_is_raised_where_nobody_waits_for_a_part(scene):
+    def observe(simulation):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sample(Simulation(scene), 40, 5, observe=observe)
+
+
+def test_a_sampler_keeps_what_it_is_asked_for(scene):
+    simulation = Simulation(scene)
+    kept = sample(simulation, 1, 40, keep=Keep(contacts=True, impulses=True))
+    assert kept.velocity.shape == (41, 11, 6)
+    assert kept.impulse.shape == (41, 22, 5)
+    assert not kept.impulse[0].any()  # no step has been
+    assert np.array_equal(kept.impulse[-1], simulation.history.impulse)
+    sampled, numbers = np.nonzero(kept.impulse[:, :, 0] > 0.0)
+    assert np.array_equal(kept.contact_sample, sampled)
+    assert np.array_equal(kept.contact_number, numbers)
+    states = sample(Simulation(scene), 40, 1)
+    assert np.array_equal(states.coordinates, kept.coordinates[::40])
+    assert not states.impulse.size
+    assert not states.contact_sample.size
+
+
+def test_every_second_sample_is_a_record_of_its_own(scene):
+    whole = sample(Simulation(scene), 20, 5, keep=Keep(contacts=True, impulses=True))
+    half = whole.every(2)
+    half.check()
+    assert half.time == pytest.approx([0.0, 0.01, 0.02])
+    for name in ('position', 'joint_torque', 'velocity', 'impulse', 'level'):
+        assert np.array_equal(getattr(half, name), getattr(whole, name)[::2])
+    for k in range(3):
+        for ours, theirs in zip(half.contacts(k), whole.contacts(2 * k), strict=True):
+            assert np.array_equal(ours, theirs)
+
+
+def test_a_run_ends_at_a_limit(scene):
+    # One iteration is too few for every step: 25 of a call, of which the first one is cut short
+    # by the 20 steps of a sample.
+    scene = with_settings(scene, {'level': 'spatial', 'solver.iteration_limit': 1})
+    scene = replace(scene, method='paper')
+    cut = sample(Simulation(scene), 20, 50, limits=Limits(unconverged=30))
+    assert (len(cut.time), cut.report.steps, cut.report.unconverged) == (3, 40, 40)
+    late = sample(Simulation(scene), 20, 50, limits=Limits(seconds=1e-9))
+    assert (len(late.time), late.report.steps) == (1, 20)
+    assert late.seconds > 1e-9
+
+
+def test_a_gait_that_changes_while_it_is_sampled_is_followed(scene):
+    # References are computed for many steps at once.
+    faster = with_settings(scene, {'gait.yaw.angular_frequency': 5.0})
+
+    def observe(simulation):
+        if simulation.step_count == 40:
+            simulation.change(faster)
+
+    found = sample(Simulation(scene), 40, 3, observe=observe)
+    expected = Simulation(scene)
+    expected.advance(*expected.gait_reference(40))
+    expected.change(faster)
+    expected.advance(*expected.gait_reference(80))
+    assert np.array_equal(found.coordinates[-1], expected.state.q)

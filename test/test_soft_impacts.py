@@ -27,8 +27,8 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.state import State
 
 PEG = 0.03  # m
 FAST = 1e-6  # velocity away from what it met up to which a body has not bounced [m/s]

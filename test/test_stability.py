@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.comparison.course import SAMPLE
 from snake_sim_ros.comparison.csv_tables import plain
 from snake_sim_ros.comparison.csv_tables import read_table
 from snake_sim_ros.comparison.csv_tables import Table
 from snake_sim_ros.comparison.stability import maps as stability_maps
 from snake_sim_ros.comparison.stability import runs as stability
 from snake_sim_ros.comparison.stability.chart import draw_stability
+from snake_sim_ros.comparison.stability.impacts import dropped_precisely
+from snake_sim_ros.comparison.stability.impacts import rod_limit
 from snake_sim_ros.comparison.stability.maps import MAPS
 from snake_sim_ros.comparison.stability.maps import run_case
 from snake_sim_ros.comparison.stability.runs import Axis
@@ -28,8 +29,7 @@ from snake_sim_ros.comparison.stability.runs import cells_of
 from snake_sim_ros.comparison.stability.runs import outcome
 from snake_sim_ros.comparison.stability.runs import OUTCOMES
 from snake_sim_ros.comparison.stability.runs import simulate
-from snake_sim_ros.comparison.stability.scenes import dropped_precisely
-from snake_sim_ros.comparison.stability.scenes import rod_limit
+from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import Status
@@ -38,10 +38,10 @@ CHARTS = {chart.name: chart for chart in MAPS}
 
 
 def cell(name, method, x, y):
-    """Return a cell of a map, at any x and y; a time step is rounded so that it divides SAMPLE."""
+    """Return a cell at any x and y; a time step is rounded so that it divides SAMPLING_PERIOD."""
     chart = CHARTS[name]
     if chart.x.name == 'dt':
-        x = SAMPLE / round(SAMPLE / x)
+        x = SAMPLING_PERIOD / round(SAMPLING_PERIOD / x)
     axes = {
         'x': replace(chart.x, values=(x,)),
         'y': replace(chart.y, values=(y,)),
@@ -156,7 +156,7 @@ def test_an_upright_link_is_simulated_and_judged(tilt, dt):
 def test_a_solver_that_does_not_reach_its_tolerance_says_so(residual):
     # One end of three links hits the floor, the other is slammed down: no solver gets to 1e-14,
     # which is below the rounding of the velocities.
-    report = simulate(dropped_precisely('newton', residual, 1e-2)).report
+    report = simulate(dropped_precisely('newton', residual, 1e-2)).trajectory.report
     if report.unconverged:
         assert report.status is Status.MAX_ITERATIONS
         assert report.residual_max > residual
@@ -274,7 +274,7 @@ def test_time_steps_fit_into_the_sampling_period(chart):
     for axis in (chart.x, chart.y):
         assert list(axis.values) == sorted(axis.values)
         if axis is chart.x and axis.name == 'dt':
-            counts = SAMPLE / np.array(axis.values)
+            counts = SAMPLING_PERIOD / np.array(axis.values)
             assert np.abs(counts - counts.round()).max() < 1e-9
 
 

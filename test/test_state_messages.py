@@ -25,8 +25,8 @@ from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import State
-from snake_sim_ros.stepping.simulation import joint_motion
+from snake_sim_ros.stepping.sampling import joint_motion
+from snake_sim_ros.stepping.state import State
 
 ROBOT = Robot()
 NAMES = joint_names(11)

@@ -13,9 +13,7 @@ from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.stepping.base import initial_state
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import State
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.bdf2 import IMPLICIT_SCHEMES
 from snake_sim_ros.stepping.methods import empty_history
@@ -23,6 +21,8 @@ from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import method_of
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import State
 
 each_method = pytest.mark.parametrize('method', METHODS)
 

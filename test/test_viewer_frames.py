@@ -24,8 +24,8 @@ from snake_sim_ros.view.frames import capsule
 from snake_sim_ros.view.frames import curves
 from snake_sim_ros.view.frames import force_scale
 from snake_sim_ros.view.frames import placed
+from snake_sim_ros.view.frames import PLOTTED_TIME
 from snake_sim_ros.view.frames import TraceBuffer
-from snake_sim_ros.view.frames import WINDOW
 
 ROBOT = Robot()
 
@@ -65,11 +65,11 @@ def test_posture_without_odometry_is_on_the_floor_along_x():
 
 def test_recorder_keeps_a_window_and_begins_again():
     trace_buffer = TraceBuffer(ROBOT)
-    for time in np.arange(0.0, WINDOW + 5.0, 0.05):
+    for time in np.arange(0.0, PLOTTED_TIME + 5.0, 0.05):
         place = at_rest(ROBOT).position + np.array([time, 0.0, 0.0])
         trace_buffer.add(frame(time, position=place))
     trace = trace_buffer.trace
-    assert trace.time[-1] - trace.time[0] == pytest.approx(WINDOW, abs=0.05)
+    assert trace.time[-1] - trace.time[0] == pytest.approx(PLOTTED_TIME, abs=0.05)
     assert trace.joint_angle.shape == (len(trace.time), 10, 2)
     assert trace.path[0, 0] == pytest.approx(0.0, abs=1e-12)  # the path is that of all the time
     assert trace_buffer.distance(frame(0.0, position=place)) == pytest.approx(14.95)

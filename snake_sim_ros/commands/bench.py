@@ -18,8 +18,8 @@ from snake_sim_ros.comparison.csv_tables import TableWriter
 from snake_sim_ros.scene.checked_records import ParameterError
 
 if TYPE_CHECKING:
-    from snake_sim_ros.comparison.bench_entries import Contender
     from snake_sim_ros.comparison.bench_rows import Entry
+    from snake_sim_ros.comparison.contenders import Contender
 
 QUICK_CASES = CASES[::2]
 PARTS = ('precision', 'links', 'iterations', 'costs', 'start_up', 'agreement', 'soak')
@@ -58,13 +58,13 @@ def add_bench(subparsers: Any) -> None:
 
 def _bench(options: argparse.Namespace) -> int:
     from snake_sim_ros.comparison import bench
-    from snake_sim_ros.comparison import bench_entries
     from snake_sim_ros.comparison import bench_rows
+    from snake_sim_ros.comparison.contenders import check_times
 
     names = options.scene or (QUICK_CASES if options.quick else CASES)
     scenes = {source: scene_from(options, source) for source in names}
     contenders = _contenders(options.methods or [], quick=options.quick)
-    bench_entries.check_times(scenes.values(), options.dt or (), options.limit)
+    check_times(scenes.values(), options.dt or (), options.limit)
     if options.dt:
         rates = tuple(1 / dt for dt in dict.fromkeys(options.dt))
         contenders = [c if c.adaptive else replace(c, rates=rates) for c in contenders]
@@ -82,8 +82,8 @@ def _bench(options: argparse.Namespace) -> int:
 
 def _contenders(methods: list[str], *, quick: bool) -> 'list[Contender]':
     """Return the contenders of the matrix, or those of some methods."""
-    from snake_sim_ros.comparison.bench_entries import all_contenders
-    from snake_sim_ros.comparison.bench_entries import quick_contenders
+    from snake_sim_ros.comparison.contenders import all_contenders
+    from snake_sim_ros.comparison.contenders import quick_contenders
 
     contenders = quick_contenders() if quick else all_contenders()
     known = sorted({contender.method for contender in contenders})

@@ -5,6 +5,8 @@ from collections.abc import Callable
 import math
 from pathlib import Path
 
+from snake_sim_ros.recording import csv_table
+from snake_sim_ros.recording import npz
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.stepping.trajectory import Trajectory
 
@@ -69,9 +71,9 @@ def write(trajectory: Trajectory, files: dict[str, Path], title: str, speed: flo
 
     """
     if 'out' in files:
-        trajectory.save(files['out'])
+        npz.write(trajectory, files['out'])
     if 'csv' in files:
-        trajectory.save_csv(files['csv'])
+        csv_table.write(trajectory, files['csv'])
     for name in ('gif', 'mp4'):
         if name in files:
             _animator()(trajectory, files[name], title, speed)

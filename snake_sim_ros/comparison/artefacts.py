@@ -1,9 +1,10 @@
 """
-What contact laws that are not set-valued do beside the accuracy of a path: one run, one table.
+What contact laws that are not set-valued change besides the accuracy of a path.
 
-Every artefact is one quantity whose exact value is known, measured in a scene of one link: creep
-on a slope that holds it, lifting while it slides, another direction of sliding, sinking in,
-rebound of an inelastic impact, and energy out of nothing. All contenders take the same steps.
+An artefact is a quantity whose exact value is known, measured in a scene of one link: creep on a
+slope on which the link should rest, lifting while it slides, a wrong direction of sliding, sinking
+into the floor, rebound of an inelastic impact, and energy out of nothing. All contenders take the
+same time steps.
 """
 
 from collections.abc import Callable
@@ -17,14 +18,13 @@ from functools import partial
 import math
 from typing import Any
 
-import numpy as np
 from scipy.integrate import quad
 
 from snake_sim_ros.comparison.baselines.integrators import make_pyramid
 from snake_sim_ros.comparison.baselines.integrators import make_semi_implicit
 from snake_sim_ros.comparison.baselines.integrators import Penalty
-from snake_sim_ros.comparison.mujoco_peer import mujoco_states
-from snake_sim_ros.comparison.mujoco_peer import MujocoSettings
+from snake_sim_ros.comparison.mujoco_model import MujocoSettings
+from snake_sim_ros.comparison.mujoco_runs import mujoco_trajectory
 from snake_sim_ros.dynamics.energy import mechanical_energy
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Friction
@@ -32,47 +32,43 @@ from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.stepping.base import Stepper
-from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.simulation import sample
+from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.trajectory import Trajectory
 
 DT = 1 / 4000  # s
 G = 9.81
 MU = 0.5
-TILT = math.radians(10.0)  # of the slope; the friction angle is 26.6 deg
-FAST = 6.0  # m/s
+SLOPE_ANGLE = math.radians(10.0)  # of the slope; the friction angle is 26.6 deg
+SLIDING_SPEED = 6.0  # m/s
 ORTHOTROPIC = Friction(longitudinal=0.1, transversal=0.5)
-HEIGHT = 0.1  # m, of the drop
-SPIN = (1.0, 2.0, 30.0)  # rad/s
+DROP_HEIGHT = 0.1  # m, of the drop
+SPIN_RATES = (1.0, 2.0, 30.0)  # rad/s
 LINK = Scene(
     robot=Robot(link_count=1),
     friction=Friction(longitudinal=MU, transversal=MU),
     dt=DT,
     level='spatial',
 )
-# One that does not roll or pitch by more than 1e-4 rad while friction acts on it.
-SLENDER = replace(LINK.robot, contact_radius=1e-3, inertia_axial=10.0, inertia_transversal=10.0)
+# This robot rolls and pitches by at most 1e-4 rad while friction acts on it.
+NEEDLE = replace(LINK.robot, contact_radius=1e-3, inertia_axial=10.0, inertia_transversal=10.0)
 PENALTY = Penalty(law='tanh', sliding_velocity=1e-2, stiffness=1e5)
 
-# Scene, start, steps to take and those between two states to return; the states of a run that
-# fails end early.
-Run = Callable[[Scene, State, int, int], State]
+# The arguments are scene, start, number of steps and steps between two samples. The trajectory of
+# a run that fails ends early.
+Run = Callable[[Scene, State, int, int], Trajectory]
 
 
-def step_states(
+def run_stepper(
     make: Callable[[Scene], Stepper], scene: Scene, start: State, steps: int, every: int
-) -> State:
-    """Return states that a stepper passes through; see `mujoco_peer.mujoco_states`."""
-    stepper, history, state = make(scene), empty_history(scene), start
-    angle = np.zeros((every, scene.robot.link_count - 1, 2))
-    states = [start]
-    for _ in range(steps // every):
-        state, history, report = stepper.advance(state, history, angle, angle)
-        if report.failure:
-            break
-        states.append(state)
-    return State(*(np.array([getattr(state, name) for state in states]) for name in 'qu'))
+) -> Trajectory:
+    """Return what a robot does with a stepper; see `mujoco_runs.mujoco_trajectory`."""
+    simulation = Simulation(scene, make(scene))
+    simulation.state = start
+    return sample(simulation, every, steps // every)
 
 
 # ---- artefacts ----------------------------------------------------------------------------------
@@ -80,27 +76,27 @@ def step_states(
 
 def creep(run: Run) -> list[float]:
     """Return the velocity after a second on a slope that holds the link."""
-    scene = replace(LINK, gravity=(G * math.sin(TILT), 0.0, -G * math.cos(TILT)))
+    scene = replace(LINK, gravity=(G * math.sin(SLOPE_ANGLE), 0.0, -G * math.cos(SLOPE_ANGLE)))
     per_second = round(1 / DT)
-    x = run(scene, initial_state(scene), 2 * per_second, per_second).q[:, 0, 0]
+    x = run(scene, initial_state(scene), 2 * per_second, per_second).position[:, 0, 0]
     return [x[2] - x[1]]
 
 
 def lifting(run: Run) -> list[float]:
-    """Return how high a link gets that slides along itself."""
+    """Return how far a link lifts off that slides along its axis."""
     start = initial_state(LINK)
-    start.u[0, 0] = FAST
-    return [gaps(LINK.robot, run(LINK, start, round(1 / DT), 1).q).max()]
+    start.u[0, 0] = SLIDING_SPEED
+    return [gaps(LINK.robot, run(LINK, start, round(1 / DT), 1).coordinates).max()]
 
 
 def direction(run: Run) -> list[float]:
-    """Return distance and direction, in degrees, of where a link stops to where it should."""
-    scene = replace(LINK, robot=SLENDER, friction=ORTHOTROPIC)
+    """Return how far from its exact end point a link stops, and in which direction [deg]."""
+    scene = replace(LINK, robot=NEEDLE, friction=ORTHOTROPIC)
     start = initial_state(scene)
     start.u[0, :2] = 1.0
     steps = round(1.2 / DT)
-    q = run(scene, start, steps, steps).q
-    x, y = q[1, 0, :2] - q[0, 0, :2]
+    center = run(scene, start, steps, steps).position[:, 0]
+    x, y = center[1, :2] - center[0, :2]
     expected = stopping_point(scene.friction)
     turned = math.degrees(math.atan2(y, x) - math.atan2(expected[1], expected[0]))
     return [math.hypot(x - expected[0], y - expected[1]), turned]
@@ -108,7 +104,7 @@ def direction(run: Run) -> list[float]:
 
 def stopping_point(friction: Friction) -> tuple[float, float]:
     """
-    Return where a body that does not turn stops with orthotropic friction, from (1, 1) m/s on.
+    Return where a body stops that starts at (1, 1) m/s, with orthotropic friction and no turning.
 
     ``a = -g D^2 v/|D v|``, D = diag(mu_x, mu_y), keeps v_y/v_x^p with p = (mu_y/mu_x)^2. So
     v_y = v_x^p, and ``dx = v_x dv_x/a_x``.
@@ -123,42 +119,43 @@ def stopping_point(friction: Friction) -> tuple[float, float]:
 
 
 def rest(run: Run) -> list[float]:
-    """Return how far a link has sunk in that was laid down a second ago."""
+    """Return how far a link has sunk into the floor a second after it was laid down."""
     steps = round(1 / DT)
-    return [-gaps(LINK.robot, run(LINK, initial_state(LINK), steps, steps).q[-1]).min()]
+    end = run(LINK, initial_state(LINK), steps, steps).coordinates[-1]
+    return [-gaps(LINK.robot, end).min()]
 
 
 def drop(run: Run) -> list[float]:
-    """Return largest penetration and height of rebound of a link dropped flat."""
+    """Return the largest penetration and the height of rebound of a link that is dropped flat."""
     start = initial_state(LINK)
-    start.q[0, 2] += HEIGHT
-    gap = gaps(LINK.robot, run(LINK, start, round(1 / DT), 1).q).min(axis=1)
+    start.q[0, 2] += DROP_HEIGHT
+    gap = gaps(LINK.robot, run(LINK, start, round(1 / DT), 1).coordinates).min(axis=1)
     return [-gap.min(), max(0.0, gap[gap.argmin() :].max())]
 
 
 def spin(run: Run) -> list[float]:
-    """Return by how much the energy of a link grows that spins in flight for 10 s."""
+    """Return by how many percent the energy of a link grows that spins in flight for 10 s."""
     scene = replace(LINK, gravity=(0.0, 0.0, 0.0))
     start = initial_state(scene)
     start.q[0, 2] += 1.0
-    start.u[0, 3:] = SPIN
+    start.u[0, 3:] = SPIN_RATES
     steps = round(10 / DT)
     states = run(scene, start, steps, steps)
-    before, after = mechanical_energy(scene, states.q[:2], states.u[:2])
+    before, after = mechanical_energy(scene, states.coordinates[:2], states.velocity[:2])
     return [100 * (after / before - 1)]
 
 
 @dataclass(frozen=True)
 class Artefact:
     """
-    What one run measures.
+    The quantities that are measured in one run.
 
     Attributes
     ----------
     quantities : tuple of (str, str)
         Names, in words, and units.
     measure : callable
-        ``measure(run)``: their values, all of them 0 if the laws hold.
+        ``measure(run)`` returns their values, which are 0 if the contact laws hold.
 
     """
 
@@ -190,7 +187,7 @@ ARTEFACTS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One quantity of one contender; its value is empty where it could not be measured."""
+    """One quantity of one contender; the value is empty if it could not be measured."""
 
     artefact: str
     method: str
@@ -212,18 +209,18 @@ def make_second_order(scene: Scene) -> Stepper:
 
 
 def contenders() -> dict[tuple[str, str], Run]:
-    """Return how each contender runs, by method and setting."""
+    """Return the function that runs each contender, by method and setting."""
     regularized = f'tanh {PENALTY.sliding_velocity:g} m/s, {PENALTY.stiffness:g} N/m'
     defaults = MujocoSettings(
         drive='torque', integrator='Euler', cone='pyramidal', contact='default'
     )
     return {
-        ('newton', ''): partial(step_states, make_stepper),
-        ('bdf2', ''): partial(step_states, make_second_order),
+        ('newton', ''): partial(run_stepper, make_stepper),
+        ('bdf2', ''): partial(run_stepper, make_second_order),
         ('semi_implicit_euler', regularized): partial(
-            step_states, partial(make_semi_implicit, penalty=PENALTY)
+            run_stepper, partial(make_semi_implicit, penalty=PENALTY)
         ),
-        ('pyramid', ''): partial(step_states, make_pyramid),
+        ('pyramid', ''): partial(run_stepper, make_pyramid),
         ('mujoco', 'default'): _of_mujoco(defaults),
         ('mujoco', 'accurate'): _of_mujoco(MujocoSettings(contact='accurate')),
         ('mujoco', 'fast'): _of_mujoco(MujocoSettings(contact='fast')),
@@ -231,14 +228,14 @@ def contenders() -> dict[tuple[str, str], Run]:
 
 
 def _of_mujoco(settings: MujocoSettings) -> Run:
-    def run(scene: Scene, start: State, steps: int, every: int) -> State:
-        return mujoco_states(scene, settings, start, steps, every)
+    def run(scene: Scene, start: State, steps: int, every: int) -> Trajectory:
+        return mujoco_trajectory(scene, settings, start, steps, every)
 
     return run
 
 
 def measurements(done: Iterable[Mapping[str, Any]]) -> Iterator[Callable[[], list[Row]]]:
-    """Yield what is left to measure, each a function that returns its rows."""
+    """Yield a function for each measurement that is not done yet; it returns the rows."""
     there = {tuple(row[name] for name in KEY) for row in done}
     for (method, setting), run in contenders().items():
         for artefact in ARTEFACTS:
@@ -255,13 +252,13 @@ class _EndedEarly(Exception):
 
 
 def measured(artefact: Artefact, run: Run, rows: list[Row]) -> list[Row]:
-    """Return the rows of an artefact with their values, or with why there are none."""
+    """Return the rows of an artefact with their values, or with the reason why they have none."""
 
-    def complete(scene: Scene, start: State, steps: int, every: int) -> State:
-        states = run(scene, start, steps, every)
-        if len(states.q) <= steps // every:
+    def complete(scene: Scene, start: State, steps: int, every: int) -> Trajectory:
+        trajectory = run(scene, start, steps, every)
+        if len(trajectory.time) <= steps // every:
             raise _EndedEarly('the run failed before its end')
-        return states
+        return trajectory
 
     try:
         values = artefact.measure(complete)
@@ -271,7 +268,7 @@ def measured(artefact: Artefact, run: Run, rows: list[Row]) -> list[Row]:
 
 
 def text_table(rows: Iterable[Row]) -> str:
-    """Return a table in Markdown: an artefact a line, a contender a column."""
+    """Return a table in Markdown with a line for each artefact and a column for each contender."""
     cells: dict[tuple[str, str], dict[str, str]] = {}
     columns: dict[str, None] = {}
     for row in rows:

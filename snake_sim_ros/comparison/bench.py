@@ -1,17 +1,17 @@
 """
-The bench: a matrix of runs, one row of a CSV file for each.
+The bench: a matrix of runs, each of which makes one row of a CSV file.
 
-Parts of the matrix are `precision`, every contender over its time steps in every case against the
-converged solution; `links`, the cost of a step over the number of links; `situations`, what a step
-costs by what there is to pay for; `stages`, where its time goes; `iterations`, residuals of the
-solvers on stored hard problems; `start_up`; `agreement`, how far the paths of other solvers are
-from that of `newton`; and `soak`, what penetration and memory do in very many steps. A run that
-fails is a row like any other. The file grows row by row: what is in it is not run again, so that
-an interrupted bench goes on.
+The parts of the matrix are: `precision`, the errors of every contender for its time steps in every
+case, against the converged solution; `links`, the cost of a step over the number of links;
+`situations`, the cost of a step depending on contacts and friction; `stages`, the times of the
+stages of a step; `iterations`, the residuals of the solvers on stored hard problems; `start_up`;
+`agreement`, the distance of the paths of other solvers from that of `newton`; and `soak`,
+penetration and memory over very many steps. A run that fails makes a row as well. The file grows
+row by row, and rows that it has are not run again, so that an interrupted bench can be continued.
 
-The error of a run is that against the converged solution of the paper's model. A baseline has
-another model, so that it has two errors: `error_limit` is that of its time step, against where its
-own small steps lead, and `model_error` that of this limit.
+The error of a run is its distance from the converged solution of the paper's model. A baseline has
+another model and therefore two errors: `error_limit` is that of its time step, the distance from
+the solution that its own small steps converge to, and `model_error` is the error of that solution.
 """
 
 from collections.abc import Iterable
@@ -19,31 +19,35 @@ from collections.abc import Iterator
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 import math
 
-from snake_sim_ros.comparison.bench_entries import Contender
 from snake_sim_ros.comparison.bench_rows import Entry
 from snake_sim_ros.comparison.bench_rows import Row
-from snake_sim_ros.comparison.course import Course
-from snake_sim_ros.comparison.course import extrapolated
-from snake_sim_ros.comparison.course import largest_difference
-from snake_sim_ros.comparison.course import path_error
+from snake_sim_ros.comparison.contenders import Contender
 from snake_sim_ros.comparison.hard_contacts import load_problems
 from snake_sim_ros.comparison.hard_contacts import reports_by_limit
+from snake_sim_ros.comparison.path_errors import extrapolated
+from snake_sim_ros.comparison.path_errors import largest_difference
+from snake_sim_ros.comparison.path_errors import Motion
+from snake_sim_ros.comparison.path_errors import motion
+from snake_sim_ros.comparison.path_errors import path_error
 from snake_sim_ros.comparison.soak import MARKS
 from snake_sim_ros.comparison.soak import QUICK_MARKS
 from snake_sim_ros.comparison.soak import soak
-from snake_sim_ros.comparison.soak import SOAKED
 from snake_sim_ros.comparison.soak import soaked_scene
+from snake_sim_ros.comparison.soak import SOAKED_SCENES
 from snake_sim_ros.comparison.stage_times import stage_times
+from snake_sim_ros.comparison.timed_run import TimedRun
 from snake_sim_ros.comparison.timing import calibration
-from snake_sim_ros.comparison.timing import CASE_A
+from snake_sim_ros.comparison.timing import CASE_A_NAME
 from snake_sim_ros.comparison.timing import converged
 from snake_sim_ros.comparison.timing import SITUATIONS
 from snake_sim_ros.comparison.timing import situations
 from snake_sim_ros.comparison.timing import start_up_seconds
 from snake_sim_ros.comparison.timing import timed
 from snake_sim_ros.comparison.timing import with_links
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
@@ -52,8 +56,9 @@ from snake_sim_ros.stepping.base import Report
 LINK_COUNTS = (5, 10, 20, 40, 80, 160, 200)
 LINKS_DURATION = 0.3  # s
 SITUATIONS_DURATION = 1.0  # s
-MOST_LINKS = {'newton_dense': 40, 'gauss_seidel': 40, 'paper': 80}  # of methods of higher cost
-HARD = (
+# Most links, for methods of higher cost.
+LINK_COUNT_LIMITS = {'newton_dense': 40, 'gauss_seidel': 40, 'paper': 80}
+HARD_PROBLEMS = (
     'sidewinding step 1007',
     'lateral_undulation step 0',
     'sticking, curved',
@@ -61,9 +66,10 @@ HARD = (
     'heavy link sliding, curved',
     'pitched link sliding, mu 0.5',
 )
-SOLVERS = ('newton', 'gauss_seidel', 'paper')
+HARD_PROBLEM_METHODS = ('newton', 'gauss_seidel', 'paper')
 MOST_ITERATIONS = 10_000
-AGREEING: dict[str, tuple[str, float, str]] = {  # what stops a solver, where, and its unit
+# The setting that stops a solver, its value and its unit.
+STOPPING_TOLERANCES: dict[str, tuple[str, float, str]] = {
     'newton_dense': ('solver.residual_tolerance', 1e-9, 'm/s'),
     'gauss_seidel': ('solver.residual_tolerance', 1e-9, 'm/s'),
     'paper': ('solver.tolerance', 1e-10, 'N s'),
@@ -71,24 +77,25 @@ AGREEING: dict[str, tuple[str, float, str]] = {  # what stops a solver, where, a
 
 
 class References:
-    """Converged solutions of the cases, and where small steps of a baseline lead; made once."""
+    """Converged solutions of the cases and of the models of baselines; each is computed once."""
 
     def __init__(self, scenes: Mapping[str, Scene]) -> None:
         self.scenes = scenes
-        self._converged: dict[str, tuple[Course, float]] = {}
-        self._limits: dict[tuple[str, str], Course | None] = {}
+        self._converged: dict[str, tuple[Motion, float]] = {}
+        self._limits: dict[tuple[str, str], Motion | None] = {}
 
-    def converged(self, case: str) -> tuple[Course, float]:
-        """Return the converged solution of a case, and how far it is from being converged."""
+    def converged(self, case: str) -> tuple[Motion, float]:
+        """Return the converged solution of a case, and an estimate of its own error."""
         if case not in self._converged:
             self._converged[case] = converged(self.scenes[case])
         return self._converged[case]
 
-    def own_limit(self, case: str, contender: Contender) -> Course | None:
+    def own_limit(self, case: str, contender: Contender) -> Motion | None:
         """
-        Return where small steps of a contender lead; the converged solution if that is it.
+        Return the solution that small steps of a contender converge to.
 
-        None if it is not asked for, or if the contender does not get through with them.
+        For a contender with the paper's model it is the converged solution. It is None if nobody
+        asks for it, or if the runs with small steps end early.
         """
         if contender.own_limit is None:
             return None
@@ -97,7 +104,7 @@ class References:
         name, model = contender.own_limit
         if (case, name) not in self._limits:
             coarse, fine = (
-                model.run(model.scene(self.scenes[case], rate), limit=math.inf)
+                model.run(model.scene(self.scenes[case], rate), limit=math.inf).trajectory
                 for rate in model.rates
             )
             whole = coarse.path.shape == fine.path.shape
@@ -106,7 +113,7 @@ class References:
 
 
 def reported(row: Row, report: Report) -> Row:
-    """Return a row with how the solver did in some steps."""
+    """Return a row with the numbers of a report."""
     return replace(
         row,
         status=report.status.value,
@@ -124,93 +131,98 @@ def reported(row: Row, report: Report) -> Row:
     )
 
 
-def measured(row: Row, course: Course) -> Row:
-    """Return a row with what a course took, and how its solver did."""
-    report, simulated = course.report, course.simulated
+def measured(row: Row, run: TimedRun) -> Row:
+    """Return a row with the times and the report of a run."""
+    report, simulated = run.trajectory.report, run.simulated
     return replace(
         reported(row, report),
         dt=simulated / report.steps if math.isnan(row.dt) and report.steps else row.dt,
-        status=course.status,
-        energy_error=course.energy_error,
-        seconds_per_second=course.seconds / simulated if simulated else math.nan,
-        median_us=course.median,
-        p99_us=course.p99,
+        status=run.status,
+        energy_error=run.energy_error,
+        seconds_per_second=run.trajectory.seconds / simulated if simulated else math.nan,
+        median_us=run.timing.median,
+        p99_us=run.timing.p99,
         calibration_us=calibration(),
-        compile_seconds=course.compile_seconds,
+        compile_seconds=run.timing.compile_seconds,
     )
 
 
-def compared(row: Row, course: Course, expected: Course, doubt: float, own: Course | None) -> Row:
-    """Return a row with its errors, infinite for a run that ended early."""
+def compared(row: Row, found: Motion, expected: Motion, doubt: float, own: Motion | None) -> Row:
+    """Return a row with its errors, which are infinite for a run that ended early."""
     row = replace(
         row,
         reference_error=doubt,
-        error_path=path_error(course.path, expected.path),
-        error_angle=largest_difference(course.joint_angle, expected.joint_angle),
-        error_heading=largest_difference(course.heading, expected.heading),
+        error_path=path_error(found.path, expected.path),
+        error_angle=largest_difference(found.joint_angle, expected.joint_angle),
+        error_heading=largest_difference(found.heading, expected.heading),
     )
     if own is None:
         return row
     if own is not expected:
         row = replace(row, model_error=path_error(own.path, expected.path))
-    return replace(row, error_limit=path_error(course.path, own.path))
+    return replace(row, error_limit=path_error(found.path, own.path))
 
 
 def precision(
-    references: References, rivals: Iterable[Contender], limit: float
+    references: References, contenders: Iterable[Contender], limit: float
 ) -> Iterator[Entry]:
-    """Yield every contender at every step in every case that it can do."""
+    """Yield a run of every contender, for each of its time steps, in every case it supports."""
     for case, scene in references.scenes.items():
         moves_up = scene.gait.pitch.amplitude != 0.0
-        for rival in rivals:
-            if rival.level == 'planar' and moves_up:
+        for contender in contenders:
+            if contender.level == 'planar' and moves_up:
                 continue
-            for rate in rival.rates:
+            for rate in contender.rates:
                 row = Row(
-                    part='precision', case=case, method=rival.method, level=rival.level,
-                    setting=rival.setting, dt=math.nan if rival.adaptive else 1 / rate,
-                    tolerance=rate if rival.adaptive else math.nan,
+                    part='precision', case=case, method=contender.method, level=contender.level,
+                    setting=contender.setting, dt=math.nan if contender.adaptive else 1 / rate,
+                    tolerance=rate if contender.adaptive else math.nan,
                     n=scene.robot.link_count, duration=scene.duration,
                 )  # fmt: skip
-                own = rival.scene(scene, rate)
+                own = contender.scene(scene, rate)
+                run = partial(precision_of, references, contender, row, own, limit)
+                yield Entry((row,), run, contender.seconds(own))
 
-                def run(rival: Contender = rival, row: Row = row, own: Scene = own) -> list[Row]:
-                    options = {'tolerance': row.tolerance} if rival.adaptive else {}
-                    course = rival.run(own, limit=limit, **options)
-                    expected, doubt = references.converged(row.case)
-                    small_steps = references.own_limit(row.case, rival)
-                    return [compared(measured(row, course), course, expected, doubt, small_steps)]
 
-                yield Entry((row,), run, rival.seconds(own))
+def precision_of(
+    references: References, contender: Contender, row: Row, scene: Scene, limit: float
+) -> list[Row]:
+    """Run a contender in a scene that has its time step; return its row with its errors."""
+    options = {'tolerance': row.tolerance} if contender.adaptive else {}
+    run = contender.run(scene, limit=limit, **options)
+    expected, doubt = references.converged(row.case)
+    small_steps = references.own_limit(row.case, contender)
+    found = motion(run.trajectory)
+    return [compared(measured(row, run), found, expected, doubt, small_steps)]
 
 
 def links(
-    scene: Scene, rivals: Iterable[Contender], counts: Iterable[int], limit: float
+    scene: Scene, contenders: Iterable[Contender], counts: Iterable[int], limit: float
 ) -> Iterator[Entry]:
-    """Yield short runs with other numbers of links, of the contenders' default settings."""
+    """Yield short runs of each contender's default setting with other numbers of links."""
     scene = replace(scene, duration=LINKS_DURATION)
-    for rival in rivals:
+    for contender in contenders:
         for n in counts:
-            if n > MOST_LINKS.get(rival.method, math.inf):
+            if n > LINK_COUNT_LIMITS.get(contender.method, math.inf):
                 continue
             row = Row(
-                part='links', case=CASE_A, method=rival.method, level=rival.level,
-                setting=rival.setting, dt=scene.dt, n=n, duration=scene.duration,
+                part='links', case=CASE_A_NAME, method=contender.method, level=contender.level,
+                setting=contender.setting, dt=scene.dt, n=n, duration=scene.duration,
             )  # fmt: skip
             longer = replace(scene, robot=with_links(scene.robot, n))
-            own = rival.scene(longer, 1 / scene.dt)
+            own = contender.scene(longer, 1 / scene.dt)
 
-            def run(rival: Contender = rival, row: Row = row, own: Scene = own) -> list[Row]:
-                return [measured(row, rival.run(own, limit=limit))]
+            def run(named: Contender = contender, row: Row = row, own: Scene = own) -> list[Row]:
+                return [measured(row, named.run(own, limit=limit))]
 
-            yield Entry((row,), run, rival.seconds(own))
+            yield Entry((row,), run, contender.seconds(own))
 
 
 def solvers() -> Iterator[Entry]:
-    """Yield the residual over iterations of the solvers on hard contact problems."""
+    """Yield runs of the solvers on hard contact problems: residuals over iterations."""
     problems = load_problems()
-    for name in HARD:
-        for method in SOLVERS:
+    for name in HARD_PROBLEMS:
+        for method in HARD_PROBLEM_METHODS:
             problem = problems[name]
             row = Row(
                 part='iterations', case=name, method=method, level='spatial',
@@ -236,9 +248,9 @@ def solvers() -> Iterator[Entry]:
 
 
 def costs(scene: Scene) -> Iterator[Entry]:
-    """Yield what steps cost by what there is to pay for, and where their time goes."""
+    """Yield the costs of steps with and without contacts and friction, and of their stages."""
     n, dt = scene.robot.link_count, scene.dt
-    usual = Row(part='situations', case=CASE_A, method='newton', level='spatial', dt=dt, n=n)
+    usual = Row(part='situations', case=CASE_A_NAME, method='newton', level='spatial', dt=dt, n=n)
     rows = {name: replace(usual, case=name, duration=SITUATIONS_DURATION) for name in SITUATIONS}
     yield Entry(
         tuple(rows.values()),
@@ -260,9 +272,11 @@ def costs(scene: Scene) -> Iterator[Entry]:
 
 
 def start_up(scene: Scene) -> Iterator[Entry]:
-    """Yield the time from starting a new process to its first step done."""
+    """Yield the time from the start of a new process to the end of its first step."""
     for setting in ('nothing compiled before', 'everything compiled before'):
-        row = Row(part='start_up', case=CASE_A, method='newton', level='auto', setting=setting)
+        row = Row(
+            part='start_up', case=CASE_A_NAME, method='newton', level='auto', setting=setting
+        )
 
         def run(row: Row = row) -> list[Row]:
             seconds = start_up_seconds(scene, cold=row.setting.startswith('nothing'))
@@ -272,12 +286,12 @@ def start_up(scene: Scene) -> Iterator[Entry]:
 
 
 def agreement(scenes: Mapping[str, Scene], methods: Iterable[str]) -> Iterator[Entry]:
-    """Yield how far from the path of `newton` other solvers get, with the same steps and laws."""
-    paths: dict[str, Course] = {}
+    """Yield distances of the paths of other solvers from that of `newton`, with equal steps."""
+    paths: dict[str, Array] = {}
     for case, scene in scenes.items():
         usual = with_settings(scene, {'level': 'spatial', 'method': 'newton'})
-        for method in [name for name in AGREEING if name in set(methods)]:
-            setting, tolerance, unit = AGREEING[method]
+        for method in [name for name in STOPPING_TOLERANCES if name in set(methods)]:
+            setting, tolerance, unit = STOPPING_TOLERANCES[method]
             row = Row(
                 part='agreement', case=case, method=method, level='spatial',
                 setting=f'{setting} in {unit}', dt=scene.dt, tolerance=tolerance,
@@ -287,18 +301,19 @@ def agreement(scenes: Mapping[str, Scene], methods: Iterable[str]) -> Iterator[E
 
             def run(row: Row = row, usual: Scene = usual, own: Scene = own) -> list[Row]:
                 if row.case not in paths:
-                    paths[row.case] = timed(usual)
-                course = timed(own)
-                difference = path_error(course.path, paths[row.case].path)
-                row = replace(row, path_difference=difference, seconds=course.seconds)
-                return [measured(row, course)]
+                    paths[row.case] = timed(usual).trajectory.path
+                timed_run = timed(own)
+                found = timed_run.trajectory
+                difference = path_error(found.path, paths[row.case])
+                row = replace(row, path_difference=difference, seconds=found.seconds)
+                return [measured(row, timed_run)]
 
             yield Entry((row,), run, 10.0 + 1e-4 * scene.duration / scene.dt)
 
 
 def soaks(marks: Sequence[int]) -> Iterator[Entry]:
-    """Yield very long runs; each has a row for every one of its marks."""
-    for name in SOAKED:
+    """Yield very long runs; each makes a row at every mark."""
+    for name in SOAKED_SCENES:
         scene = soaked_scene(name)
         rows = tuple(
             Row(
@@ -325,33 +340,35 @@ def soaks(marks: Sequence[int]) -> Iterator[Entry]:
 
 
 def matrix(
-    scenes: Mapping[str, Scene], rivals: list[Contender], limit: float, *, quick: bool
+    scenes: Mapping[str, Scene], contenders: list[Contender], limit: float, *, quick: bool
 ) -> dict[str, Iterator[Entry]]:
     """
-    Return the matrix, part by part; a part is made as its entries are asked for.
+    Return the matrix by parts; the entries of a part are made when they are iterated over.
 
     Parameters
     ----------
     scenes : mapping
         Cases, name -> scene.
-    rivals : list of Contender
+    contenders : list of Contender
     limit : float
         Wall time after which a run ends early [s].
     quick : bool
-        Whether to take two numbers of links instead of all, and a hundredth of the steps of soaks.
+        Whether to use only two numbers of links, and a hundredth of the steps of soaks.
 
     """
-    scene = load_scene(CASE_A)
+    scene = load_scene(CASE_A_NAME)
     counts = LINK_COUNTS[1:4:2] if quick else LINK_COUNTS
     usual = {
-        (rival.method, rival.level): rival for rival in reversed(rivals) if not rival.adaptive
+        (contender.method, contender.level): contender
+        for contender in reversed(contenders)
+        if not contender.adaptive
     }
     return {
-        'precision': precision(References(scenes), rivals, limit),
+        'precision': precision(References(scenes), contenders, limit),
         'links': links(scene, usual.values(), counts, limit),
         'iterations': solvers(),
         'costs': costs(scene),
         'start_up': start_up(scene),
-        'agreement': agreement(scenes, {rival.method for rival in rivals}),
+        'agreement': agreement(scenes, {contender.method for contender in contenders}),
         'soak': soaks(QUICK_MARKS if quick else MARKS),
     }

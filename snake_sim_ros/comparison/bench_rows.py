@@ -1,4 +1,4 @@
-"""Rows of the bench: what was run and what came out, how they are read, and what makes them."""
+"""Rows of the bench: their columns, how files are read, and the entries that make rows."""
 
 from collections.abc import Callable
 from collections.abc import Mapping
@@ -18,10 +18,10 @@ from snake_sim_ros.scene.checked_records import ParameterError
 @dataclass(frozen=True, kw_only=True)
 class Row:
     """
-    A run: what it was, in the columns of KEY, and what came out; nan or None: it means nothing.
+    A run, identified by the columns of KEY, with its results; nan or None means no value.
 
-    Times are wall times; errors are the largest at any time. `error_path` and what is derived from
-    it or like it are relative to the distance of the middle link from start to end.
+    Times are wall times, and errors are the largest at any time. `error_path` and the other errors
+    of paths are relative to the distance of the middle link from start to end.
     """
 
     part: str
@@ -71,16 +71,16 @@ KEY = ('part', 'case', 'method', 'level', 'setting', 'dt', 'tolerance', 'n', 'du
 @dataclass(frozen=True)
 class Entry:
     """
-    Something to run for one row or some.
+    A run that makes one row or several.
 
     Attributes
     ----------
     keys : tuple of Row
-        Rows with nothing but their keys.
+        Rows of which only the keys are filled.
     run : callable
-        Returns the rows; those without a key of `keys` follow from the same run.
+        Returns the rows. There may be more than in `keys`, made by the same run.
     guess : float
-        How long it may take, for the progress bar [s].
+        Expected wall time, for the progress bar [s].
 
     """
 
@@ -89,12 +89,12 @@ class Entry:
     guess: float
 
     def is_in(self, done: set[tuple[str, ...]]) -> bool:
-        """Return whether a file with rows of these keys has all of this entry already."""
+        """Return whether all rows of this entry are among these keys."""
         return done.issuperset(key(asdict(row)) for row in self.keys)
 
 
 def key(row: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return what identifies a row; a method that chooses its steps is known by its tolerance."""
+    """Return the key of a row, with the tolerance of a method that chooses its steps, not dt."""
     texts = {name: '' if is_empty(row[name]) else str(row[name]) for name in KEY}
     if texts['tolerance']:
         texts['dt'] = ''
@@ -102,7 +102,7 @@ def key(row: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def outcome(entry: Entry) -> list[Row]:
-    """Run an entry: anything that it raises is a row, too, except an end from the keyboard."""
+    """Run an entry; an exception makes a row as well, except an interruption from the keyboard."""
     try:
         return entry.run()
     except Exception as error:  # the bench goes on, the row says what happened
@@ -112,7 +112,7 @@ def outcome(entry: Entry) -> list[Row]:
 
 
 def line(row: Row) -> str:
-    """Return a row in short, for people who wait."""
+    """Return a row as one short line, which shows the progress."""
     what = [row.part, row.case, row.method, row.level, row.setting]
     if row.dt > 0.0:
         what.append(f'dt {row.dt:.2g} s')

@@ -1,4 +1,4 @@
-"""Tables in Markdown of what the bench measured beside errors and times."""
+"""Tables in Markdown of the parts `agreement` and `soak` of the bench."""
 
 from collections.abc import Sequence
 
@@ -6,7 +6,7 @@ from snake_sim_ros.comparison.bench_rows import Row
 
 
 def agreement_table(rows: Sequence[Row]) -> str:
-    """Return how far other solvers get from the path of `newton`, and how often they fail."""
+    """Return a table of the distances of other solvers from the path of `newton`."""
     lines = ['| case | solver | stops at | difference of paths | steps | unconverged |',
              '|---|---|---|---|---|---|']  # fmt: skip
     for row in rows:
@@ -25,7 +25,7 @@ def agreement_table(rows: Sequence[Row]) -> str:
 
 
 def soak_table(rows: Sequence[Row]) -> str:
-    """Return what penetration, memory and the solver do in very long runs."""
+    """Return a table of penetration, memory and unconverged steps in very long runs."""
     lines = ['| scene | level | steps | unconverged | penetration at the end [m] | largest [m] '
              '| memory, begin to end [MB] | wall time [s] |',
              '|---|---|---|---|---|---|---|---|']  # fmt: skip

@@ -1,8 +1,8 @@
 """
-Pictures; no other modules but `animation`, `figures` and `stability_chart` import matplotlib.
+Charts of the bench, and of paths.
 
-Colors are those of Okabe and Ito, which people with any kind of color vision tell apart; a method
-has the same color and the same mark everywhere. The planar level is drawn with hollow marks.
+Colors are those of Okabe and Ito, which people with any kind of color vision can tell apart. A
+method has the same color and the same mark in all charts. The planar level has hollow marks.
 """
 
 from collections.abc import Iterable
@@ -34,7 +34,7 @@ from snake_sim_ros.scene.parameters import Array
 
 PATH_COLOR = '#0072b2'
 POSTURE_COLORS = ('#999999', '#56b4e9', '#009e73', '#e69f00', '#d55e00')
-STYLES = {  # method: color, mark, name
+METHOD_STYLES = {  # method: color, mark, name
     'newton': ('#0072b2', 'o', 'newton'),
     'bdf2': ('#009e73', 's', 'bdf2'),
     'newton_dense': ('#56b4e9', 'v', 'newton_dense'),
@@ -48,7 +48,7 @@ STYLES = {  # method: color, mark, name
     'bdf': ('#cc79a7', '4', 'regularized, BDF'),
     'mujoco': ('#d55e00', 'X', 'MuJoCo'),
 }
-MAIN = {  # setting that stands for a method; all are drawn, the others thin
+MAIN_SETTINGS = {  # setting that represents a method; the other settings are drawn thin
     'newton': 'default',
     'bdf2': 'residual 1e-5 m/s',
     'gauss_seidel': 'residual 1e-5 m/s',
@@ -58,13 +58,13 @@ MAIN = {  # setting that stands for a method; all are drawn, the others thin
     'mujoco': 'accurate, spring, discrete',
 }
 DEFAULT_DT = 1 / 4000
-NAMES = {
+CASE_TITLES = {
     'lateral_undulation': 'A: lateral undulation',
     'lateral_undulation_isotropic': 'B: the same, isotropic friction',
     'sidewinding': 'C: sidewinding',
     'sinus_lifting': 'D: sinus-lifting',
 }
-SMALL = {'font.size': 8.5, 'svg.hashsalt': 'snake_sim_ros', 'svg.fonttype': 'none'}
+CHART_STYLE = {'font.size': 8.5, 'svg.hashsalt': 'snake_sim_ros', 'svg.fonttype': 'none'}
 
 
 def draw_bench(table: Table, folder: Path) -> list[Path]:
@@ -83,8 +83,8 @@ def draw_bench(table: Table, folder: Path) -> list[Path]:
 
     """
     rows = rows_of(table)
-    for method in {row.method for row in rows} - set(STYLES):
-        raise ParameterError(f'method must be one of {", ".join(STYLES)}; got {method!r}')
+    for method in {row.method for row in rows} - set(METHOD_STYLES):
+        raise ParameterError(f'method must be one of {", ".join(METHOD_STYLES)}; got {method!r}')
     parts = {name: [row for row in rows if row.part == name] for name in {r.part for r in rows}}
     if not cases_with_errors(parts.get('precision', ())):
         parts.pop('precision', None)
@@ -99,7 +99,7 @@ def draw_bench(table: Table, folder: Path) -> list[Path]:
     for name, (part, draw) in figures.items():
         if part not in parts:
             continue
-        with rc_context(SMALL):
+        with rc_context(CHART_STYLE):
             figure = draw(parts[part] + parts.get('situations', []) * (part == 'stages'))
             drawn += save(figure, folder / name, table.header)
     tables = {
@@ -136,7 +136,7 @@ def draw_artefacts(table: Table, folder: Path) -> list[Path]:
 
 
 def save(figure: Figure, path: Path, header: Mapping[str, str]) -> list[Path]:
-    """Write a figure as SVG and PNG, with where it was measured at its top."""
+    """Write a figure as SVG and PNG, with processor, date and commit of the data at its top."""
     where = ', '.join(header[key] for key in ('processor', 'date') if key in header)
     commit = header.get('commit', 'unknown')
     doubt = 'provenance unknown; says of itself: ' * ('provenance' in header)
@@ -151,7 +151,7 @@ def save(figure: Figure, path: Path, header: Mapping[str, str]) -> list[Path]:
 
 
 def panels(count: int, columns: int, height: float) -> tuple[Figure, list[Axes]]:
-    """Return a figure as wide as a README, with axes of a height [inch] each."""
+    """Return a figure as wide as a page on GitHub, and its axes, each of this height [inch]."""
     rows = math.ceil(count / columns)
     figure = Figure(figsize=(9.0, rows * height + 0.8), layout='constrained')
     return figure, [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
@@ -165,12 +165,12 @@ def lines(rows: Iterable[Row]) -> dict[tuple[str, str, str], list[Row]]:
             found.setdefault((row.method, row.level, row.setting), []).append(row)
     for line in found.values():
         line.sort(key=lambda row: row.dt)
-    return dict(sorted(found.items(), key=lambda item: list(STYLES).index(item[0][0])))
+    return dict(sorted(found.items(), key=lambda item: list(METHOD_STYLES).index(item[0][0])))
 
 
 def plot_line(axes: Axes, x: Any, y: Any, method: str, level: str, *, main: bool) -> Any:
-    """Draw the line of a method, thin if its setting is not the one that stands for it."""
-    color, mark, _ = STYLES[method]
+    """Draw the line of a method; it is thin if the setting is not the main one."""
+    color, mark, _ = METHOD_STYLES[method]
     fill = 'white' if level == 'planar' and mark not in '1234' else color
     look: dict[str, Any] = {'lw': 1.5, 'ms': 5.0} if main else {'lw': 0.6, 'ms': 2.5, 'alpha': 0.5}
     (line,) = axes.plot(x, y, '-', marker=mark, color=color, mfc=fill, zorder=2 + main, **look)
@@ -178,13 +178,13 @@ def plot_line(axes: Axes, x: Any, y: Any, method: str, level: str, *, main: bool
 
 
 def is_main(method: str, setting: str, rows: Iterable[Row]) -> bool:
-    """Return whether a setting stands for its method; any does where that of MAIN was not run."""
+    """Return whether a setting is the main one of its method; any is if that was not run."""
     settings = {row.setting for row in rows if row.method == method}
-    return MAIN.get(method) not in settings - {setting}
+    return MAIN_SETTINGS.get(method) not in settings - {setting}
 
 
 def cases_with_errors(rows: Iterable[Row]) -> list[str]:
-    """Return the cases in which a run got through and has an error."""
+    """Return the cases with a complete run that has an error."""
     return list(dict.fromkeys(row.case for row in rows if row.error_path > 0.0))
 
 
@@ -202,14 +202,16 @@ def errors_figure(rows: Sequence[Row], column: str) -> tuple[Figure, list[Axes]]
             y = [row.error_path for row in line]
             handle = plot_line(axes, x, y, method, level, main=main)
             if main:
-                name = STYLES[method][2] + ', planar' * (level == 'planar')
+                name = METHOD_STYLES[method][2] + ', planar' * (level == 'planar')
                 legend.setdefault(name, handle)
                 orders.setdefault(name, []).append(fitted_order(line))
         shown = [row for row in here if row.error_path > 0.0]
         doubt = max(row.reference_error for row in shown)
         axes.axhspan(1e-9, max(doubt, 1e-9), color='#dddddd', zorder=0)
         low = min([doubt, *(row.error_path for row in shown)])
-        axes.set(xscale='log', yscale='log', title=NAMES.get(case, case), ylim=(low / 2, 2.0))
+        axes.set(
+            xscale='log', yscale='log', title=CASE_TITLES.get(case, case), ylim=(low / 2, 2.0)
+        )
         axes.set_ylabel('error / distance from start to end')
         axes.grid(alpha=0.3, which='major')
     names = {
@@ -232,9 +234,9 @@ def slope_triangle(axes: Axes, order: int, direction: int, at: tuple[float, floa
     axes : Axes
     order : int
     direction : {1, -1}
-        1 over time steps, -1 over times.
+        1 if the x axis has time steps, -1 if it has wall times.
     at : tuple of float
-        Its lower corner, as fractions of the axes.
+        Lower corner, as fractions of the axes.
 
     """
     (x0, x1), (y0, y1) = np.log10(axes.get_xlim()), np.log10(axes.get_ylim())
@@ -250,7 +252,7 @@ def slope_triangle(axes: Axes, order: int, direction: int, at: tuple[float, floa
 
 
 def work_precision(rows: Sequence[Row]) -> Figure:
-    """Draw error over wall time per simulated second: down and to the left is better."""
+    """Draw errors over wall time per simulated second; points at the lower left are best."""
     figure, all_axes = errors_figure(rows, 'seconds_per_second')
     cases = cases_with_errors(rows)
     for axes, case in zip(all_axes, cases, strict=True):
@@ -258,7 +260,7 @@ def work_precision(rows: Sequence[Row]) -> Figure:
         default = {row.level: row for row in here if row.dt == DEFAULT_DT
                    and (row.method, row.setting) == ('newton', 'default')}  # fmt: skip
         printed = [row for row in here if row.dt == DEFAULT_DT
-                   and (row.method, row.setting) == ('paper', MAIN['paper'])]  # fmt: skip
+                   and (row.method, row.setting) == ('paper', MAIN_SETTINGS['paper'])]  # fmt: skip
         chosen = default.get('planar') or default.get('spatial')
         for row, text in [(chosen, 'default'), (printed[0] if printed else None, 'paper')]:
             if row is not None:
@@ -288,7 +290,7 @@ def cost_over_links(rows: Sequence[Row]) -> Figure:
     """Draw the median step over the number of links, with the exponents of fitted power laws."""
     figure, (axes,) = panels(1, 1, 3.6)
     rows = [row for row in rows if row.median_us > 0.0]
-    for method in STYLES:
+    for method in METHOD_STYLES:
         for level in ('spatial', 'planar'):
             line = [
                 row
@@ -301,7 +303,9 @@ def cost_over_links(rows: Sequence[Row]) -> Figure:
             n, cost = [row.n or 0 for row in line], [row.median_us for row in line]
             handle = plot_line(axes, n, cost, method, level, main=True)
             exponent = f', n^{fitted_power(n, cost):.2f}' * (len(line) > 1)
-            handle.set_label(STYLES[method][2] + ', planar' * (level == 'planar') + exponent)
+            handle.set_label(
+                METHOD_STYLES[method][2] + ', planar' * (level == 'planar') + exponent
+            )
     axes.set(xscale='log', yscale='log', xlabel='number of links', ylabel='median step [us]')
     axes.grid(alpha=0.3, which='both')
     figure.legend(loc='outside right center', frameon=False)
@@ -309,7 +313,7 @@ def cost_over_links(rows: Sequence[Row]) -> Figure:
 
 
 def residual_over_iterations(rows: Sequence[Row]) -> Figure:
-    """Draw what is left of the contact laws over iterations, for stored hard problems."""
+    """Draw residuals of the contact laws over iterations, for stored hard problems."""
     cases = list(dict.fromkeys(row.case for row in rows))
     figure, all_axes = panels(len(cases), 3, 2.4)
     legend: dict[str, Any] = {}
@@ -327,13 +331,13 @@ def residual_over_iterations(rows: Sequence[Row]) -> Figure:
         axes.set_ylabel('residual [m/s]')
     for axes in all_axes[-3:]:
         axes.set_xlabel('iterations (dotted: where newton stops)')
-    names = [STYLES[method][2] for method in legend]
+    names = [METHOD_STYLES[method][2] for method in legend]
     figure.legend(legend.values(), names, loc='outside lower center', ncols=3, frameon=False)
     return figure
 
 
 def where_time_goes(rows: Sequence[Row]) -> Figure:
-    """Draw the stages of a step, and what it costs by what there is to pay for."""
+    """Draw the times of the stages of a step, and its cost in different situations."""
     figure, (left, right) = panels(2, 2, 2.8)
     colors = ('#0072b2', '#56b4e9', '#009e73', '#e69f00')
     for y, level in enumerate(('spatial', 'planar')):

@@ -1,9 +1,9 @@
 """
-CSV files of measurements: a head that says what was measured where, then one row per run.
+CSV files of measurements: a head that says what was measured where, then a row for each run.
 
-A head is a few lines ``# name: value``; with ``comment='#'`` any reader of CSV skips them. Whoever
-goes on with a file later writes another head above the new rows, so that nobody has a reason to
-edit one. The program writes heads and rows, and seals them: `seals` tells whether somebody did.
+A head consists of lines ``# name: value``, which readers of CSV skip with ``comment='#'``. A file
+that is continued later gets another head above its new rows, so that nobody has a reason to edit a
+head. The program seals heads and rows; `seals` detects changes by hand.
 """
 
 from collections.abc import Iterable
@@ -29,18 +29,18 @@ from snake_sim_ros import __version__
 from snake_sim_ros import PACKAGE
 from snake_sim_ros.comparison.seals import Chain
 from snake_sim_ros.comparison.seals import check
-from snake_sim_ros.comparison.seals import SEAL
+from snake_sim_ros.comparison.seals import SEAL_NAME
 from snake_sim_ros.comparison.seals import sealed
 from snake_sim_ros.comparison.seals import unsealed
 from snake_sim_ros.scene.checked_records import ParameterError
 
 LIBRARIES = ('numpy', 'scipy', 'numba', 'mujoco')
-SAME = ('table', 'provenance', 'processor', 'settings')  # of all rows of a file
-SOURCES = ('commit', 'sources')  # the same too, unless somebody asks for another
+HEAD_OF_ALL_ROWS = ('table', 'provenance', 'processor', 'settings')  # equal in all heads
+HEAD_OF_SOURCES = ('commit', 'sources')  # equal as well, unless other sources are allowed
 
 
 def provenance(table: str) -> dict[str, str]:
-    """Return what identifies a measurement: kind of table, sources, processor, versions, date."""
+    """Return the head of a measurement: kind of table, sources, processor, versions, date."""
     versions = {name: _version(name) for name in LIBRARIES}
     return {
         'table': table,
@@ -65,7 +65,7 @@ def _version(name: str) -> str:
 
 
 def _commit() -> str:
-    """Return the last commit of the sources, marked if changed since; else the version."""
+    """Return the last commit of the sources, with a mark if they were changed, or the version."""
     sources = [str(PACKAGE), str((PACKAGE / 'config').resolve())]
     commit = _git('log', '-1', '--format=%h', '--abbrev=12', '--', *sources)
     if not commit:
@@ -74,7 +74,7 @@ def _commit() -> str:
 
 
 def _sources() -> str:
-    """Return a digest of the sources: it tells apart what was changed since a commit, too."""
+    """Return a digest of the sources, which also distinguishes changes since a commit."""
     digest = sha256()
     for path in sorted([*PACKAGE.rglob('*.py'), *(PACKAGE / 'config').iterdir()]):
         if path.is_file():
@@ -109,7 +109,7 @@ class Table:
     Attributes
     ----------
     header : dict
-        Name -> value of the comment lines; where heads differ, all values, first to last.
+        Name -> value of the comment lines; all values in their order if heads differ.
     rows : list of dict
         Column -> text.
 
@@ -126,11 +126,11 @@ def read_table(path: Path) -> Table:
     Raises
     ------
     ParameterError
-        If there is no such file, or it has no head or no columns, or is not as it was written.
+        If there is no such file, if it has no head or no columns, or if a seal does not fit.
 
     """
     lines, heads, columns = _read(path)
-    if SEAL not in columns:
+    if SEAL_NAME not in columns:
         raise ParameterError(
             f'{path}: the rows have no seals: mark the file as one of unknown provenance with '
             'snake-sim seal'
@@ -149,7 +149,7 @@ def read_table(path: Path) -> Table:
 
 
 def _read(path: Path) -> tuple[list[str], list[dict[str, str]], list[str]]:
-    """Return the whole lines of a file, what its heads say, and its columns."""
+    """Return the complete lines of a file, its heads, and its columns."""
     try:
         text = path.read_text(encoding='utf-8')
     except (OSError, UnicodeDecodeError) as error:
@@ -158,7 +158,7 @@ def _read(path: Path) -> tuple[list[str], list[dict[str, str]], list[str]]:
     heads: list[dict[str, str]] = []
     for line in lines:
         name, _, value = (part.strip() for part in line[1:].partition(':'))
-        if not line.startswith('#') or name == SEAL:
+        if not line.startswith('#') or name == SEAL_NAME:
             continue
         if name == 'table':
             heads.append({})
@@ -178,10 +178,10 @@ def _read(path: Path) -> tuple[list[str], list[dict[str, str]], list[str]]:
 
 def mark_unknown(path: Path) -> bool:
     """
-    Seal a file that has no seals or none that fit, as one of which nobody knows who wrote what.
+    Seal a file without seals, or with seals that do not fit, as one of unknown provenance.
 
-    Its heads and rows stay as they are, but every head says so from then on, and so does what is
-    drawn of it. A file whose seals fit is left alone.
+    Its heads and rows stay as they are, but every head, and every chart of the file, says from
+    then on that the provenance is unknown. A file whose seals fit is not changed.
 
     Returns
     -------
@@ -195,7 +195,7 @@ def mark_unknown(path: Path) -> bool:
 
     """
     lines, _, columns = _read(path)
-    if SEAL in columns:
+    if SEAL_NAME in columns:
         try:
             check(lines)
         except ParameterError:
@@ -226,7 +226,7 @@ def records_of(table: Table, kind: str, cls: type[Any]) -> list[Any]:
     ----------
     table : Table
     kind : str
-        What the header must say that it is.
+        Kind of table that the header must have.
     cls : type
         A dataclass with fields str, float, int, or one of these or None. A float that is empty
         is nan, if it cannot be None.
@@ -265,18 +265,18 @@ def _value(name: str, text: str, kind: Any) -> Any:
 
 
 def is_empty(value: Any) -> bool:
-    """Return whether a value is written as an empty cell: nothing, or no finite number."""
+    """Return whether a value is written as an empty cell: None, or a float that is not finite."""
     return value is None or (isinstance(value, float) and not math.isfinite(value))
 
 
 def plain(record: Any) -> dict[str, Any]:
-    """Return a dataclass as a row that `TableWriter.append` takes; what is_empty is None."""
+    """Return a dataclass as a row for `TableWriter.append`; empty values become None."""
     return {name: None if is_empty(value) else value for name, value in asdict(record).items()}
 
 
 class TableWriter:
     """
-    A CSV file that grows row by row; one that is there already is gone on with.
+    A CSV file that grows row by row; an existing file is continued.
 
     Parameters
     ----------
@@ -285,15 +285,15 @@ class TableWriter:
         Kind of table, as in the head.
     columns : iterable of str
     settings : sequence of str, optional
-        What all rows have in common beside what is in their columns, such as ``['dt=0.001']``.
+        Settings that all rows share and that are in no column, such as ``['dt=0.001']``.
     other_sources : bool, optional
-        Whether to go on with a file whose rows are of other sources, or of unknown provenance: the
-        new rows have a head of their own.
+        Whether a file may be continued whose rows are of other sources or of unknown provenance.
+        The new rows have a head of their own.
 
     Attributes
     ----------
     rows : list of dict
-        Rows that the file had, column -> text.
+        The rows that the file had before, column -> text.
 
     Raises
     ------
@@ -328,17 +328,17 @@ class TableWriter:
             return
         self.rows = read_table(path).rows
         lines, heads, found = _read(path)
-        names = [name for name in SAME if name != 'provenance' or not other_sources]
-        for name in names + list(SOURCES) * (not other_sources):
+        names = [name for name in HEAD_OF_ALL_ROWS if name != 'provenance' or not other_sources]
+        for name in names + list(HEAD_OF_SOURCES) * (not other_sources):
             for old in (there.get(name, '') for there in heads):
                 if old != header.get(name, ''):
                     raise ParameterError(
                         f'{path} holds rows of {name} {old!r}, these would be of '
                         f'{header.get(name, "")!r}: name another file, or remove that one'
                         + ', or go on with --other-sources'
-                        * (name in ('provenance', *SOURCES))
+                        * (name in ('provenance', *HEAD_OF_SOURCES))
                     )
-        if found != [*self.columns, SEAL]:
+        if found != [*self.columns, SEAL_NAME]:
             raise ParameterError(
                 f'{path} has other columns: name another file, or remove that one'
             )
@@ -346,7 +346,7 @@ class TableWriter:
         path.write_text(_text(lines), encoding='utf-8')  # without a row that was cut short
 
     def append(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        """Add rows; None is empty, a float is written so that reading gives the same number."""
+        """Add rows; None is written as empty, floats so that reading gives the same numbers."""
         lines: list[str] = []
         for row in rows:
             if self._head:
@@ -357,7 +357,7 @@ class TableWriter:
             file.write(_text(lines))
 
     def _line(self, row: Mapping[str, Any]) -> str:
-        """Return a row as text; a line break, which would end it, becomes a blank."""
+        """Return a row as text; line breaks, which would end the row, become blanks."""
         text = io.StringIO()
         csv.DictWriter(text, self.columns, lineterminator='').writerow(row)
         return text.getvalue().replace('\r', ' ').replace('\n', ' ')

@@ -1,13 +1,13 @@
 """
-Hard contact problems, stored as single steps, and how the solvers get on with them.
+Hard contact problems, stored as single steps, and the residuals that solvers reach on them.
 
 They are in ``config/hard_contacts.npz``. The first twenty are the steps that took most iterations
-of method newton in 15 s of cases A to D, ``mu 5`` are steps of lateral undulation with mu = 5 on
-which an earlier solver gave up. The others are postures put on the floor with a gap of -1e-9 m and
-moved as one rigid body: at rest or nearly so (redundant contacts), thrown down at 0.3 m/s while
-turning (every contact lands and slides at once), with a link of 1000 times the mass, with an
-upright link, and a pitched link that slides on its leading end, below and beyond Painlevé's
-threshold.
+of method newton in 15 s of cases A to D. Those named ``mu 5`` are steps of lateral undulation with
+mu = 5 on which an earlier solver failed. The others are postures on the floor with a gap of
+-1e-9 m that move as one rigid body: at rest or nearly so (redundant contacts), thrown down at
+0.3 m/s while turning (every contact lands and slides at once), with a link of 1000 times the mass,
+with an upright link, and a pitched link that slides on its leading end, below and beyond
+Painlevé's threshold.
 """
 
 from collections.abc import Iterator
@@ -61,8 +61,9 @@ def reports_by_limit(problem: StoredStep, method: str, most: int) -> Iterator[Re
     """
     Yield the reports of a step whose solver may take 1, 2, 3, 5, 7, 10 ... iterations.
 
-    Ends with the first that converged, or at most `most` iterations. The tolerances are too small
-    to stop a solver that can still improve: 1e-12 m/s, for the paper's iteration 1e-14 N s.
+    The last report is the first one that converged, or that of `most` iterations. The tolerances
+    are too small to stop a solver that can still improve: 1e-12 m/s, and 1e-14 N s for the
+    paper's iteration.
     """
     limits = np.unique(np.round(np.geomspace(1, most, 6 * int(np.log10(most)) + 1)).astype(int))
     for limit in limits:

@@ -1,4 +1,4 @@
-"""What to take for an accuracy: the fastest run of all whose error is small enough."""
+"""The fastest method for an accuracy, and orders of convergence."""
 
 from collections.abc import Iterable
 from collections.abc import Sequence
@@ -9,11 +9,11 @@ import numpy as np
 from snake_sim_ros.comparison.bench_rows import Row
 from snake_sim_ros.stepping.methods import METHODS
 
-TARGETS = (0.05, 0.01, 0.001)  # of the distance from start to end
+ERROR_TARGETS = (0.05, 0.01, 0.001)  # of the distance from start to end
 
 
 def is_ours(row: Row) -> bool:
-    """Return whether a row is of a method of this package's own, at its own settings."""
+    """Return whether a row is of a method of this package."""
     return row.method in METHODS
 
 
@@ -25,9 +25,10 @@ def fastest(rows: Iterable[Row], target: float) -> Row | None:
 
 def fitted_order(rows: Sequence[Row]) -> float:
     """
-    Return the power of dt that the error of a method's own step follows; nan without enough rows.
+    Return the order of convergence: the power of dt that the errors of the time step follow.
 
-    Counted are errors from ten times that of the reference, where they say something, to 0.1.
+    Only errors between ten times that of the reference and 0.1 are used. It is nan if there are
+    fewer than three.
     """
     points = [
         (row.dt, row.error_limit)
@@ -41,12 +42,12 @@ def fitted_order(rows: Sequence[Row]) -> float:
 
 
 def fitted_power(x: Sequence[float], y: Sequence[float]) -> float:
-    """Return the exponent of the power law that fits y over x best, in logarithms."""
+    """Return the exponent of the power law that fits y over x best on logarithmic scales."""
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
 def pareto_table(rows: Sequence[Row]) -> str:
-    """Return a table in Markdown: case, error asked for, the fastest of ours and of the others."""
+    """Return a table in Markdown of the fastest methods, ours and others, for each error."""
     rows = [row for row in rows if row.part == 'precision']
     lines = [
         '| case | error | fastest method of ours | times real time | its error '
@@ -55,7 +56,7 @@ def pareto_table(rows: Sequence[Row]) -> str:
     ]
     for case in dict.fromkeys(row.case for row in rows):
         here = [row for row in rows if row.case == case]
-        for target in TARGETS:
+        for target in ERROR_TARGETS:
             cells = [f'`{case}`', f'{100 * target:g} %']
             for ours in (True, False):
                 best = fastest((row for row in here if is_ours(row) == ours), target)

@@ -1,11 +1,11 @@
 """
-Seals of CSV files: they tell what the program wrote from what somebody changed.
+Seals of CSV files: they distinguish what the program wrote from changes by hand.
 
-Every head ends with a seal, a line ``# seal: ...``, and every row with one, in its last column.
-A seal is a digest of the lines since the seal before it, and of that seal. So a line that is
-changed, added, moved or taken out does not fit, nor does anything after it. Rows that miss at the
-end are no such thing: the writing may have been interrupted. Seals are no signatures: they show
-what was done by hand, not what a program forges.
+Every head ends with a seal, a line ``# seal: ...``, and every row has a seal in its last column. A
+seal is a digest of the lines since the previous seal, and of that seal. If a line is changed,
+added, moved or removed, its seal and all later seals do not fit. Rows that are missing at the end
+are not detected, since writing may have been interrupted. Seals are not signatures: they show
+changes by hand, but not the forgery of a program.
 """
 
 from collections.abc import Iterator
@@ -16,22 +16,22 @@ from hashlib import sha256
 
 from snake_sim_ros.scene.checked_records import ParameterError
 
-SEAL = 'seal'  # name of the column, and of the last line of a head
-MARK = f'# {SEAL}: '
-LENGTH = 12  # hexadecimal digits
+SEAL_NAME = 'seal'  # name of the column, and of the last line of a head
+SEAL_LINE = f'# {SEAL_NAME}: '
+SEAL_LENGTH = 12  # hexadecimal digits
 
 
 @dataclass
 class Chain:
     """
-    What the next seal depends on.
+    The text on which the next seal depends.
 
     Attributes
     ----------
     last : str
-        The seal before; empty at the start of a file.
+        The previous seal; empty at the start of a file.
     lines : list of str
-        Lines since then, without their ends.
+        Lines since that seal, without line ends.
 
     """
 
@@ -39,20 +39,20 @@ class Chain:
     lines: list[str] = field(default_factory=list)
 
     def seal(self, line: str) -> str:
-        """Add a line, and return the seal of it and of those since the last seal."""
+        """Add a line, and return the seal of all lines since the previous seal."""
         text = '\n'.join([self.last, *self.lines, line])
-        self.last, self.lines = sha256(text.encode()).hexdigest()[:LENGTH], []
+        self.last, self.lines = sha256(text.encode()).hexdigest()[:SEAL_LENGTH], []
         return self.last
 
     def head(self, lines: Sequence[str]) -> Iterator[str]:
-        """Yield a head with its seal: lines that begin with #."""
+        """Yield the lines of a head, which begin with #, and its seal."""
         yield from lines
         self.lines += lines
-        yield MARK + self.seal('')
+        yield SEAL_LINE + self.seal('')
 
     def columns(self, line: str) -> str:
         """Return the line with the names of columns, which the first row seals."""
-        self.lines.append(f'{line},{SEAL}')
+        self.lines.append(f'{line},{SEAL_NAME}')
         return self.lines[-1]
 
     def row(self, line: str) -> str:
@@ -62,23 +62,23 @@ class Chain:
 
 def check(lines: Sequence[str]) -> Chain:
     """
-    Check all seals of a file, and return what the next one depends on.
+    Check all seals of a file, and return the chain for its next seal.
 
     Parameters
     ----------
     lines : sequence of str
-        All of a file, without their ends.
+        All lines of a file, without line ends.
 
     Raises
     ------
     ParameterError
-        If a seal does not fit, or none follows a comment; it has the number of the line.
+        If a seal does not fit, or if comments have no seal. The message has the line number.
 
     """
     chain, columns = Chain(), False
     for number, line in enumerate(lines, 1):
-        if line.startswith(MARK):
-            good = line == MARK + chain.seal('')
+        if line.startswith(SEAL_LINE):
+            good = line == SEAL_LINE + chain.seal('')
         elif line.startswith('#') or not columns:
             columns |= not line.startswith('#')
             chain.lines.append(line)
@@ -101,16 +101,16 @@ def _sentence(number: int) -> str:
 
 
 def unsealed(lines: Sequence[str]) -> list[str]:
-    """Return the lines of a file without seals, whether they fit or not; any file will do."""
-    kept = [line for line in lines if not line.startswith(MARK)]
+    """Return the lines of any file without seals, whether these fit or not."""
+    kept = [line for line in lines if not line.startswith(SEAL_LINE)]
     columns = next((line for line in kept if not line.startswith('#')), '')
-    if columns.rpartition(',')[2] != SEAL:
+    if columns.rpartition(',')[2] != SEAL_NAME:
         return kept
     return [line if line.startswith('#') else line.rpartition(',')[0] for line in kept]
 
 
 def sealed(lines: Sequence[str]) -> list[str]:
-    """Return the lines of a file without seals with seals."""
+    """Return the lines of a file that has no seals, with seals."""
     chain, found, head, columns = Chain(), list[str](), list[str](), False
     for line in lines:
         if line.startswith('#'):

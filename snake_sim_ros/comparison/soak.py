@@ -1,8 +1,8 @@
 """
-Very long runs: whether penetration stays bounded, and memory flat.
+Very long runs, which show whether penetration and memory stay bounded.
 
-The robot in `sidewinding` and `lateral_undulation` goes on and on; among pegs, which it passes in
-some seconds, it begins anew after every duration of the scene.
+In `sidewinding` and `lateral_undulation` the robot moves on without end. Among pegs, which it
+passes in some seconds, it starts again after every duration of the scene.
 """
 
 from collections.abc import Iterator
@@ -20,10 +20,10 @@ from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.simulation import steps_in
 
-MARKS = (10**4, 10**5, 10**6, 10**7)  # steps after which a soak is looked at
+MARKS = (10**4, 10**5, 10**6, 10**7)  # numbers of steps after which the state of a soak is noted
 QUICK_MARKS = (10**3, 10**4, 10**5)
-SECOND = 1.0  # s, over which the penetration at the end is looked for
-SOAKED: dict[str, dict[str, Any]] = {  # scene: settings
+LAST_PERIOD = 1.0  # s before a mark in which `penetration_end` is the largest
+SOAKED_SCENES: dict[str, dict[str, Any]] = {  # scene: settings
     'lateral_undulation': {'level': 'spatial'},
     'sidewinding': {},
     'obstacle_aided': {},
@@ -33,21 +33,21 @@ SOAKED: dict[str, dict[str, Any]] = {  # scene: settings
 @dataclass(frozen=True)
 class Mark:
     """
-    How a soak stands after some steps.
+    The state of a soak after some steps.
 
     Attributes
     ----------
     steps : int
-        Asked for; those done are in the report.
+        Number that was asked for; the report has the number that was done.
     seconds : float
         Wall time of all steps.
     report : Report
         Of all steps.
     penetration_end : float
-        Largest of the last second, or since the mark before if that is less [m].
+        Largest in the last second, or since the previous mark if that is later [m].
     memory_begin, memory_end : int or None
-        Resident memory of the process, when everything was compiled and at the mark [B]; None
-        where the system does not tell.
+        Resident memory of the process after compiling, and at the mark [B]; None if the system
+        does not provide it.
 
     """
 
@@ -60,7 +60,7 @@ class Mark:
 
 
 def resident_memory() -> int | None:
-    """Return the memory of this process that is in use [B], None where the system has no /proc."""
+    """Return the resident memory of this process [B], or None if the system has no /proc."""
     try:
         pages = Path('/proc/self/statm').read_text(encoding='ascii').split()[1]
     except OSError:
@@ -69,26 +69,26 @@ def resident_memory() -> int | None:
 
 
 def soaked_scene(name: str) -> Scene:
-    """Return one of the scenes of SOAKED."""
-    return with_settings(load_scene(name), SOAKED[name])
+    """Return one of the scenes of SOAKED_SCENES."""
+    return with_settings(load_scene(name), SOAKED_SCENES[name])
 
 
 def soak(scene: Scene, marks: Sequence[int], *, restarts: bool) -> Iterator[Mark]:
     """
-    Run a scene for very many steps, and yield how it stands at some of them.
+    Run a scene for very many steps, and yield its state at some of them.
 
     Parameters
     ----------
     scene : Scene
     marks : sequence of int
-        Steps at which to look, ascending; the run ends with the last one, or where it diverges.
+        Numbers of steps, ascending. The run ends with the last one, or if it diverges.
     restarts : bool
-        Whether the robot begins anew after every duration of the scene.
+        Whether the robot starts again after every duration of the scene.
 
     """
     simulation = Simulation(scene)
     simulation.compile()
-    chunk = steps_in(SECOND, scene.dt, 'second')
+    chunk = steps_in(LAST_PERIOD, scene.dt, 'second')
     whole = steps_in(scene.duration, scene.dt, 'duration')
     total, seconds, latest = Report(), 0.0, Report()
     memory = resident_memory()

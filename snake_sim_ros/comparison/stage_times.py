@@ -1,4 +1,4 @@
-"""Where the time of a step of method newton goes, by time stamps inside of real steps."""
+"""Times of the stages of a step of method newton, from time stamps inside of real steps."""
 
 import time
 
@@ -21,8 +21,8 @@ from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.state import without_memory
 
 STAGES = ('kinematics, control, contacts', 'contact laws and chain', 'end of step, drift')
-CHAIN = 'one sweep over the chain'  # part of the second stage, about one in every iteration
-STEPS = 1000
+CHAIN_SWEEP = 'one sweep over the chain'  # part of the second stage, about one per iteration
+TIMED_STEPS = 1000
 
 
 @compiled
@@ -62,9 +62,9 @@ def planar_stages(model, work, steps, stamps):
 
 def stage_times(scene: Scene, level: str) -> dict[str, float]:
     """
-    Return the median time of every stage of a step, and at the spatial level of CHAIN [us].
+    Return the median time of every stage of a step, and at the spatial level of CHAIN_SWEEP [us].
 
-    Of STEPS steps after the first second of the scene.
+    The median is that of TIMED_STEPS steps after the first second of the scene.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def stage_times(scene: Scene, level: str) -> dict[str, float]:
         `spatial` or `planar`.
 
     """
-    stamps = np.zeros((STEPS, 5), np.int64)
+    stamps = np.zeros((TIMED_STEPS, 5), np.int64)
     stages = planar_stages if level == 'planar' else spatial_stages
 
     def loop(model, work, steps):  # type: ignore[no-untyped-def]
@@ -81,11 +81,11 @@ def stage_times(scene: Scene, level: str) -> dict[str, float]:
 
     make = PlanarStepper if level == 'planar' else SpatialStepper
     simulation = Simulation(scene, make(scene, loop))
-    for steps in [STEPS] * (round(1 / scene.dt / STEPS) + 1):
+    for steps in [TIMED_STEPS] * (round(1 / scene.dt / TIMED_STEPS) + 1):
         reference = simulation.gait_reference(steps)
         start = time.perf_counter(), cycle_counter()
         simulation.advance(*reference)
         wall, ticks = time.perf_counter() - start[0], cycle_counter() - start[1]
     medians = 1e6 * wall / ticks * np.median(np.diff(stamps, axis=1), axis=0)
-    names = (*STAGES, CHAIN) if level == 'spatial' else STAGES
+    names = (*STAGES, CHAIN_SWEEP) if level == 'spatial' else STAGES
     return {name: float(median) for name, median in zip(names, medians, strict=False)}

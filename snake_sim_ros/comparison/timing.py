@@ -1,10 +1,10 @@
 """
-Runs of compiled methods, timed step by step, and what steps cost by what there is to pay for.
+Runs of compiled methods that are timed step by step.
 
-The processor's own counter is read between two steps, so nothing but the step is in the times of
-steps, neither references nor recording. What the numbers do not show: they are of one machine and
-one moment. On a noisy machine compare ratios: to a calibration loop, a fixed amount of the same
-kind of arithmetic, or between runs that take turns.
+The cycle counter of the processor is read between two steps, so that the times of steps contain
+neither references nor recording. All times are those of one machine at one moment. On a noisy
+machine it is better to compare ratios, either to a calibration loop, which is a fixed amount of
+the same kind of arithmetic, or between runs that take turns.
 """
 
 from collections.abc import Callable
@@ -20,10 +20,12 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.comparison.course import Course
-from snake_sim_ros.comparison.course import extrapolated
-from snake_sim_ros.comparison.course import path_error
-from snake_sim_ros.comparison.course import SAMPLE
+from snake_sim_ros.comparison.path_errors import extrapolated
+from snake_sim_ros.comparison.path_errors import Motion
+from snake_sim_ros.comparison.path_errors import path_error
+from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
+from snake_sim_ros.comparison.timed_run import TimedRun
+from snake_sim_ros.comparison.timed_run import timing_of
 from snake_sim_ros.dynamics.articulated_body import factor
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import cycle_counter
@@ -31,32 +33,35 @@ from snake_sim_ros.dynamics.energy import balance_error
 from snake_sim_ros.dynamics.energy import BALANCE_TIME
 from snake_sim_ros.scene.checked_records import flat_fields
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_to_text
 from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import method_of
+from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.methods import what_is_not_planar
+from snake_sim_ros.stepping.sampling import Keep
+from snake_sim_ros.stepping.simulation import Limits
+from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.simulation import steps_in
 
-CONVERGED = (1 / 16000, 1 / 32000)  # time steps of the reference
-LIFT = 10.0  # m, out of reach of the floor for more than a second
-CASE_A = 'lateral_undulation'
+REFERENCE_STEPS = (1 / 16000, 1 / 32000)  # s, of the two runs that are extrapolated
+LIFTED_HEIGHT = 10.0  # m, out of reach of the floor for more than a second
+CASE_A_NAME = 'lateral_undulation'
 SITUATIONS: dict[str, tuple[str, dict[str, Any], float]] = {  # scene, settings and lift [m]
-    'all contacts': (CASE_A, {}, 0.0),
-    'flight': (CASE_A, {}, LIFT),
+    'all contacts': (CASE_A_NAME, {}, 0.0),
+    'flight': (CASE_A_NAME, {}, LIFTED_HEIGHT),
     'few contacts': ('sidewinding', {'gait.soft_start': 0.0}, 0.0),
     'isotropic': ('lateral_undulation_isotropic', {}, 0.0),
-    'rolling friction': (CASE_A, {'friction.rolling': 0.01}, 0.0),
+    'rolling friction': (CASE_A_NAME, {'friction.rolling': 0.01}, 0.0),
     'isotropic, rolling': ('lateral_undulation_isotropic', {'friction.rolling': 0.01}, 0.0),
-    'slope of 3 deg': (CASE_A, {'gravity': (0.513, 0.0, -9.797)}, 0.0),
+    'slope of 3 deg': (CASE_A_NAME, {'gravity': (0.513, 0.0, -9.797)}, 0.0),
 }
-ROUNDS = 5
+ROUNDS = 5  # number of runs of everything that takes turns
 
 
 @compiled
@@ -69,7 +74,7 @@ def _factorizations(A, work, count):
 
 
 def calibration() -> float:
-    """Return the time of one LU factorization of a 6x6 matrix [us], the best of some loops."""
+    """Return the time of one LU factorization of a 6x6 matrix [us], the shortest of some loops."""
     A, work, count = np.eye(6) + 0.1, np.empty((6, 6)), 2000
     _factorizations(A, work, 1)
     best = np.inf
@@ -86,9 +91,9 @@ def timed(
     *,
     lift: float = 0.0,
     limit: float = math.inf,
-) -> Course:
+) -> TimedRun:
     """
-    Run a scene for its duration, and return its course and the times of its steps.
+    Run a scene for its duration, and return its trajectory and the times of its steps.
 
     Parameters
     ----------
@@ -103,102 +108,85 @@ def timed(
     Raises
     ------
     ParameterError
-        If the method of the scene is not a compiled one, or dt does not divide SAMPLE, or SAMPLE
-        the duration.
+        If the method of the scene is not a compiled one, or dt does not divide SAMPLING_PERIOD, or
+        SAMPLING_PERIOD the duration.
 
     """
-    if make is None and method_of(scene) == 'reference':
+    if make is None and not METHODS[method_of(scene)].compiled:
         raise ParameterError(f'method {scene.method!r} is not compiled, its steps are not timed')
     simulation = Simulation(scene, make and make(scene))
     simulation.state.q[:, 2] += lift
-    sample = min(SAMPLE, scene.duration)
-    steps = steps_in(sample, scene.dt, 'sampling period')
+    period = min(SAMPLING_PERIOD, scene.duration)
+    steps = steps_in(period, scene.dt, 'sampling period')
+    samples = steps_in(scene.duration, period, 'duration')
     compile_seconds = simulation.compile(scene.gait)
-    seconds, cycles, states, late = 0.0, [], [simulation.state], False
+    cycles: list[Array] = []
+
+    def note(simulation: Simulation) -> None:
+        cycles.append(np.diff(simulation.stepper.cycles[: simulation.last.steps + 1]))
+
     start = time.perf_counter(), cycle_counter()
-    for _ in range(steps_in(scene.duration, sample, 'duration')):
-        reference = simulation.gait_reference(steps)
-        begin, compiled = time.perf_counter(), simulation.compile_seconds
-        report = simulation.advance(*reference)
-        compiled = simulation.compile_seconds - compiled
-        seconds += time.perf_counter() - begin - compiled
-        cycles.append(np.diff(simulation.stepper.cycles[: report.steps + 1]))
-        late = seconds > limit
-        if report.failure or late:
-            break
-        states.append(simulation.state)
-    counts = np.concatenate(cycles)
+    trajectory = sample(simulation, steps, samples, limits=Limits(seconds=limit), observe=note)
+    if len(trajectory.time) <= samples:
+        note(simulation)  # the steps after the last sample
     wall, ticks = time.perf_counter() - start[0], cycle_counter() - start[1]
-    microseconds = 1e6 * wall / max(ticks, 1) * counts
-    q = np.array([state.q for state in states])
-    return Course(
-        position=q[:, :, :3],
-        axis=rotation_matrices(q[:, :, 3:])[..., 2],
-        joint_angle=joint_angles(q),
-        seconds=seconds,
-        median=float(np.median(microseconds)) if len(counts) else math.nan,
-        p99=float(np.percentile(microseconds, 99)) if len(counts) else math.nan,
-        compile_seconds=compile_seconds,
-        report=simulation.report,
-        late=late,
+    microseconds = 1e6 * wall / max(ticks, 1) * np.concatenate(cycles)
+    return TimedRun(
+        trajectory, timing_of(microseconds, compile_seconds), late=trajectory.seconds > limit
     )
 
 
 def energy_error(scene: Scene, make: Callable[[Scene], Stepper] | None = None) -> float:
     """
-    Return `energy.balance_error` of the first BALANCE_TIME seconds of a scene.
+    Return `energy.balance_error` of the first BALANCE seconds of a scene.
 
-    nan if it diverges, and for method bdf2, whose impulses are not those of a whole step.
+    It is nan if the run diverges, and for method bdf2, whose impulses do not act for whole steps.
     """
-    if make is None and method_of(scene) == 'bdf2':
+    if make is None and not METHODS[method_of(scene)].energy_balance:
         return math.nan
     simulation = Simulation(scene, make and make(scene))
-    q, u, impulse, torque = [simulation.state.q], [simulation.state.u], [], []
-    for _ in range(steps_in(min(BALANCE_TIME, scene.duration), scene.dt, 'duration')):
-        report = simulation.advance(*simulation.gait_reference(1))
-        if report.failure:
-            return math.nan
-        q.append(simulation.state.q)
-        u.append(simulation.state.u)
-        impulse.append(simulation.history.impulse[:, :3])
-        torque.append(report.joint_torque)
-    return balance_error(scene, *map(np.array, (q, u, impulse, torque)))
+    steps = steps_in(min(BALANCE_TIME, scene.duration), scene.dt, 'duration')
+    run = sample(simulation, 1, steps, keep=Keep(impulses=True))
+    if run.report.failure:
+        return math.nan
+    impulse, torque = run.impulse[1:, :, :3], run.joint_torque[1:]
+    return balance_error(scene, run.coordinates, run.velocity, impulse, torque)
 
 
-def converged(scene: Scene) -> tuple[Course, float]:
+def converged(scene: Scene) -> tuple[Motion, float]:
     """
-    Return the course of a scene at the spatial level without time step, and its own error.
+    Return the motion of a scene extrapolated to a time step of zero, at the spatial level.
 
     Returns
     -------
-    course : Course
+    motion : Motion
     error : float
-        Of the path of the finer of the two runs that it is extrapolated from.
+        Error of the path of the finer of the two runs from which it is extrapolated.
 
     """
     scene = replace(scene, level='spatial', method='newton')
-    coarse, fine = (timed(replace(scene, dt=dt)) for dt in CONVERGED)
-    course = extrapolated(coarse, fine)
-    return course, path_error(fine.path, course.path)
+    coarse, fine = (timed(replace(scene, dt=dt)).trajectory for dt in REFERENCE_STEPS)
+    expected = extrapolated(coarse, fine)
+    return expected, path_error(fine.path, expected.path)
 
 
 @dataclass(frozen=True)
 class LevelRow:
     """
-    What the choice of the level makes of a scene.
+    The level that `auto` chooses for a scene, with times and errors.
 
     Attributes
     ----------
     level : str
-        `planar`, `spatial`, or both if it changed.
+        `planar`, `spatial`, or `planar` with the share of its steps if the level changed.
     why : str
-        Why it was not planar all the time; empty if it was.
+        Reason why it was not planar all the time; empty if it was.
     median, spatial_median : float
-        Median step of the level chosen and of the spatial one [us].
+        Median time of a step at the chosen level and at the spatial one [us].
     error, spatial_error : float
-        Of their paths against the converged path of the spatial level, see `path_error`.
+        Errors of their paths against the converged path of the spatial level, see `path_error`.
     doubt : float
-        How far that path is from being converged.
+        Error of that converged path.
 
     """
 
@@ -212,15 +200,15 @@ class LevelRow:
 
 
 def level_row(scene: Scene) -> LevelRow:
-    """Run a scene at the level that `auto` takes and at the spatial level, by turns."""
+    """Run a scene at the level that `auto` chooses and at the spatial level, in turns."""
     expected, doubt = converged(scene)
-    timings: dict[str, list[Course]] = {'auto': [], 'spatial': []}
+    found: dict[str, list[TimedRun]] = {'auto': [], 'spatial': []}
     for _ in range(ROUNDS):
-        for level, runs in timings.items():
+        for level, runs in found.items():
             runs.append(timed(replace(scene, level=level)))
-    auto, spatial = (runs[-1] for runs in timings.values())
+    auto, spatial = (runs[-1].trajectory for runs in found.values())
     median, spatial_median = (
-        float(np.median([timing.median for timing in runs])) for runs in timings.values()
+        float(np.median([run.timing.median for run in runs])) for runs in found.values()
     )
     planar_steps, steps = auto.report.planar_steps, auto.report.steps
     level = 'spatial' if planar_steps == 0 else 'planar'
@@ -237,16 +225,16 @@ def level_row(scene: Scene) -> LevelRow:
     )
 
 
-def situations(duration: float) -> dict[str, Course]:
+def situations(duration: float) -> dict[str, TimedRun]:
     """
-    Run the default method where there is more or less to pay for; absent is free.
+    Run the default method with and without contacts and kinds of friction.
 
-    The situations take turns, ROUNDS times: what disturbs the machine disturbs them all.
+    The situations take turns, ROUNDS times, so that a disturbance of the machine affects them all.
 
     Parameters
     ----------
     duration : float
-        Of every run [s].
+        Duration of every run [s].
 
     Returns
     -------
@@ -260,18 +248,18 @@ def situations(duration: float) -> dict[str, Course]:
         )
         for name, (source, settings, _) in SITUATIONS.items()
     }
-    runs: dict[str, list[Course]] = {name: [] for name in SITUATIONS}
+    runs: dict[str, list[TimedRun]] = {name: [] for name in SITUATIONS}
     for _ in range(ROUNDS):
         for name, scene in scenes.items():
             runs[name].append(timed(scene, lift=SITUATIONS[name][2]))
     return {
-        name: sorted(courses, key=lambda course: course.median)[ROUNDS // 2]
-        for name, courses in runs.items()
+        name: sorted(group, key=lambda run: run.timing.median)[ROUNDS // 2]
+        for name, group in runs.items()
     }
 
 
 def with_links(robot: Robot, link_count: int) -> Robot:
-    """Return a robot with another number of links: lists of values begin again at their end."""
+    """Return a robot with another number of links; lists of values are repeated."""
     lists: dict[str, Any] = {
         name: tuple(np.resize(value, link_count + len(value) - robot.link_count))
         for name, (value, _) in flat_fields(robot).items()
@@ -281,7 +269,7 @@ def with_links(robot: Robot, link_count: int) -> Robot:
 
 
 def start_up_seconds(scene: Scene, *, cold: bool) -> float:
-    """Return the wall time from starting a new process to its first step done [s]."""
+    """Return the wall time from the start of a new process to the end of its first step [s]."""
     one_step = replace(scene, duration=scene.dt)
     program = (
         'import sys; from snake_sim_ros.scene.parameters import scene_from_text; '

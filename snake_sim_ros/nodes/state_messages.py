@@ -26,7 +26,7 @@ from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.recording.from_messages import TO_WIRE
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.stepping.simulation import joint_motion
+from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.state import State
 
 WORLD, ODOM, BASE = 'world', 'odom', 'base_link'

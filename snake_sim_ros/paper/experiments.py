@@ -1,8 +1,8 @@
 """
 The experiments of the paper, recorded for its figures: cases A, B and C, and variations of them.
 
-Forces and torques are means over a sampling period of all steps in it: the force of an impact in
-one step grows without bound as the step is made smaller, its mean does not.
+Forces and torques are means over all steps of a sampling period. The force of an impact in a
+single step grows without bound as the step gets smaller, but its mean over a period does not.
 """
 
 from collections.abc import Mapping
@@ -20,14 +20,15 @@ from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.simulation import steps_in
+from snake_sim_ros.stepping.trajectory import Trajectory
 
 RATE = 100.0  # Hz, samples of an experiment
-PATH_RATE = 20.0  # Hz, samples of a variation of which only a path is wanted
+PATH_RATE = 20.0  # Hz, samples of a variation of which only the path is used
 CASES = {'A': 'lateral_undulation', 'B': 'lateral_undulation_isotropic', 'C': 'sidewinding'}
 FRICTIONS = (0.1, 0.2, 0.3, 0.4, 0.5)  # isotropic; the paper's coefficient is not known
 
@@ -35,51 +36,51 @@ FRICTIONS = (0.1, 0.2, 0.3, 0.4, 0.5)  # isotropic; the paper's coefficient is n
 @dataclass(frozen=True)
 class Experiment:
     """
-    A case of the paper, with what its figures show.
+    A case of the paper: samples of a run, with means and sums of all steps between them.
 
     Attributes
     ----------
-    scene : Scene
-    time : ndarray, shape (m,)
-        [s]
-    position, axis : ndarray, shape (m, n, 3)
-        Link centers [m] and unit vectors along the links toward link n, frame I.
-    angle, reference : ndarray, shape (m, n-1, 2)
-        Of the joints, (yaw, pitch) [rad].
+    trajectory : Trajectory
+        m samples.
     torque : ndarray, shape (m-1, n-1, 2)
         Means over the sampling periods, (yaw, pitch) [N m].
     normal_force : ndarray, shape (m-1, 2n)
         Means over the sampling periods, front spheres first [N].
-    energy : ndarray, shape (m,)
-        Mechanical energy, from zero at the start [J].
     joint_work, contact_work : ndarray, shape (m,)
-        Done since the start, added up over all steps [J].
-    report : Report
+        Work since the start, the sum over all steps [J].
 
     """
 
-    scene: Scene
-    time: Array
-    position: Array
-    axis: Array
-    angle: Array
-    reference: Array
+    trajectory: Trajectory
     torque: Array
     normal_force: Array
-    energy: Array
     joint_work: Array
     contact_work: Array
-    report: Report
 
     @property
-    def path(self) -> Array:
-        """Center of the middle link, shape (m, 3) [m, frame I]."""
-        return np.asarray(self.position[:, self.scene.robot.middle_link])
+    def scene(self) -> Scene:
+        """The scene of the run."""
+        return self.trajectory.scene
+
+    @property
+    def tracking_error(self) -> Array:
+        """Reference less angle of the joints, shape (m, n-1, 2) as (yaw, pitch) [rad]."""
+        joints = self.scene.robot.link_count - 1
+        reference, _ = gait.reference(self.scene.gait, self.trajectory.time, joints)
+        return reference - joint_angles(self.trajectory.coordinates)
+
+    @property
+    def energy(self) -> Array:
+        """Mechanical energy, from zero at the start, shape (m,) [J]."""
+        q, u = self.trajectory.coordinates, self.trajectory.velocity
+        energy = mechanical_energy(self.scene, q, u)
+        return np.asarray(energy - energy[0])
 
     @property
     def periods(self) -> Array:
         """Middle of every sampling period, shape (m-1,) [s]."""
-        return np.asarray(0.5 * (self.time[1:] + self.time[:-1]))
+        time = self.trajectory.time
+        return np.asarray(0.5 * (time[1:] + time[:-1]))
 
     @property
     def left_over(self) -> Array:
@@ -104,7 +105,7 @@ def case_scene(case: str, duration: float) -> Scene:
 
 def record(scene: Scene) -> Experiment:
     """
-    Run a scene step by step, and return what happened.
+    Run a scene and return its experiment.
 
     Raises
     ------
@@ -116,51 +117,42 @@ def record(scene: Scene) -> Experiment:
     samples = steps_in(scene.duration, 1.0 / RATE, 'duration')
     simulation = Simulation(scene)
     simulation.compile(scene.gait)
-    q, u = [simulation.state.q], [simulation.state.u]
-    force, torque, work = [], [], [(0.0, 0.0)]
-    for _ in range(samples):
-        qs, us, impulses, torques = _step_by_step(simulation, steps)
-        contacts, joints = work_of_steps(scene, qs, us, impulses, torques)
+    return experiment(sample(simulation, 1, samples * steps, keep=Keep(impulses=True)), steps)
+
+
+def experiment(trajectory: Trajectory, steps: int) -> Experiment:
+    """
+    Return the experiment of a run that was sampled at every step, with its impulses.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    steps : int
+        Number of steps in a sampling period of the experiment.
+
+    """
+    q, u, dt = trajectory.coordinates, trajectory.velocity, trajectory.scene.dt
+    torque, force, work = [], [], [(0.0, 0.0)]
+    for begin in range(0, len(trajectory.time) - 1, steps):
+        states, ends = slice(begin, begin + steps + 1), slice(begin + 1, begin + steps + 1)
+        impulses, torques = trajectory.impulse[ends, :, :3], trajectory.joint_torque[ends]
+        contacts, joints = work_of_steps(trajectory.scene, q[states], u[states], impulses, torques)
         work.append((contacts.sum(), joints.sum()))
-        force.append(impulses[..., 0].mean(axis=0) / scene.dt)
         torque.append(torques.mean(axis=0))
-        q.append(qs[-1])
-        u.append(us[-1])
-    coordinates, time = np.array(q), np.arange(samples + 1) / RATE
-    energy = mechanical_energy(scene, coordinates, np.array(u))
+        force.append(impulses[..., 0].mean(axis=0) / dt)
     contact_work, joint_work = np.cumsum(work, axis=0).T
     return Experiment(
-        scene=scene,
-        time=time,
-        position=coordinates[..., :3],
-        axis=rotation_matrices(coordinates[..., 3:])[..., 2],
-        angle=joint_angles(coordinates),
-        reference=gait.reference(scene.gait, time, scene.robot.link_count - 1)[0],
+        trajectory=replace(trajectory, impulse=np.zeros(0)).every(steps),
         torque=np.array(torque),
         normal_force=np.array(force),
-        energy=energy - energy[0],
         joint_work=joint_work,
         contact_work=contact_work,
-        report=simulation.report,
     )
-
-
-def _step_by_step(simulation: Simulation, steps: int) -> tuple[Array, Array, Array, Array]:
-    """Return coordinates and velocities before and after some steps, impulses and torques."""
-    q, u, impulses, torques = [simulation.state.q], [simulation.state.u], [], []
-    angle, rate = simulation.gait_reference(steps)
-    for k in range(steps):
-        report = simulation.advance(angle[k : k + 1], rate[k : k + 1])
-        q.append(simulation.state.q)
-        u.append(simulation.state.u)
-        impulses.append(simulation.history.impulse[:, :3].copy())
-        torques.append(report.joint_torque)
-    return np.array(q), np.array(u), np.array(impulses), np.array(torques)
 
 
 def path_of(scene: Scene) -> Array:
     """Return the center of the middle link at PATH_RATE, shape (m, 3) [m, frame I]."""
-    return np.asarray(run(scene, rate=PATH_RATE).position[:, scene.robot.middle_link])
+    return run(scene, rate=PATH_RATE).path
 
 
 def isotropic_paths(duration: float) -> Mapping[float, Array]:
@@ -176,13 +168,13 @@ def mean_velocity(scene: Scene, path: Array, rate: float) -> Array:
     """
     Return the mean velocity of a path over its last whole periods of the gait, shape (2,) [m/s].
 
-    Periods are counted back from the end, and the first one after the start is left out; what is
-    shorter is taken whole.
+    Periods are counted back from the end, and the first one after the start is left out. If that
+    leaves no period, the mean is that of the whole path.
     """
     period = 2.0 * math.pi / scene.gait.yaw.angular_frequency
     span = (len(path) - 1) / rate
     whole = period * max(math.floor(span / period) - 1, 0) or span
-    # A period is not a whole number of samples.
+    # A period need not be a whole number of samples.
     times = np.arange(len(path)) / rate
     begin = [float(np.interp(span - whole, times, path[:, axis])) for axis in (0, 1)]
     return np.asarray((path[-1, :2] - begin) / whole)

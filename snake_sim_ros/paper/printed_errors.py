@@ -1,7 +1,7 @@
 """
-What the printed errors of the paper do: the inertia from half the radius, the sign in eq. (84).
+Effects of the printed errors of the paper: inertia from half the radius, sign in eq. (84).
 
-The steps here are those of `reference` without contacts, dense and slow.
+The steps are those of `reference` without contacts; they are dense and slow.
 """
 
 from dataclasses import replace
@@ -50,7 +50,7 @@ def step_in_the_air(
     -------
     state : State
     before, after : float
-        Largest rate of a joint gap, in the directions of the step, that u_A and u_E have [m/s].
+        Largest rate of a joint gap of u_A and of u_E, in the directions of the step [m/s].
 
     """
     robot, dt, u_A = scene.robot, scene.dt, state.u.ravel()

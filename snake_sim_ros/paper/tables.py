@@ -25,14 +25,14 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.stepping.state import initial_state
 
-SHOWN = (1, 2, 3, 5, 10, 20, 30, 40)  # steps after which the sign of eq. (84) is looked at
+SHOWN_STEPS = (1, 2, 3, 5, 10, 20, 30, 40)  # steps in the table of the sign in eq. (84)
 
 Change = tuple[str, Callable[[Scene], Scene]]
-AS_PRINTED = Solver(normal_compliance=0.0, activation_tolerance=0.0)
+PRINTED = Solver(normal_compliance=0.0, activation_tolerance=0.0)
 CHOICES: list[Change] = [
     ('half the time step', lambda scene: replace(scene, dt=scene.dt / 2)),
     ('joint torques of the middle of a step', lambda scene: replace(scene, pd_scheme='midpoint')),
-    ('normal forces as the solver finds them', lambda scene: replace(scene, solver=AS_PRINTED)),
+    ('normal forces as the solver finds them', lambda scene: replace(scene, solver=PRINTED)),
 ]
 
 
@@ -68,12 +68,12 @@ def weight(scene: Scene) -> float:
 
 
 def millimeters(values: Array) -> list[str]:
-    """Return numbers in m or m/s as millimeters in words; what rounds to zero has no sign."""
+    """Return numbers in m or m/s as texts in mm or mm/s; a rounded zero has no sign."""
     return [f'{1e3 * value:.1f}'.replace('-0.0', '0.0') for value in values]
 
 
 def path_row(name: str, scene: Scene, path: Array, rate: float) -> list[str]:
-    """Return the row of a path: where it led, and its mean velocity."""
+    """Return the row of a path: its end point and its mean velocity."""
     velocity = mean_velocity(scene, path, rate)
     return [name, *millimeters((path[-1] - path[0])[:2]), *millimeters(velocity)]
 
@@ -83,32 +83,32 @@ def path_table(
 ) -> str:
     """Return where link 6 got in every case and in variations that must reverse it."""
     A, C = undulation.scene, sidewinding.scene
-    rows = [path_row('A', A, undulation.path, RATE)]
+    rows = [path_row('A', A, undulation.trajectory.path, RATE)]
     for name, scene in (('A, -A_h', mirrored(A)), ('A, -delta_h', reversed_wave(A))):
         rows.append(path_row(name, scene, path_of(scene), PATH_RATE))
     for mu, path in isotropic.items():
         rows.append(path_row(f'B, friction {mu:g}', A, path, PATH_RATE))
-    rows.append(path_row('C', C, sidewinding.path, RATE))
+    rows.append(path_row('C', C, sidewinding.trajectory.path, RATE))
     scene = other_side(C)
     rows.append(path_row('C, -delta_0', scene, path_of(scene), PATH_RATE))
     return table(['case', 'x [mm]', 'y [mm]', 'v_x [mm/s]', 'v_y [mm/s]'], rows)
 
 
 def check_table(undulation: Experiment, sidewinding: Experiment) -> str:
-    """Return what else must come out, in case A and in case C."""
+    """Return the table of checks, for case A and case C."""
     columns = [checks(case) for case in (undulation, sidewinding)]
     rows = [[name, *(column[name] for column in columns)] for name in columns[0]]
     return table(['', 'A', 'C'], rows)
 
 
 def checks(case: Experiment) -> dict[str, str]:
-    """Return the numbers of a case that are independent of where it led."""
+    """Return the numbers of a case other than those of its path."""
     total = case.normal_force.sum(axis=1)
     later = case.normal_force[case.periods > case.scene.gait.soft_start]
     loaded = (later > 0.0).sum(axis=1) if len(later) else np.zeros(1)
-    error = np.degrees(np.abs(case.reference - case.angle)).max(axis=(0, 1))
+    error = np.degrees(np.abs(case.tracking_error)).max(axis=(0, 1))
     torque = np.abs(case.torque).max(axis=(0, 1))
-    report = case.report
+    report = case.trajectory.report
     return {
         'sum of the normal forces, mean': f'{total.mean():.3f} N',
         'sum of the normal forces, least to largest': f'{total.min():.2f} to {total.max():.2f} N',
@@ -129,20 +129,20 @@ def checks(case: Experiment) -> dict[str, str]:
 
 
 def inertia_table(*cases: Experiment) -> str:
-    """Return what consistent moments of inertia change in the path of link 6."""
+    """Return the changes of the path of link 6 with consistent moments of inertia."""
     return comparison([('inertia from the stated radius', consistent)], cases)
 
 
 def choices_table(*cases: Experiment) -> str:
-    """Return what choices of this package change in the path of link 6."""
+    """Return the changes of the path of link 6 with other choices than ours."""
     return comparison(CHOICES, cases)
 
 
 def comparison(changes: Sequence[Change], cases: Sequence[Experiment]) -> str:
-    """Return how far paths of link 6 in A and C are apart at most with and without changes."""
+    """Return the largest distances of paths of link 6 in A and C with and without changes."""
     rows = []
     for name, case in zip('AC', cases, strict=True):
-        path = case.path[:: round(RATE / PATH_RATE), :2]
+        path = case.trajectory.path[:: round(RATE / PATH_RATE), :2]
         for words, change in changes:
             changed = path_of(change(case.scene))[:, :2]
             apart = np.linalg.norm(changed - path, axis=1).max()
@@ -155,8 +155,8 @@ def comparison(changes: Sequence[Change], cases: Sequence[Experiment]) -> str:
 
 def sign_table(scene: Scene) -> str:
     """Return the rates of the joint gaps after steps of case A with both signs in (84)."""
-    rates = {sign: joint_gap_rates(scene, sign, SHOWN[-1]) for sign in (1.0, -1.0)}
-    rows = [[f'{k}', *(f'{rates[sign][k - 1]:.1e}' for sign in rates)] for k in SHOWN]
+    rates = {sign: joint_gap_rates(scene, sign, SHOWN_STEPS[-1]) for sign in (1.0, -1.0)}
+    rows = [[f'{k}', *(f'{rates[sign][k - 1]:.1e}' for sign in rates)] for k in SHOWN_STEPS]
     return table(['step', 'as derived [m/s]', 'as scanned [m/s]'], rows)
 
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from snake_sim_ros.recording import npz
 from snake_sim_ros.recording.bag_reader import read_bag
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.stepping.methods import method_of
@@ -32,7 +33,7 @@ def read_run(path: Path, namespace: str | None = None) -> Trajectory:
 
     """
     if path.suffix == '.npz':
-        return Trajectory.load(path)
+        return npz.read(path)
     if path.suffix == '.mcap' or path.is_dir():
         return read_bag(path, namespace)
     raise ParameterError(

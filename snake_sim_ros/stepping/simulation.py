@@ -1,12 +1,17 @@
-"""A scene run in time: sub-steps, references, recording, and what happens when a step diverges."""
+"""
+A scene as it advances in time, and the sampler of which every record of a run is made.
+
+A step that diverges ends a run; what was good until then is kept.
+"""
 
 from collections.abc import Callable
 from collections.abc import Sequence
+import math
 import time
+from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics import kinematics
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
@@ -14,36 +19,18 @@ from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import Stepper
-from snake_sim_ros.stepping.contact_forces import contact_forces
-from snake_sim_ros.stepping.contact_forces import loaded_contacts
 from snake_sim_ros.stepping.contact_forces import where_impulses_acted
 from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.sampling import joint_motion
+from snake_sim_ros.stepping.sampling import Keep
+from snake_sim_ros.stepping.sampling import Samples
 from snake_sim_ros.stepping.state import carried
 from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.trajectory import Trajectory
 
-
-def joint_motion(q: Array, u: Array) -> tuple[Array, Array]:
-    """
-    Return angles and rates of the joints in some states, as the compiled step has them.
-
-    Parameters
-    ----------
-    q : ndarray, shape (m, n, 7)
-    u : ndarray, shape (m, n, 6)
-        See `state.State`.
-
-    Returns
-    -------
-    angle, rate : ndarray, shape (m, n-1, 2)
-        (yaw, pitch) [rad], [rad/s].
-
-    """
-    m, n, _ = q.shape
-    coordinate = np.empty((m, n - 1, 2, 2))
-    kinematics.joint_motions(q, u, np.empty((n, 3, 3)), np.empty((n, 3)), coordinate)
-    return coordinate[..., 0], coordinate[..., 1]
+REFERENCES = 200  # steps for which they are computed at once, or more if a call has more
+FIRST_PORTION = 25  # steps of a call with a limit on those unconverged; doubles while all converge
 
 
 def steps_in(period: float, dt: float, name: str) -> int:
@@ -219,6 +206,130 @@ class Simulation:
         return self.last
 
 
+class Limits(NamedTuple):
+    """
+    What ends a run before its last sample, besides a step that diverged.
+
+    Attributes
+    ----------
+    seconds : float
+        Wall time of all steps [s].
+    unconverged : float
+        Number of steps that did not converge.
+
+    """
+
+    seconds: float = math.inf
+    unconverged: float = math.inf
+
+
+NO_LIMITS = Limits()
+STATES = Keep()
+
+
+class _References:
+    """References of the gait for the next steps, computed for many of them at once."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self.simulation, self.scene, self.first = simulation, simulation.scene, 0
+        self.angle = self.rate = np.zeros((0, simulation.scene.robot.link_count - 1, 2))
+
+    def take(self, count: int) -> tuple[Array, Array]:
+        """Return what `Simulation.gait_reference` returns."""
+        simulation = self.simulation
+        begin = simulation.step_count - self.first
+        if begin + count > len(self.angle) or simulation.scene is not self.scene:
+            self.scene, self.first, begin = simulation.scene, simulation.step_count, 0
+            self.angle, self.rate = simulation.gait_reference(max(count, REFERENCES))
+        steps = slice(begin, begin + count)
+        return self.angle[steps], self.rate[steps]
+
+
+class _Advance:
+    """The steps between two samples, in calls of `Simulation.advance`, and their wall time."""
+
+    def __init__(
+        self, simulation: Simulation, limits: Limits, *, time_references: bool = False
+    ) -> None:
+        self.simulation, self.limits, self.seconds = simulation, limits, 0.0
+        self.portion, self.time_references = FIRST_PORTION, time_references
+        self.references = _References(simulation)
+
+    def __call__(self, steps: int) -> bool:
+        """Take steps; return whether there is a sample: all are taken, and in time."""
+        simulation, left = self.simulation, steps
+        while left and not self.over():
+            count = left if math.isinf(self.limits.unconverged) else min(self.portion, left)
+            begin = time.perf_counter() if self.time_references else math.nan
+            reference, compiled = self.references.take(count), simulation.compile_seconds
+            begin = begin if self.time_references else time.perf_counter()
+            left -= simulation.advance(*reference).steps
+            compiled = simulation.compile_seconds - compiled
+            self.seconds += time.perf_counter() - begin - compiled
+            self.portion = FIRST_PORTION if simulation.report.unconverged else 2 * self.portion
+        return not left and self.seconds <= self.limits.seconds
+
+    def over(self) -> bool:
+        """Return whether no further step is taken."""
+        report, limits = self.simulation.report, self.limits
+        ended = self.seconds > limits.seconds or report.unconverged >= limits.unconverged
+        return ended or bool(report.failure)
+
+
+def sample(
+    simulation: Simulation,
+    steps: int,
+    samples: int,
+    *,
+    keep: Keep = STATES,
+    limits: Limits = NO_LIMITS,
+    observe: Callable[[Simulation], object] | None = None,
+    time_references: bool = False,
+    interruptible: bool = False,
+) -> Trajectory:
+    """
+    Advance a simulation with the gait of its scene, and return samples of what it did.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        Its present state is the first sample. It is left in the state after the last step.
+    steps : int
+        Between two samples.
+    samples : int
+        After the first one. There are fewer if a step diverges or a limit is reached.
+    keep : Keep, optional
+        Default: states, joint torques and levels only.
+    limits : Limits, optional
+    observe : callable, optional
+        Called at every sample, the first one included.
+    time_references : bool, optional
+        Whether the time of computing the joint references counts as that of the steps.
+    interruptible : bool, optional
+        Whether an interruption from the keyboard ends the run, and what was sampled is returned.
+        Otherwise it is raised.
+
+    """
+    found = Samples(simulation.scene, samples + 1, keep)
+    advance = _Advance(simulation, limits, time_references=time_references)
+    found.add(simulation.state, simulation.history, simulation.last)
+    interrupted = False
+    try:
+        if observe:
+            observe(simulation)
+        while found.count <= samples and advance(steps):
+            found.add(simulation.state, simulation.history, simulation.last)
+            if observe:
+                observe(simulation)
+    except KeyboardInterrupt:
+        if not interruptible:
+            raise
+        interrupted = True
+    return found.trajectory(
+        (steps, simulation.scene.dt), simulation.report, advance.seconds, interrupted=interrupted
+    )
+
+
 def run(
     scene: Scene, *, rate: float = 100.0, observe: Callable[[Simulation], object] | None = None
 ) -> Trajectory:
@@ -251,55 +362,12 @@ def run(
         )
     simulation = Simulation(scene)
     simulation.compile(scene.gait)
-    states, torques, seconds = [simulation.state], [simulation.report.joint_torque], 0.0
-    levels, contacts = [], [_contacts(simulation)]
-    interrupted = False
-    try:
-        if observe:
-            observe(simulation)
-        for _ in range(samples):
-            begin = time.perf_counter()
-            reference = simulation.gait_reference(steps)
-            compiled = simulation.compile_seconds
-            report = simulation.advance(*reference)
-            compiled = simulation.compile_seconds - compiled
-            seconds += time.perf_counter() - begin - compiled
-            if report.failure:
-                break
-            contacts.append(_contacts(simulation))
-            torques.append(report.joint_torque)
-            levels.append(report.level)
-            states.append(simulation.state)
-            if observe:
-                observe(simulation)
-    except KeyboardInterrupt:
-        interrupted = True
-    q, u = np.array([state.q for state in states]), np.array([state.u for state in states])
-    joint_angle, joint_velocity = joint_motion(q, u)
-    # An interruption may have come between two of the lists.
-    m = len(states)
-    number, point, force = (np.concatenate(parts) for parts in zip(*contacts[:m], strict=True))
-    levels = levels[: m - 1]
-    return Trajectory(
-        scene=scene,
-        time=np.arange(m) * steps * scene.dt,
-        position=q[:, :, :3],
-        orientation=q[:, :, 3:],
-        joint_angle=joint_angle,
-        joint_velocity=joint_velocity,
-        joint_torque=np.array(torques[:m]),
-        contact_sample=np.repeat(np.arange(m), [len(part[0]) for part in contacts[:m]]),
-        contact_number=number,
-        contact_point=point,
-        contact_force=force,
-        level=np.array(levels[:1] + levels) if levels else np.array([simulation.report.level]),
-        report=simulation.report,
-        seconds=seconds,
-        interrupted=interrupted,
+    return sample(
+        simulation,
+        steps,
+        samples,
+        keep=Keep(contacts=True),
+        observe=observe,
+        time_references=True,
+        interruptible=True,
     )
-
-
-def _contacts(simulation: Simulation) -> tuple[Array, Array, Array]:
-    """Return numbers, points and forces of the contacts that carried load in the last step."""
-    scene, state, history = simulation.scene, simulation.state, simulation.history
-    return loaded_contacts(history), *contact_forces(scene, state, history)

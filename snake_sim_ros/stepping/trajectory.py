@@ -1,12 +1,8 @@
-"""What a robot did: poses, joints and contacts over time, and the files that keep them."""
+"""The record of a run: poses, joints and contacts of a robot over time."""
 
-import csv
-from dataclasses import asdict
 from dataclasses import dataclass
-from dataclasses import fields
-from io import BytesIO
-import json
-from pathlib import Path
+from dataclasses import field
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,18 +10,16 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import scene_from_text
-from snake_sim_ros.scene.parameters import scene_to_text
+from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Report
 
-FORMAT = 2  # of npz files; 1, without contacts, did not say so
 KINDS = {'f': 'floats', 'i': 'integers', 'U': 'text'}  # of numbers in arrays
 
 
 @dataclass(frozen=True)
 class Trajectory:
     """
-    What a robot did, recorded.
+    What a robot did at m instants, by whatever method.
 
     Attributes
     ----------
@@ -47,10 +41,17 @@ class Trajectory:
     level : ndarray of str, shape (m,)
         Model level of the step before, that of the first one at the start.
     report : Report
+        Of all steps, also of those after the last sample.
     seconds : float
-        Wall time of all steps, without compiling.
+        Wall time of all steps, without recording and compiling [s]. Of a `simulation.run` it
+        includes the computation of the joint references.
     interrupted : bool
         Whether it was ended from the keyboard.
+    velocity : ndarray, shape (m, n, 6)
+        Velocities of the links as in `state.State`; empty if they are not known.
+    impulse : ndarray, shape (m, contacts, 5)
+        Contact impulses of the step before, as in `base.Stepper`, 0 at the start [N s]; empty if
+        they were not kept.
 
     """
 
@@ -69,72 +70,36 @@ class Trajectory:
     report: Report
     seconds: float
     interrupted: bool
+    velocity: Array = field(default_factory=lambda: np.zeros(0))
+    impulse: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def coordinates(self) -> Array:
+        """Coordinates of the links as in `state.State`, shape (m, n, 7)."""
+        return np.concatenate([self.position, self.orientation], axis=-1)
+
+    @property
+    def axis(self) -> Array:
+        """Unit vectors e_z^B along the links, toward link n, shape (m, n, 3) [frame I]."""
+        return np.asarray(rotation_matrices(self.orientation)[..., 2])
+
+    @property
+    def path(self) -> Array:
+        """Center of the middle link, shape (m, 3) [m, frame I]."""
+        return np.asarray(self.position[:, self.position.shape[1] // 2])
 
     def contacts(self, k: int) -> tuple[Array, Array]:
         """Return points and forces of the contacts at a sample, shape (contacts, 3) each."""
         first, last = np.searchsorted(self.contact_sample, [k, k + 1])
         return self.contact_point[first:last], self.contact_force[first:last]
 
-    def save(self, path: Path) -> None:
-        """Write everything as an npz file, whole or not at all."""
-        report = {**asdict(self.report), 'joint_torque': self.report.joint_torque.tolist()}
-        buffer = BytesIO()
-        np.savez_compressed(
-            buffer,
-            format=FORMAT,
-            **{name: getattr(self, name) for name in ARRAYS},
-            scene=scene_to_text(self.scene),
-            report=json.dumps(report),
-            seconds=self.seconds,
-            interrupted=self.interrupted,
-        )
-        path.write_bytes(buffer.getvalue())
-
-    @classmethod
-    def load(cls, path: Path) -> 'Trajectory':
-        """
-        Read what `save` wrote.
-
-        Raises
-        ------
-        ParameterError
-            If the file is not whole, not one of `save`, of another version, or if its arrays do
-            not belong together.
-
-        """
-        try:
-            with np.load(path) as file:
-                data = {name: np.asarray(file[name]) for name in file.files}
-            texts = {name: item.tolist() for name, item in data.items() if item.dtype.kind == 'U'}
-        except FileNotFoundError:
-            raise ParameterError(f'no file {path}') from None
-        except (IsADirectoryError, PermissionError) as error:
-            raise ParameterError(f'{path} cannot be read: {error.strerror}') from None
-        except Exception:  # broken data makes NumPy, zipfile and zlib raise whatever they like
-            raise ParameterError(
-                f'{path} is not a whole npz file; snake-sim run --out writes one'
-            ) from None
-        if 'scene' not in texts or 'position' not in data:
-            raise ParameterError(f'{path} is not a recorded run: it has no scene or no position')
-        number = data.get('format', np.array(1))
-        version = int(number) if number.dtype.kind == 'i' and not number.shape else 0
-        if version != FORMAT:
-            raise ParameterError(
-                f'{path} is a run in format {version}, of another version of snake_sim_ros; this '
-                f'one reads format {FORMAT}: run its scene again'
-            )
-        try:
-            run = cls(
-                scene=scene_from_text(texts['scene']),
-                **{name: data[name] for name in ARRAYS},
-                report=_report(texts['report']),
-                seconds=float(data['seconds']),
-                interrupted=bool(data['interrupted']),
-            )
-            run.check()
-        except Exception as error:  # and so does broken text
-            raise ParameterError(f'{path} is not a whole run: {error}') from None
-        return run
+    def every(self, stride: int) -> 'Trajectory':
+        """Return a record of every so many samples, from the first one on, with its own arrays."""
+        kept = self.contact_sample % stride == 0
+        arrays = {name: getattr(self, name)[::stride].copy() for name in OF_SAMPLES}
+        arrays |= {name: getattr(self, name)[kept] for name in OF_CONTACTS}
+        arrays['contact_sample'] //= stride
+        return replace(self, **arrays)
 
     def check(self) -> None:
         """
@@ -181,47 +146,10 @@ class Trajectory:
         if (np.diff(self.contact_sample) < 0).any():
             raise ParameterError('contact_sample must be in the order of the samples')
 
-    def save_csv(self, path: Path) -> None:
-        """Write a table with a row for each sample: time, links, joints, sum of the forces."""
-        n = self.position.shape[1]
-        links = [f'link_{i + 1}' for i in range(n)]
-        joints = [f'joint_{j + 1}_{axis}' for j in range(n - 1) for axis in ('yaw', 'pitch')]
-        names = ['time [s]']
-        names += [f'{link} {axis} [m]' for link in links for axis in 'xyz']
-        names += [f'{link} {part}' for link in links for part in ('e0', 'e1', 'e2', 'e3')]
-        for what in ('angle [rad]', 'velocity [rad/s]', 'torque [N m]'):
-            names += [f'{joint} {what}' for joint in joints]
-        names += [f'contact force {axis} [N]' for axis in 'xyz']
-        force = np.zeros((len(self.time), 3))
-        np.add.at(force, self.contact_sample, self.contact_force)
-        columns = [self.position, self.orientation]
-        columns += [self.joint_angle, self.joint_velocity, self.joint_torque, force]
-        flat = [values.reshape(len(self.time), -1) for values in columns]
-        with path.open('w', encoding='utf-8', newline='') as file:
-            writer = csv.writer(file)
-            writer.writerow([*names, 'level'])
-            for row, level in zip(np.column_stack([self.time, *flat]), self.level, strict=True):
-                writer.writerow([*row.tolist(), level])
 
-
-def _report(text: str) -> Report:
-    """
-    Return the report that `Trajectory.save` wrote.
-
-    Raises
-    ------
-    ParameterError
-        If a value is of another kind than that of a report.
-
-    """
-    values = json.loads(text)
-    values['joint_torque'] = np.array(values['joint_torque'], dtype=float)
-    usual, report = Report(), Report(**values)
-    for item in fields(Report):
-        kind, value = type(getattr(usual, item.name)), getattr(report, item.name)
-        if type(value) is not kind:
-            raise ParameterError(f'{item.name} of the report must be {kind.__name__}, got {value}')
-    return report
-
-
-ARRAYS = tuple(item.name for item in fields(Trajectory) if item.type is Array)
+# Arrays of a trajectory with an entry for each sample, and for each contact of each sample.
+OF_SAMPLES = (
+    *('time', 'position', 'orientation', 'joint_angle', 'joint_velocity', 'joint_torque'),
+    *('level', 'velocity', 'impulse'),
+)
+OF_CONTACTS = ('contact_sample', 'contact_number', 'contact_point', 'contact_force')

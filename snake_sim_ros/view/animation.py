@@ -1,8 +1,8 @@
 """
 Runs as moving pictures: a GIF or an MP4 of the robot from obliquely above, by matplotlib.
 
-The projection is parallel, so that a link is seen as a thick line with round ends, and a peg as an
-upright one. What is nearer is drawn later; the ground is drawn before everything on it.
+The projection is parallel, so that a link looks like a thick line with round ends and a peg like
+an upright one. Nearer bodies are drawn later. The ground is drawn before everything on it.
 """
 
 import math
@@ -33,24 +33,24 @@ from snake_sim_ros.scene.robot_description import COLORS
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.trajectory import Trajectory
 
-SIZE = np.array([640, 360])  # pixels, both even: MP4 has one value of color for four pixels
+SIZE = np.array([640, 360])  # pixels; both are even, since four pixels of an MP4 share a color
 DPI = 100
-BAND, GAP = 28, 12  # pixels at the lower edge, for text, and between text and edges
-DELAYS = {'.gif': 60, '.mp4': 25}  # ms from frame to frame; whole 1/100 s in a GIF
+BAND, GAP = 28, 12  # pixels: height of the text at the lower edge, margin of texts
+DELAYS = {'.gif': 60, '.mp4': 25}  # ms between two frames; a GIF needs whole 1/100 s
 PALETTE = 48  # colors of a GIF
 UP = np.array([0.0, 0.0, 1.0])
 ELEVATION = math.radians(38.0)
-SUN = np.array([-0.55, 0.45, 1.0])  # right, away from the viewer, up: where the light is from
-FARTHEST = 3.0  # widths of a robot that a picture shows, beyond that it follows the robot
+SUN = np.array([-0.55, 0.45, 1.0])  # toward the light: right, away from the viewer, up
+WIDEST_VIEW = 3.0  # largest width of a picture, in widths of the robot; wider runs are followed
 FLOOR, GROUT, SHADE = '#f2efe8', '#dedad1', '#a3a09a'
 BOX, PEG = (0.84, 0.81, 0.75), (0.43, 0.55, 0.65)
 PATH_COLOR, FORCE_COLOR, TEXT_COLOR = '#0072b2', '#d55e00', '#464646'
-STRIPS = np.linspace(0.0, 0.85, 5)  # of a body, from its edge to where it is brightest
+STRIPS = np.linspace(0.0, 0.85, 5)  # of a body, from its edge to its brightest line
 LIGHT = 0.55 + 0.6 * STRIPS**0.8
-TILE, BAR = 0.5, 0.5  # m, squares of the floor and the scale
-LONGEST = 0.2  # lengths of the robot, arrow of a force that few forces exceed
-ARROWS = 24  # at most; of more contacts every second, third... has one
-SHORTEST = 8  # pixels of an arrow
+TILE, BAR = 0.5, 0.5  # m, sizes of the squares of the floor and of the scale
+LONGEST_ARROW = 0.2  # in lengths of the robot, for a force that few forces exceed
+MOST_ARROWS = 24  # of more contacts, every second, third, ... has an arrow
+SHORTEST_ARROW = 8  # pixels
 
 
 def animate(trajectory: Trajectory, path: Path, title: str = '', speed: float = 1.0) -> None:
@@ -61,9 +61,9 @@ def animate(trajectory: Trajectory, path: Path, title: str = '', speed: float = 
     ----------
     trajectory : Trajectory
     path : Path
-        Its suffix, .gif or .mp4, says which of them.
+        Its suffix, .gif or .mp4, selects the format.
     title : str, optional
-        What is written beside the time.
+        Text beside the time.
     speed : float, optional
         Seconds of the run in a second of the animation.
 
@@ -87,7 +87,7 @@ def animate(trajectory: Trajectory, path: Path, title: str = '', speed: float = 
 
 
 def _write_gif(path: Path, film: 'Film', samples: Array) -> None:
-    """Write an endless GIF, all of its frames in the same colors: half the size of others."""
+    """Write an endless GIF whose frames share one palette, which halves its size."""
     some = samples[np.unique(np.linspace(0, len(samples) - 1, 5).astype(int))]
     sheet = Image.fromarray(np.concatenate([np.asarray(film.frame(k)) for k in some]))
     palette = sheet.quantize(PALETTE, method=Image.Quantize.MAXCOVERAGE, kmeans=1)
@@ -97,7 +97,7 @@ def _write_gif(path: Path, film: 'Film', samples: Array) -> None:
 
 
 def _write_mp4(path: Path, film: 'Film', samples: Array) -> None:
-    """Write an MP4 that every browser plays."""
+    """Write an MP4 that all browsers can play."""
     options = ['-crf', '20', '-movflags', '+faststart']
     writer = FFMpegWriter(1000 // DELAYS['.mp4'], codec='h264', extra_args=options)
     program = ffmpeg()
@@ -115,14 +115,14 @@ def _write_mp4(path: Path, film: 'Film', samples: Array) -> None:
 
 
 def frame_samples(time: Array, period: float) -> Array:
-    """Return the samples nearest to the times that are whole periods [s] after the first."""
+    """Return the samples that are nearest to whole periods [s] after the first sample."""
     times = np.arange(time[0], time[-1] + 1e-6 * period, period)
     nearest: Array = np.rint(np.interp(times, time, np.arange(len(time)))).astype(int)
     return nearest
 
 
 def ffmpeg() -> str:
-    """Return the program that makes an MP4: that of imageio-ffmpeg, or of the system."""
+    """Return the program that writes an MP4: ffmpeg of imageio-ffmpeg or of the system."""
     try:
         from imageio_ffmpeg import get_ffmpeg_exe
 
@@ -135,7 +135,7 @@ def ffmpeg() -> str:
 
 
 def camera_axes(azimuth: float) -> Array:
-    """Return directions to the right, up, and toward the viewer, in I, shape (3, 3)."""
+    """Return the directions to the right, up, and toward the viewer, in I, shape (3, 3)."""
     c, s = math.cos(azimuth), math.sin(azimuth)
     ce, se = math.cos(ELEVATION), math.sin(ELEVATION)
     return np.array([[c, s, 0.0], [-s * se, c * se, ce], [s * ce, -c * ce, se]])
@@ -143,10 +143,24 @@ def camera_axes(azimuth: float) -> Array:
 
 def best_view(ends: Array, radius: float) -> tuple[Array, Array, float]:
     """
-    Return the camera that sees a run largest, with what moves going to the right.
+    Return the camera that shows a run largest, with a robot that moves to the right.
 
-    Its axes, the middle of its picture at every sample, shape (m, 2) [m], and pixels to a meter;
-    for ends of the axes of all links in I, shape (m, n, 2, 3), and the largest radius [m].
+    Parameters
+    ----------
+    ends : ndarray, shape (m, n, 2, 3)
+        Ends of the axes of all links [m, frame I].
+    radius : float
+        Largest radius of a link [m].
+
+    Returns
+    -------
+    camera : ndarray, shape (3, 3)
+        See `camera_axes`.
+    middle : ndarray, shape (m, 2)
+        Middle of the picture at every sample [m].
+    scale : float
+        Pixels in a meter.
+
     """
     few = np.unique(np.linspace(0, len(ends) - 1, 200).round().astype(int))
     center = ends.mean(axis=(1, 2))
@@ -160,7 +174,7 @@ def best_view(ends: Array, radius: float) -> tuple[Array, Array, float]:
         found.append((right, scale, azimuth, (low + high) / 2 - [0.0, BAND / scale / 2]))
     _, scale, azimuth, middle = max(found, key=lambda item: item[:2])
     camera = camera_axes(azimuth)
-    widest = FARTHEST * (np.ptp(ends, axis=1).max() + 2 * radius)
+    widest = WIDEST_VIEW * (np.ptp(ends, axis=1).max() + 2 * radius)
     if SIZE[0] / scale <= widest:
         return camera, np.tile(middle, (len(ends), 1)), scale
     smooth = uniform_filter1d(center @ camera[:2].T, max(1, len(ends) // 8), 0, mode='nearest')
@@ -168,7 +182,7 @@ def best_view(ends: Array, radius: float) -> tuple[Array, Array, float]:
 
 
 def ground_faces(ground: Ground, camera: Array, sun: Array) -> tuple[Array, Array]:
-    """Return the faces of cells that are seen, the farthest first, in I, and their colors."""
+    """Return the visible faces of cells in I, the farthest first, and their colors."""
     shape = len((ground.heights or ((),))[0]), len(ground.heights)
     pits = min(map(min, ground.heights), default=0.0) < 0.0
     near = np.diag(np.sign(camera[2, :2])).astype(int)  # to neighbors toward the viewer
@@ -176,7 +190,7 @@ def ground_faces(ground: Ground, camera: Array, sun: Array) -> tuple[Array, Arra
     light = 0.5 + 0.58 * (np.append(near.diagonal(), 1) * sun / np.linalg.norm(sun)).clip(0.0)
     paints = np.multiply.outer(light, BOX).clip(0.0, 1.0)
     faces, colors = [], []
-    # With a border, which is flat.
+    # The cells have a flat border.
     cells = [(i - 1, j - 1) for i, j in np.ndindex(shape[0] + 2, shape[1] + 2)]
     for cell in sorted(cells, key=lambda cell: float(camera[2, :2] @ cell)):
         top = cell_height(ground, *cell)
@@ -187,20 +201,21 @@ def ground_faces(ground: Ground, camera: Array, sun: Array) -> tuple[Array, Arra
                 edge = corners[square @ step > 0]
                 faces.append(np.column_stack([edge[[0, 1, 1, 0]], [top, top, below, below]]))
                 colors.append(paint)
-        if top or pits:  # what is flat hides pits behind it
+        if top or pits:  # flat cells hide pits behind them
             faces.append(np.column_stack([corners, np.full(4, top)]))
             colors.append(paints[2] if top else np.array(to_rgb(FLOOR)))
     return np.reshape(faces, (-1, 4, 3)), np.reshape(colors, (-1, 3))
 
 
 class Film:
-    """The pictures of a run, with a title and, if it is not 1, the speed in their caption."""
+    """The pictures of a run; their caption has a title, and the speed if it is not 1."""
 
     def __init__(self, trajectory: Trajectory, title: str, speed: float) -> None:
         robot, center = trajectory.scene.robot, trajectory.position
         self.trajectory = trajectory
         self.caption = [title] * bool(title) + [f'{speed:g}x'] * (speed != 1.0)
-        arm = np.maximum(robot.per_link('contact_offset'), 1e-6)  # no line without length is drawn
+        # Lines without length are not drawn.
+        arm = np.maximum(robot.per_link('contact_offset'), 1e-6)
         arm = arm[:, None] * rotation_matrices(trajectory.orientation)[..., 2]
         self.ends = np.stack([center + arm, center - arm], axis=2)
         # Links without extent are drawn thin.
@@ -221,17 +236,17 @@ class Film:
         self.path = self.seen(center[:, robot.middle_link] - self.radius[robot.middle_link] * UP)
         friction = np.hypot(*trajectory.contact_force[:, :2].T)
         strong = float(np.quantile(friction, 0.95)) if len(friction) else 0.0
-        self.arrow = LONGEST * robot.per_link('link_length').sum() / max(strong, 1e-9)  # m/N
+        self.arrow = LONGEST_ARROW * robot.per_link('link_length').sum() / max(strong, 1e-9)  # m/N
         self._set_stage()
         self._set_text()
 
     def seen(self, points: Array) -> Array:
-        """Return where points in I are, to the right and up from its origin [m]."""
+        """Return points in I as seen by the camera: to the right and up from the origin [m]."""
         flat: Array = points @ self.camera[:2].T
         return flat
 
     def _set_stage(self) -> None:
-        """Draw what stands still, and make the layers of what moves."""
+        """Draw everything that stands still, and make the layers of everything that moves."""
         figure = Figure((SIZE[0] / DPI, SIZE[1] / DPI), DPI, facecolor=FLOOR)
         self.canvas, self.axes = FigureCanvasAgg(figure), figure.add_axes((0.0, 0.0, 1.0, 1.0))
         self.axes.set_axis_off()
@@ -255,7 +270,7 @@ class Film:
         self.arrows = self.axes.quiver([], [], [], [])
 
     def _set_text(self) -> None:
-        """Draw the scale at the lower right, and make room for the caption at the lower left."""
+        """Draw the scale at the lower right, and make an empty caption at the lower left."""
         style: dict[str, Any] = {'xycoords': 'figure pixels', 'color': TEXT_COLOR, 'size': 9.4}
         right, left = SIZE[0] - GAP, SIZE[0] - GAP - BAR * self.scale
         bar = {'arrowstyle': '|-|,widthA=0.25,widthB=0.25', 'shrinkA': 0, 'shrinkB': 0}
@@ -282,7 +297,7 @@ class Film:
         self.text.set_text('   '.join([f't = {self.trajectory.time[k]:4.1f} s', *self.caption]))
 
     def _draw_bodies(self, bodies: Array) -> None:
-        """Draw links and pegs, the farthest first: strips, from dark edges to where light is."""
+        """Draw links and pegs, the farthest first, as strips from dark edges to bright lines."""
         order = np.argsort(bodies.mean(axis=1) @ self.camera[2])
         at, radius = bodies[order] @ self.camera.T, self.radius[order]
         along = at[:, 1] - at[:, 0]
@@ -315,9 +330,9 @@ class Film:
 
     def _draw_forces(self, points: Array, forces: Array) -> None:
         """Draw friction at the contacts as arrows: the horizontal part of the forces."""
-        every = slice(None, None, 1 + len(points) // (ARROWS + 1))
+        every = slice(None, None, 1 + len(points) // (MOST_ARROWS + 1))
         arrows = self.seen(forces[every] * [1.0, 1.0, 0.0] * self.arrow)
-        long = np.linalg.norm(arrows, axis=1) * self.scale >= SHORTEST
+        long = np.linalg.norm(arrows, axis=1) * self.scale >= SHORTEST_ARROW
         self.arrows.remove()
         self.arrows = self.axes.quiver(
             *self.seen(points[every][long]).T, *arrows[long].T,

@@ -1,7 +1,8 @@
 """
-What the viewer shows, as arrays: the robot at one time, what it did lately, and their shapes.
+What the viewer shows, as arrays: the robot at one time, its recent past, and shapes of links.
 
-Nothing here knows a browser or ROS. All poses are in frame I, z up; link frames are frames B.
+Nothing here depends on a browser or on ROS. All poses are in frame I, z up. Link frames are
+frames B.
 """
 
 from collections import deque
@@ -19,12 +20,12 @@ from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
 
-WINDOW = 10.0  # s that are plotted
-PLOT_PERIOD = 0.025  # s between two samples that are plotted
+PLOTTED_TIME = 10.0  # s, length of the time that plots show
+TRACE_PERIOD = 0.025  # s between two samples that are plotted
 PATH_STEP = 0.01  # m between two points of a path
 PATH_LENGTH = 2000  # points
-REACH = 3.0  # weight of the robot as an arrow, in lengths of the robot
-UPWARD = 0.2  # scale of vertical forces: they are larger by one over the friction coefficient
+WEIGHT_ARROW = 3.0  # weight of the robot as an arrow, in lengths of the robot
+UPWARD_SCALE = 0.2  # of vertical forces, which are larger by one over the friction coefficient
 AXES = 'yaw', 'pitch'
 SEGMENTS, RINGS = 24, 6  # of a capsule: around it, and of each of its ends
 
@@ -45,9 +46,9 @@ class Frame:
     joint_angle, joint_torque : ndarray, shape (n-1, 2)
         (yaw, pitch) [rad], [N m]; NaN where it is not known.
     reference : ndarray, shape (n-1, 2)
-        What the joints are told [rad]; NaN where it is not known.
+        References of the joints [rad]; NaN where they are not known.
     points, forces : ndarray, shape (k, 3)
-        Of the contacts, as `contact_forces` returns them [m], [N].
+        Those of the contacts, as `contact_forces` returns them [m], [N].
 
     """
 
@@ -64,7 +65,7 @@ class Frame:
 @dataclass(frozen=True)
 class Trace:
     """
-    What the robot did lately.
+    The recent past of the robot.
 
     Attributes
     ----------
@@ -94,7 +95,7 @@ class TraceBuffer:
         self.begin: Array | None = None  # where the middle link was first [m]
 
     def add(self, frame: Frame) -> None:
-        """Add a frame, unless it is hardly later than the last one."""
+        """Add a frame, unless it is less than TRACE_PERIOD later than the last one."""
         if self._samples and frame.time < self._samples[-1][0]:
             self._samples.clear()
             self._path.clear()
@@ -104,15 +105,15 @@ class TraceBuffer:
             self.begin = here
         if not self._path or np.linalg.norm(here - self._path[-1]) >= PATH_STEP:
             self._path.append(here)
-        if self._samples and frame.time - self._samples[-1][0] < PLOT_PERIOD:
+        if self._samples and frame.time - self._samples[-1][0] < TRACE_PERIOD:
             return
         joints = np.stack([frame.joint_angle, frame.reference, frame.joint_torque])
         self._samples.append((frame.time, joints))
-        while self._samples[0][0] < frame.time - WINDOW:
+        while self._samples[0][0] < frame.time - PLOTTED_TIME:
             self._samples.popleft()
 
     def distance(self, frame: Frame) -> float:
-        """Return how far the middle link is from where it was first [m]."""
+        """Return the distance of the middle link from its first position [m]."""
         begin = frame.position[self._middle] if self.begin is None else self.begin
         return float(np.linalg.norm(frame.position[self._middle] - begin))
 
@@ -128,7 +129,7 @@ class TraceBuffer:
 
 def placed(robot: Robot, angle: Array, base: tuple[Array, Array] | None) -> Array:
     """
-    Return the coordinates of a robot of which joint angles are known, shape (n, 7).
+    Return the coordinates of a robot with known joint angles, shape (n, 7).
 
     Parameters
     ----------
@@ -157,7 +158,7 @@ def placed(robot: Robot, angle: Array, base: tuple[Array, Array] | None) -> Arra
 
 
 def at_rest(robot: Robot) -> Frame:
-    """Return a robot of which nothing is known yet: straight, on the floor."""
+    """Return the frame of a robot before anything is known: straight, on the floor."""
     q = placed(robot, np.zeros((robot.link_count - 1, 2)), None)
     unknown, none = np.full((robot.link_count - 1, 2), math.nan), np.zeros((0, 3))
     return Frame(0.0, q[:, :3], q[:, 3:], unknown, unknown, unknown, none, none)
@@ -165,13 +166,13 @@ def at_rest(robot: Robot) -> Frame:
 
 def curves(trace: Trace, what: str, joint: int) -> tuple[Array, dict[str, Array]]:
     """
-    Return the curves of a plot, from the time on at which all that is known is known.
+    Return the curves of a plot, from the first time on at which all of them are known.
 
     Parameters
     ----------
     trace : Trace
     what : str
-        ``angle`` [deg], with what the joint is told where that is known, or ``torque`` [N m].
+        ``angle`` [deg], with the reference of the joint if it is known, or ``torque`` [N m].
     joint : int
         Index of a joint, for both its axes; -1 is yaw of all joints, -2 pitch of all joints.
 
@@ -198,16 +199,16 @@ def curves(trace: Trace, what: str, joint: int) -> tuple[Array, dict[str, Array]
 
 
 def force_scale(robot: Robot) -> float:
-    """Return how long the arrow of a force is [m/N]: 1, 2 or 5 times a power of ten."""
+    """Return the scale of the arrows of forces [m/N]: 1, 2 or 5 times a power of ten."""
     weight = 9.81 * robot.per_link('link_mass').sum()
-    wanted = REACH * robot.per_link('link_length').sum() / weight
+    wanted = WEIGHT_ARROW * robot.per_link('link_length').sum() / weight
     power = 10.0 ** math.floor(math.log10(wanted))
     return max(power * digit for digit in (1, 2, 5) if power * digit <= wanted)
 
 
 def arrows(points: Array, forces: Array, scale: float) -> tuple[Array, Array]:
     """
-    Return begin and end of the arrows of forces, along the floor and upward.
+    Return the start and end points of the arrows of forces, along the floor and upward.
 
     Parameters
     ----------
@@ -219,10 +220,11 @@ def arrows(points: Array, forces: Array, scale: float) -> tuple[Array, Array]:
     Returns
     -------
     along, upward : ndarray, shape (k, 2, 3)
-        Of the horizontal part, and of the vertical part on a scale of UPWARD times that [m].
+        Arrows of the horizontal parts, and of the vertical parts on a scale that is smaller by
+        UPWARD_SCALE [m].
 
     """
-    along, upward = scale * forces, UPWARD * scale * forces
+    along, upward = scale * forces, UPWARD_SCALE * scale * forces
     along[:, 2] = upward[:, :2] = 0.0
     return np.stack([points, points + along], axis=1), np.stack([points, points + upward], axis=1)
 
@@ -234,9 +236,9 @@ def capsule(radius: float, offset: float) -> tuple[Array, Array]:
     Parameters
     ----------
     radius : float
-        Of the spheres at its ends and the cylinder between them [m].
+        Radius of the spheres at its ends and of the cylinder between them [m].
     offset : float
-        From the center of the link to those of the spheres, along e_z [m].
+        Distance of the centers of the spheres from that of the link, along e_z [m].
 
     """
     half = np.linspace(0.0, math.pi / 2, RINGS + 1)

@@ -1,8 +1,9 @@
 """
-A page in the browser that shows a robot in 3-D, with plots and controls; only here is viser known.
+A page in the browser that shows a robot in 3-D, with plots and controls, by viser.
 
-Whoever has a robot makes a `Page`, calls `build` with its scene, `show` with each frame and `plot`
-now and then. viser calls back in threads of its own; a page only notes there what was chosen.
+The program that has a robot makes a `Page`, calls `build` with its scene, `show` with each frame,
+and `plot` now and then. viser makes its callbacks in other threads; in these, a page only notes
+what was chosen.
 """
 
 from collections.abc import Callable
@@ -24,15 +25,15 @@ from snake_sim_ros.view.frames import at_rest
 from snake_sim_ros.view.frames import curves
 from snake_sim_ros.view.frames import Frame
 from snake_sim_ros.view.frames import Trace
-from snake_sim_ros.view.frames import UPWARD
+from snake_sim_ros.view.frames import UPWARD_SCALE
 from snake_sim_ros.view.stage import Stage
 
 SHOW_PERIOD, PLOT_PERIOD = 1 / 30, 1 / 10  # s of wall time, the shortest between two updates
 PANEL_WIDTH = 310  # pixels
 PLOT_HEIGHT = 210  # pixels
 COLORS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#000000', '#999999')
-ALL = {'yaw of all joints': -1, 'pitch of all joints': -2}
-TITLES = {'angle': 'joint angles [deg]', 'torque': 'joint torques [N m]'}
+ALL_JOINTS = {'yaw of all joints': -1, 'pitch of all joints': -2}
+PLOT_TITLES = {'angle': 'joint angles [deg]', 'torque': 'joint torques [N m]'}
 LEGEND_LIMIT = 10  # curves
 
 
@@ -46,12 +47,12 @@ class Page:
     host : str
         Address of this machine to bind to.
     port : int
-        0 is any free one.
+        0 takes any free port.
 
     Attributes
     ----------
     gui : viser.GuiApi
-        For controls; `controls` is the folder for them.
+        Interface for controls; `controls` is the folder for them.
     url : str
 
     Raises
@@ -64,7 +65,7 @@ class Page:
     def __init__(self, title: str, host: str, port: int) -> None:
         make_server = _server_class()
         check_address(host, port)
-        with redirect_stdout(StringIO()):  # where it is served is said by whoever made the page
+        with redirect_stdout(StringIO()):  # the caller prints the address
             self._server = make_server(host=host, port=port, label=title, verbose=False)
         self.url = f'http://{host}:{self._server.get_port()}'
         self.gui = self._server.gui
@@ -86,23 +87,23 @@ class Page:
 
     @property
     def watched(self) -> bool:
-        """Whether a browser shows the page."""
+        """Whether a browser shows the page at present."""
         return bool(self._server.get_clients())
 
     def changed(self) -> bool:
-        """Return whether something else was chosen to be seen since this was asked last."""
+        """Return whether another view was chosen since the last call."""
         changed, self._changed = self._changed, False
         return changed
 
     def build(self, scene: Scene) -> None:
-        """Begin with a scene: its obstacles, its robot."""
+        """Show the obstacles and the robot of a scene."""
         with self._server.atomic():
             self._server.scene.reset()
             self._stage = Stage(self._server.scene, scene)
             along = 100 * self._stage.scale
             self._scale.content = (
                 f'Orange: forces along the floor, 1 N is {along:g} cm. '
-                f'Light blue: forces upward, 1 N is {UPWARD * along:g} cm.'
+                f'Light blue: forces upward, 1 N is {UPWARD_SCALE * along:g} cm.'
             )
             self._set_camera(scene)
             self._choose_joints(scene)
@@ -124,13 +125,13 @@ class Page:
                 stage.set_see_through(stage.see_through)
 
     def tell(self, frame: Frame, status: Mapping[str, str]) -> None:
-        """Write the time of a frame, and a status: name -> text."""
+        """Write the time of a frame and a status, name -> text."""
         texts = {'time': f'{frame.time:.2f} s', **status}
         rows = [f'| {name} | **{text}** |' for name, text in texts.items()]
         self._status.content = '\n'.join(['| | |', '|:--|:--|', *rows])
 
     def plot(self, trace: Trace) -> None:
-        """Draw path and curves."""
+        """Draw the path and the curves of a trace."""
         assert self._stage is not None, 'build comes first'
         joint = self._joint_of(self._joint.value)
         with self._server.atomic():
@@ -138,7 +139,7 @@ class Page:
                 self._stage.show_path(trace.path)
             if not len(trace.time):
                 return
-            for what in TITLES:
+            for what in PLOT_TITLES:
                 time, values = curves(trace, what, joint)
                 if list(values) != self._drawn.get(what):
                     self._drawn[what] = list(values)
@@ -184,7 +185,7 @@ class Page:
             chart.remove()
         self._charts, self._drawn = {}, {}
         count = scene.robot.link_count - 1
-        names = (*(f'joint {j + 1}' for j in range(count)), *ALL)
+        names = (*(f'joint {j + 1}' for j in range(count)), *ALL_JOINTS)
         if self._joint is not None:
             self._joint.remove()
         with self._plots:
@@ -194,7 +195,7 @@ class Page:
         self._joint.on_update(self._note)
 
     def _joint_of(self, name: str) -> int:
-        return ALL[name] if name in ALL else int(name.split()[1]) - 1
+        return ALL_JOINTS[name] if name in ALL_JOINTS else int(name.split()[1]) - 1
 
     def _replace_chart(self, what: str, time: Array, values: dict[str, Array]) -> None:
         if what in self._charts:
@@ -211,11 +212,11 @@ class Page:
             self._charts[what] = self.gui.add_uplot(
                 (time, *values.values()),
                 tuple(series),
-                title=TITLES[what],
+                title=PLOT_TITLES[what],
                 scales={'x': {'time': False}},
                 legend={'show': len(values) <= LEGEND_LIMIT, 'live': False},
                 height=PLOT_HEIGHT,
-                order=1 + list(TITLES).index(what),
+                order=1 + list(PLOT_TITLES).index(what),
             )
 
 
@@ -231,7 +232,7 @@ def _server_class() -> Callable[..., Any]:
 
 def check_address(host: str, port: int) -> None:
     """
-    Raise if no page can be served there; viser would silently take another port.
+    Raise an error if no page can be served there; viser would silently take another port.
 
     Raises
     ------
@@ -256,7 +257,7 @@ def check_address(host: str, port: int) -> None:
 
 
 def announce(page: Page, open_browser: bool) -> None:
-    """Say where the page is, and open it in a browser if one is there."""
+    """Print the address of the page, and open it in a browser if there is one."""
     print(f'the viewer is at {page.url}', flush=True)
     if open_browser and not webbrowser.open(page.url):
         print(f'there is no browser here; open {page.url} in one yourself', flush=True)

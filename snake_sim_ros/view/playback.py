@@ -1,4 +1,4 @@
-"""Playing a recorded run on a page in the browser, with a time slider."""
+"""Playback of a recorded run on a page in the browser, with a time slider."""
 
 import math
 import signal
@@ -13,8 +13,8 @@ from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.view.frames import Frame
 from snake_sim_ros.view.frames import PATH_LENGTH
+from snake_sim_ros.view.frames import PLOTTED_TIME
 from snake_sim_ros.view.frames import Trace
-from snake_sim_ros.view.frames import WINDOW
 from snake_sim_ros.view.page import announce
 from snake_sim_ros.view.page import Page
 from snake_sim_ros.view.page import PLOT_PERIOD
@@ -48,15 +48,15 @@ class Recording:
         )
 
     def status(self, k: int) -> dict[str, str]:
-        """Return what is to be read at sample k."""
+        """Return the texts that the page shows at sample k."""
         run = self.run
         path = run.position[k, self.middle] - run.position[0, self.middle]
         return {'distance': f'{np.linalg.norm(path):.3f} m', 'level': str(run.level[k])}
 
     def trace(self, k: int) -> Trace:
-        """Return what the robot did until sample k."""
+        """Return the trace of the robot up to sample k."""
         run = self.run
-        first = int(np.searchsorted(run.time, run.time[k] - WINDOW))
+        first = int(np.searchsorted(run.time, run.time[k] - PLOTTED_TIME))
         part = slice(first, k + 1, 1 + (k - first) // 400)
         path = run.position[: k + 1 : 1 + k // PATH_LENGTH, self.middle]
         joints = run.joint_angle[part], self.reference[part], run.joint_torque[part]
@@ -64,7 +64,7 @@ class Recording:
 
 
 class Player:
-    """Where in a run the page is, and the controls that say so."""
+    """The current time of the playback, and its controls."""
 
     def __init__(self, page: Page, times: Array) -> None:
         self.times, self.now = times, float(times[0])
@@ -82,7 +82,7 @@ class Player:
         self.slider.on_update(self._on_slider)
 
     def advance(self, seconds: float) -> int:
-        """Go on by some wall time, or to where the slider was put; return the sample."""
+        """Advance by some wall time, or to the time of the slider; return the sample."""
         if not math.isnan(self._wanted):
             self.now, self._wanted = self._wanted, math.nan
         elif self.playing:
@@ -93,7 +93,7 @@ class Player:
         return int(np.searchsorted(self.times, self.now, 'right')) - 1
 
     def mark(self) -> None:
-        """Let the controls say where the page is."""
+        """Update the controls with the current time."""
         if math.isnan(self._wanted):
             self.slider.value = round(self.now, 2)
         self.button.label = 'pause' if self.playing else 'play'
@@ -110,7 +110,7 @@ class Player:
 
 def play(trajectory: Trajectory, title: str, host: str, port: int, open_browser: bool) -> int:
     """
-    Serve a recorded run until it is interrupted.
+    Serve the page of a recorded run until it is interrupted.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def play(trajectory: Trajectory, title: str, host: str, port: int, open_browser:
     title : str
     host : str
     port : int
-        0 is any free one.
+        0 takes any free port.
     open_browser : bool
 
     Returns
@@ -129,7 +129,7 @@ def play(trajectory: Trajectory, title: str, host: str, port: int, open_browser:
     Raises
     ------
     ParameterError
-        If there is less than two samples, or no page can be served there.
+        If there are less than two samples, or if no page can be served there.
 
     """
     if len(trajectory.time) < 2:
@@ -152,7 +152,7 @@ def play(trajectory: Trajectory, title: str, host: str, port: int, open_browser:
 
 
 def _serve(page: Page, player: Player, recording: Recording, stop: Event) -> None:
-    """Show what the player wants, again and again."""
+    """Show the current sample of the player until the page is to be closed."""
     last, plotted, shown, written = time.monotonic(), -math.inf, -1, -1
     while not stop.is_set():
         now = time.monotonic()

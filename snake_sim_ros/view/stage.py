@@ -21,14 +21,14 @@ from snake_sim_ros.view.frames import Frame
 FRICTION, NORMAL, PATH, POINT = (213, 94, 0), (86, 180, 233), (0, 114, 178), (0, 158, 115)
 FLOOR, LINES, PEG, GROUND = (246, 247, 249), (205, 209, 214), (89, 115, 166), (176, 178, 184)
 FLOOR_SIZE = 60.0  # m
-CLEARANCE = 2e-3  # m, of what lies on the floor
+CLEARANCE = 2e-3  # m, between the floor and the path on it
 PATH_RADIUS = 0.08  # of lines and arrows, in contact radii
 SEE_THROUGH = 0.35  # opacity
 
 
 class Stage:
     """
-    What is drawn of one scene, under one node that moves against the camera to follow the robot.
+    The 3-D objects of one scene, under one node that moves so that the camera follows the robot.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Stage:
         )
 
     def show(self, frame: Frame) -> None:
-        """Put the robot and its contacts where they are."""
+        """Move the robot and its contacts to their places."""
         for links, mesh in self.links:
             mesh.batched_positions = frame.position[links].astype(np.float32)
             mesh.batched_wxyzs = frame.orientation[links].astype(np.float32)
@@ -72,17 +72,17 @@ class Stage:
             self.root.position = (-center[0], -center[1], 0.0)
 
     def show_path(self, path: Array) -> None:
-        """Draw a path, shape (k, 3) [m], on the floor below it."""
+        """Draw a path of shape (k, 3) [m] on the floor below it."""
         flat = path * [1.0, 1.0, 0.0] + [0.0, 0.0, CLEARANCE]
         self.path.points = np.stack([flat[:-1], flat[1:]], axis=1).astype(np.float32)
 
     def set_see_through(self, on: bool) -> None:
-        """Make the links transparent, or not: contacts are below them."""
+        """Make the links transparent or not, since they hide the contacts below them."""
         for _, mesh in self.links:
             mesh.opacity = SEE_THROUGH if on else None
 
     def _add_lights(self) -> None:
-        """Light the robot from the side of the first look at it, whether it is followed or not."""
+        """Light the robot from the side of the first view, whether it is followed or not."""
         self.canvas.configure_default_lights(False)
         self.canvas.configure_environment_map('warehouse', environment_intensity=0.4)
         self.canvas.add_light_ambient('/lights/sky', intensity=0.7)
@@ -156,7 +156,7 @@ class Stage:
 
 
 def linear(color: ArrayLike) -> Array:
-    """Return colors up to 255 as viser takes those of batches and arrows: not as a screen does."""
+    """Return colors of a screen as linear ones up to 255, as viser takes them for batches."""
     part = np.asarray(color) / 255
     part = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
     return np.round(255 * part).astype(np.uint8)

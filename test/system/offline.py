@@ -9,7 +9,7 @@ from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.simulation import joint_motion
+from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.simulation import Simulation
 
 STEPS = 20  # of 1/4000 s in a period of 1/200 s

@@ -1,1 +1,1 @@
-"""Regularized contact and the friction pyramid, to compare with."""
+"""Regularized contact and the friction pyramid, with which our methods are compared."""

@@ -1,13 +1,13 @@
 """
-The methods that set-valued contact laws are held against, and that are still in use.
+Methods without set-valued contact laws that are still in use, to compare ours with.
 
 - Regularized contact in a semi-implicit Euler step of fixed size (`make_semi_implicit`).
 - A friction pyramid in place of the ellipse (`make_pyramid`).
-- Regularized contact as a smooth differential equation for the integrators of SciPy, with steps of
-  their own choice (`integrate`).
+- Regularized contact as a smooth differential equation for the integrators of SciPy, which choose
+  their step sizes (`integrate`).
 
-They have no names among `methods.METHODS`: they are no methods for a robot, but the other side of
-a comparison. The first two run in a `simulation.Simulation` that is given their stepper.
+They are not among `methods.METHODS`, since they are meant for comparisons only, not for running a
+robot. The first two run in a `simulation.Simulation` that is given their stepper.
 """
 
 from dataclasses import astuple
@@ -27,8 +27,10 @@ from scipy.integrate import RK45
 from snake_sim_ros.comparison.baselines import minimal_coordinates
 from snake_sim_ros.comparison.baselines import penalty as regularized
 from snake_sim_ros.comparison.baselines.pyramid import Pyramid
-from snake_sim_ros.comparison.course import Course
-from snake_sim_ros.comparison.course import SAMPLE
+from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
+from snake_sim_ros.comparison.timed_run import TimedRun
+from snake_sim_ros.comparison.timed_run import timing_of
+from snake_sim_ros.comparison.timed_run import trajectory_of_states
 from snake_sim_ros.contact.delassus import make_delassus
 from snake_sim_ros.dynamics.energy import imbalance
 from snake_sim_ros.dynamics.energy import mechanical_energy
@@ -40,7 +42,6 @@ from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.posture import joint_rates
-from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping import moreau
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import Stepper
@@ -51,15 +52,15 @@ from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.state import State
 
 INTEGRATORS: dict[str, Any] = {'RK45': RK45, 'LSODA': LSODA, 'Radau': Radau, 'BDF': BDF}
-STEP = 1e-8  # of differences, in the unit of each number: less than a link sinks in
+JACOBIAN_DIFFERENCE = 1e-8  # in the unit of each number; less than the sag of a link
 LAWS = ('tanh', 'rational')
-BATCH = 1000  # states whose energies are evaluated together
+ENERGY_BATCH = 1000  # number of states whose energies are evaluated together
 
 
 @dataclass(frozen=True, kw_only=True)
 class Penalty(CheckedRecord):
     """
-    Regularized contact: a spring-damper for each sphere, friction that is smooth at rest.
+    Regularized contact: a spring-damper for each sphere, and friction that is smooth at rest.
 
     ``F_N = max(0, -k g - d gamma_N)`` for gaps g < 0, with ``d = 2 zeta sqrt(k m/2)``: a link of
     mass m has two spheres. ``F_T = -F_N diag(mu) w/|w| phi(|w|/(mu_max eps))`` with ``w = diag(mu)
@@ -79,7 +80,7 @@ class Penalty(CheckedRecord):
 
 
 def make_law(penalty: Penalty) -> regularized.PenaltyLaw:
-    """Return the numbers of a penalty as compiled functions take them."""
+    """Return the numbers of a penalty in the form that compiled functions take."""
     return regularized.PenaltyLaw(
         rational=penalty.law == 'rational',
         sliding_velocity=penalty.sliding_velocity,
@@ -89,7 +90,7 @@ def make_law(penalty: Penalty) -> regularized.PenaltyLaw:
 
 
 def refuse_rolling(scene: Scene) -> None:
-    """Raise if a scene has rolling friction, which no baseline knows."""
+    """Raise an error if a scene has rolling friction, which no baseline supports."""
     if scene.friction.rolling > 0.0:
         raise ParameterError(
             f'friction.rolling must be 0 for a baseline, got {scene.friction.rolling:g}'
@@ -98,11 +99,11 @@ def refuse_rolling(scene: Scene) -> None:
 
 def make_semi_implicit(scene: Scene, penalty: Penalty) -> Stepper:
     """
-    Return a stepper of regularized contact: the paper's step with contact forces that are known.
+    Return a stepper of regularized contact: the paper's step with explicit contact forces.
 
-    Forces are explicit, so the step is limited by the contacts: on a spring of angular frequency
-    omega without damping, dt < 2/omega. Every step counts as converged; the residual says how far
-    forces and velocities are from the set-valued laws.
+    The contacts limit the step, since their forces are explicit: dt < 2/omega for a spring of
+    angular frequency omega without damping. Every step counts as converged. The residual tells
+    how far forces and velocities are from the set-valued laws.
 
     Raises
     ------
@@ -116,9 +117,10 @@ def make_semi_implicit(scene: Scene, penalty: Penalty) -> Stepper:
 
 def make_pyramid(scene: Scene) -> Stepper:
     """
-    Return a stepper of the paper's step whose friction is bounded in each direction alone.
+    Return a stepper of the paper's step with friction that is bounded separately in x and y.
 
-    The residual is that of these laws, the printed one that of Coulomb's; see `pyramid`.
+    The residual is that of these laws, and the printed residual that of Coulomb's law. See
+    `pyramid`.
 
     Raises
     ------
@@ -143,7 +145,7 @@ class SmoothRobot:
     Attributes
     ----------
     evaluations : int
-        How often f was evaluated.
+        Number of evaluations of f.
 
     """
 
@@ -158,7 +160,7 @@ class SmoothRobot:
         self.middle, self.evaluations = scene.robot.middle_link, 0
 
     def coordinates(self, state: State) -> Array:
-        """Return y of a state whose joints are closed, without work."""
+        """Return y of a state with closed joints; its works are 0."""
         root = self.middle
         angle, rate = joint_angles(state.q), joint_rates(state.q, state.u)
         parts = state.q[root], angle.ravel(), state.u[root], rate.ravel(), np.zeros(2)
@@ -181,15 +183,16 @@ class SmoothRobot:
         """
         Return df/dy by differences, shape (m, m).
 
-        The integrators' own differences take steps relative to every number. Where one is near 0,
-        such a step moves the stiff joints and contacts by less than rounding does, and what comes
-        out lets BDF take tiny steps.
+        The differences of the integrators take steps relative to each number. If a number is near
+        0, its step moves the stiff joints and contacts by less than rounding errors do, and BDF
+        takes tiny time steps with the result.
         """
-        rates = self.rates(t, y + np.vstack([np.zeros_like(y), STEP * np.eye(len(y))]))
-        return np.asarray((rates[1:] - rates[0]).T / STEP)
+        steps = np.vstack([np.zeros_like(y), JACOBIAN_DIFFERENCE * np.eye(len(y))])
+        rates = self.rates(t, y + steps)
+        return np.asarray((rates[1:] - rates[0]).T / JACOBIAN_DIFFERENCE)
 
     def state(self, y: Array) -> tuple[State, float]:
-        """Return the state of all links, and their deepest gap below zero [m]."""
+        """Return the state of all links, and their largest penetration [m]."""
         depth = minimal_coordinates.configuration(self.model, self.work, self.motion, y)
         q = self.work.q_mid.copy()
         q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1)[:, None]
@@ -204,14 +207,14 @@ def integrate(
     limit: float,
     *,
     start: State | None = None,
-) -> Course:
+) -> TimedRun:
     """
-    Return the course of the regularized model of a scene as SciPy integrates it.
+    Integrate the regularized model of a scene with SciPy.
 
     Parameters
     ----------
     scene : Scene
-        Its time step means nothing here.
+        Its time step is not used.
     penalty : Penalty
     integrator : str
         RK45, LSODA, Radau or BDF.
@@ -220,14 +223,14 @@ def integrate(
     limit : float
         Wall time of all steps after which the run is stopped [s].
     start : State, optional
-        With closed joints; without it, that of the scene.
+        With closed joints. Default: the start of the scene.
 
     Returns
     -------
-    Course
-        Its steps are the accepted ones, its iterations all evaluations of the right-hand side,
-        those for Jacobians included. It has no residual (nan). `energy_error` is of the two works
-        that are integrated too.
+    TimedRun
+        Its report counts the accepted steps, and as iterations all evaluations of the right-hand
+        side, including those for Jacobians. It has no residual (nan). `energy_error` is computed
+        from the two works, which are integrated as well.
 
     Raises
     ------
@@ -236,53 +239,48 @@ def integrate(
         friction, or the accelerations at the start are not finite.
 
     """
+    _check(integrator, tolerance)
+    robot = SmoothRobot(scene, penalty)
+    y, compile_seconds = _compiled_start(robot, start or initial_state(scene))
+    implicit = {} if integrator == 'RK45' else {'jac': robot.jacobian}
+    solver = INTEGRATORS[integrator](
+        robot.rate, 0.0, y, scene.duration, rtol=tolerance, atol=tolerance, **implicit
+    )
+    kept = _Kept(scene, robot, y)
+    while solver.status == 'running' and not kept.failure and kept.seconds < limit:
+        kept.step(solver)
+    report = kept.report(f't = {solver.t:g} s: {integrator}: {kept.failure}')
+    return TimedRun(
+        trajectory_of_states(scene, kept.samples, SAMPLING_PERIOD, report, kept.seconds),
+        timing_of(1e6 * np.array(kept.times), compile_seconds),
+        energy_error=kept.energy_error(),
+        late=solver.status == 'running' and not kept.failure,
+    )
+
+
+def _check(integrator: str, tolerance: float) -> None:
+    """Raise an error if there is no such integrator, or if the tolerance is not positive."""
     if integrator not in INTEGRATORS:
         raise ParameterError(
             f'unknown integrator {integrator!r}; choose from: {", ".join(INTEGRATORS)}'
         )
     if not tolerance > 0.0:
         raise ParameterError(f'tolerance must be above 0, got {tolerance:g}')
-    robot, begin = SmoothRobot(scene, penalty), time.perf_counter()
-    y = robot.coordinates(start or initial_state(scene))
+
+
+def _compiled_start(robot: SmoothRobot, start: State) -> tuple[Array, float]:
+    """Return y of a start, and the wall time of compiling the right-hand side [s]."""
+    begin = time.perf_counter()
+    y = robot.coordinates(start)
     if not np.isfinite(robot.rate(0.0, y)).all():
         raise ParameterError('start must have finite accelerations, its velocities are too large')
     robot.state(y)
-    robot.evaluations, compile_seconds = 0, time.perf_counter() - begin
-    implicit = {} if integrator == 'RK45' else {'jac': robot.jacobian}
-    solver = INTEGRATORS[integrator](
-        robot.rate, 0.0, y, scene.duration, rtol=tolerance, atol=tolerance, **implicit
-    )
-    run = _Run(scene, robot, y)
-    failure = ''
-    while solver.status == 'running' and not failure and run.seconds < limit:
-        failure = run.step(solver)
-    report = Report(
-        steps=len(run.times),
-        iterations=robot.evaluations,
-        residual_max=math.nan,
-        printed_residual_max=math.nan,
-        penetration_max=run.depth,
-        joint_torque=robot.work.chain.torque.copy(),
-        failure=f't = {solver.t:g} s: {integrator}: {failure}' if failure else '',
-    )
-    times = 1e6 * np.array(run.times or [np.nan])
-    q = np.array([state.q for state in run.samples])
-    return Course(
-        position=q[..., :3],
-        axis=rotation_matrices(q[..., 3:])[..., 2],
-        joint_angle=joint_angles(q),
-        seconds=run.seconds,
-        median=float(np.median(times)),
-        p99=float(np.percentile(times, 99)),
-        compile_seconds=compile_seconds,
-        report=report,
-        energy_error=run.energy_error(),
-        late=solver.status == 'running' and not failure,
-    )
+    robot.evaluations = 0
+    return y, time.perf_counter() - begin
 
 
-class _Run:
-    """What is kept of the accepted steps of an integrator of SciPy."""
+class _Kept:
+    """Samples, times and energies of the accepted steps of an integrator of SciPy."""
 
     def __init__(self, scene: Scene, robot: SmoothRobot, y: Array) -> None:
         self.scene, self.robot = scene, robot
@@ -291,38 +289,55 @@ class _Run:
         self.states, self.energies = [state], np.zeros(0)
         self.work: list[Array] = []  # of joints and contacts in every step [J]
         self.times: list[float] = []  # wall time of every step [s]
-        self.seconds = 0.0
+        self.seconds, self.failure = 0.0, ''
 
-    def step(self, solver: Any) -> str:
-        """Take one step; return why it failed, or nothing."""
+    def report(self, failure: str) -> Report:
+        """Return the report of all steps; `failure` is its sentence if they failed."""
+        return Report(
+            steps=len(self.times),
+            iterations=self.robot.evaluations,
+            residual_max=math.nan,
+            printed_residual_max=math.nan,
+            penetration_max=self.depth,
+            joint_torque=self.robot.work.chain.torque.copy(),
+            failure=failure if self.failure else '',
+        )
+
+    def step(self, solver: Any) -> None:
+        """Take one step, or note the reason why it failed."""
+        self.failure, seconds = self._step(solver)
+        self.seconds += seconds
+        if self.failure:
+            return
+        self.times.append(seconds)
+        state, depth = self.robot.state(solver.y)
+        self.depth = max(self.depth, depth)
+        self.states.append(state)
+        if len(self.states) == ENERGY_BATCH:
+            self.add_energies()
+        self.work.append(solver.y[-2:] - self.last[-2:])
+        self.last = solver.y.copy()
+        while (t := SAMPLING_PERIOD * len(self.samples)) <= solver.t + 1e-9:
+            y = solver.dense_output()(min(t, solver.t))
+            self.samples.append(self.robot.state(y)[0])
+
+    @staticmethod
+    def _step(solver: Any) -> tuple[str, float]:
+        """Take one step; return its failure, empty if there is none, and its wall time [s]."""
         begin = time.perf_counter()
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter('ignore')  # LSODA warns of what it reports
                 message = solver.step()
         except ValueError as error:  # a matrix of Radau or BDF that is not finite
-            return str(error)
+            return str(error), 0.0
         seconds = time.perf_counter() - begin
-        self.seconds += seconds
         if solver.status == 'failed':
-            return str(message)
-        if not np.isfinite(solver.y).all():
-            return 'the state is not finite'
-        self.times.append(seconds)
-        state, depth = self.robot.state(solver.y)
-        self.depth = max(self.depth, depth)
-        self.states.append(state)
-        if len(self.states) == BATCH:
-            self.add_energies()
-        self.work.append(solver.y[-2:] - self.last[-2:])
-        self.last = solver.y.copy()
-        while (t := SAMPLE * len(self.samples)) <= solver.t + 1e-9:
-            y = solver.dense_output()(min(t, solver.t))
-            self.samples.append(self.robot.state(y)[0])
-        return ''
+            return str(message), seconds
+        return '' if np.isfinite(solver.y).all() else 'the state is not finite', seconds
 
     def add_energies(self) -> None:
-        """Evaluate the energies of states since the last time, and forget the states."""
+        """Evaluate the energies of the states since the last call, and drop these states."""
         q, u = (np.array([getattr(state, name) for state in self.states]) for name in 'qu')
         self.energies = np.append(self.energies, mechanical_energy(self.scene, q, u))
         self.states = []

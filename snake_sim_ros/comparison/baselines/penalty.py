@@ -69,7 +69,7 @@ def penalty_forces(law, laws, closed, contacts, mass):
         contacts.impulse[a, 3] = contacts.impulse[a, 4] = 0.0
 
 
-@merged
+@compiled
 def make_impulses(dt, closed, contacts, impulse):
     """Turn the forces of the table into impulses, and fill those of all contacts."""
     impulse[:] = 0.0

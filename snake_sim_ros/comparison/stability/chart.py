@@ -1,8 +1,8 @@
 """
-The picture of `stability`: every map a row of panels, one for each method.
+The picture of `stability`: a row of panels for each map, with a panel for each method.
 
-Outcomes have colors of Okabe and Ito and a mark each, so that neither is needed alone. A line is
-what theory allows.
+Every outcome has a color of Okabe and Ito and a mark, so that one of them is enough to read the
+picture. A line shows the limit that theory gives.
 """
 
 from collections.abc import Sequence
@@ -16,8 +16,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 import numpy as np
 
+from snake_sim_ros.comparison.charts import CHART_STYLE
 from snake_sim_ros.comparison.charts import save
-from snake_sim_ros.comparison.charts import SMALL
 from snake_sim_ros.comparison.csv_tables import Table
 from snake_sim_ros.comparison.stability.maps import MAPS
 from snake_sim_ros.comparison.stability.runs import Cell
@@ -26,24 +26,24 @@ from snake_sim_ros.comparison.stability.runs import StabilityMap
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 
-COLORS = {
+OUTCOME_COLORS = {
     'converged': '#ffffff',
     'inaccurate': '#f0e442',
     'unconverged': '#56b4e9',
     'blown_up': '#d55e00',
     'failed': '#999999',
 }
-MARKS = {'inaccurate': '.', 'unconverged': '_', 'blown_up': 'x', 'failed': '$?$'}
-WORDS = {
+OUTCOME_MARKS = {'inaccurate': '.', 'unconverged': '_', 'blown_up': 'x', 'failed': '$?$'}
+OUTCOME_WORDS = {
     'converged': 'converged and accurate',
     'inaccurate': 'inaccurate',
     'unconverged': 'unconverged steps, counted',
     'blown_up': 'blown up',
     'failed': 'not run',
 }
-COLUMNS = 7
-FEW = 5  # values that are all written at the axis
-HEIGHT = 1.4  # inch of a row of panels
+PANELS_IN_A_ROW = 7
+FEW_VALUES = 5  # at most so many values are all written at the axis
+PANEL_HEIGHT = 1.4  # inch of a row of panels
 
 
 def draw_stability(table: Table, folder: Path) -> list[Path]:
@@ -66,20 +66,20 @@ def draw_stability(table: Table, folder: Path) -> list[Path]:
     charts = [chart for chart in MAPS if chart.name in there]
     if not charts:
         raise ParameterError('no map to draw: the file has no cells')
-    with rc_context({**SMALL, 'font.size': 6.5, 'axes.linewidth': 0.6}):
+    with rc_context({**CHART_STYLE, 'font.size': 6.5, 'axes.linewidth': 0.6}):
         return save(stability_figure(charts, cells), folder / 'stability', table.header)
 
 
 def stability_figure(charts: Sequence[StabilityMap], cells: Sequence[Cell]) -> Figure:
     """Return the picture of some maps."""
     rows = in_rows(charts)
-    figure = Figure(figsize=(9.0, HEIGHT * len(rows) + 0.6), layout='constrained')
+    figure = Figure(figsize=(9.0, PANEL_HEIGHT * len(rows) + 0.6), layout='constrained')
     *bands, foot = figure.subfigures(
-        len(rows) + 1, 1, height_ratios=[HEIGHT] * len(rows) + [0.3], squeeze=False
+        len(rows) + 1, 1, height_ratios=[PANEL_HEIGHT] * len(rows) + [0.3], squeeze=False
     )[:, 0]
     for band, row in zip(bands, rows, strict=True):
         widths = [len(chart.methods) for chart in row]
-        widths += [COLUMNS - sum(widths)] * (sum(widths) < COLUMNS)
+        widths += [PANELS_IN_A_ROW - sum(widths)] * (sum(widths) < PANELS_IN_A_ROW)
         parts = band.subfigures(1, len(widths), width_ratios=widths, squeeze=False)[0]
         for part, chart in zip(parts, row, strict=False):
             found = [cell for cell in cells if cell.map == chart.name]
@@ -91,8 +91,10 @@ def stability_figure(charts: Sequence[StabilityMap], cells: Sequence[Cell]) -> F
                 axes.set_xlabel(labeled(chart.x.name, chart.x.unit), labelpad=1, size=6)
             panels[0].set_ylabel(labeled(chart.y.name, chart.y.unit), labelpad=1, size=6)
     handles: list[Patch | Line2D] = [
-        Line2D([], [], marker='s', ls='', ms=8, mfc=COLORS[name], mec='#999999', label=word)
-        for name, word in WORDS.items()
+        Line2D(
+            [], [], marker='s', ls='', ms=8, mfc=OUTCOME_COLORS[name], mec='#999999', label=word
+        )
+        for name, word in OUTCOME_WORDS.items()
     ]
     line = Line2D([], [], color='black', lw=1.4, label='limit of theory')
     foot.legend(handles=[*handles, line], loc='center', ncols=6, frameon=False, fontsize=7.5)
@@ -100,11 +102,11 @@ def stability_figure(charts: Sequence[StabilityMap], cells: Sequence[Cell]) -> F
 
 
 def in_rows(charts: Sequence[StabilityMap]) -> list[list[StabilityMap]]:
-    """Return maps in rows of at most COLUMNS panels, each in the first row that has room."""
+    """Return maps in rows of some panels, each in the first row that has room."""
     rows: list[list[StabilityMap]] = []
     for chart in charts:
         for row in rows:
-            if sum(len(other.methods) for other in (*row, chart)) <= COLUMNS:
+            if sum(len(other.methods) for other in (*row, chart)) <= PANELS_IN_A_ROW:
                 row.append(chart)
                 break
         else:
@@ -133,16 +135,16 @@ def draw_panel(axes: Axes, cells: Sequence[Cell]) -> None:
     axes.set(xscale='log', yscale='log')
     if not cells:
         return
-    kinds = list(COLORS)
+    kinds = list(OUTCOME_COLORS)
     grid = np.full((len(ys), len(xs)), np.nan)
     for cell in cells:
         grid[np.searchsorted(ys, cell.y), np.searchsorted(xs, cell.x)] = kinds.index(cell.outcome)
-    colors = ListedColormap(list(COLORS.values()))
+    colors = ListedColormap(list(OUTCOME_COLORS.values()))
     axes.pcolormesh(
         edges(xs), edges(ys), grid, cmap=colors, vmin=-0.5, vmax=len(kinds) - 0.5,
         edgecolors='#cccccc', linewidth=0.2, rasterized=True,
     )  # fmt: skip
-    for name, mark in MARKS.items():
+    for name, mark in OUTCOME_MARKS.items():
         found = [cell for cell in cells if cell.outcome == name]
         x, y = ([getattr(cell, name) for cell in found] for name in 'xy')
         axes.plot(x, y, ls='', marker=mark, ms=2.2, color='black', mew=0.5, rasterized=True)
@@ -151,5 +153,5 @@ def draw_panel(axes: Axes, cells: Sequence[Cell]) -> None:
     axes.set(xlim=edges(xs)[[0, -1]], ylim=edges(ys)[[0, -1]])
     axes.tick_params(length=2, pad=1, labelsize=5.5, which='both')
     axes.minorticks_off()
-    if len(ys) <= FEW:
+    if len(ys) <= FEW_VALUES:
         axes.set_yticks(ys, [f'{y:g}' for y in ys])

@@ -5,9 +5,33 @@ import math
 
 import numpy as np
 
-from snake_sim_ros.comparison.course import SAMPLE
-from snake_sim_ros.comparison.mujoco_peer import MujocoSettings
-from snake_sim_ros.comparison.mujoco_peer import run_mujoco
+from snake_sim_ros.comparison.mujoco_model import MujocoSettings
+from snake_sim_ros.comparison.mujoco_runs import run_mujoco
+from snake_sim_ros.comparison.stability.contact_laws import heavy
+from snake_sim_ros.comparison.stability.contact_laws import prox_limit
+from snake_sim_ros.comparison.stability.contact_laws import sinking
+from snake_sim_ros.comparison.stability.contact_laws import sticking
+from snake_sim_ros.comparison.stability.contact_laws import undulating
+from snake_sim_ros.comparison.stability.impacts import dropped_flat
+from snake_sim_ros.comparison.stability.impacts import dropped_precisely
+from snake_sim_ros.comparison.stability.impacts import dropped_tilted
+from snake_sim_ros.comparison.stability.impacts import landing_error
+from snake_sim_ros.comparison.stability.impacts import landing_limit
+from snake_sim_ros.comparison.stability.impacts import rod
+from snake_sim_ros.comparison.stability.impacts import rod_error
+from snake_sim_ros.comparison.stability.impacts import rod_limit
+from snake_sim_ros.comparison.stability.impacts import spin_limit
+from snake_sim_ros.comparison.stability.impacts import spinning
+from snake_sim_ros.comparison.stability.impacts import transverse_gain
+from snake_sim_ros.comparison.stability.impacts import upright
+from snake_sim_ros.comparison.stability.joint_control import control_limit
+from snake_sim_ros.comparison.stability.joint_control import damped
+from snake_sim_ros.comparison.stability.joint_control import in_flight
+from snake_sim_ros.comparison.stability.joint_control import on_the_ground
+from snake_sim_ros.comparison.stability.regularized import pushed_along
+from snake_sim_ros.comparison.stability.regularized import pushed_down
+from snake_sim_ros.comparison.stability.regularized import smooth_limit
+from snake_sim_ros.comparison.stability.regularized import spring_limit
 from snake_sim_ros.comparison.stability.runs import Axis
 from snake_sim_ros.comparison.stability.runs import Case
 from snake_sim_ros.comparison.stability.runs import Run
@@ -15,44 +39,19 @@ from snake_sim_ros.comparison.stability.runs import simulate
 from snake_sim_ros.comparison.stability.runs import StabilityMap
 from snake_sim_ros.comparison.stability.scenes import AIKO
 from snake_sim_ros.comparison.stability.scenes import angle_error
-from snake_sim_ros.comparison.stability.scenes import control_limit
-from snake_sim_ros.comparison.stability.scenes import damped
-from snake_sim_ros.comparison.stability.scenes import dropped_flat
-from snake_sim_ros.comparison.stability.scenes import dropped_precisely
-from snake_sim_ros.comparison.stability.scenes import dropped_tilted
-from snake_sim_ros.comparison.stability.scenes import heavy
-from snake_sim_ros.comparison.stability.scenes import in_flight
-from snake_sim_ros.comparison.stability.scenes import landing_error
-from snake_sim_ros.comparison.stability.scenes import landing_limit
-from snake_sim_ros.comparison.stability.scenes import on_the_ground
-from snake_sim_ros.comparison.stability.scenes import path_error
-from snake_sim_ros.comparison.stability.scenes import prox_limit
-from snake_sim_ros.comparison.stability.scenes import pushed_along
-from snake_sim_ros.comparison.stability.scenes import pushed_down
-from snake_sim_ros.comparison.stability.scenes import rod
-from snake_sim_ros.comparison.stability.scenes import rod_error
-from snake_sim_ros.comparison.stability.scenes import rod_limit
-from snake_sim_ros.comparison.stability.scenes import sinking
-from snake_sim_ros.comparison.stability.scenes import smooth_limit
+from snake_sim_ros.comparison.stability.scenes import position_error
 from snake_sim_ros.comparison.stability.scenes import speed
-from snake_sim_ros.comparison.stability.scenes import spin_limit
-from snake_sim_ros.comparison.stability.scenes import spinning
-from snake_sim_ros.comparison.stability.scenes import spring_limit
-from snake_sim_ros.comparison.stability.scenes import sticking
-from snake_sim_ros.comparison.stability.scenes import transverse_gain
-from snake_sim_ros.comparison.stability.scenes import undulating
-from snake_sim_ros.comparison.stability.scenes import upright
-from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
 
 SCHEMES = ('newton start', 'newton midpoint', 'newton average', 'newton end', 'bdf2')
 SOLVERS = ('newton', 'newton_dense', 'gauss_seidel', 'paper', 'bdf2')
-PATIENCE = 10.0  # s of wall time for a run of a peer
+MUJOCO_LIMIT = 10.0  # s of wall time for a run of MuJoCo
 
 
 def time_steps(first: float, last: float, count: int) -> Axis:
-    """Return time steps that divide SAMPLE, evenly spaced on a logarithmic axis [s]."""
-    counts = np.unique(np.round(SAMPLE / np.geomspace(first, last, count)))[::-1]
-    return Axis('dt', 's', tuple((SAMPLE / counts).tolist()))
+    """Return time steps that divide SAMPLING_PERIOD, evenly spaced on a logarithmic axis [s]."""
+    counts = np.unique(np.round(SAMPLING_PERIOD / np.geomspace(first, last, count)))[::-1]
+    return Axis('dt', 's', tuple((SAMPLING_PERIOD / counts).tolist()))
 
 
 def spaced(name: str, unit: str, first: float, last: float, count: int) -> Axis:
@@ -66,26 +65,19 @@ def no_limit(method: str, y: float) -> float:
 
 
 def run_case(method: str, case: Case) -> Run:
-    """Run a case with a method: one of `methods.METHODS`, a baseline or a peer."""
+    """Run a case with a method: one of `methods.METHODS`, a baseline or `mujoco`."""
     if method != 'mujoco':
         return simulate(case)
-    course = run_mujoco(replace(case.scene, duration=case.duration), MujocoSettings(), PATIENCE)
-    position = course.position
-    v = np.diff(position, axis=0) / SAMPLE
-    q = np.concatenate([position, np.zeros((*position.shape[:2], 4))], axis=-1)
-    mass = case.scene.robot.per_link('link_mass')
-    return Run(
-        q=q,
-        u=np.zeros((*position.shape[:2], 6)),
-        impulse=empty_history(case.scene).impulse,
-        energy=float((0.5 * mass * (v**2).sum(axis=-1)).sum(axis=-1).max(initial=0.0)),
-        report=course.report,
-        complete=course.simulated > case.duration - SAMPLE / 2,
-        seconds=course.seconds,
-    )
+    scene = replace(case.scene, duration=case.duration)
+    found = run_mujoco(scene, MujocoSettings(), MUJOCO_LIMIT)
+    v = np.diff(found.trajectory.position, axis=0) / SAMPLING_PERIOD
+    mass = scene.robot.per_link('link_mass')
+    energy = float((0.5 * mass * (v**2).sum(axis=-1)).sum(axis=-1).max(initial=0.0))
+    complete = found.simulated > case.duration - SAMPLING_PERIOD / 2
+    return Run(found.trajectory, energy, complete)
 
 
-FINE_DT = SAMPLE / 6400
+FINE_DT = SAMPLING_PERIOD / 6400
 STIFFNESS = spaced('robot.pitch_stiffness', 'N m/rad', 50, 3200, 7)
 MAPS = (
     StabilityMap(
@@ -101,7 +93,7 @@ MAPS = (
         'The same on the ground, whose contacts hold the modes; lines as in flight',
         time_steps(1e-4, 1e-2, 16), STIFFNESS, SCHEMES,
         lambda method, dt, K: on_the_ground(method, dt, pitch_stiffness=K),
-        path_error, 'path, relative', 0.02,
+        position_error, 'path, relative', 0.02,
         lambda method, K: control_limit(method, replace(AIKO, pitch_stiffness=K)),
         'newton average', FINE_DT,
     ),
@@ -117,7 +109,7 @@ MAPS = (
         'friction', 'Friction across the links, case A',
         time_steps(2.5e-4, 5e-2, 10), spaced('friction.transversal', '1', 0.05, 3.2, 7),
         (*SOLVERS, 'regularized', 'mujoco'),
-        undulating, path_error, 'path, relative', 0.02, no_limit, 'newton', FINE_DT,
+        undulating, position_error, 'path, relative', 0.02, no_limit, 'newton', FINE_DT,
     ),
     StabilityMap(
         'prox_parameters', 'Prox parameters, sticking on a slope',
@@ -172,6 +164,6 @@ MAPS = (
     StabilityMap(
         'upright', 'A link that stands upright, slides and spins',
         time_steps(1e-4, 2e-2, 10), spaced('tilt', 'rad', 1e-8, 1, 9), SOLVERS,
-        upright, path_error, 'path, relative', 0.05, no_limit, 'newton', FINE_DT,
+        upright, position_error, 'path, relative', 0.05, no_limit, 'newton', FINE_DT,
     ),
 )  # fmt: skip

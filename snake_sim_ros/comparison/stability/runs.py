@@ -1,10 +1,10 @@
 """
-Where methods converge, lose accuracy, do not converge or blow up: maps over two quantities.
+Maps over two quantities of where methods are accurate, inaccurate, unconverged, or blow up.
 
-A cell of a map is one short run. `outcome` decides how it went, by one rule for all maps, from
-what the run itself reports and from its error against a fine run or a closed form. Where theory
-knows a limit, it is in the cell too. Cells are written to a CSV file as they are done; those that
-are there already are not run again.
+A cell of a map is one short run. `outcome` classifies it by one rule for all maps, from the
+report of the run and from its error against a fine run or a closed form. A cell also has the limit
+of theory if there is one. Cells are written to a CSV file one after the other, and cells that the
+file already has are not run again.
 """
 
 from collections.abc import Callable
@@ -17,37 +17,36 @@ from dataclasses import replace
 from functools import cache
 from itertools import product
 import math
-import time
 from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.comparison.course import SAMPLE
 from snake_sim_ros.comparison.csv_tables import records_of
 from snake_sim_ros.comparison.csv_tables import Table
+from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
 from snake_sim_ros.dynamics.energy import mechanical_energy
-from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import Stepper
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.sampling import Keep
+from snake_sim_ros.stepping.simulation import Limits
+from snake_sim_ros.stepping.simulation import sample
+from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.simulation import steps_in
 from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.trajectory import Trajectory
 
 OUTCOMES = ('converged', 'inaccurate', 'unconverged', 'blown_up')  # or failed: it raised
-POSSIBLE = 2.0  # energy over the largest possible one from which on a run is blown up
-DRIVEN = 5.0  # what a driven robot may have, over what it has in the fine run
-ENOUGH = 20  # unconverged steps after which a run ends: more would not change the outcome
-FIRST_CHUNK = 25  # steps of a call, which double while they converge
+BLOWN_UP_ENERGY = 2.0  # over the largest possible one
+DRIVEN_ENERGY = 5.0  # possible for a driven robot, over the largest of the fine run
+UNCONVERGED_LIMIT = 20  # so many steps end a run: more would not change its outcome
 
 
 @dataclass(frozen=True)
 class Case:
     """
-    A run that a cell makes.
+    The run of a cell.
 
     Attributes
     ----------
@@ -55,12 +54,12 @@ class Case:
         Its gait is the joint reference.
     start : State
     duration : float
-        A multiple of SAMPLE, or below it [s].
+        A multiple of SAMPLING_PERIOD, or below it [s].
     available : float
-        Largest energy that is physically possible [J], see Run; if it is nan, since joints drive
-        the robot, DRIVEN times that of the fine run.
+        Largest energy that is physically possible [J], see Run. It is nan if joints drive the
+        robot; then it is DRIVEN_ENERGY times the energy of the fine run.
     make : callable, optional
-        ``make(scene)`` is the stepper, if not that of the scene's method.
+        ``make(scene)`` returns the stepper. Default: that of the scene's method.
 
     """
 
@@ -74,32 +73,23 @@ class Case:
 @dataclass(frozen=True)
 class Run:
     """
-    What became of a case.
+    The result of a case.
 
     Attributes
     ----------
-    q, u : ndarray, shape (m, n, 7), (m, n, 6)
-        At the start and every SAMPLE, or at the end of a shorter run.
-    impulse : ndarray, shape (contacts, 5)
-        Contact impulses of the last step [N s].
+    trajectory : Trajectory
+        Sampled at the start and every SAMPLING_PERIOD, or at the end if the run is shorter.
     energy : float
-        Largest kinetic energy, with the potential energy as far as it is above that of the start,
-        at a sample or in the last state [J].
-    report : Report
+        Largest sum of the kinetic energy and of the potential energy above that of the start, at
+        the samples and in the last state [J]. Potential energy below that of the start counts 0.
     complete : bool
-        Whether it went on for the whole duration.
-    seconds : float
-        Wall time of all steps, without compiling [s].
+        Whether it lasted for the whole duration.
 
     """
 
-    q: Array
-    u: Array
-    impulse: Array
+    trajectory: Trajectory
     energy: float
-    report: Report
     complete: bool
-    seconds: float
 
 
 @dataclass(frozen=True)
@@ -122,20 +112,21 @@ class StabilityMap:
     x, y : Axis
     methods : tuple of str
         Rows of the picture: a method of stepping.METHODS, maybe with the scheme of its joint
-        controller, or a baseline or peer that `maps.run_case` knows.
+        controller, or a baseline or `mujoco`, see `maps.run_case`.
     case : callable
-        ``case(method, x, y)`` is the run of a cell.
+        ``case(method, x, y)`` returns the case of a cell.
     error : callable
-        ``error(case, run, fine)`` is compared with the tolerance; fine is None without `fine_dt`.
+        ``error(case, trajectory, fine)`` returns the error that is compared with the tolerance.
+        The fine trajectory is None without `fine_dt`.
     measure : str
-        What the error is, with its unit.
+        Name of the error, with its unit.
     tolerance : float
     limit : callable
-        ``limit(method, y)`` is the largest x that theory allows; nan if it names none.
+        ``limit(method, y)`` returns the largest x that theory allows; nan if there is no limit.
     fine_method : str
         Method of a fine run at every y, one of `methods`; empty if there is no fine run.
     fine_dt : float
-        Its time step, which divides SAMPLE [s].
+        Its time step, which divides SAMPLING_PERIOD [s].
 
     """
 
@@ -145,7 +136,7 @@ class StabilityMap:
     y: Axis
     methods: tuple[str, ...]
     case: Callable[[str, float, float], Case]
-    error: Callable[[Case, Run, Run | None], float]
+    error: Callable[[Case, Trajectory, Trajectory | None], float]
     measure: str
     tolerance: float
     limit: Callable[[str, float], float]
@@ -156,26 +147,27 @@ class StabilityMap:
 @dataclass(frozen=True, kw_only=True)
 class Cell:
     """
-    A row of the file: where it is in which map, how it went, and the numbers behind that.
+    A row of the file: the place of a cell in its map, its outcome, and the numbers behind it.
 
     Attributes
     ----------
     limit : float
-        Largest x that theory allows at this y; nan if it names none.
+        Largest x that theory allows at this y; nan if there is no limit.
     value, tolerance : float
-        Error of the run and what it may be; nan if the run ended early.
+        Error of the run, and the largest error that counts as accurate. The error is nan if the
+        run ended early.
     measure : str
-        What the error is, with its unit.
+        Name of the error, with its unit.
     energy : float
-        Over the largest that is physically possible.
+        Largest energy, over the largest that is physically possible.
     residual_max : float
         [m/s]
     iterations : float
-        A step.
+        Mean number in a step.
     seconds : float
         Wall time of the run [s].
     message : str
-        Why a run failed.
+        Reason why a run failed.
 
     """
 
@@ -204,19 +196,19 @@ COLUMNS = tuple(item.name for item in fields(Cell))
 
 def outcome(report: Report, energy: float, value: float, tolerance: float) -> str:
     """
-    Return how a run went, one of OUTCOMES: the worst that is true.
+    Return the outcome of a run: the worst one of OUTCOMES that applies.
 
     Parameters
     ----------
     report : Report
     energy : float
-        Over the largest that is physically possible. Discrete energies swing around the true one
-        close to a limit, hence the factor POSSIBLE.
+        Largest energy, over the largest that is physically possible. Close to a limit, discrete
+        energies oscillate around the true one; BLOWN_UP_ENERGY allows for that.
     value, tolerance : float
         Error of the run, and the largest that counts as accurate.
 
     """
-    if report.failure or not energy <= POSSIBLE:
+    if report.failure or not energy <= BLOWN_UP_ENERGY:
         return 'blown_up'
     if report.unconverged:
         return 'unconverged'
@@ -224,49 +216,39 @@ def outcome(report: Report, energy: float, value: float, tolerance: float) -> st
 
 
 def simulate(case: Case) -> Run:
-    """Run a case until it is over, has failed, or has had ENOUGH unconverged steps."""
-    scene, joints = case.scene, case.scene.robot.link_count - 1
-    stepper = (case.make or make_stepper)(scene)
-    period = min(SAMPLE, case.duration)
+    """Run a case until its end, a failure, or too many unconverged steps."""
+    scene = case.scene
+    period = min(SAMPLING_PERIOD, case.duration)
     steps = steps_in(period, scene.dt, 'sampling period')
-    end = steps * steps_in(case.duration, period, 'duration')
-    state, history, report = case.start, empty_history(scene), Report()
-    none = np.zeros((0, joints, 2))
-    stepper.advance(state, history, none, none)  # compiles
-    states, chunk, failed = [state], FIRST_CHUNK, False
-    begin = time.perf_counter()
-    while report.steps < end and not failed:
-        left = steps - report.steps % steps
-        times = (report.steps + 0.5 + np.arange(min(chunk, left))) * scene.dt
-        reference = gait.reference(scene.gait, times, joints)
-        state, history, news = stepper.advance(state, history, *reference)
-        report += news
-        chunk = FIRST_CHUNK if report.unconverged else 2 * chunk
-        failed = bool(report.failure) or report.unconverged >= ENOUGH
-        if report.steps % steps == 0 and not report.failure:
-            states.append(state)
-    seconds = time.perf_counter() - begin
-    q, u = (np.array([getattr(entry, name) for entry in [*states, state]]) for name in 'qu')
+    samples = steps_in(case.duration, period, 'duration')
+    simulation = Simulation(scene, case.make and case.make(scene))
+    simulation.state = case.start
+    none = np.zeros((0, scene.robot.link_count - 1, 2))
+    simulation.stepper.advance(case.start, simulation.history, none, none)  # compiles
+    limits = Limits(unconverged=UNCONVERGED_LIMIT)
+    keep = Keep(impulses=True)
+    trajectory = sample(simulation, steps, samples, keep=keep, limits=limits, time_references=True)
+    last = simulation.state
+    q = np.concatenate([trajectory.coordinates, last.q[None]])
+    u = np.concatenate([trajectory.velocity, last.u[None]])
     kinetic = mechanical_energy(replace(scene, gravity=(0.0, 0.0, 0.0)), q, u)
     potential = mechanical_energy(scene, q, u) - kinetic
-    return Run(
-        q=q[:-1],
-        u=u[:-1],
-        impulse=history.impulse,
-        energy=float((kinetic + np.maximum(potential - potential[0], 0.0)).max()),
-        report=report,
-        complete=report.steps == end,
-        seconds=seconds,
-    )
+    energy = float((kinetic + np.maximum(potential - potential[0], 0.0)).max())
+    # The number of good steps tells the time of a failure.
+    report = replace(trajectory.report, failure=trajectory.report.failure.partition(': ')[2])
+    trajectory = replace(trajectory, report=report)
+    return Run(trajectory, energy, complete=len(trajectory.time) > samples)
 
 
 def judged(bare: Cell, chart: StabilityMap, case: Case, run: Run, fine: Run | None) -> Cell:
-    """Return a cell with what became of its run."""
-    report, available = run.report, case.available
+    """Return a cell with the result of its run."""
+    trajectory, available = run.trajectory, case.available
+    report = trajectory.report
     if fine and math.isnan(available):
-        available = DRIVEN * fine.energy
+        available = DRIVEN_ENERGY * fine.energy
     energy = run.energy / available if math.isfinite(run.energy) else math.inf
-    value = chart.error(case, run, fine) if run.complete else math.nan
+    expected = fine.trajectory if fine else None
+    value = chart.error(case, trajectory, expected) if run.complete else math.nan
     return replace(
         bare,
         outcome=outcome(report, energy, value, chart.tolerance),
@@ -276,7 +258,7 @@ def judged(bare: Cell, chart: StabilityMap, case: Case, run: Run, fine: Run | No
         iterations=report.iterations / max(report.steps, 1),
         unconverged=report.unconverged,
         residual_max=report.residual_max,
-        seconds=run.seconds,
+        seconds=trajectory.seconds,
         message=report.failure,
     )
 
@@ -291,12 +273,12 @@ def coarser(chart: StabilityMap) -> StabilityMap:
 
 
 def key(row: Mapping[str, object]) -> tuple[str, ...]:
-    """Return what tells a cell apart."""
+    """Return the columns that identify a cell."""
     return tuple(str(row[name]) for name in ('map', 'method', 'x', 'y'))
 
 
 def places(chart: StabilityMap) -> Iterator[dict[str, Any]]:
-    """Yield the `key` columns of all cells of a map, cells of one y in a row."""
+    """Yield the `key` columns of all cells of a map, sorted by y."""
     for y, method, x in product(chart.y.values, chart.methods, chart.x.values):
         yield {'map': chart.name, 'method': method, 'x': x, 'y': y}
 
@@ -305,15 +287,16 @@ def cells(
     chart: StabilityMap, done: Container[tuple[str, ...]], run: Callable[[str, Case], Run]
 ) -> Iterator[Cell]:
     """
-    Run the cells of a map by and by.
+    Run the cells of a map one after the other.
 
     Parameters
     ----------
     chart : StabilityMap
     done : container
-        The `key` of cells to leave out.
+        Keys of the cells to leave out, see `key`.
     run : callable
-        ``run(method, case)``; whatever it raises is a cell, too, except an end from the keyboard.
+        ``run(method, case)`` returns the result of a case. An exception makes a cell as well,
+        except an interruption from the keyboard.
 
     """
     fine: dict[float, Run] = {}
@@ -346,7 +329,7 @@ def cells_of(table: Table) -> list[Cell]:
     Raises
     ------
     ParameterError
-        See `csv_tables.records_of`; or if an outcome is none.
+        See `csv_tables.records_of`, or if an outcome is unknown.
 
     """
     found: list[Cell] = records_of(table, 'stability', Cell)

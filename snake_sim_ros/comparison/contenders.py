@@ -1,4 +1,4 @@
-"""Who takes part in the bench: methods, their settings and time steps, and how they are run."""
+"""The contenders of the bench: methods with their settings, time steps and ways to run them."""
 
 from collections.abc import Callable
 from collections.abc import Iterable
@@ -13,10 +13,10 @@ from snake_sim_ros.comparison.baselines.integrators import integrate
 from snake_sim_ros.comparison.baselines.integrators import make_pyramid
 from snake_sim_ros.comparison.baselines.integrators import make_semi_implicit
 from snake_sim_ros.comparison.baselines.integrators import Penalty
-from snake_sim_ros.comparison.course import Course
-from snake_sim_ros.comparison.course import SAMPLE
-from snake_sim_ros.comparison.mujoco_peer import MujocoSettings
-from snake_sim_ros.comparison.mujoco_peer import run_mujoco
+from snake_sim_ros.comparison.mujoco_model import MujocoSettings
+from snake_sim_ros.comparison.mujoco_runs import run_mujoco
+from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
+from snake_sim_ros.comparison.timed_run import TimedRun
 from snake_sim_ros.comparison.timing import energy_error
 from snake_sim_ros.comparison.timing import timed
 from snake_sim_ros.scene.checked_records import ParameterError
@@ -26,13 +26,13 @@ from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.simulation import steps_in
 
 # Steps a second.
-FINE = (16000, 8000, 4000, 2000, 1000)
-COARSE = (500, 200, 100, 50, 20)
-LARGE = (4000, 1000, 400, 200, 100, 50, 20, 10)
-SLOW = (4000, 1000, 200)
-PEER = (4000, 2000, 1000, 500, 200, 120, 60, 40, 30, 20)
-TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-6)
-# Law, sliding velocity [m/s], stiffness [N/m]; steps a second, from below where they blow up on.
+SMALL_STEP_RATES = (16000, 8000, 4000, 2000, 1000)
+LARGE_STEP_RATES = (500, 200, 100, 50, 20)
+BDF2_RATES = (4000, 1000, 400, 200, 100, 50, 20, 10)
+SLOW_METHOD_RATES = (4000, 1000, 200)
+MUJOCO_RATES = (4000, 2000, 1000, 500, 200, 120, 60, 40, 30, 20)
+INTEGRATOR_TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-6)
+# Law, sliding velocity [m/s], stiffness [N/m], steps a second. The largest steps blow up.
 PENALTIES = (
     ('tanh', 1e-2, 1e4, (32000, 16000, 8000, 4000, 2000, 1000, 500, 250)),
     ('tanh', 1e-2, 1e5, (32000, 16000, 8000, 4000, 2000, 1000, 500)),
@@ -42,18 +42,20 @@ PENALTIES = (
     ('tanh', 1e-3, 1e6, (64000, 32000, 16000, 8000, 4000, 2000)),
     ('tanh', 1e-3, 1e7, (64000, 32000, 16000, 8000)),
 )
-INTEGRATED = {  # with integrators of SciPy, too; explicit ones take ages on stiff springs
+# Integrators of SciPy for some of PENALTIES; explicit ones take ages on stiff springs.
+PENALTY_INTEGRATORS = {
     PENALTIES[2][:3]: ('RK45', 'LSODA', 'Radau', 'BDF'),
     PENALTIES[6][:3]: ('LSODA', 'BDF'),
 }
-LOOSE = {'solver.residual_tolerance': 1e-5}
-AS_PRINTED = {
+LOOSE_TOLERANCE = {'solver.residual_tolerance': 1e-5}
+PRINTED_SETTINGS = {
     'solver.normal_compliance': 0.0,
     'solver.activation_tolerance': 0.0,
     'pd_scheme': 'midpoint',
 }
-USUAL_STEP = {'newton_dense': 4e-5, 'gauss_seidel': 8e-5, 'paper': 4e-5, 'mujoco': 6e-5}  # s
-QUICK = {  # method: setting and rates of the quick matrix
+# Wall time of a step [s].
+STEP_SECONDS = {'newton_dense': 4e-5, 'gauss_seidel': 8e-5, 'paper': 4e-5, 'mujoco': 6e-5}
+QUICK_SETTINGS = {  # method: setting and rates of the quick matrix
     'newton': ('default', (4000, 1000, 200)),
     'bdf2': ('residual 1e-5 m/s', (400, 100, 20)),
     'paper': ('as printed, 1e-06 N s', (4000, 1000)),
@@ -71,22 +73,22 @@ class Contender:
     Attributes
     ----------
     method : str
-        Name of a method of `methods.METHODS`, of a baseline or of a peer.
+        Name of a method of `methods.METHODS`, of a baseline, or `mujoco`.
     setting : str
-        What distinguishes it from others of the same method and level.
+        Name of the setting, different for contenders of the same method and level.
     rates : tuple of float
-        Steps a second; tolerances of a method that chooses its steps.
+        Steps a second, or the tolerances of a method that chooses its steps.
     run : callable
-        ``run(scene, limit=...)``: the course of a scene, which ends early after that wall time
-        [s]; with a ``tolerance``, too, for a method that chooses its steps.
+        ``run(scene, limit=...)``: a scene run, ended early after that wall time [s]; with a
+        ``tolerance``, too, for a method that chooses its steps.
     level : str
         `spatial` or `planar`.
     settings : mapping
         Of the scene, such as ``{'pd_scheme': 'start'}``.
     own_limit : tuple or None
-        Name of the model, and the contender that runs it with two rates, the second twice the
-        first, to extrapolate where small steps lead; empty for the model that the converged
-        solution is of. None leaves it out.
+        Name of the model, and the contender that runs it at two rates, the second twice the
+        first, from which the limit of small steps is extrapolated. Empty for the model of the
+        converged solution; None if no limit is wanted.
     adaptive : bool
         Whether it chooses its steps.
 
@@ -95,28 +97,28 @@ class Contender:
     method: str
     setting: str
     rates: tuple[float, ...]
-    run: Callable[..., Course]
+    run: Callable[..., TimedRun]
     level: str = 'spatial'
     settings: Mapping[str, Any] = field(default_factory=dict)
     own_limit: tuple[Any, ...] | None = ()
     adaptive: bool = False
 
     def scene(self, scene: Scene, rate: float) -> Scene:
-        """Return a scene as this contender runs it, at one of its rates."""
+        """Return a scene with the settings of this contender and the time step of a rate."""
         dt = scene.dt if self.adaptive else 1 / rate
         return with_settings(scene, {**self.settings, 'level': self.level, 'dt': dt})
 
     def seconds(self, scene: Scene) -> float:
-        """Return a guess of the wall time of a run, for progress bars [s]."""
+        """Return the expected wall time of a run, for progress bars [s]."""
         if self.adaptive:
             return 6.0
-        step = USUAL_STEP.get(self.method, 8e-6) * scene.robot.link_count / 11
+        step = STEP_SECONDS.get(self.method, 8e-6) * scene.robot.link_count / 11
         return 0.3 + step * scene.duration / scene.dt
 
 
 def check_times(scenes: Iterable[Scene], steps: Iterable[float], limit: float) -> None:
     """
-    Check what a user asks of all runs.
+    Check the scenes, time steps and time limit that a user asks for.
 
     Parameters
     ----------
@@ -129,64 +131,73 @@ def check_times(scenes: Iterable[Scene], steps: Iterable[float], limit: float) -
     Raises
     ------
     ParameterError
-        If courses cannot be sampled every SAMPLE, or the limit is none.
+        If runs cannot be sampled every SAMPLING_PERIOD, or the limit is not positive.
 
     """
     if not limit > 0.0:
         raise ParameterError(f'limit must be above 0 s, got {limit:g} s')
     for scene in scenes:
-        samples = scene.duration / SAMPLE
+        samples = scene.duration / SAMPLING_PERIOD
         if round(samples) < 1 or abs(samples - round(samples)) > 1e-9 * samples:
             raise ParameterError(
-                f'duration must be a multiple of {SAMPLE:g} s, at which paths are compared, '
-                f'got {scene.duration:g} s'
+                f'duration must be a multiple of {SAMPLING_PERIOD:g} s, at which paths are '
+                f'compared, got {scene.duration:g} s'
             )
         for dt in steps:
-            steps_in(SAMPLE, replace(scene, dt=dt).dt, 'sampling period')
+            steps_in(SAMPLING_PERIOD, replace(scene, dt=dt).dt, 'sampling period')
 
 
-def run_stepper(scene: Scene, limit: float, make: Make | None = None) -> Course:
-    """Run a stepper, default that of the scene's method, and draw up its energy balance."""
-    course = timed(scene, make, limit=limit)
-    if course.status == 'diverged' or course.late:
-        return course
-    return replace(course, energy_error=energy_error(scene, make))
+def run_stepper(scene: Scene, limit: float, make: Make | None = None) -> TimedRun:
+    """Run a stepper, default that of the scene's method, and compute its energy balance."""
+    found = timed(scene, make, limit=limit)
+    if found.status == 'diverged' or found.late:
+        return found
+    return replace(found, energy_error=energy_error(scene, make))
 
 
 def all_contenders() -> list[Contender]:
-    """Return all of the full matrix."""
+    """Return all contenders of the full matrix."""
     return [*ours(), *regularized(), *mujoco()]
 
 
 def quick_contenders() -> list[Contender]:
-    """Return those of the quick matrix: few methods and time steps, that compile in a minute."""
+    """Return the contenders of the quick matrix, which compile in a minute."""
     return [
-        replace(rival, rates=QUICK[rival.method][1], own_limit=None if rival.own_limit else ())
-        for rival in all_contenders()
-        if rival.setting == QUICK.get(rival.method, ('',))[0]
-        and (rival.method, rival.level) != ('bdf2', 'planar')
+        replace(
+            contender,
+            rates=QUICK_SETTINGS[contender.method][1],
+            own_limit=None if contender.own_limit else (),
+        )
+        for contender in all_contenders()
+        if contender.setting == QUICK_SETTINGS.get(contender.method, ('',))[0]
+        and (contender.method, contender.level) != ('bdf2', 'planar')
     ]
 
 
 def ours() -> list[Contender]:
     """Return the methods of `methods.METHODS` that are compiled, at both levels."""
-    entries: list[tuple[str, str, tuple[float, ...], dict[str, Any]]] = [
-        ('newton', 'default', FINE + COARSE, {}),
-        ('newton', 'explicit PD', FINE + COARSE[:1], {'pd_scheme': 'start'}),
-        ('bdf2', 'default', LARGE, {}),
-        ('bdf2', 'residual 1e-5 m/s', LARGE, LOOSE),
-        ('newton_dense', 'default', SLOW, {}),
-        ('gauss_seidel', 'default', SLOW[:1], {}),
-        ('gauss_seidel', 'residual 1e-5 m/s', SLOW, LOOSE),
-        ('paper', 'selection rule, 1e-7 N s', SLOW, {}),
+    variants: list[tuple[str, str, tuple[float, ...], dict[str, Any]]] = [
+        ('newton', 'default', SMALL_STEP_RATES + LARGE_STEP_RATES, {}),
+        ('newton', 'explicit PD', SMALL_STEP_RATES + LARGE_STEP_RATES[:1], {'pd_scheme': 'start'}),
+        ('bdf2', 'default', BDF2_RATES, {}),
+        ('bdf2', 'residual 1e-5 m/s', BDF2_RATES, LOOSE_TOLERANCE),
+        ('newton_dense', 'default', SLOW_METHOD_RATES, {}),
+        ('gauss_seidel', 'default', SLOW_METHOD_RATES[:1], {}),
+        ('gauss_seidel', 'residual 1e-5 m/s', SLOW_METHOD_RATES, LOOSE_TOLERANCE),
+        ('paper', 'selection rule, 1e-7 N s', SLOW_METHOD_RATES, {}),
     ]
-    entries += [
-        ('paper', f'as printed, {eps:g} N s', FINE[1:], {**AS_PRINTED, 'solver.tolerance': eps})
+    variants += [
+        (
+            'paper',
+            f'as printed, {eps:g} N s',
+            SMALL_STEP_RATES[1:],
+            {**PRINTED_SETTINGS, 'solver.tolerance': eps},
+        )
         for eps in (1e-5, 1e-6, 1e-7, 1e-8)
     ]
     spatial = [
         Contender(method, setting, rates, run_stepper, settings={'method': method, **settings})
-        for method, setting, rates, settings in entries
+        for method, setting, rates, settings in variants
     ]
     printed = next(c for c in spatial if c.setting == 'as printed, 1e-08 N s')
     limit = ('as printed', replace(printed, rates=(4000, 8000)))
@@ -198,7 +209,7 @@ def ours() -> list[Contender]:
 
 def regularized() -> list[Contender]:
     """Return the baselines: penalty contact with fixed and adaptive steps, and the pyramid."""
-    entries = []
+    contenders = []
     for law, eps, k, rates in PENALTIES:
         penalty = Penalty(law=law, sliding_velocity=eps, stiffness=k)
         make = partial(make_semi_implicit, penalty=penalty)
@@ -206,26 +217,28 @@ def regularized() -> list[Contender]:
         run = partial(run_stepper, make=make)
         euler = Contender('semi_implicit_euler', setting, rates, run)
         limit = (setting, replace(euler, rates=(rates[0], 2 * rates[0])))
-        entries.append(replace(euler, own_limit=limit))
-        entries += [
+        contenders.append(replace(euler, own_limit=limit))
+        contenders += [
             Contender(
-                name.lower(), setting, TOLERANCES,
+                name.lower(), setting, INTEGRATOR_TOLERANCES,
                 partial(integrate, penalty=penalty, integrator=name),
                 own_limit=limit, adaptive=True,
             )
-            for name in INTEGRATED.get((law, eps, k), ())
+            for name in PENALTY_INTEGRATORS.get((law, eps, k), ())
         ]  # fmt: skip
     run = partial(run_stepper, make=make_pyramid)
-    pyramid = Contender('pyramid', 'residual 1e-5 m/s', SLOW[:2], run, settings=LOOSE)
+    pyramid = Contender(
+        'pyramid', 'residual 1e-5 m/s', SLOW_METHOD_RATES[:2], run, settings=LOOSE_TOLERANCE
+    )
     limit = ('pyramid', replace(pyramid, rates=(2000, 4000)))
-    return [*entries, replace(pyramid, own_limit=limit)]
+    return [*contenders, replace(pyramid, own_limit=limit)]
 
 
 def mujoco() -> list[Contender]:
-    """Return MuJoCo with its own contacts and those chosen, and its ways to drive."""
-    entries = []
+    """Return MuJoCo with different contact settings, drives and integrators."""
+    contenders = []
     for contact, drive, integrator in (
-        ('accurate', 'spring', 'discrete'),  # the first one is that of the runs over links
+        ('accurate', 'spring', 'discrete'),  # the first one is used for the runs over links
         ('accurate', 'position', 'implicitfast'),
         ('default', 'torque', 'Euler'),
         ('default', 'position', 'implicitfast'),
@@ -234,7 +247,8 @@ def mujoco() -> list[Contender]:
     ):
         settings = MujocoSettings(contact=contact, drive=drive, integrator=integrator)
         run = partial(run_mujoco, settings=settings)
-        peer = Contender('mujoco', f'{contact}, {drive}, {integrator}', PEER, run)
-        limit = (peer.setting, replace(peer, rates=(4000, 8000)))
-        entries.append(replace(peer, own_limit=limit))
-    return entries
+        setting = f'{contact}, {drive}, {integrator}'
+        contender = Contender('mujoco', setting, MUJOCO_RATES, run)
+        limit = (setting, replace(contender, rates=(4000, 8000)))
+        contenders.append(replace(contender, own_limit=limit))
+    return contenders

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from snake_sim_ros.dynamics.compilation import record_array
+
 CONTACT = np.dtype(
     [
         ('point', float, 3),  # contact point from O [m]
@@ -51,4 +53,4 @@ FREE = -1.0
 
 def make_table(count: int) -> Any:
     """Return the table of so many contacts: an array of records."""
-    return np.zeros(count, CONTACT).view(np.recarray)
+    return record_array(count, CONTACT)

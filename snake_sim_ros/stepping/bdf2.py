@@ -250,7 +250,7 @@ def one_part(own, model, work, dt, steps):
         1 if there was an event, 0 if not, -1 if the part diverged; then q and u are as before.
 
     """
-    q, u, report, history = steps.q, steps.u, steps.report, steps.history
+    q, u, report, history = steps.q, steps.u, steps.report[0], steps.history
     n, memory = len(q), history.memory
     phase, span = memory.phase[0], memory.span[0]
     h, h_q = formula(phase, dt, q, u, memory, own)
@@ -288,7 +288,7 @@ def one_part(own, model, work, dt, steps):
 @merged
 def step(own, model, work, steps, k):
     """Take step k; return whether to go on."""
-    q, u, report, memory = steps.q, steps.u, steps.report, steps.history.memory
+    q, u, report, memory = steps.q, steps.u, steps.report[0], steps.history.memory
     angle, rate = steps.angle[k], steps.rate[k]
     known, smooth = memory.span[0] > 0.0, memory.phase[0] == SMOOTH
     parts, event = 1 if smooth else PARTS, memory.phase[0] == UNKNOWN

@@ -117,7 +117,8 @@ class Memory(NamedTuple):
 
     def last_span(self) -> float:
         """Return the time that the last impulses acted for [s], 0 before the first step."""
-        return float((self.planar if self.planar.known[0] else self.spatial).last_span())
+        memory = self.planar if self.planar.known[0] else self.spatial
+        return float(memory.last_span()) if memory else 0.0
 
 
 class LevelStepper:

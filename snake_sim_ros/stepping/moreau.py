@@ -87,7 +87,7 @@ def begin_step(model, work, steps, k):
 @inlined
 def end_step(model, work, steps, problem, outcome):
     """Move q and u to the end of the step; return whether to go on, False if it diverged."""
-    q, u, report = steps.q, steps.u, steps.report
+    q, u, report = steps.q, steps.u, steps.report[0]
     if not turns_are_small(model.dt, work.chain.twist, report):
         return False
     applied_torque(work.R, work.chain.twist, work.torque, work.damping, work.applied)

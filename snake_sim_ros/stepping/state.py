@@ -1,6 +1,7 @@
 """What a step goes on from: the state of all links, and the history of the steps before."""
 
 from dataclasses import dataclass
+import math
 from typing import Any
 from typing import NamedTuple
 from typing import TypeVar
@@ -121,10 +122,8 @@ def check_state(links: int, contacts: int, state: State, history: History) -> No
     for name in ('impulse', 'velocity', 'change'):
         _check_array(f'history.{name}', getattr(history, name), (contacts, 5))
     _check_array('history.settling', history.settling, (1,))
-    for name, array in {'state.q': state.q, **named_arrays(history)}.items():
-        if not np.isfinite(array).all():
-            place = np.argwhere(~np.isfinite(array))[0].tolist()
-            raise ParameterError(f'{name} must be finite, got {array[tuple(place)]} at {place}')
+    if not (_is_finite(state.q) and _is_finite(history)):
+        _refuse_what_is_not_finite({'state.q': state.q, **named_arrays(history)})
 
 
 def check_arguments(
@@ -141,15 +140,7 @@ def check_arguments(
 
     """
     check_state(links, len(empty.impulse), state, history)
-    memory, wanted = history.memory, empty.memory
-    if type(memory) is not type(wanted):
-        raise ParameterError(
-            f'history.memory must be that of this method and level, {_kind(wanted)}, got '
-            f'{_kind(memory)}; begin with empty_history() of the stepper, or see carried'
-        )
-    found = named_arrays(memory, 'history.memory')
-    for name, array in named_arrays(wanted, 'history.memory').items():
-        _check_array(name, found.get(name), array.shape)
+    _check_memory('history.memory', history.memory, empty.memory)
     steps = len(angle) if np.ndim(angle) else 0
     _check_array('angle', angle, (steps, links - 1, 2))
     _check_array('rate', rate, (steps, links - 1, 2))
@@ -165,14 +156,39 @@ def _check_array(name: str, array: Any, shape: tuple[int, ...]) -> None:
     )
 
 
+def _check_memory(name: str, memory: Any, wanted: Any) -> None:
+    """Raise if a memory has not the parts of the one that is wanted, at any depth."""
+    if isinstance(wanted, np.ndarray):
+        return _check_array(name, memory, wanted.shape)
+    if type(memory) is not type(wanted):
+        raise ParameterError(
+            f'{name} must be that of this method and level, {_kind(wanted)}, got {_kind(memory)}; '
+            f'begin with empty_history() of the stepper, or see carried'
+        )
+    for part in getattr(wanted, '_fields', ()):
+        _check_memory(f'{name}.{part}', getattr(memory, part), getattr(wanted, part))
+    return None
+
+
 def _kind(memory: Any) -> str:
     """Return what a memory is called."""
-    kind = type(memory)
-    return (
-        'None'
-        if memory is None
-        else f'{kind.__module__.rpartition("stepping.")[2]}.{kind.__name__}'
-    )
+    module = type(memory).__module__.rpartition('stepping.')[2]
+    return 'None' if memory is None else f'{module}.{type(memory).__name__}'
+
+
+def _is_finite(record: Any) -> bool:
+    """Return whether all numbers in nested NamedTuples of arrays are finite."""
+    if isinstance(record, np.ndarray):
+        return math.isfinite(np.vdot(record, record))  # a sum of squares is not if one is not
+    return record is None or all(map(_is_finite, record))
+
+
+def _refuse_what_is_not_finite(arrays: dict[str, Array]) -> None:
+    """Raise with the name and place of the first number that is not finite, if there is one."""
+    for name, array in arrays.items():
+        if not np.isfinite(array).all():
+            place = np.argwhere(~np.isfinite(array))[0].tolist()
+            raise ParameterError(f'{name} must be finite, got {array[tuple(place)]} at {place}')
 
 
 def carried(

@@ -1,12 +1,12 @@
 """The steps that a compiled loop takes, and what it reports of them."""
 
-from dataclasses import fields
 from typing import Any
 from typing import NamedTuple
 
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import record_array
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.base import divergence
 from snake_sim_ros.stepping.base import Report
@@ -28,10 +28,9 @@ REPORT = np.dtype(
         ('contacts', np.int64),
         ('failed_link', np.int64),  # link, from 1, that turned too far in a step; 0 for none
         ('failed_turn', float),  # by this angle [rad]
-        ('left', np.int64),  # whether the next step is not planar
+        ('not_planar', np.int64),  # whether the next step is not planar
     ]
 )
-FIELDS = [item.name for item in fields(Report) if item.name in (REPORT.names or ())]
 
 
 class Steps(NamedTuple):
@@ -46,13 +45,13 @@ class Steps(NamedTuple):
     history: History
     angle: Array  # (steps, n-1, 2) joint references [rad], [rad/s]
     rate: Array
-    report: Any  # a record of REPORT
+    report: Any  # (1,) a record of REPORT
     cycles: Array  # (steps+1,) time stamps between the steps
 
 
 def make_steps(q: Array, u: Array, history: History, angle: Array, rate: Array) -> Steps:
     """Return the steps for some references, from arrays that they may change."""
-    report = np.zeros(1, REPORT).view(np.recarray)[0]
+    report = record_array(1, REPORT)
     cycles = np.zeros(len(angle) + 1, np.int64)
     angle, rate = np.ascontiguousarray(angle), np.ascontiguousarray(rate)
     return Steps(q, u, history, angle, rate, report, cycles)
@@ -71,8 +70,10 @@ def note_outcome(outcome, report):
 
 def report_of(steps: Steps, applied: Array, dt: float) -> Report:
     """Return what a loop reported, and the joint torques of impulses in a step of dt [s]."""
-    found = steps.report
-    report = Report(**{name: found[name].item() for name in FIELDS}, joint_torque=applied / dt)
-    if link := int(found.failed_link):
-        report.failure = divergence(link, float(found.failed_turn), dt, report.steps)
+    found = dict(zip(REPORT.names or (), steps.report[0].item(), strict=True))
+    del found['not_planar']
+    link, turn = found.pop('failed_link'), found.pop('failed_turn')
+    report = Report(**found, joint_torque=applied / dt)
+    if link:
+        report.failure = divergence(link, turn, dt, report.steps)
     return report

@@ -151,7 +151,7 @@ def starts_anew(model, work, q, u):
 @merged
 def planar_part(own, model, work, dt, late, known, steps, k):
     """Advance q, u and history by dt, a step or a part of it; return whether it was done."""
-    q, u, report, history = steps.q, steps.u, steps.report, steps.history
+    q, u, report, history = steps.q, steps.u, steps.report[0], steps.history
     n, memory = len(u), history.memory.scheme
     span, phase = memory.span[0], memory.phase[0]
     h, h_q = planar_formula(model, dt, phase, q, u, memory, own)
@@ -185,7 +185,7 @@ def planar_part(own, model, work, dt, late, known, steps, k):
 @merged
 def planar_step(own, model, work, steps, k):
     """Take step k; return whether it was done."""
-    q, u, report, memory = steps.q, steps.u, steps.report, steps.history.memory.scheme
+    q, u, report, memory = steps.q, steps.u, steps.report[0], steps.history.memory.scheme
     n = len(u)
     known, phase = memory.span[0] > 0.0, memory.phase[0]
     if phase == UNKNOWN and starts_anew(model, work, q, u):

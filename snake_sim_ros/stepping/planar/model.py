@@ -7,6 +7,7 @@ import numpy as np
 
 from snake_sim_ros.contact.laws import Laws
 from snake_sim_ros.contact.table import make_table
+from snake_sim_ros.dynamics.compilation import record_array
 from snake_sim_ros.dynamics.hinge_chain import HingeChain
 from snake_sim_ros.dynamics.kinematics import CENTER_OF_MASS
 from snake_sim_ros.scene.obstacles import contact_count
@@ -189,7 +190,7 @@ def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
         closed=closed,
         contacts=make_table(count),
         twist=np.zeros((n, 3)),
-        standing=np.zeros(1, STANDING).view(np.recarray),
+        standing=record_array(1, STANDING),
     )
 
 

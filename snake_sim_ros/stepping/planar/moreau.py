@@ -76,17 +76,17 @@ def is_planar(model, work, steps, outcome):
 
     In work.standing, `rolls` is then whether its roll is all that is not planar.
     """
-    report = steps.report
+    report = steps.report[0]
     work.standing.rolls[0] = 0
     if not (
         (outcome.converged or model.patient)
         and work.standing.least_load[0] > 0.0
         and abs(work.standing.roll[0]) <= model.most_lean
     ):
-        report.left = 1
+        report.not_planar = 1
         return False
     if model.held and rolls_too_far(model, work, steps.history.memory):
-        work.standing.rolls[0] = report.left = 1
+        work.standing.rolls[0] = report.not_planar = 1
         return False
     for i in range(len(work.twist)):
         turn = model.dt * abs(work.twist[i, 0])
@@ -148,7 +148,7 @@ def end_planar_step(model, work, steps, count, outcome):
         Whether it was done.
 
     """
-    q, u, report = steps.q, steps.u, steps.report
+    q, u, report = steps.q, steps.u, steps.report[0]
     if not is_planar(model, work, steps, outcome):
         return False
     before_x, before_y = held_point(model, q)

@@ -146,7 +146,7 @@ def make_loop(scene: Scene) -> Callable[..., None]:
     def step(
         model: PlanarModel, work: PlanarWorkspace, steps: Steps, angle: Array, rate: Array
     ) -> bool:
-        q, u, history, report = steps.q, steps.u, steps.history, steps.report
+        q, u, history, report = steps.q, steps.u, steps.history, steps.report[0]
         impulse = history.impulse
         theta, half, offset = q[2:] + dt / 2 * u[:, 2], model.half_length, model.offset
         W_J, W_T, W_tau = directions(theta, half, offset)
@@ -180,15 +180,19 @@ def make_loop(scene: Scene) -> Callable[..., None]:
             residual = np.linalg.norm(P_T - tangential, axis=1).max() / solver.r_sliding
             normal, tangential = P_N, P_T
             iterations += 1
-        work.contacts.impulse[:, 0] = normal
-        work.standing[0] = normal.min(), roll / dt, 1.0, 0
+        work.contacts['impulse'][:, 0] = normal
+        standing = work.standing
+        standing['least_load'][:], standing['roll'][:] = normal.min(), roll / dt
+        standing['part'][:], standing['rolls'][:] = 1.0, 0
+
         if not (
-            work.standing.least_load[0] > 0.0 and abs(work.standing.roll[0]) <= model.most_lean
+            work.standing['least_load'][0] > 0.0
+            and abs(work.standing['roll'][0]) <= model.most_lean
         ):
             return False
         u_E = u_E.reshape(n, 3)
         if model.held and slips_too_far(model, roll / dt, u_E, history.memory):
-            work.standing.rolls[0] = 1
+            standing['rolls'][:] = 1
             return False
         impulse[:, 0], impulse[:, 1:3] = normal, tangential
         held_point = model.share @ (centers(q, half) + dt / 2 * (u + u_E)[:, :2])
@@ -196,18 +200,20 @@ def make_loop(scene: Scene) -> Callable[..., None]:
         q[:2] += held_point - model.share @ centers(q, half)  # section VII-C
         u[:] = u_E
         work.applied[:] = np.column_stack([torque - damping * np.diff(u[:, 2]), held])
-        report.steps += 1
-        report.iterations += iterations
-        report.unconverged += change >= solver.tolerance
-        report.iterations_max = max(report.iterations_max, iterations)
-        report.residual_max = report.printed_residual_max = max(report.residual_max, residual)
-        report.contacts = 2 * n
+        report['steps'] += 1
+        report['iterations'] += iterations
+        report['unconverged'] += change >= solver.tolerance
+        report['iterations_max'] = max(report['iterations_max'], iterations)
+        report['residual_max'] = report['printed_residual_max'] = max(
+            report['residual_max'], residual
+        )
+        report['contacts'] = 2 * n
         return True
 
     def loop(model: PlanarModel, work: PlanarWorkspace, steps: Steps) -> None:
         for angle, rate in zip(steps.angle, steps.rate, strict=True):
             if not step(model, work, steps, angle, rate):
-                steps.report.left = 1
+                steps.report['not_planar'][:] = 1
                 break
 
     return loop

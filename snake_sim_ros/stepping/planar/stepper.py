@@ -129,7 +129,7 @@ class PlanarStepper:
         self.cycles = steps.cycles
         report = report_of(steps, self.work.applied, self.model.dt)
         report.level, report.planar_steps = self.level, report.steps
-        if steps.report.left:
+        if steps.report['not_planar'][0]:
             report.left = self.reason()
         if report.failure:
             history = self.empty_history()
@@ -143,7 +143,7 @@ class PlanarStepper:
     def reason(self) -> str:
         """Return the sentence that says why the next step is not planar."""
         n = len(self.model.mass)
-        loads: Array = self.work.contacts.impulse[: 2 * n, 0]
+        loads: Array = self.work.contacts['impulse'][: 2 * n, 0]
         if (a := int(loads.argmin())) >= 0 and not loads[a] > 0.0:
             end = 'front' if a < n else 'rear'
             return f'the {end} sphere of link {a % n + 1} would lift off'
@@ -159,14 +159,14 @@ class PlanarStepper:
     @property
     def rolls(self) -> bool:
         """Whether the last step was refused because of what contacts slip by rolling."""
-        return bool(self.work.standing.rolls[0])
+        return bool(self.work.standing['rolls'][0])
 
     @property
     def leans(self) -> bool:
         """Whether the last step was refused because the robot would roll or lift off."""
         standing = self.work.standing[0]
-        rolls = not abs(standing.roll) <= self.model.most_lean
-        return bool(not standing.least_load > 0.0 or rolls)
+        rolls = not abs(standing['roll']) <= self.model.most_lean
+        return bool(not standing['least_load'] > 0.0 or rolls)
 
     def coordinates(self, state: State, memory: PlanarMemory) -> tuple[Array, Array, Array]:
         """

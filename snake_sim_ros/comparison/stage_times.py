@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 
+from snake_sim_ros.contact.newton import Newton
 from snake_sim_ros.contact.newton import solve_contacts
 from snake_sim_ros.dynamics.articulated_body import factor_chain
 from snake_sim_ros.dynamics.articulated_body import reset_chain
@@ -32,7 +33,7 @@ def spatial_stages(model, work, steps, stamps):
         stamps[k, 0] = cycle_counter()
         problem = begin_step(model, work, steps, k)
         stamps[k, 1] = cycle_counter()
-        outcome = solve_contacts(model, problem, None, steps.history)
+        outcome = solve_contacts(Newton(None), model, problem, steps.history)
         stamps[k, 2] = cycle_counter()
         if not end_step(model, work, steps, problem, outcome):
             break
@@ -52,7 +53,9 @@ def planar_stages(model, work, steps, stamps):
         count = planar.begin_planar_step(model, work, steps, k)
         stamps[k, 1] = cycle_counter()
         closed = work.closed[:count]
-        outcome = planar_newton.solve_planar_contacts(model, work, closed, None, history)
+        outcome = planar_newton.solve_planar_contacts(
+            planar_newton.PlanarNewton(None), model, work, closed, history
+        )
         stamps[k, 2] = cycle_counter()
         if not planar.end_planar_step(model, work, steps, count, outcome):
             break

@@ -116,6 +116,7 @@ class GaussSeidel(NamedTuple):
 
 
 @solve.register(GaussSeidel)
+@inlined
 def solve_with_sweeps(solver, model, problem, history):
     """Solve the contacts of a step; see `solver.solve`."""
     return iterate(

@@ -361,26 +361,6 @@ def remember(closed, contacts, history):
         contacts.is_closed[a] = 0
 
 
-@inlined
-def solve_contacts(model, problem, delassus, history):
-    """
-    Solve the contacts of a step; return an `Outcome`.
-
-    Without a Delassus operator (None) the chain is solved with the laws, else G without the chain.
-    """
-    laws, closed, contacts, chain = problem
-    predict(laws, closed, contacts, history)
-    if delassus is not None:
-        reset_chain(chain)
-        factor_chain(chain)
-        condense(closed, 5 if laws.rolling.mu_x > 0.0 else 3, contacts, chain, delassus)
-    outcome = iterate(problem, model.residual_tolerance, model.iteration_limit, delassus)
-    if delassus is not None:
-        end_twists(closed, contacts, chain)
-    remember(closed, contacts, history)
-    return outcome
-
-
 class Newton(NamedTuple):
     """Newton's method, on the chain of links or, with its arrays, on the Delassus operator."""
 
@@ -388,6 +368,31 @@ class Newton(NamedTuple):
 
 
 @solve.register(Newton)
-def solve_with_newton(solver, model, problem, history):
+@inlined
+def solve_contacts(solver, model, problem, history):
     """Solve the contacts of a step; see `solver.solve`."""
-    return solve_contacts(model, problem, solver.delassus, history)
+    laws, closed, contacts, _ = problem
+    predict(laws, closed, contacts, history)
+    begin_condensed(problem, solver.delassus)
+    outcome = iterate(problem, model.residual_tolerance, model.iteration_limit, solver.delassus)
+    end_condensed(problem, solver.delassus)
+    remember(closed, contacts, history)
+    return outcome
+
+
+@inlined
+def begin_condensed(problem, delassus):
+    """Form the Delassus operator, if there is one."""
+    laws, closed, contacts, chain = problem
+    if delassus is not None:
+        reset_chain(chain)
+        factor_chain(chain)
+        condense(closed, 5 if laws.rolling.mu_x > 0.0 else 3, contacts, chain, delassus)
+
+
+@inlined
+def end_condensed(problem, delassus):
+    """Fill the twists of the chain, if the impulses come from a Delassus operator."""
+    _, closed, contacts, chain = problem
+    if delassus is not None:
+        end_twists(closed, contacts, chain)

@@ -18,6 +18,7 @@ from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.dynamics.articulated_body import factor_chain
 from snake_sim_ros.dynamics.articulated_body import reset_chain
 from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 
 # Most impulse components of a contact problem that is condensed: for larger ones it does not pay.
@@ -108,6 +109,7 @@ class ProxIteration(NamedTuple):
 
 
 @solve.register(ProxIteration)
+@inlined
 def solve_with_projections(solver, model, problem, history):
     """Solve the contacts of a step; see `solver.solve`."""
     return iterate(

@@ -8,6 +8,7 @@ another file. Therefore the cache folder is named after the contents of all modu
 from collections.abc import Callable
 from functools import wraps
 import hashlib
+from inspect import signature
 import os
 from pathlib import Path
 import tempfile
@@ -100,31 +101,41 @@ def dispatched(function: Callable[..., Any]) -> Any:
     """
     Return what `functools.singledispatch` returns, for calls from compiled functions, too.
 
-    The type of the first argument, a class of NamedTuple, chooses the implementation, a function
-    that ``register(cls)`` was given as it is; it becomes part of its callers, like `merged` ones.
+    The type of the first argument, a class of NamedTuple, chooses the implementation: a compiled
+    function that ``register(cls)`` was given.
 
     This is how one loop over steps serves all methods. The cache on disk has no place for compiled
     functions that are arguments of others or come from a closure: they are other ones in each
-    process. It does tell types apart. Where loops take turns by other means than a type, as the
-    steps of one and of two stages do, each is a function of its own at the top of a module.
+    process. It does tell types apart. Where loops differ by more than a type does, as those of
+    methods with one and with two steps do, each is a function of its own at the top of a module.
     """
     chosen: dict[type, Callable[..., Any]] = {}
+    arguments = ', '.join(signature(function).parameters)
 
     @wraps(function)
     def choose(first: Any, *others: Any) -> Any:
         return chosen[type(first)](first, *others)
 
-    def implementation(first: Any, *others: Any) -> Callable[..., Any] | None:
-        return chosen.get(getattr(first, 'instance_class', type(None)))
+    def find_call(first: Any, *others: Any) -> Callable[..., Any] | None:
+        """Return a call of the implementation for these types, for Numba to put in place."""
+        implementation = chosen.get(getattr(first, 'instance_class', type(None)))
+        if implementation is None:
+            return None
+        # Only a call: Numba (0.66) loses iterations of loops that it puts in place here.
+        text = f'lambda {arguments}: implementation({arguments})'
+        call: Callable[..., Any] = eval(text, {'implementation': implementation})
+        return call
 
     def register(cls: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-        def add(function: Callable[..., Any]) -> Callable[..., Any]:
-            chosen[cls] = function
-            return function
+        def add(implementation: Callable[..., Any]) -> Callable[..., Any]:
+            if COMPILES and not hasattr(implementation, 'py_func'):
+                raise TypeError(f'{implementation} must be compiled to be registered')
+            chosen[cls] = implementation
+            return implementation
 
         return add
 
-    overload(choose, jit_options=OPTIONS, inline='always', strict=False)(implementation)
+    overload(choose, jit_options=OPTIONS, inline='always', strict=False)(find_call)
     choose.register = register  # type: ignore[attr-defined]
     return choose
 

@@ -31,6 +31,7 @@ from typing import Any
 
 from snake_sim_ros.contact.detection import find_contacts
 from snake_sim_ros.contact.directions import contact_velocities
+from snake_sim_ros.contact.newton import Newton
 from snake_sim_ros.contact.newton import solve_contacts
 from snake_sim_ros.contact.selection import apply_selection_rule
 from snake_sim_ros.contact.solver import Problem
@@ -206,7 +207,8 @@ def solve(model, own, work, problem, h, h_q, history, report):
     found = Events(False, True, 0)
     solved = 0
     while found.lands:
-        outcome = solve_contacts(model, Problem(laws, closed, contacts, chain), None, history)
+        landing = Problem(laws, closed, contacts, chain)
+        outcome = solve_contacts(Newton(None), model, landing, history)
         note_outcome(outcome, report)
         if not turns_are_small(model.dt, chain.twist, report):
             return False, found

@@ -19,6 +19,7 @@ from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.dynamics.articulated_body import factor_chain
 from snake_sim_ros.dynamics.articulated_body import reset_chain
 from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 
 BOUND = 1e9  # m/s: a bound of the residual stands for it, which is not what the step stops by
@@ -69,7 +70,7 @@ def penalty_forces(law, laws, closed, contacts, mass):
         contacts.impulse[a, 3] = contacts.impulse[a, 4] = 0.0
 
 
-@compiled
+@merged
 def make_impulses(dt, closed, contacts, impulse):
     """Turn the forces of the table into impulses, and fill those of all contacts."""
     impulse[:] = 0.0
@@ -80,6 +81,7 @@ def make_impulses(dt, closed, contacts, impulse):
 
 
 @solve.register(PenaltyLaw)
+@inlined
 def solve_with_springs(law, model, problem, history):
     """
     Fill contact impulses and the velocities that they lead to; see `solver.solve`.

@@ -102,6 +102,7 @@ class Pyramid(NamedTuple):
 
 
 @solve.register(Pyramid)
+@inlined
 def solve_with_pyramid(solver, model, problem, history):
     """Solve the contacts of a step; see `solver.solve`."""
     return iterate(

@@ -27,6 +27,7 @@ from snake_sim_ros.stepping.planar.moreau import end_planar_velocities
 from snake_sim_ros.stepping.planar.moreau import held_point
 from snake_sim_ros.stepping.planar.moreau import is_planar
 from snake_sim_ros.stepping.planar.moreau import move_in_plane
+from snake_sim_ros.stepping.planar.newton import PlanarNewton
 from snake_sim_ros.stepping.planar.newton import SECOND_CHANGE
 from snake_sim_ros.stepping.planar.newton import solve_planar_contacts
 from snake_sim_ros.stepping.state import without_memory
@@ -162,7 +163,9 @@ def planar_part(own, model, work, dt, late, known, steps, k):
         history.change[a, 0] *= scale
         history.change[a, SECOND_CHANGE] *= scale
     begin_planar_part(model, own, work, h, h_q, late, known, steps.angle[k], steps.rate[k], memory)
-    outcome = solve_planar_contacts(model, work, work.closed, None, without_memory(history))
+    outcome = solve_planar_contacts(
+        PlanarNewton(None), model, work, work.closed, without_memory(history)
+    )
     memory.span[0] = h
     if not is_planar(model, work, steps, outcome):
         return False

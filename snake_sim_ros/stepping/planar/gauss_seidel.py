@@ -9,6 +9,7 @@ from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.projections import prox_half_line
 from snake_sim_ros.contact.prox_iteration import copy_impulses
 from snake_sim_ros.contact.solver import Outcome
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.stepping.planar import equilibrium
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
@@ -54,6 +55,7 @@ class PlanarGaussSeidel(NamedTuple):
 
 
 @solve_in_plane.register(PlanarGaussSeidel)
+@inlined
 def solve_plane_with_sweeps(solver, model, work, closed, history):
     """Solve the contacts of a step; see `solver.solve_in_plane`."""
     return iterate_in_plane(model, work, solver.delassus, history.impulse)

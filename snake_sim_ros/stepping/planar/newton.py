@@ -298,18 +298,20 @@ def anchor_what_moves(laws, closed, contacts, still):
             anchor_disc(sliding_disc(laws, laws.other, a), contacts, a, P_N)
 
 
-@inlined
-def solve_planar_contacts(model, work, closed, delassus, history):
-    """
-    Solve the contacts of a step; return an `Outcome`.
+class PlanarNewton(NamedTuple):
+    """Newton's method, on the chain of links or, with its arrays, on the Delassus operator."""
 
-    Without a Delassus operator (None) the chain is solved with the laws, else G without the chain.
-    """
-    laws, contacts, limit = model.laws, work.contacts, model.iteration_limit
+    delassus: Delassus | None
+
+
+@solve_in_plane.register(PlanarNewton)
+@inlined
+def solve_planar_contacts(solver, model, work, closed, history):
+    """Solve the contacts of a step; see `solver.solve_in_plane`."""
+    laws, contacts, delassus = model.laws, work.contacts, solver.delassus
+    limit = model.iteration_limit
     predict_sliding(closed, contacts, history)
-    if delassus is not None:
-        factor_bare(work)
-        condense_sliding(model, work, delassus)
+    begin_condensed_in_plane(model, work, delassus)
     iterations, residual = planar_coupled_steps(model, work, closed, delassus, limit)
     rounds, share, before = 0, 1.0, 0.0
     while residual > model.residual_tolerance and iterations < limit:
@@ -334,21 +336,23 @@ def solve_planar_contacts(model, work, closed, delassus, history):
                 0.0, contacts.held_radius[a] + share * contacts.radius_step[a]
             )
         rounds += 1
-    if delassus is not None:
-        planar_twists(model, work)
-        find_loads(model, work)
+    end_condensed_in_plane(model, work, delassus)
     remember_sliding(closed, contacts, history)
     converged = residual <= model.residual_tolerance
     return Outcome(iterations, converged, residual, residual, rounds > 0)
 
 
-class PlanarNewton(NamedTuple):
-    """Newton's method, on the chain of links or, with its arrays, on the Delassus operator."""
+@inlined
+def begin_condensed_in_plane(model, work, delassus):
+    """Form the Delassus operator of sliding, if there is one."""
+    if delassus is not None:
+        factor_bare(work)
+        condense_sliding(model, work, delassus)
 
-    delassus: Delassus | None
 
-
-@solve_in_plane.register(PlanarNewton)
-def solve_plane_with_newton(solver, model, work, closed, history):
-    """Solve the contacts of a step; see `solver.solve_in_plane`."""
-    return solve_planar_contacts(model, work, closed, solver.delassus, history)
+@inlined
+def end_condensed_in_plane(model, work, delassus):
+    """Fill twists and loads, if the impulses come from a Delassus operator."""
+    if delassus is not None:
+        planar_twists(model, work)
+        find_loads(model, work)

@@ -8,6 +8,7 @@ from snake_sim_ros.contact.projections import prox_ellipse
 from snake_sim_ros.contact.projections import prox_half_line
 from snake_sim_ros.contact.prox_iteration import copy_impulses
 from snake_sim_ros.contact.solver import Outcome
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.stepping.planar import equilibrium
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
@@ -55,6 +56,7 @@ class PlanarProxIteration(NamedTuple):
 
 
 @solve_in_plane.register(PlanarProxIteration)
+@inlined
 def solve_plane_with_projections(solver, model, work, closed, history):
     """Solve the contacts of a step; see `solver.solve_in_plane`."""
     return iterate_in_plane(model, work, history.impulse)

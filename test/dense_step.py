@@ -16,6 +16,7 @@ from snake_sim_ros.stepping import reference
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.model import PROXIMAL
+from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import State
 
 EPS = np.finfo(float).eps
@@ -128,7 +129,9 @@ class DenseStep:
         )
 
 
-def dense_step(scene: Scene, state: State, history: Array, angle: Array, rate: Array) -> DenseStep:
+def dense_step(
+    scene: Scene, state: State, history: History, angle: Array, rate: Array
+) -> DenseStep:
     """Return the step from a state with one reference (n-1, 2)."""
     robot, dt, n = scene.robot, scene.dt, scene.robot.link_count
     q_M = reference.middle_coordinates(state, dt)
@@ -168,7 +171,7 @@ def dense_step(scene: Scene, state: State, history: Array, angle: Array, rate: A
 
 
 def one_step(
-    scene: Scene, state: State, history: Array, angle: Array, rate: Array
-) -> tuple[State, Array, Report]:
+    scene: Scene, state: State, history: History, angle: Array, rate: Array
+) -> tuple[State, History, Report]:
     """Return state, history and report after one step with one reference (n-1, 2)."""
     return make_stepper(scene).advance(state, history, angle[None], rate[None])

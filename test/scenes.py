@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.model import PROXIMAL
+from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import State
 
 EPS = np.finfo(float).eps
@@ -178,9 +180,17 @@ def references(scene: Scene, steps: int, start: int = 0) -> tuple[Array, Array]:
     return gait.reference(scene.gait, times, scene.robot.link_count - 1)
 
 
+def first_steps(
+    scene: Scene, state: State, angle: Array, rate: Array
+) -> tuple[State, History, Report]:
+    """Return state, history and report after the first steps of a scene, with references."""
+    stepper = make_stepper(scene)
+    return stepper.advance(state, stepper.empty_history(), angle, rate)
+
+
 def run(
-    scene: Scene, state: State, steps: int, history: Array | None = None
-) -> tuple[State, Array, Report]:
+    scene: Scene, state: State, steps: int, history: History | None = None
+) -> tuple[State, History, Report]:
     """Return state, history and report after some steps of a scene."""
     history = empty_history(scene) if history is None else history
     return make_stepper(scene).advance(state, history, *references(scene, steps))
@@ -199,6 +209,20 @@ def course(scene: Scene, state: State, steps: int, every: int = 1) -> tuple[Stat
         impulses.append(history.impulse)
     q, u = (np.array([getattr(entry, name) for entry in states]) for name in 'qu')
     return State(q, u), np.array(impulses), report
+
+
+def same_bits(one: Any, other: Any) -> bool:
+    """Return whether two histories have the same parts: types, shapes and all bits of numbers."""
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return np.array_equal(one, other) and one.tobytes() == other.tobytes()
+    return type(one) is type(other) and (one is None or all(map(same_bits, one, other)))
+
+
+def layout(record: Any) -> Any:
+    """Return types and shapes of all parts of a history, to be compared."""
+    if isinstance(record, np.ndarray):
+        return record.shape, record.dtype
+    return None if record is None else (type(record), *map(layout, record))
 
 
 def kinetic_energy(robot: Robot, u: Array) -> Array:

@@ -26,10 +26,11 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping import bdf2
+from snake_sim_ros.stepping import bdf2_memory
 from snake_sim_ros.stepping import events
 from snake_sim_ros.stepping import reference
-from snake_sim_ros.stepping.base import PREVIOUS
 from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import State
 
 
@@ -38,37 +39,31 @@ def span(scene: Scene) -> float:
     return whole_steps(scene.method) * scene.dt
 
 
-def of_two_states(history: Array) -> bool:
+def of_two_states(history: History) -> bool:
     """Return whether the next step of `bdf2` uses the formula of two states."""
-    return bool(notes(history)[bdf2.PHASE] == bdf2_memory.SMOOTH)
+    return bool(history.memory.phase[0] == bdf2_memory.SMOOTH)
 
 
-def memory_of(history: Array) -> Array:
-    """Return what a method keeps for itself, as a view."""
-    return history[PREVIOUS:].reshape(-1)
+def before_last(history: History) -> State:
+    """Return the state that `bdf2` keeps of the start of the last step, in space."""
+    return State(history.memory.q_before, history.memory.u_before)
 
 
-def notes(history: Array) -> Array:
-    """Return what `bdf2` notes behind its states, as a view."""
-    return memory_of(history)[26 * (history.shape[1] // 2) :]
-
-
-def before_last(history: Array) -> State:
-    """Return the state that `bdf2` keeps of the start of the last step, on a flat floor."""
-    n, memory = history.shape[1] // 2, memory_of(history)
-    return State(memory[: 7 * n].reshape(n, 7), memory[7 * n : 13 * n].reshape(n, 6))
-
-
-def in_motion(scene: Scene, before: State, now: State) -> Array:
+def in_motion(scene: Scene, before: State, now: State) -> History:
     """Return a history without contacts, of a robot that came from one state to another."""
-    history, n = empty_history(scene), scene.robot.link_count
-    memory = memory_of(history)
-    memory[: 26 * n] = np.concatenate([part.ravel() for s in (before, now) for part in (s.q, s.u)])
-    notes(history)[[bdf2.PHASE, bdf2.SPAN]] = bdf2_memory.SMOOTH, span(scene)
-    return history
+    memory = bdf2_memory.Memory(
+        q_before=before.q.copy(),
+        u_before=before.u.copy(),
+        q=now.q.copy(),
+        u=now.u.copy(),
+        rate=np.zeros((scene.robot.link_count - 1, 2)),
+        span=np.array([span(scene)]),
+        phase=np.array([bdf2_memory.SMOOTH]),
+    )
+    return empty_history(scene)._replace(memory=memory)
 
 
-def undisturbed(scene: Scene, state: State) -> Array:
+def undisturbed(scene: Scene, state: State) -> History:
     """
     Return a history without contacts, of a robot that moved so for a step.
 
@@ -141,7 +136,7 @@ class Bdf2Step(DenseStep):
 
 
 def bdf2_step(
-    scene: Scene, before: State, now: State, history: Array, angle: Array, rate: Array,
+    scene: Scene, before: State, now: State, history: History, angle: Array, rate: Array,
     last_rate: Array,
 ) -> Bdf2Step:  # fmt: skip
     """
@@ -176,7 +171,7 @@ def bdf2_step(
         [W_N[:, :, None], W_T.reshape(6 * n, -1, 2), W_V.reshape(6 * n, -1, 2)], axis=2
     )[:, active]
     gamma = np.einsum('rkj,r->kj', W, u_star.ravel())
-    gap, last = gap[active], history.impulse[active, 0] * h / notes(history)[bdf2.SPAN]
+    gap, last = gap[active], history.impulse[active, 0] * h / history.memory.span[0]
     ahead = gap - h * gamma[:, 0]  # where the contact would be without the motion of the step
     rests = (last > 0.0) & (gap <= events.RESTING_GAP)
     out = np.maximum(ahead, (dt - h) * np.minimum(0.0, gamma[:, 0]))  # of what is inside by then
@@ -214,13 +209,12 @@ def bdf2_step(
     )
 
 
-def step_of(scene: Scene, state: State, history: Array, angle: Array, rate: Array) -> DenseStep:
+def step_of(scene: Scene, state: State, history: History, angle: Array, rate: Array) -> DenseStep:
     """Return the step of the scene's method; of `bdf2` one that `of_two_states` says it is."""
     if scene.method != 'bdf2':
         return dense_step(scene, state, history, angle, rate)
-    joints = scene.robot.link_count - 1
-    last_rate = notes(history)[bdf2.RATE : bdf2.RATE + 2 * joints].reshape(joints, 2)
-    return bdf2_step(scene, before_last(history), state, history, angle, rate, last_rate)
+    before, last_rate = before_last(history), history.memory.rate
+    return bdf2_step(scene, before, state, history, angle, rate, last_rate)
 
 
 def check_laws(step: DenseStep, P: Array, u: Array, error: float, off: float) -> None:

@@ -9,7 +9,9 @@ import snake_sim_ros
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.stepping.base import base as stepping
+from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import named_arrays
 
 
 def short_run(method, level):
@@ -25,15 +27,17 @@ def short_run(method, level):
     }
     settings |= {'method': method, 'level': level}
     scene = with_settings(load_scene('lateral_undulation'), settings)
-    state = stepping.initial_state(scene)
+    state = initial_state(scene)
     state.q[:, 2] -= 1e-9
     times = (np.arange(3) + 0.5) * scene.dt
     reference = gait.reference(scene.gait, times, scene.robot.link_count - 1)
     reference[0][2, 0, 1] = 0.01 if level == 'auto' else 0.0
-    return stepping.make_stepper(scene).advance(state, stepping.empty_history(scene), *reference)
+    stepper = make_stepper(scene)
+    return stepper.advance(state, stepper.empty_history(), *reference)
 
 
 if __name__ == '__main__':
     sys.modules['rclpy'] = sys.modules['matplotlib'] = None  # type: ignore[assignment]
     end, history, _ = short_run(*sys.argv[1:])
-    print(json.dumps([snake_sim_ros.__file__, end.q.tolist(), end.u.tolist(), history.tolist()]))
+    arrays = {name: array.tolist() for name, array in named_arrays(history).items()}
+    print(json.dumps([snake_sim_ros.__file__, end.q.tolist(), end.u.tolist(), arrays]))

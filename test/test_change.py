@@ -9,12 +9,16 @@ a program with it.
 
 from dataclasses import replace
 from itertools import pairwise
+from itertools import permutations
 from itertools import product
+import re
 
 import numpy as np
 from obstacle_scenes import anywhere
 import pytest
 from scenes import isotropic
+from scenes import layout
+from scenes import same_bits
 
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.checked_records import ParameterError
@@ -24,18 +28,19 @@ from snake_sim_ros.scene.parameters import Pegs
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.stepping.base import PREVIOUS
-from snake_sim_ros.stepping.base import SETTLING
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.report import REPORT_SIZE
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import carried
+from snake_sim_ros.stepping.state import copied
+from snake_sim_ros.stepping.state import empty_history as empty_contacts
 from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import named_arrays
 from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.steps import make_steps
 
 # Nothing of it is in reach of a robot that lies at the origin. The first peg of the one scene is
 # the second of the other.
@@ -140,20 +145,21 @@ def test_pegs_at_one_place_are_told_apart():
 @pytest.mark.parametrize(('one', 'two'), ALL_PAIRS)
 def test_what_is_known_of_contacts_is_carried_over_and_nothing_else(one, two):
     before, after = scene_of(one), scene_of(two)
-    history = np.random.default_rng(2).uniform(0.5, 1.0, empty_history(before).shape)
-    kept = history.copy()
-    taken = carried(history, before, after, 1.5)
-    assert (history == kept).all()
-    assert taken.shape == empty_history(after).shape
+    history, rng = empty_history(before), np.random.default_rng(2)
+    for array in named_arrays(history).values():
+        array[:] = rng.uniform(0.5, 1.0, array.shape)
+    kept, empty = copied(history), empty_history(after)
+    taken = carried(history, before, after, 1.5, empty)
+    assert same_bits(history, kept)
+    assert same_bits(empty, empty_history(after))  # nothing was written to it
+    assert layout(taken) == layout(empty)
     old, new = obstacles.same_contacts(before, after)
-    scale = np.ones((PREVIOUS, 1, 5))
-    scale.impulse = 1.5
-    scale.change[:, 0] = 1.5
-    assert (taken[:PREVIOUS, new] == scale * history[:PREVIOUS, old]).all()
-    assert taken[SETTLING] == history[SETTLING]
-    rest = taken.copy()
-    rest[:PREVIOUS, new] = rest[SETTLING] = 0.0
-    assert not rest.any()
+    assert (taken.impulse[new] == 1.5 * history.impulse[old]).all()
+    assert (taken.velocity[new] == history.velocity[old]).all()
+    assert (taken.change[new] == np.array([1.5, 1, 1, 1, 1]) * history.change[old]).all()
+    assert (taken.settling == history.settling).all()
+    taken.impulse[new] = taken.velocity[new] = taken.change[new] = taken.settling[:] = 0.0
+    assert not any(array.any() for array in named_arrays(taken).values())
 
 
 # ---- a run goes on ------------------------------------------------------------------------------
@@ -171,7 +177,7 @@ def check_walk(scenes):
         _, forces = contact_forces(before, state, simulation.history)
         simulation.change(scene)
         assert simulation.state is state
-        assert simulation.history.shape == empty_history(scene).shape
+        assert layout(simulation.history) == layout(empty_history(scene))
         # What carried load still does, whatever the time for which impulses are kept.
         _, same_forces = contact_forces(scene, state, simulation.history)
         assert len(same_forces) == len(forces)
@@ -236,36 +242,91 @@ def test_a_run_goes_on_under_another_gravity():
 # ---- what does not fit --------------------------------------------------------------------------
 
 
+# What a stepper is given, by its place, and what it says.
 BAD = {
-    'a history of another scene': (
-        {'history': np.zeros((7, 5, 5))},
-        r'history must be an array of shape \(7, 6, 5\) of float64, got shape \(7, 5, 5\)',
+    **{
+        f'{name} of another scene': (
+            f'history.{name}',
+            np.zeros((5, 5)),
+            rf'history\.{name} must be an array of shape \(6, 5\) of float64, '
+            r'got shape \(5, 5\)',
+        )
+        for name in ('impulse', 'velocity', 'change')
+    },
+    **{
+        f'{name} in integers': (
+            f'history.{name}',
+            np.zeros((6, 5), int),
+            rf'history\.{name} must be an array of shape \(6, 5\) of float64, '
+            r'got shape \(6, 5\) of int64',
+        )
+        for name in ('impulse', 'velocity', 'change')
+    },
+    'impulses without their components': (
+        'history.impulse',
+        np.zeros(6),
+        r'history\.impulse must be an array of shape \(6, 5\) of float64, got shape \(6,\)',
     ),
-    'a history of integers': (
-        {'history': np.zeros((7, 6, 5), int)},
-        r'history must be an array of shape \(7, 6, 5\) of float64, got shape .* of int64',
+    'a list of impulses': (
+        'history.impulse',
+        [[0.0] * 5] * 6,
+        r'history\.impulse must be an array of shape \(6, 5\) of float64, got list',
     ),
+    'a number that settles': (
+        'history.settling',
+        0.0,
+        r'history\.settling must be an array of shape \(1,\) of float64, got float',
+    ),
+    'a settling of two': (
+        'history.settling',
+        np.zeros(2),
+        r'history\.settling must be an array of shape \(1,\) of float64, got shape \(2,\)',
+    ),
+    'a history in one array': (
+        'history',
+        np.zeros((7, 6, 5)),
+        'history must be a History, got ndarray',
+    ),
+    'a history without names': (
+        'history',
+        (*np.zeros((3, 6, 5)), np.zeros(1), None),
+        'history must be a History, got tuple',
+    ),
+    'no history': ('history', None, 'history must be a History, got NoneType'),
     'a state of another robot': (
-        {'state': State(np.zeros((4, 7)), np.zeros((4, 6)))},
+        'state',
+        State(np.zeros((4, 7)), np.zeros((4, 6))),
         r'state\.q must be an array of shape \(3, 7\) of float64, got shape \(4, 7\)',
     ),
     'velocities of another robot': (
-        {'u': np.zeros((4, 6))},
+        'u',
+        np.zeros((4, 6)),
         r'state\.u must be an array of shape \(3, 6\) of float64, got shape \(4, 6\)',
     ),
     'angles of another robot': (
-        {'angle': np.zeros((2, 3, 2))},
+        'angle',
+        np.zeros((2, 3, 2)),
         r'angle must be an array of shape \(\d, 2, 2\) of float64, got shape \(\d, 3, 2\)',
     ),
     'fewer rates than angles': (
-        {'rate': np.zeros((1, 2, 2))},
+        'rate',
+        np.zeros((1, 2, 2)),
         r'rate must be an array of shape \(2, 2, 2\) of float64, got shape \(1, 2, 2\)',
     ),
     'a list of rates': (
-        {'rate': [[[0.0, 0.0]] * 2] * 2},
+        'rate',
+        [[[0.0, 0.0]] * 2] * 2,
         r'rate must be an array of shape \(2, 2, 2\) of float64, got list',
     ),
 }
+
+
+def with_part(record, name, part):
+    """Return a history with a part, of a dotted name, in place of its own."""
+    first, _, rest = name.partition('.')
+    return record._replace(
+        **{first: with_part(getattr(record, first), rest, part) if rest else part}
+    )
 
 
 @pytest.mark.parametrize('bad', BAD)
@@ -274,18 +335,89 @@ BAD = {
 def test_arrays_that_do_not_fit_are_refused(method, level, bad):
     scene = scene_of('flat', method=method, level=level)
     state, still = initial_state(scene), np.zeros((2, 2, 2))
-    given, sentence = BAD[bad]
-    given = {
-        'state': state,
-        'history': empty_history(scene),
-        'angle': still,
-        'rate': still,
-        **given,
-    }
-    if 'u' in given:
-        given['state'] = State(state.q, given.pop('u'))
+    given = {'state': state, 'history': empty_history(scene), 'angle': still, 'rate': still}
+    name, part, sentence = BAD[bad]
+    if name == 'u':
+        given['state'] = State(state.q, part)
+    elif name.startswith('history.'):
+        given['history'] = with_part(given['history'], name.removeprefix('history.'), part)
+    else:
+        given[name] = part
     with pytest.raises(ParameterError, match=sentence):
         make_stepper(scene).advance(**given)
+
+
+@pytest.mark.parametrize('level', LEVELS)
+@pytest.mark.parametrize('method', METHODS)
+def test_memories_that_do_not_fit_are_refused(method, level):
+    # Each array of it, at any depth.
+    scene, still = scene_of('flat', method=method, level=level), np.zeros((2, 2, 2))
+    state, stepper = initial_state(scene), make_stepper(scene)
+    for name, array in named_arrays(empty_history(scene).memory, 'memory').items():
+        for part, said in (
+            (np.zeros((*array.shape, 1)), f'shape {(*array.shape, 1)} of float64'),
+            (np.zeros((*array.shape[:-1], array.shape[-1] + 1)), ' of float64'),
+            (array.astype(np.float32), f'shape {array.shape} of float32'),
+            (array.tolist(), 'list'),
+            (None, 'NoneType'),
+        ):
+            history = with_part(empty_history(scene), name, part)
+            sentence = f'history.{name} must be an array of shape {array.shape} of float64, got '
+            match = rf'^{re.escape(sentence)}.*{re.escape(said)}$'
+            with pytest.raises(ParameterError, match=match):
+                stepper.advance(state, history, still, still)
+
+
+# Histories by what methods keep in them, with a word for it; see `state.check_arguments`.
+KINDS = {
+    'None': ('newton', 'spatial'),
+    'bdf2.Memory': ('bdf2', 'spatial'),
+    'planar.model.PlanarMemory': ('newton', 'planar'),
+    'planar.model.PlanarMemory with planar.bdf2.Memory': ('bdf2', 'planar'),
+    'levels.Memory': ('newton', 'auto'),
+    'levels.Memory with bdf2.Memory': ('bdf2', 'auto'),
+}
+
+
+@pytest.mark.parametrize(('wanted', 'given'), [*permutations(KINDS, 2)])
+def test_the_memory_of_another_method_or_level_is_refused(wanted, given):
+    scene, other = (
+        scene_of('flat', method=method, level=level)
+        for method, level in (KINDS[wanted], KINDS[given])
+    )
+    still = np.zeros((2, 2, 2))
+    state, history, _ = make_stepper(other).advance(
+        initial_state(other), empty_history(other), still, still
+    )
+    kept, stepper = copied(history), make_stepper(scene)
+    (outer, _, inner), (other_outer, _, other_inner) = (
+        kind.partition(' with ') for kind in (wanted, given)
+    )
+    place, one, two = 'history.memory', outer, other_outer
+    if outer == other_outer:  # what differs is what the method keeps in it
+        place += '.scheme' if outer.startswith('planar') else '.planar.scheme'
+        one, two = ('planar.bdf2.Memory' if part else 'None' for part in (inner, other_inner))
+    with pytest.raises(ParameterError) as caught:
+        stepper.advance(state, history, still, still)
+    assert str(caught.value) == (
+        f'{place} must be that of this method and level, {one}, got {two}; begin with '
+        f'empty_history() of the stepper, or see carried'
+    )
+    # Nothing was done; what is known of contacts goes on with an empty memory.
+    assert same_bits(history, kept)
+    report = stepper.advance(
+        state, history._replace(memory=stepper.empty_history().memory), still, still
+    )[2]
+    assert (report.steps, report.status) == (2, Status.CONVERGED)
+
+
+@pytest.mark.parametrize('level', LEVELS)
+def test_the_memory_of_something_else_is_refused(level):
+    scene, still = scene_of('flat', method='newton', level=level), np.zeros((2, 2, 2))
+    for memory in ({}, 'nothing', np.zeros(3), (np.zeros(1),)):
+        history = empty_history(scene)._replace(memory=memory)
+        with pytest.raises(ParameterError, match=r'^history\.memory must be that of this method'):
+            make_stepper(scene).advance(initial_state(scene), history, still, still)
 
 
 @pytest.mark.parametrize('level', ['auto', 'spatial'])
@@ -298,11 +430,29 @@ def test_places_and_impulses_that_are_not_finite_are_refused(method, name, level
     for bad in (np.nan, np.inf):
         state, history = initial_state(scene), empty_history(scene)
         state.q[1, 0] = bad
-        with pytest.raises(ParameterError, match=f'state.q must be finite, got {bad} at'):
+        said = rf'^state\.q must be finite, got {bad} at \[1, 0\]$'
+        with pytest.raises(ParameterError, match=said):
             stepper.advance(state, history, still, still)
-        history[0, 3, 0] = bad
-        with pytest.raises(ParameterError, match=rf'history must be .* {bad} at \[0, 3, 0\]'):
+        history.impulse[3, 0] = bad
+        said = rf'^history\.impulse must be finite, got {bad} at \[3, 0\]$'
+        with pytest.raises(ParameterError, match=said):
             stepper.advance(initial_state(scene), history, still, still)
+
+
+@pytest.mark.parametrize('level', LEVELS)
+@pytest.mark.parametrize('method', METHODS)
+def test_nothing_of_a_history_may_be_other_than_finite(method, level):
+    scene, still = scene_of('flat', method=method, level=level), np.zeros((1, 2, 2))
+    stepper, state = make_stepper(scene), initial_state(scene)
+    for name in named_arrays(stepper.empty_history()):
+        for bad in (np.nan, np.inf, -np.inf):
+            history = stepper.empty_history()
+            array = named_arrays(history)[name]
+            array.flat[-1] = bad
+            place = [length - 1 for length in array.shape]
+            with pytest.raises(ParameterError) as caught:
+                stepper.advance(state, history, still, still)
+            assert str(caught.value) == f'{name} must be finite, got {bad} at {place}'
 
 
 @pytest.mark.parametrize('level', ['auto', 'spatial'])
@@ -322,7 +472,9 @@ def test_references_that_are_not_finite_say_so(method, level):
 def test_forces_are_those_of_the_scene_of_the_history():
     simulation, still = Simulation(scene_of('pegs')), np.zeros((1, 2, 2))
     simulation.advance(still, still)
-    with pytest.raises(ParameterError, match=r'history must be an array of shape \(7, 24, 5\)'):
+    with pytest.raises(
+        ParameterError, match=r'history\.impulse must be an array of shape \(24, 5\)'
+    ):
         contact_forces(scene_of('ground'), simulation.state, simulation.history)
 
 
@@ -347,7 +499,7 @@ def test_a_reset_after_a_change_is_that_of_the_new_scene():
     simulation, still = Simulation(scene_of('pegs')), np.zeros((2, 2, 2))
     simulation.change(scene_of('both'))
     simulation.reset()
-    assert simulation.history.shape == empty_history(scene_of('both')).shape
+    assert same_bits(simulation.history, empty_history(scene_of('both')))
     assert not simulation.advance(still, still).failure
 
 
@@ -357,10 +509,9 @@ if __name__ == '__main__':
     # And the compiler does look: this scene has more contacts than this history.
     stepper, state = simulation.stepper, simulation.state
     still = np.zeros((1, 2, 2))
+    history = empty_contacts(2, stepper.empty_history().memory)
     try:
-        stepper.loop(
-            stepper.model, stepper.work, state.q.copy(), state.u.copy(), np.zeros((7, 2, 5)),
-            still, still, np.zeros(REPORT_SIZE), np.zeros(2, np.int64),
-        )  # fmt: skip
+        steps = make_steps(state.q.copy(), state.u.copy(), history, still, still)
+        stepper.loop(stepper.model, stepper.work, steps)
     except IndexError:
         print('all in bounds')

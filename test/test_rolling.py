@@ -5,7 +5,9 @@ import math
 
 import numpy as np
 import pytest
+from scenes import first_steps
 from scenes import references
+from scenes import same_bits
 
 from snake_sim_ros.dynamics.kinematics import STILL_SPEED
 from snake_sim_ros.gaits.joint_reference import start_posture
@@ -20,16 +22,11 @@ from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping import levels
-from snake_sim_ros.stepping.base import PREVIOUS
-from snake_sim_ros.stepping.base import SETTLING
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.planar.model import ROLL_LIMIT
 from snake_sim_ros.stepping.planar.model import SLIP_SHARE
-from snake_sim_ros.stepping.planar.moreau import LAST_ROLL
-from snake_sim_ros.stepping.planar.moreau import SLIP
-from snake_sim_ros.stepping.planar.moreau import WAY
 from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.state import State
 
@@ -63,7 +60,7 @@ def path(scene, level, push=0.0, every=0.02):
     start = initial_state(scene)
     u = start.u.copy()
     u[0, 0] += push
-    state, history, q = State(start.q, u), empty_history(scene), [start.q]
+    state, history, q = State(start.q, u), stepper.empty_history(), [start.q]
     steps, part = round(scene.duration / scene.dt), round(every / scene.dt)
     angle, rate = references(scene, steps)
     for k in range(0, steps, part):
@@ -88,8 +85,8 @@ def promised(way):
     """
     Return how far the paths of auto and of the spatial level may be apart [m].
 
-    Before auto leaves the plane, it has left out the slip of a roll of LEAN and LITTLE_SLIP of its
-    way; and as far again the robot slips when it then rolls in space.
+    Before auto leaves the plane, it has left out the slip of a roll of ROLL_LIMIT and
+    AUTO_SLIP_SHARE of its way. As far again the robot slips when it then rolls in space.
     """
     return 2.0 * (RADIUS * ROLL_LIMIT + levels.AUTO_SLIP_SHARE * way)
 
@@ -120,16 +117,13 @@ def test_the_roll_is_that_of_the_robot_in_space(method):
     # hundred. `bdf2` finds the loads of two thirds of a step.
     scene = replace(load_scene('lateral_undulation'), method=method, dt=1 / 1000)
     angle, rate = references(scene, 600)
-    _, history, _ = make_stepper(replace(scene, level='planar')).advance(
-        initial_state(scene), empty_history(scene), angle, rate
-    )
-    state, _, _ = make_stepper(replace(scene, level='spatial')).advance(
-        initial_state(scene), empty_history(scene), angle, rate
-    )
+    start = initial_state(scene)
+    _, history, _ = first_steps(replace(scene, level='planar'), start, angle, rate)
+    state, _, _ = first_steps(replace(scene, level='spatial'), start, angle, rate)
     roll = np.arcsin(rotation_matrices(state.q[:, 3:])[:, 2, 0])
     largest = math.copysign(np.abs(roll).max(), roll[5])
     assert abs(largest) > 2e-5
-    assert history[PREVIOUS:].ravel()[LAST_ROLL] == pytest.approx(largest, rel=0.02)
+    assert history.memory.roll[0] == pytest.approx(largest, rel=0.02)
 
 
 # ---- when it is too much ------------------------------------------------------------------------
@@ -145,18 +139,18 @@ def test_slip_and_way_are_summed_up():
     slip = way = roll = 0.0
     for k in range(200):
         state, history, _ = stepper.advance(state, history, angle[k : k + 1], rate[k : k + 1])
-        last, memory = roll, history[PREVIOUS:].ravel()
-        roll = memory[LAST_ROLL]
+        last, memory = roll, history.memory
+        roll = memory.roll[0]
         left = 1.0 / (1.0 + scene.dt / 3.0)
         slip = left * slip + RADIUS * abs(roll - last)
         way = left * way + scene.dt * np.linalg.norm(mass @ state.u[:, :2]) / mass.sum()
     assert slip > 1e-6 and way > 1e-4
-    assert memory[SLIP] == pytest.approx(slip, rel=1e-12)
-    assert memory[WAY] == pytest.approx(way, rel=1e-9)
+    assert memory.slip[0] == pytest.approx(slip, rel=1e-12)
+    assert memory.way[0] == pytest.approx(way, rel=1e-9)
     _, whole, _ = make_stepper(scene).advance(
         initial_state(scene), empty_history(scene), angle, rate
     )
-    assert (whole == history).all()
+    assert same_bits(whole, history)
 
 
 @pytest.mark.parametrize('method', ['newton', 'reference'])
@@ -165,10 +159,9 @@ def test_the_planar_level_says_when_it_slips_too_far(method):
     scene = on_ice(3, level='planar', method=method)
     angle = start_posture(scene).angle[None]
     history = empty_history(scene)
-    memory = history[PREVIOUS:].reshape(-1)
 
     def step(slip, way):
-        memory[SLIP], memory[WAY] = slip * RADIUS * ROLL_LIMIT, way
+        history.memory.slip[0], history.memory.way[0] = slip * RADIUS * ROLL_LIMIT, way
         stepper = make_stepper(scene)
         return stepper.advance(initial_state(scene), history, angle, np.zeros(angle.shape))
 
@@ -189,7 +182,7 @@ def test_auto_comes_back_after_a_pause(chunk, monkeypatch):
     monkeypatch.setattr(levels, 'PAUSE', 0.04)
     scene = on_ice(5, settling_time=0.02)
     history = empty_history(scene)
-    history[PREVIOUS:].reshape(-1)[SLIP] = 1.1 * RADIUS * ROLL_LIMIT
+    history.memory.planar.slip[0] = 1.1 * RADIUS * ROLL_LIMIT
     state, stepper = initial_state(scene), make_stepper(scene)
     hold = np.tile(start_posture(scene).angle, (400, 1, 1))
     taken = []
@@ -204,7 +197,7 @@ def test_auto_comes_back_after_a_pause(chunk, monkeypatch):
     # It lies flat and still all the time: 80 steps of the pause, and 40 to settle.
     assert sum(planar for planar, _, _ in taken) == 400 - 120
     assert np.abs(state.u).max() < STILL_SPEED
-    assert history[SETTLING] == 0
+    assert history.settling[0] == 0
 
 
 # ---- and then it is right -----------------------------------------------------------------------

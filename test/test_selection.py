@@ -118,8 +118,9 @@ def start_histories(scene):
     histories = [empty_history(scene)]
     for size in (1e-4, 1e-3, 1e-2):
         history = empty_history(scene)
-        history[:3] = rng.uniform(-size, size, history[:3].shape)
-        history[0, :, 0] = np.abs(history[0, :, 0])
+        contacts = rng.uniform(-size, size, (3, *history.impulse.shape))
+        history.impulse[:], history.velocity[:], history.change[:] = contacts
+        history.impulse[:, 0] = np.abs(history.impulse[:, 0])
         histories.append(history)
     return histories
 

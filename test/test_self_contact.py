@@ -226,7 +226,7 @@ def test_a_folded_robot_is_solved_for_from_anywhere(k):
     rng = np.random.default_rng(k)
     history = empty_history(scene)
     shape = history.impulse.shape
-    history.impulse, history.velocity = rng.uniform(0.0, 1.0, shape), rng.normal(size=shape)
+    history.impulse[:], history.velocity[:] = rng.uniform(0.0, 1.0, shape), rng.normal(size=shape)
     for method in ('newton', 'newton_dense'):
         _, _, report = solved(scene, state, angle, rate, method, history, iteration_limit=60)
         assert report.unconverged == 0

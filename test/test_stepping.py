@@ -2,17 +2,24 @@
 
 from dataclasses import fields
 from dataclasses import replace
+from itertools import product
+from operator import attrgetter
 
 import numpy as np
 import pytest
+from scenes import layout
+from scenes import same_bits
 
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import LEVELS
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import PD_SCHEMES
+from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.stepping import bdf2_memory
+from snake_sim_ros.stepping import levels
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.bdf2 import IMPLICIT_SCHEMES
@@ -20,8 +27,13 @@ from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import method_of
 from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.planar import bdf2 as planar_bdf2
+from snake_sim_ros.stepping.planar.model import PlanarMemory
 from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.state import copied
+from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.state import named_arrays
 from snake_sim_ros.stepping.state import State
 
 each_method = pytest.mark.parametrize('method', METHODS)
@@ -35,15 +47,32 @@ def problem(method, steps, **solver):
     return make_stepper(scene), (initial_state(scene), empty_history(scene), *reference)
 
 
+def shared(one, other):
+    """Return whether any arrays of two histories have memory in common."""
+    pairs = product(named_arrays(one).values(), named_arrays(other).values())
+    return any(np.shares_memory(*pair) for pair in pairs)
+
+
+def loop_of(scene):
+    """Return the loop of a stepper over its steps, and the types of what is bound to it."""
+    loop = make_stepper(scene).loop
+    return loop.func, [(type(part), *map(type, part)) for part in loop.args]
+
+
 def test_a_scene_begins_at_rest():
     scene = Scene()
     state = initial_state(scene)
     assert state.q.shape == (11, 7)
     assert state.u.tolist() == [[0.0] * 6] * 11
     history = empty_history(scene)
-    assert history.shape[1:] == (22, 5)
-    assert len(history) > max(IMPULSE, VELOCITY, CHANGE)
-    assert not history.any()
+    assert history.impulse.shape == history.velocity.shape == history.change.shape == (22, 5)
+    assert history.settling.shape == (1,)
+    assert not any(array.any() for array in named_arrays(history).values())
+    assert history.memory.last_span() == 0.0
+    assert same_bits(history, make_stepper(scene).empty_history())
+    # A history of its own each time, even of one stepper.
+    stepper = make_stepper(scene)
+    assert not shared(stepper.empty_history(), stepper.empty_history())
 
 
 def test_unknown_methods_are_refused():
@@ -59,9 +88,10 @@ def test_unknown_methods_are_refused():
 def test_auto_takes_the_method_for_the_step(dt, method):
     scene = Scene(method='auto', dt=dt, level='spatial')
     assert method_of(scene) == method
-    loops = [make_stepper(replace(scene, method=name)).loop for name in ('auto', method)]
-    taken, named = (getattr(loop, 'func', loop) for loop in loops)  # without what is bound
-    assert taken is named
+    taken = loop_of(replace(scene, method='auto'))
+    assert taken == loop_of(replace(scene, method=method))
+    others = {name for name, entry in METHODS.items() if entry.compiled} - {method}
+    assert all(taken != loop_of(replace(scene, method=name)) for name in others)
 
 
 @pytest.mark.parametrize('level', LEVELS)
@@ -132,17 +162,110 @@ def test_status_is_the_worst():
     assert (failed + Report(failure='it turned again')).failure == 'it turned'
 
 
+# ---- histories ----------------------------------------------------------------------------------
+
+# What each method keeps of a step, at each level.
+IN_PLANE = (PlanarMemory, None), (PlanarMemory, planar_bdf2.Memory)
+MEMORIES = {
+    **{(name, 'spatial'): None for name in METHODS},
+    **{(name, 'planar'): IN_PLANE[0] for name in METHODS},
+    **{(name, 'auto'): (levels.Memory, IN_PLANE[0], None) for name in METHODS},
+    ('reference', 'auto'): None,  # at the spatial level always
+    ('bdf2', 'spatial'): bdf2_memory.Memory,
+    ('bdf2', 'planar'): IN_PLANE[1],
+    ('bdf2', 'auto'): (levels.Memory, IN_PLANE[1], bdf2_memory.Memory),
+}
+each_memory = pytest.mark.parametrize(('method', 'level'), MEMORIES)
+
+
+def memory_kind(memory):
+    """Return the types of a memory as they are in MEMORIES."""
+    if isinstance(memory, levels.Memory):
+        return levels.Memory, memory_kind(memory.planar), memory_kind(memory.spatial)
+    if isinstance(memory, PlanarMemory):
+        return PlanarMemory, memory_kind(memory.scheme)
+    return None if memory is None else type(memory)
+
+
+def numbered(method, level):
+    """Return a history of three links in which every number is another one."""
+    history = make_stepper(scene_at(method, level)).empty_history()
+    start = 1.0
+    for array in named_arrays(history).values():
+        array[:] = np.arange(start, start + array.size).reshape(array.shape)
+        start += array.size
+    return history
+
+
+def scene_at(method, level):
+    """Return a scene of three links that is planar and that any method can run."""
+    return Scene(robot=Robot(link_count=3), method=method, level=level)
+
+
+@each_memory
+def test_a_method_keeps_at_a_level_what_it_keeps(method, level):
+    history = make_stepper(scene_at(method, level)).empty_history()
+    assert type(history) is History
+    assert memory_kind(history.memory) == MEMORIES[method, level]
+    assert history.memory is None or history.memory.last_span() == 0.0
+
+
+@each_memory
+def test_names_of_arrays_lead_to_them(method, level):
+    history = numbered(method, level)
+    arrays = named_arrays(history)
+    assert [*arrays][:4] == [f'history.{name}' for name in History._fields[:4]]
+    for name, array in arrays.items():
+        assert attrgetter(name.removeprefix('history.'))(history) is array
+    # All of them: as many as there are, none twice, none that overlaps another one.
+    assert len(arrays) == count_of_arrays(history)
+    values = np.concatenate([array.ravel() for array in arrays.values()])
+    assert (values == np.arange(1.0, len(values) + 1.0)).all()
+    renamed = named_arrays(history, 'other')
+    assert [*renamed] == [name.replace('history', 'other', 1) for name in arrays]
+    assert all(renamed[name.replace('history', 'other', 1)] is arrays[name] for name in arrays)
+    assert named_arrays(history.impulse, 'impulse') == {'impulse': history.impulse}
+    assert named_arrays(None) == {}
+
+
+def count_of_arrays(record):
+    """Return how many arrays a history has."""
+    if isinstance(record, np.ndarray):
+        return 1
+    return 0 if record is None else sum(map(count_of_arrays, record))
+
+
+@each_memory
+def test_a_copy_is_the_same_and_shares_no_memory(method, level):
+    history = numbered(method, level)
+    kept = [array.copy() for array in named_arrays(history).values()]
+    copy = copied(history)
+    assert same_bits(copy, history)
+    assert layout(copy) == layout(history)
+    assert memory_kind(copy.memory) == MEMORIES[method, level]
+    assert not shared(copy, history)
+    for array in named_arrays(copy).values():
+        array[:] = -1.0
+    for array, values in zip(named_arrays(history).values(), kept, strict=True):
+        assert (array == values).all()
+    assert copied(None) is None
+
+
 @each_method
 def test_inputs_are_left_alone(method):
     stepper, (state, history, angle, rate) = problem(method, 2, iteration_limit=5)
-    copies = [array.copy() for array in (state.q, state.u, history, angle, rate)]
+    given = (state.q, state.u, *named_arrays(history).values(), angle, rate)
+    copies = [array.copy() for array in given]
     end, end_history, _ = stepper.advance(state, history, angle, rate)
-    for array, copy in zip((state.q, state.u, history, angle, rate), copies, strict=True):
+    for array, copy in zip(given, copies, strict=True):
         assert (array == copy).all()
     # Results do not share memory with inputs, nor with what the stepper returns next.
-    kept = [array.copy() for array in (end.q, end.u, end_history)]
-    stepper.advance(end, end_history, angle, rate)
-    for array, copy in zip((end.q, end.u, end_history), kept, strict=True):
+    assert not shared(history, end_history)
+    made = (end.q, end.u, *named_arrays(end_history).values())
+    kept = [array.copy() for array in made]
+    _, last_history, _ = stepper.advance(end, end_history, angle, rate)
+    assert not shared(end_history, last_history)
+    for array, copy in zip(made, kept, strict=True):
         assert (array == copy).all()
 
 
@@ -155,7 +278,7 @@ def test_a_stepper_has_no_memory(method):
     again = stepper.advance(*arguments)
     assert (first[0].q == again[0].q).all()
     assert (first[0].u == again[0].u).all()
-    assert (first[1] == again[1]).all()
+    assert same_bits(first[1], again[1])
 
 
 @each_method
@@ -164,7 +287,7 @@ def test_no_references_are_no_steps(method):
     end, end_history, report = stepper.advance(state, history, angle, rate)
     assert (end.q == state.q).all()
     assert (end.u == state.u).all()
-    assert (end_history == history).all()
+    assert same_bits(end_history, history)
     assert (report.steps, report.status) == (0, Status.CONVERGED)
     assert np.isfinite(report.joint_torque).all()
 

@@ -57,6 +57,7 @@ def _cache_folder() -> str:
 COMPILES = not numba.config.DISABLE_JIT  # whether anything is compiled, see `compiled`
 OPTIONS = {'nogil': True, '_nrt': False, 'error_model': 'numpy'}  # of all that is compiled
 
+
 if 'NUMBA_CACHE_DIR' not in os.environ:
     numba.config.CACHE_DIR = _cache_folder()
 

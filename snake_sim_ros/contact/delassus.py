@@ -1,9 +1,9 @@
 """
-The Delassus operator: contact velocities as they follow from contact impulses, joints eliminated.
+The Delassus operator: how contact velocities follow from contact impulses, joints eliminated.
 
-``gamma = G P + gamma_free``, section VII: dense, one row and column for every component of a
-closed contact. It costs one solve of the chain a column, so the solver that is linear in the
-number of links does without it.
+``gamma = G P + gamma_free``, section VII. The operator is dense, with a row and a column for every
+component of a closed contact. Every column costs one solution of the chain; the solver that is
+linear in the number of links works without the operator.
 """
 
 import math
@@ -21,12 +21,12 @@ from snake_sim_ros.scene.parameters import Array
 
 
 class Delassus(NamedTuple):
-    """Row and column ``width k + j`` belong to component j of the k-th closed contact."""
+    """Arrays for c rows; row and column ``width k + j`` are component j of the k-th contact."""
 
-    operator: Array  # (c, c) G
-    system: Array  # (c, c+1) matrix and right side of a linear problem
-    free_velocity: Array  # (c,) velocities without contact impulses
-    packed: Array  # (c,) velocities
+    operator: Array  # (c, c) G [1/kg]
+    system: Array  # (c, c+1) matrix and right side of a linear system
+    free_velocity: Array  # (c,) relative velocities without contact impulses [m/s]
+    packed: Array  # (c,) velocities [m/s] or impulses [N s] of the closed contacts
 
 
 def make_delassus(size: int) -> Delassus:
@@ -41,7 +41,19 @@ def make_delassus(size: int) -> Delassus:
 
 @inlined
 def fill_wrenches(closed, contacts, chain):
-    """Fill the wrenches of the links: momentum and contact impulses S, eqs. (75), (76)."""
+    """
+    Fill the wrenches of the links with momentum and contact impulses S, eqs. (75), (76).
+
+    Parameters
+    ----------
+    closed : ndarray of int, shape (k,)
+        Numbers of the closed contacts.
+    contacts : record array, shape (contacts,)
+        Table of contacts with impulses [N s].
+    chain : Chain
+        Its `wrench` is filled from `momentum` and the impulses.
+
+    """
     for i in range(len(chain.wrench)):
         for k in range(6):
             chain.wrench[i, k] = chain.momentum[i, k]
@@ -50,7 +62,19 @@ def fill_wrenches(closed, contacts, chain):
 
 @compiled
 def end_twists(closed, contacts, chain):
-    """Fill twists and relative velocities that the impulses lead to, (84), (86), (90)-(92)."""
+    """
+    Fill the twists and relative velocities that the impulses lead to, (84), (86), (90)-(92).
+
+    Parameters
+    ----------
+    closed : ndarray of int, shape (k,)
+        Numbers of the closed contacts.
+    contacts : record array, shape (contacts,)
+        Table of contacts; impulses [N s] are read, gamma [m/s] is filled.
+    chain : Chain
+        A factored chain; its twists are filled.
+
+    """
     fill_wrenches(closed, contacts, chain)
     solve_chain(chain, chain.torque)
     contact_velocities(closed, contacts, chain.frame, chain.twist)
@@ -58,7 +82,23 @@ def end_twists(closed, contacts, chain):
 
 @compiled
 def condense(closed, width, contacts, chain, delassus):
-    """Fill G and the free velocities for `width` components a contact: 3, or 5 with rolling."""
+    """
+    Fill the Delassus operator and the free velocities.
+
+    Parameters
+    ----------
+    closed : ndarray of int, shape (k,)
+        Numbers of the closed contacts.
+    width : int
+        Components per contact: 3, or 5 with rolling friction.
+    contacts : record array, shape (contacts,)
+        Table of contacts; impulses and velocities are overwritten.
+    chain : Chain
+        A factored chain; wrenches and twists are overwritten.
+    delassus : Delassus
+        `operator` [1/kg] and `free_velocity` [m/s] are filled.
+
+    """
     for a in closed:
         contacts.impulse[a] = 0.0
     end_twists(closed, contacts, chain)
@@ -80,7 +120,21 @@ def condense(closed, width, contacts, chain, delassus):
 
 @compiled
 def condensed_velocities(closed, width, contacts, delassus):
-    """Fill the relative velocities with ``G P + gamma_free``."""
+    """
+    Fill the relative velocities with ``G P + gamma_free``.
+
+    Parameters
+    ----------
+    closed : ndarray of int, shape (k,)
+        Numbers of the closed contacts.
+    width : int
+        Components per contact: 3, or 5 with rolling friction.
+    contacts : record array, shape (contacts,)
+        Table of contacts; impulses [N s] are read, gamma [m/s] is filled.
+    delassus : Delassus
+        As filled by `condense`; `packed` is filled with the velocities.
+
+    """
     rows = width * len(closed)
     packed = delassus.packed
     for row in range(rows):
@@ -100,7 +154,16 @@ def solve_condensed(closed, width, contacts, delassus):
     """
     Fill impulses and velocities with the solution of ``P = P_0 - S (G P + gamma_free)``.
 
-    S and P_0 are those of `linear_laws`.
+    Parameters
+    ----------
+    closed : ndarray of int, shape (k,)
+        Numbers of the closed contacts.
+    width : int
+        Components per contact: 3, or 5 with rolling friction.
+    contacts : record array, shape (contacts,)
+        Table of contacts with the P_0 and S of `linear_laws`; impulse and gamma are filled.
+    delassus : Delassus
+        As filled by `condense`.
 
     Returns
     -------
@@ -127,7 +190,7 @@ def solve_condensed(closed, width, contacts, delassus):
 
 @merged
 def condensed_system(closed, width, contacts, delassus):
-    """Fill the matrix 1 + S G, and S gamma_free next to it."""
+    """Fill ``delassus.system`` with the matrix 1 + S G, and S gamma_free beside it."""
     rows = width * len(closed)
     B = delassus.system
     for column in range(rows + 1):

@@ -1,9 +1,9 @@
 """
-Compiled gaps and contact frames of a robot on ground with cells and among pegs.
+Compiled contact detection: gaps and contact frames on the floor, on cells, at pegs and links.
 
-`obstacles.py` defines them, and how the contacts are numbered. A frame is (normal, e_x, e_y), in
-the order of the components of an impulse; on a flat floor it is e_z and the heading of the link,
-and nothing here is called.
+`scene.obstacles` defines obstacles and how the contacts are numbered. A frame is (normal, e_x,
+e_y), in the order of the components of an impulse. On a flat floor it is e_z and the heading of
+the link, and only `find_floor_contacts` is called.
 """
 
 import math
@@ -15,8 +15,6 @@ from snake_sim_ros.contact.laws import make_disc
 from snake_sim_ros.contact.laws import OtherFriction
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.dynamics.kinematics import axis_z
-from snake_sim_ros.dynamics.kinematics import floor_penetration
 from snake_sim_ros.scene.obstacles import first_pair
 from snake_sim_ros.scene.obstacles import first_peg
 from snake_sim_ros.scene.obstacles import is_flat
@@ -29,17 +27,17 @@ class Obstacles(NamedTuple):
     """Ground and pegs of a scene; see `parameters.Ground` and `parameters.Pegs`."""
 
     heights: Array  # (rows, columns) [m]
-    cell: float
-    origin_x: float
+    cell: float  # side of a cell [m]
+    origin_x: float  # corner of the cells with the least x and y [m]
     origin_y: float
     pegs: Array  # (pegs, 3) x, y, radius [m]
     first_peg: int  # number of the first contact with a peg
-    first_pair: int  # and of the first one of two links
-    pair_count: int
+    first_pair: int  # number of the first contact of two links
+    pair_count: int  # number of such contacts
 
 
 def make_obstacles(scene: Scene) -> Obstacles | None:
-    """Return ground and pegs as the compiled step takes them; None if all is flat."""
+    """Return ground and pegs in the form of the compiled step, or None if all is flat."""
     ground = scene.ground
     if is_flat(scene):
         return None
@@ -57,7 +55,7 @@ def make_obstacles(scene: Scene) -> Obstacles | None:
 
 
 def make_other_friction(scene: Scene, proximal: float) -> OtherFriction | None:
-    """Return isotropic friction of pegs and of links on links, for a compliance [1/kg]."""
+    """Return the isotropic friction of pegs and between links, for a compliance [1/kg]."""
     if is_flat(scene):
         return None
     mu, mu_pair = scene.pegs.friction, scene.self_contact_friction
@@ -72,7 +70,28 @@ def make_other_friction(scene: Scene, proximal: float) -> OtherFriction | None:
 
 @inlined
 def find_contacts(obstacles, tolerance, model, work, q):
-    """Fill the closed contacts, their points and frames; return how many are closed."""
+    """
+    Fill the closed contacts, their points and frames.
+
+    Parameters
+    ----------
+    obstacles : Obstacles or None
+        None on a flat floor; an argument of its own so that Numba leaves out the branch on None.
+    tolerance : float
+        Gap up to which a contact counts as closed [m].
+    model : Model
+        Offsets and radii of the contact spheres [m].
+    work : Workspace
+        Its R and center are read; closed, contacts and chain.frame are filled.
+    q : ndarray, shape (n, 7)
+        Link centers [m, frame I] and unit Euler parameters.
+
+    Returns
+    -------
+    int
+        Number of closed contacts.
+
+    """
     offset, radius = model.contact_offset, model.contact_radius
     if obstacles is None:
         return find_floor_contacts(
@@ -87,12 +106,30 @@ def find_contacts(obstacles, tolerance, model, work, q):
 @merged
 def find_floor_contacts(tolerance, offset, radius, height, R, center, closed, contacts):
     """
-    Fill closed contacts, their points and frames; return how many are closed.
+    Fill the closed contacts with a flat floor; return how many they are.
 
-    Deviation: a contact counts as closed up to a gap of `tolerance` [m], not of 0: gaps at the
-    size of rounding do not open and close contacts.
+    Deviation: a contact counts as closed up to a gap of `tolerance` [m], not of 0, so that gaps of
+    the size of rounding errors do not open and close contacts.
 
-    Deviation: a vertical link has no heading; e_x^I stands in for it, as in `reference.py`.
+    Deviation: a vertical link has no heading; e_x^I replaces it, as in `reference.py`.
+
+    Parameters
+    ----------
+    tolerance : float
+        Gap up to which a contact counts as closed [m].
+    offset, radius : ndarray, shape (n,)
+        Distance of the contact spheres from the link center, and their radii [m].
+    height : ndarray, shape (n,)
+        Heights of the link centers [m].
+    R : ndarray, shape (n, 3, 3)
+        Link frames in I.
+    center : ndarray, shape (n, 3)
+        Link centers from O, in axes of I [m].
+    closed : ndarray of int, shape (contacts,)
+        Filled with the numbers of the closed contacts.
+    contacts : record array, shape (contacts,)
+        Table of contacts; gaps, points, radii and links of the closed ones are filled.
+
     """
     n = len(R)
     count = 0
@@ -116,19 +153,16 @@ def find_floor_contacts(tolerance, offset, radius, height, R, center, closed, co
     return count
 
 
-@inlined
-def penetration(obstacles, offset, radius, q):
-    """Return how deep the robot is in the floor or in an obstacle [m], 0 if it is not."""
-    if obstacles is None:
-        return floor_penetration(offset, radius, q)
-    return obstacle_penetration(obstacles, offset, radius, q)
-
-
 @merged
 def find_obstacle_contacts(
     obstacles, tolerance, offset, radius, q, R, center, closed, contacts, frame
 ):
-    """Fill the contacts with gaps up to `tolerance`; see `find_floor_contacts`."""
+    """
+    Fill the closed contacts with ground, pegs and other links; return how many they are.
+
+    Parameters are those of `find_floor_contacts`, with the coordinates q, shape (n, 7), in place
+    of the heights. `frame`, shape (contacts, 3, 3), is filled with contact frames in I.
+    """
     n, count = len(R), 0
     for i in range(n):
         axis = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
@@ -170,9 +204,113 @@ def find_obstacle_contacts(
     return count
 
 
+@inlined
+def ground_contact(obstacles, x, y, z, radius, k):
+    """
+    Return gap and normal of a sphere at the box below one of four cells.
+
+    The cells are the one below the sphere, and its neighbors along x, along y and diagonally, on
+    the side on which they are nearer.
+
+    Parameters
+    ----------
+    obstacles : Obstacles
+    x, y, z, radius : float
+        Center of the sphere in I and its radius [m].
+    k : int
+        Cell: 0 for the one below, 1 and 2 for the neighbors along x and y, 3 for the diagonal one.
+
+    Returns
+    -------
+    gap : float
+        [m]; infinite if there is no contact with the cell.
+    normal_x, normal_y, normal_z : float
+        Unit vector from the box to the sphere, in I.
+
+    """
+    cell = obstacles.cell
+    column = math.floor((x - obstacles.origin_x) / cell)
+    row = math.floor((y - obstacles.origin_y) / cell)
+    own = cell_top(obstacles, column, row)
+    if k == 0:
+        return z - own - radius, 0.0, 0.0, 1.0
+    side_x = -1 if x < obstacles.origin_x + cell * (column + 0.5) else 1
+    side_y = -1 if y < obstacles.origin_y + cell * (row + 0.5) else 1
+    beyond_x, beyond_y = side_x if k != 2 else 0, side_y if k != 1 else 0
+    top = cell_top(obstacles, column + beyond_x, row + beyond_y)
+    if top <= own:
+        return math.inf, 0.0, 0.0, 1.0
+    dx = dy = 0.0
+    if k != 2:
+        dx = x - (obstacles.origin_x + cell * (column + 0.5) + side_x * cell / 2)
+    if k != 1:
+        dy = y - (obstacles.origin_y + cell * (row + 0.5) + side_y * cell / 2)
+    dz = max(0.0, z - top)
+    if k == 3:
+        along_x = cell_top(obstacles, column + side_x, row)
+        along_y = cell_top(obstacles, column, row + side_y)
+        if max(along_x, along_y) >= min(z, top):  # the point is on the box of another neighbor
+            return math.inf, 0.0, 0.0, 1.0
+    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+    if distance > 0.0:
+        return distance - radius, dx / distance, dy / distance, dz / distance
+    return -radius, 0.0, 0.0, 1.0
+
+
+@inlined
+def cell_top(obstacles, column, row):
+    """Return the height of a cell [m], 0 outside the field of cells."""
+    heights = obstacles.heights
+    if 0 <= row < heights.shape[0] and 0 <= column < heights.shape[1]:
+        return heights[row, column]
+    return 0.0
+
+
+@inlined
+def peg_contact(x, y, axis_x, axis_y, half, peg_x, peg_y):
+    """
+    Return where the axis of a link is nearest to the axis of a peg, seen from above.
+
+    Parameters
+    ----------
+    x, y : float
+        Center of the link in I [m].
+    axis_x, axis_y : float
+        Horizontal part of the unit vector along the link; its length is 1 for a flat link.
+    half : float
+        Half the length of the axis [m].
+    peg_x, peg_y : float
+        Axis of the peg in I [m].
+
+    Returns
+    -------
+    arm : float
+        Distance from the center of the link to the nearest point of its axis [m].
+    distance : float
+        Distance of this point from the axis of the peg [m].
+    normal_x, normal_y : float
+        Unit vector from the peg to this point, in I.
+
+    """
+    apart_x, apart_y = peg_x - x, peg_y - y
+    square = axis_x * axis_x + axis_y * axis_y
+    along = (apart_x * axis_x + apart_y * axis_y) / square if square > 1e-12 else 0.0
+    arm = min(max(along, -half), half)
+    dx, dy = arm * axis_x - apart_x, arm * axis_y - apart_y
+    distance = math.sqrt(dx * dx + dy * dy)
+    if distance > 0.0:
+        return arm, distance, dx / distance, dy / distance
+    return arm, distance, 1.0, 0.0
+
+
 @merged
 def find_pair_contacts(a, tolerance, offset, radius, q, R, center, closed, contacts, frame, count):
-    """Fill the contacts of links with each other, from number a on; return how many are closed."""
+    """
+    Fill the closed contacts of links with each other; return how many contacts are closed.
+
+    They are numbered from a on. `count` is the number of closed contacts found before, of which
+    the new ones follow. Other parameters are those of `find_obstacle_contacts`.
+    """
     n = len(R)
     for i in range(n):
         axis = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
@@ -201,122 +339,9 @@ def find_pair_contacts(a, tolerance, offset, radius, q, R, center, closed, conta
     return count
 
 
-@merged
-def obstacle_penetration(obstacles, offset, radius, q):
-    """Return how deep the robot is in the ground or in a peg [m], 0 if it is not."""
-    lowest = 0.0
-    for i in range(len(q)):
-        axis = axis_z(q, i)
-        for side in range(2):
-            arm = offset[i] if side == 0 else -offset[i]
-            x, y, z = q[i, 0] + arm * axis[0], q[i, 1] + arm * axis[1], q[i, 2] + arm * axis[2]
-            for k in range(4):
-                gap, _, _, _ = ground_contact(obstacles, x, y, z, radius[i], k)
-                lowest = min(lowest, gap)
-        for k in range(len(obstacles.pegs)):
-            _, distance, _, _ = peg_contact(
-                q[i, 0], q[i, 1], axis[0], axis[1], offset[i],
-                obstacles.pegs[k, 0], obstacles.pegs[k, 1],
-            )  # fmt: skip
-            lowest = min(lowest, distance - obstacles.pegs[k, 2] - radius[i])
-        if obstacles.pair_count > 0:
-            for j in range(i + 2, len(q)):
-                for side in range(4):
-                    arm = offset[i] if side < 2 else -offset[i]
-                    other = offset[j] if side % 2 == 0 else -offset[j]
-                    square, beyond = 0.0, axis_z(q, j)
-                    for k in range(3):
-                        square += (q[i, k] + arm * axis[k] - q[j, k] - other * beyond[k]) ** 2
-                    lowest = min(lowest, math.sqrt(square) - radius[i] - radius[j])
-    return -lowest
-
-
-@inlined
-def peg_contact(x, y, axis_x, axis_y, half, peg_x, peg_y):
-    """
-    Return where the axis of a link is nearest to the axis of a peg, seen from above.
-
-    Parameters
-    ----------
-    x, y : float
-        Center of the link [m].
-    axis_x, axis_y : float
-        Unit vector along the link, its horizontal part; 1 long in a plane.
-    half : float
-        Half the length of the axis [m].
-    peg_x, peg_y : float
-        [m]
-
-    Returns
-    -------
-    arm : float
-        From the center of the link to the nearest point of its axis [m].
-    distance : float
-        Of this point from the axis of the peg [m].
-    normal_x, normal_y : float
-        Direction of this point from the peg.
-
-    """
-    apart_x, apart_y = peg_x - x, peg_y - y
-    square = axis_x * axis_x + axis_y * axis_y
-    along = (apart_x * axis_x + apart_y * axis_y) / square if square > 1e-12 else 0.0
-    arm = min(max(along, -half), half)
-    dx, dy = arm * axis_x - apart_x, arm * axis_y - apart_y
-    distance = math.sqrt(dx * dx + dy * dy)
-    if distance > 0.0:
-        return arm, distance, dx / distance, dy / distance
-    return arm, distance, 1.0, 0.0
-
-
-@inlined
-def ground_contact(obstacles, x, y, z, radius, k):
-    """
-    Return gap and normal of a sphere at the box below one of four cells; an open gap if none.
-
-    The cells are the one below the sphere, and its neighbors along x, along y and diagonally on
-    the side where they are nearer.
-    """
-    cell = obstacles.cell
-    column = math.floor((x - obstacles.origin_x) / cell)
-    row = math.floor((y - obstacles.origin_y) / cell)
-    own = cell_top(obstacles, column, row)
-    if k == 0:
-        return z - own - radius, 0.0, 0.0, 1.0
-    side_x = -1 if x < obstacles.origin_x + cell * (column + 0.5) else 1
-    side_y = -1 if y < obstacles.origin_y + cell * (row + 0.5) else 1
-    beyond_x, beyond_y = side_x if k != 2 else 0, side_y if k != 1 else 0
-    top = cell_top(obstacles, column + beyond_x, row + beyond_y)
-    if top <= own:
-        return math.inf, 0.0, 0.0, 1.0
-    dx = dy = 0.0
-    if k != 2:
-        dx = x - (obstacles.origin_x + cell * (column + 0.5) + side_x * cell / 2)
-    if k != 1:
-        dy = y - (obstacles.origin_y + cell * (row + 0.5) + side_y * cell / 2)
-    dz = max(0.0, z - top)
-    if k == 3:
-        along_x = cell_top(obstacles, column + side_x, row)
-        along_y = cell_top(obstacles, column, row + side_y)
-        if max(along_x, along_y) >= min(z, top):  # on the box of another neighbor, too
-            return math.inf, 0.0, 0.0, 1.0
-    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-    if distance > 0.0:
-        return distance - radius, dx / distance, dy / distance, dz / distance
-    return -radius, 0.0, 0.0, 1.0
-
-
-@inlined
-def cell_top(obstacles, column, row):
-    """Return the height of a cell [m]."""
-    heights = obstacles.heights
-    if 0 <= row < heights.shape[0] and 0 <= column < heights.shape[1]:
-        return heights[row, column]
-    return 0.0
-
-
 @inlined
 def place_contact(contacts, a, gap, arm, radius, axis, center, normal):
-    """Fill the point of contact a: on the sphere around a point of the link axis."""
+    """Fill gap, radius and point of contact a, on a sphere around a point of the link axis."""
     contacts.gap[a] = gap
     contacts.shift[a] = 0.0
     contacts.radius[a] = radius
@@ -327,10 +352,10 @@ def place_contact(contacts, a, gap, arm, radius, axis, center, normal):
 @inlined
 def fill_contact_frame(frame, normal, axis):
     """
-    Fill a frame with e_x along a link and e_y across it, in the tangent plane.
+    Fill a frame with the normal, e_x along a link and e_y across it, both in the tangent plane.
 
-    Deviation: a link at right angles to the plane has no direction in it; e_x of I, or e_y of I at
-    a wall across e_x, stands in for its axis.
+    Deviation: a link at right angles to the plane has no direction in it. Its axis is replaced by
+    e_x of I or, at a wall across e_x, by e_y of I.
     """
     nx, ny, nz = normal
     x, y, z = tangential_part(normal, axis)

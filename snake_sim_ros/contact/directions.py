@@ -1,8 +1,8 @@
 """
 Compiled generalized force directions of the contacts: velocities and wrenches, eqs. (17)-(37).
 
-Where there is more than a flat floor, contacts have frames in an array of their own, and rolling
-is along the axes of the frame; see `obstacles`. Without it the array is None.
+In a scene with more than a flat floor every contact has a frame, see `scene.obstacles`, and
+rolling is along the axes of this frame. On a flat floor `frame` is None.
 """
 
 from snake_sim_ros.dynamics.compilation import compiled
@@ -11,7 +11,21 @@ from snake_sim_ros.dynamics.compilation import inlined
 
 @compiled
 def add_contact_wrench(closed, contacts, frame, wrench):
-    """Add the impulse wrench S of the contacts to that of every link, eq. (76)."""
+    """
+    Add the impulses of the contacts to the wrenches of the links, S of eq. (76).
+
+    Parameters
+    ----------
+    closed : ndarray of int, shape (k,)
+        Numbers of the closed contacts.
+    contacts : record array, shape (contacts,)
+        Table of contacts with points, frames and impulses [N s].
+    frame : ndarray, shape (contacts, 3, 3), or None
+        Rows normal, e_x, e_y of every contact frame in I; None on a flat floor.
+    wrench : ndarray, shape (n, 6)
+        Moment about O [N m s] and impulse [N s] of every link, in axes of I; added to.
+
+    """
     if frame is not None:
         add_wrench_in_frames(closed, contacts, frame, wrench)
         return
@@ -33,7 +47,21 @@ def add_contact_wrench(closed, contacts, frame, wrench):
 
 @compiled
 def contact_velocities(closed, contacts, frame, twist):
-    """Fill the relative velocities of the closed contacts, eqs. (90)-(92)."""
+    """
+    Fill the relative velocities of the closed contacts, eqs. (90)-(92).
+
+    Parameters
+    ----------
+    closed : ndarray of int, shape (k,)
+        Numbers of the closed contacts.
+    contacts : record array, shape (contacts,)
+        Table of contacts; its `gamma` is filled [m/s], `shift` included in the normal component.
+    frame : ndarray, shape (contacts, 3, 3), or None
+        Rows normal, e_x, e_y of every contact frame in I; None on a flat floor.
+    twist : ndarray, shape (n, 6)
+        Angular velocity [rad/s] and velocity at O [m/s] of every link, in axes of I.
+
+    """
     if frame is not None:
         velocities_in_frames(closed, contacts, frame, twist)
         return
@@ -54,7 +82,26 @@ def contact_velocities(closed, contacts, frame, twist):
 
 @inlined
 def direction(contacts, frame, a, k):
-    """Return the wrench of a unit impulse along axis k of the frame of contact a."""
+    """
+    Return the wrench of a unit impulse at contact a along one axis of its frame.
+
+    Parameters
+    ----------
+    contacts : record array, shape (contacts,)
+        Table of contacts; its points are read [m].
+    frame : ndarray, shape (contacts, 3, 3)
+        Contact frames in I.
+    a : int
+        Number of the contact.
+    k : int
+        Axis: 0 for the normal, 1 for e_x, 2 for e_y.
+
+    Returns
+    -------
+    tuple of 6 float
+        Moment about O and impulse, in axes of I.
+
+    """
     x, y, z = contacts.point[a, 0], contacts.point[a, 1], contacts.point[a, 2]
     ex, ey, ez = frame[a, k, 0], frame[a, k, 1], frame[a, k, 2]
     return y * ez - z * ey, z * ex - x * ez, x * ey - y * ex, ex, ey, ez
@@ -62,7 +109,7 @@ def direction(contacts, frame, a, k):
 
 @compiled
 def add_wrench_in_frames(closed, contacts, frame, wrench):
-    """Do what `add_contact_wrench` does, for contacts with frames."""
+    """Do what `add_contact_wrench` does, for contacts that have frames."""
     for a in closed:
         i, other = contacts.link[a], contacts.other_link[a]
         for k in range(3):
@@ -80,7 +127,7 @@ def add_wrench_in_frames(closed, contacts, frame, wrench):
 
 @compiled
 def velocities_in_frames(closed, contacts, frame, twist):
-    """Do what `contact_velocities` does, for contacts with frames."""
+    """Do what `contact_velocities` does, for contacts that have frames."""
     for a in closed:
         i, other = contacts.link[a], contacts.other_link[a]
         for k in range(3):

@@ -1,8 +1,8 @@
 """
-Projected Gauss-Seidel iteration on the condensed contact problem, one contact after the other.
+Projected Gauss-Seidel iteration on the condensed contact problem, contact by contact.
 
-The projections are those of the paper's iteration, eqs. (87)-(89), with prox parameters from the
-Delassus operator, 1/G_kk, and with the velocities that the impulses before have made [1].
+The projections are those of the paper's iteration, eqs. (87)-(89). The prox parameters follow from
+the Delassus operator, 1/G_kk, and the velocities contain all impulses found so far [1].
 
 .. [1] F. Jourdan, P. Alart, M. Jean, "A Gauss-Seidel like algorithm to solve frictional contact
    problems", 1998.
@@ -51,7 +51,28 @@ def sweep(laws, closed, width, contacts, delassus, impulse):
 
 @inlined
 def project_normal(laws, G, gamma, rows, row, contacts, impulse, a):
-    """Project and return the normal impulse of contact a, whose rows begin at `row`."""
+    """
+    Project and return the normal impulse of contact a [N s].
+
+    Parameters
+    ----------
+    laws : Laws
+    G : ndarray, shape (c, c)
+        Delassus operator [1/kg].
+    gamma : ndarray, shape (c,)
+        Velocities of the closed contacts [m/s]; kept up to date.
+    rows : int
+        Number of rows of G in use.
+    row : int
+        First row of contact a.
+    contacts : record array, shape (contacts,)
+        Table of contacts; its selection centers are read.
+    impulse : ndarray, shape (contacts, 5)
+        Impulses [N s]; that of contact a is replaced.
+    a : int
+        Number of the contact.
+
+    """
     P_N = impulse[a, 0]
     r = 1.0 / (G[row, row] + laws.compliance)
     rule = laws.compliance * (P_N - contacts.selection_center[a])
@@ -62,7 +83,11 @@ def project_normal(laws, G, gamma, rows, row, contacts, impulse, a):
 
 @compiled
 def project_sliding(laws, G, gamma, rows, row, impulse, a, P_N):
-    """Project the sliding impulse of contact a, whose rows begin at `row`."""
+    """
+    Project the sliding impulse of contact a.
+
+    Parameters are those of `project_normal`; P_N is the normal impulse of the contact [N s].
+    """
     r = 1.0 / largest_eigenvalue(G, row + 1)
     x, y = impulse[a, 1] - r * gamma[row + 1], impulse[a, 2] - r * gamma[row + 2]
     disc = sliding_disc(laws, laws.other, a)
@@ -73,7 +98,12 @@ def project_sliding(laws, G, gamma, rows, row, impulse, a, P_N):
 
 @compiled
 def set_impulse(G, gamma, rows, column, impulse, a, j, P):
-    """Set an impulse, and add what its change does to all velocities."""
+    """
+    Set component j of the impulse of contact a to P, and update the velocities for the change.
+
+    Other parameters are those of `project_normal`; `column` is the row and column of the component
+    in G.
+    """
     change = P - impulse[a, j]
     impulse[a, j] = P
     if change != 0.0:
@@ -83,7 +113,7 @@ def set_impulse(G, gamma, rows, column, impulse, a, j, P):
 
 @compiled
 def largest_eigenvalue(G, k):
-    """Return the larger eigenvalue of the 2x2 block of G at k."""
+    """Return the larger eigenvalue of the 2x2 block of G that begins at k."""
     half, off = 0.5 * (G[k, k] - G[k + 1, k + 1]), G[k, k + 1]
     return 0.5 * (G[k, k] + G[k + 1, k + 1]) + math.sqrt(half * half + off * off)
 

@@ -1,25 +1,43 @@
-"""The numbers of the set-valued contact laws: friction of every kind, and of their solvers."""
+"""
+The numbers of the set-valued contact laws, and of the methods that solve them.
+
+Functions here take the part `other` of the laws beside the laws themselves. Numba leaves out a
+branch on None only where an argument is None, not a field of one, and a scene with a flat floor
+must not pay for the branches of other scenes.
+"""
 
 from typing import NamedTuple
 
 from snake_sim_ros.dynamics.compilation import inlined
 
-FRICTIONLESS = 1e-100  # friction of which nothing is left in squares
+FRICTIONLESS = 1e-100  # coefficients whose squares would underflow count as zero
 
 
 class Disc(NamedTuple):
-    """Friction coefficients of one kind, scaled to a disc; see linear_laws."""
+    """Friction coefficients of one kind of friction, scaled to a disc; see `linear_laws`."""
 
-    column: int  # of the first component among those of an impulse
+    column: int  # of the first component in an impulse
     mu_x: float
     mu_y: float
-    over_x: float  # 1/mu_x and 1/mu_y, or 0
+    over_x: float  # 1/mu_x and 1/mu_y; 0 where there is no friction
     over_y: float
-    stiffness: float  # of the proximal point method, in scaled components; 0 without friction
+    stiffness: float  # of the proximal point method, scaled; 0 without friction [kg]
 
 
 def make_disc(column: int, mu_x: float, mu_y: float, proximal: float) -> Disc:
-    """Return friction coefficients scaled to a disc, for a compliance [1/kg]."""
+    """
+    Return the friction coefficients of one kind of friction, scaled to a disc.
+
+    Parameters
+    ----------
+    column : int
+        Column of the first of the two components in an impulse: 1 for sliding, 3 for rolling.
+    mu_x, mu_y : float
+        Friction coefficients along x and y of the contact frame.
+    proximal : float
+        Compliance of the proximal point method [1/kg].
+
+    """
     mu_x, mu_y = (mu if mu > FRICTIONLESS else 0.0 for mu in (mu_x, mu_y))
     return Disc(
         column=column,
@@ -32,32 +50,36 @@ def make_disc(column: int, mu_x: float, mu_y: float, proximal: float) -> Disc:
 
 
 class OtherFriction(NamedTuple):
-    """Friction of contacts that are not with the ground: with pegs, then of two links."""
+    """Friction of contacts that are not with the ground: with pegs, then between two links."""
 
-    first_peg: int
-    first_pair: int
+    first_peg: int  # number of the first contact with a peg
+    first_pair: int  # number of the first contact of two links
     peg: Disc
     pair: Disc
-    rolling: Disc  # none
+    rolling: Disc  # zero: such contacts have no rolling friction
 
 
 class Laws(NamedTuple):
-    """The numbers of the contact laws and of their judge."""
+    """The numbers of the contact laws, of the selection rule and of the natural map."""
 
     sliding: Disc
     rolling: Disc
     compliance: float  # of the selection rule [1/kg]
-    least_compliance: float  # compliance that the rule is not reduced below [1/kg]
+    least_compliance: float  # the rule is not reduced below it [1/kg]
     proximal_compliance: float  # compliance of the proximal point method [1/kg]
-    r_N: float
+    r_N: float  # prox parameters: normal, sliding, rolling [kg]
     r_T: float
     r_V: float
-    other: OtherFriction | None = None  # where there is more than a flat floor
+    other: OtherFriction | None = None  # None on a flat floor
 
 
 @inlined
 def sliding_disc(laws, other, a):
-    """Return the sliding friction of contact a; `other` is that of the laws."""
+    """
+    Return the sliding friction of contact a.
+
+    `other` is ``laws.other``, an argument of its own so that Numba leaves out branches on None.
+    """
     if other is None:
         return laws.sliding
     if a >= other.first_pair:
@@ -67,7 +89,11 @@ def sliding_disc(laws, other, a):
 
 @inlined
 def rolling_disc(laws, other, a):
-    """Return the rolling friction of contact a; `other` is that of the laws."""
+    """
+    Return the rolling friction of contact a.
+
+    `other` is ``laws.other``, an argument of its own so that Numba leaves out branches on None.
+    """
     if other is None:
         return laws.rolling
     return other.rolling if a >= other.first_peg else laws.rolling
@@ -75,7 +101,11 @@ def rolling_disc(laws, other, a):
 
 @inlined
 def link_of(other, contacts, n, a):
-    """Return the link of contact a; `other` is the friction of the laws."""
+    """
+    Return the index of the link of contact a, for n links.
+
+    `other` is ``laws.other``, an argument of its own so that Numba leaves out branches on None.
+    """
     if other is None:
         return a if a < n else a - n
     return contacts.link[a]

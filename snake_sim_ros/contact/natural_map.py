@@ -1,4 +1,4 @@
-"""The judge of all contact solvers: the natural-map residual of the contact laws."""
+"""The natural-map residual of the contact laws, by which all contact solvers are judged."""
 
 import math
 
@@ -12,18 +12,29 @@ from snake_sim_ros.dynamics.compilation import inlined
 @compiled
 def natural_map(laws, closed, contacts, enough):
     """
-    Return how far closed contacts are from their laws: ``max |P - prox_C(P - r gamma)|/r`` [m/s].
+    Return how far the closed contacts are from their laws, ``max |P - prox_C(P - r gamma)|/r``.
 
-    This is the one judge of all solvers. The sets of sliding and rolling are those of the normal
-    impulse given. Where an upper bound for orthotropic sliding is not above `enough`, it stands
-    for the value: the projection on an ellipse is not cheap.
+    All solvers are judged by this residual. The sets of sliding and rolling impulses are those of
+    the given normal impulse.
+
+    Parameters
+    ----------
+    laws : Laws
+    closed : ndarray of int, shape (k,)
+        Numbers of the closed contacts.
+    contacts : record array, shape (contacts,)
+        Table of contacts with impulses [N s], relative velocities [m/s] and selection centers.
+    enough : float
+        Accuracy that suffices [m/s]. The projection on an ellipse is costly, so an upper bound of
+        the sliding residual is returned in its place where the bound is at most `enough`.
 
     Returns
     -------
     residual : float
-        Of the laws with the selection rule: ``gamma_N + compliance (P_N - CENTER)`` for gamma_N.
+        Residual of the laws with the selection rule [m/s]: gamma_N is replaced by
+        ``gamma_N + compliance (P_N - selection_center)``.
     printed_residual : float
-        Of the laws of the paper, without the rule.
+        Residual of the laws as the paper prints them, without the rule [m/s].
 
     """
     if enough > 0.0 and laws.rolling.mu_x <= 0.0:
@@ -54,9 +65,11 @@ def natural_map(laws, closed, contacts, enough):
 @inlined
 def sliding_bound(laws, other, closed, contacts):
     """
-    Return upper bounds of what `natural_map` does, at one root a contact, or infinity.
+    Return upper bounds of both results of `natural_map`, or infinity.
 
-    They are for one kind of friction; `other` is that of the laws.
+    The bounds take one square root per contact. They hold on a flat floor without rolling
+    friction. `other` is ``laws.other``, an argument of its own so that Numba leaves out branches
+    on None.
     """
     if other is not None:
         return math.inf, math.inf
@@ -77,7 +90,7 @@ def sliding_bound(laws, other, closed, contacts):
         x, y = over_x * (P_x - r * gamma_x), over_y * (P_y - r * gamma_y)
         if x * x + y * y <= P_N * P_N:
             stick = max(stick, gamma_x * gamma_x + gamma_y * gamma_y)
-        else:  # as in disc_misfit, whose second part is shorter than the first
+        else:  # as in disc_residual; its second part is shorter than its first
             e_x = P_x * over_x - weight * mu_x * gamma_x
             e_y = P_y * over_y - weight * mu_y * gamma_y
             shrink = min(1.0, max(0.0, P_N) / math.sqrt(e_x * e_x + e_y * e_y))
@@ -91,12 +104,13 @@ def sliding_bound(laws, other, closed, contacts):
 @inlined
 def disc_residual(P_x, P_y, gamma_x, gamma_y, disc, bound, r, enough):
     """
-    Return ``|P - prox(P - r gamma)|/r`` for half axes (mu_x, mu_y) bound, or an upper bound of it.
+    Return ``|P - prox(P - r gamma)|/r`` of one kind of friction [m/s], or an upper bound of it.
 
-    Let e be the point of the ellipse S disc, S = diag(mu_x, mu_y), that the disc projection of
-    ``S^-1 P - r/mu_min^2 S gamma`` gives. Then P - r gamma lies ``(1 - mu_min^2 S^-2)(P - e)``
-    beside the normal of the ellipse in e, and because projections do not expand, the residual is
-    at most that and |P - e| together. For a disc this is |P - e|, the value itself.
+    The ellipse has the half axes ``mu_x bound`` and ``mu_y bound``. Let e be the point of the
+    ellipse S disc, S = diag(mu_x, mu_y), that the disc projection of ``S^-1 P - r/mu_min^2 S
+    gamma`` gives. Then P - r gamma lies ``(1 - mu_min^2 S^-2)(P - e)`` beside the normal of the
+    ellipse in e. Projections do not expand distances, so the residual is at most the length of
+    this vector plus |P - e|. For a disc the sum is |P - e|, which is the residual itself.
     """
     x, y = P_x - r * gamma_x, P_y - r * gamma_y
     mu_x, mu_y, over_x, over_y = disc.mu_x, disc.mu_y, disc.over_x, disc.over_y

@@ -1,14 +1,15 @@
 """
-Newton's method on the contact laws, each linear problem solved exactly in a sweep over the links.
+Newton's method on the contact laws; each linear problem is solved exactly in a sweep over links.
 
-One iteration makes the laws linear about a trial (`linear_laws`) and solves the chain with them:
-it costs about as much as a step without contacts, for any number of links. Iterates satisfy the
-dynamics and the joints to rounding; only the laws are iterated for, and `natural_map.natural_map`
-judges them. The methods `newton` and `newton_dense` differ in how they solve the linear problem.
+An iteration makes the laws linear about a trial velocity (`linear_laws`) and solves the chain with
+them (`linear_problem`). For any number of links this costs about as much as a step without
+contacts. The iterates satisfy the dynamics and the joints to rounding. Only the laws are iterated
+for, and `natural_map.natural_map` judges them. The methods `newton` and `newton_dense` differ in
+how they solve the linear problem.
 
-Far from the solution the method may circle. Then the line between two iterates is searched, and if
-that fails the radii of the discs are held for a while, which makes the problem convex: Newton's
-method with an exact line search solves it from anywhere, and the radii follow [1]_.
+Far from the solution the method may circle. Then the line between two iterates is searched. If
+that fails, the radii of the friction discs are held for a while, which makes the problem convex.
+Newton's method with an exact line search solves it from any start, and the radii follow [1]_.
 
 .. [1] V. Acary, B. Brogliato, "Numerical Methods for Nonsmooth Dynamical Systems", 2008, ch. 13.
 """
@@ -21,134 +22,33 @@ from snake_sim_ros.contact.delassus import Delassus
 from snake_sim_ros.contact.delassus import end_twists
 from snake_sim_ros.contact.laws import rolling_disc
 from snake_sim_ros.contact.laws import sliding_disc
-from snake_sim_ros.contact.linear_laws import disc_law
-from snake_sim_ros.contact.linear_laws import linear_step
-from snake_sim_ros.contact.linear_laws import normal_law
+from snake_sim_ros.contact.line_search import law_error
+from snake_sim_ros.contact.line_search import line_search
+from snake_sim_ros.contact.line_search import move_trial
+from snake_sim_ros.contact.linear_problem import linear_step
 from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.contact.table import FREE
+from snake_sim_ros.contact.warm_start import predict
+from snake_sim_ros.contact.warm_start import remember
 from snake_sim_ros.dynamics.articulated_body import factor_chain
 from snake_sim_ros.dynamics.articulated_body import reset_chain
-from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 
-COUPLED_ITERATIONS = 6  # Newton iterations before the radii are held
-LATER_COUPLED_ITERATIONS = 4  # and between rounds
-MOST_COUPLED_ITERATIONS = 100  # while the residual falls
-HELD_ITERATIONS = 30
-INEXACT_ROUNDS = 8  # rounds after which they are solved for more exactly
-RESTART_ROUNDS = 24  # rounds after which they begin anew, where links touch links; see begin_anew
-MOST_RELAXATION = 64.0  # of the way that held radii are moved at once
-
-
-@compiled
-def law_error(laws, closed, contacts, fraction):
-    """
-    Compare impulses and laws a fraction of the way from TRIAL, ITERATE to GAMMA, IMPULSE.
-
-    Returns
-    -------
-    slope : float
-        ``sum (P - P(gamma)) . (GAMMA - TRIAL)``: for held radii the derivative of a convex
-        function along the way.
-    residual : float
-        Largest ``|P - P(gamma)|/r`` [m/s].
-
-    """
-    slope = normal = sliding = rolling = 0.0
-    for a in closed:
-        step = contacts.gamma[a, 0] - contacts.trial[a, 0]
-        P_N, _ = normal_law(
-            laws,
-            contacts.selection_center[a],
-            contacts.anchor[a, 0],
-            contacts.trial[a, 0] + fraction * step,
-        )
-        radius = P_N if contacts.disc_radius[a] == FREE else contacts.disc_radius[a]
-        P = contacts.iterate[a, 0]
-        d = P + fraction * (contacts.impulse[a, 0] - P) - P_N
-        normal = max(normal, abs(d))
-        slope += d * step
-        d, along = disc_law_error(sliding_disc(laws, laws.other, a), contacts, a, radius, fraction)
-        sliding = max(sliding, d)
-        slope += along
-        if laws.rolling.mu_x > 0.0:
-            d, along = disc_law_error(
-                rolling_disc(laws, laws.other, a), contacts, a, radius, fraction
-            )
-            rolling = max(rolling, d)
-            slope += along
-    return slope, max(normal / laws.r_N, sliding / laws.r_T, rolling / laws.r_V)
-
-
-@inlined
-def disc_law_error(disc, contacts, a, radius, fraction):
-    """Return |P - P(gamma)| of one kind of friction at contact a, and its part of the slope."""
-    k = disc.column
-    x, y = contacts.trial[a, k], contacts.trial[a, k + 1]
-    step_x, step_y = contacts.gamma[a, k] - x, contacts.gamma[a, k + 1] - y
-    law_x, law_y, _, _, _, _, _ = disc_law(
-        disc, contacts.anchor[a, k], contacts.anchor[a, k + 1],
-        x + fraction * step_x, y + fraction * step_y, radius,
-    )  # fmt: skip
-    P_x, P_y = contacts.iterate[a, k], contacts.iterate[a, k + 1]
-    d_x = P_x + fraction * (contacts.impulse[a, k] - P_x) - law_x
-    d_y = P_y + fraction * (contacts.impulse[a, k + 1] - P_y) - law_y
-    return math.sqrt(d_x * d_x + d_y * d_y), d_x * step_x + d_y * step_y
-
-
-@inlined
-def line_search(laws, closed, contacts):
-    """
-    Return the fraction of the way at which the slope has all but vanished: 1 if it is not reached.
-
-    0 means that the way goes up from its start. False position with halved weights (Illinois).
-    """
-    high, above = 1.0, law_error(laws, closed, contacts, 1.0)[0]
-    if not above > 0.0:
-        return 1.0
-    low, below = 0.0, law_error(laws, closed, contacts, 0.0)[0]
-    if not below < 0.0:
-        return 0.0
-    enough = 0.1 * min(-below, above)
-    fraction, side = 0.5, 0
-    for _ in range(20):
-        fraction = low - below * (high - low) / (above - below)
-        slope = law_error(laws, closed, contacts, fraction)[0]
-        if abs(slope) <= enough:
-            break
-        if slope > 0.0:
-            high, above = fraction, slope
-            below *= 0.5 if side > 0 else 1.0
-            side = 1
-        else:
-            low, below = fraction, slope
-            above *= 0.5 if side < 0 else 1.0
-            side = -1
-    return fraction
-
-
-@inlined
-def move_trial(closed, contacts, fraction):
-    """Move TRIAL and ITERATE a fraction of the way to GAMMA and IMPULSE."""
-    for a in closed:
-        for j in range(5):
-            trial, P = contacts.trial[a, j], contacts.iterate[a, j]
-            if fraction == 1.0:  # to the last bit
-                contacts.trial[a, j], contacts.iterate[a, j] = (
-                    contacts.gamma[a, j],
-                    contacts.impulse[a, j],
-                )
-            else:
-                contacts.trial[a, j] = trial + fraction * (contacts.gamma[a, j] - trial)
-                contacts.iterate[a, j] = P + fraction * (contacts.impulse[a, j] - P)
+COUPLED_ITERATIONS = 6  # iterations before the radii are held for the first time
+LATER_COUPLED_ITERATIONS = 4  # iterations between rounds with held radii
+MOST_COUPLED_ITERATIONS = 100  # of either, while the residual falls
+HELD_ITERATIONS = 30  # iterations with held radii, at most
+INEXACT_ROUNDS = 8  # rounds that solve the problem with held radii inexactly
+RESTART_ROUNDS = 24  # rounds after which radii restart if links can touch; see restart_radii
+MOST_RELAXATION = 64.0  # largest share of a radius step that the radii move by
 
 
 @inlined
 def anchor_at_iterate(laws, closed, contacts):
-    """Fill ANCHOR with the admissible impulses next to ITERATE, in scaled components."""
+    """Fill the anchors with the admissible impulses next to the iterate, in scaled components."""
     for a in closed:
         P_N = max(0.0, contacts.iterate[a, 0])
         contacts.anchor[a, 0] = P_N
@@ -158,7 +58,7 @@ def anchor_at_iterate(laws, closed, contacts):
 
 @inlined
 def anchor_disc(disc, contacts, a, radius):
-    """Fill ANCHOR of one kind of friction at contact a."""
+    """Fill the anchor of one kind of friction at contact a, for a disc of given radius [N s]."""
     k = disc.column
     x, y = disc.over_x * contacts.iterate[a, k], disc.over_y * contacts.iterate[a, k + 1]
     square = x * x + y * y
@@ -169,7 +69,16 @@ def anchor_disc(disc, contacts, a, radius):
 
 @merged
 def iterate_coupled(problem, tolerance, limit, delassus, rounds):
-    """Iterate with the radii that the normal impulses have; return iterations and the verdict."""
+    """
+    Iterate with disc radii that follow the normal impulses.
+
+    Returns
+    -------
+    iterations : int
+    residual, printed_residual : float
+        As `natural_map` returns them [m/s]; infinite if the linear problem has no finite solution.
+
+    """
     laws, closed, contacts, _ = problem
     for a in closed:
         contacts.disc_radius[a] = FREE
@@ -184,20 +93,29 @@ def iterate_coupled(problem, tolerance, limit, delassus, rounds):
         if residual <= tolerance:
             break
         fraction = 1.0
-        if rounds + iterations > 1 and residual > 1e3 * tolerance:  # below, rounding would decide
+        if rounds + iterations > 1 and residual > 1e3 * tolerance:  # below, rounding decides
             fraction = line_search(laws, closed, contacts)
             if fraction == 0.0:
                 break
         move_trial(closed, contacts, fraction)
         anchor_at_iterate(laws, closed, contacts)
         if residual < 0.95 * before and steps < MOST_COUPLED_ITERATIONS:
-            steps += 1  # slow, but it gets there
+            steps += 1  # slow, but converging
     return iterations, residual, printed
 
 
 @merged
 def iterate_held(problem, tolerance, limit, delassus):
-    """Solve the convex problem with the radii held; return iterations and the verdict."""
+    """
+    Solve the convex problem with held disc radii.
+
+    Returns
+    -------
+    iterations : int
+    residual, printed_residual : float
+        As `natural_map` returns them [m/s]; infinite if the linear problem has no finite solution.
+
+    """
     laws, closed, contacts, _ = problem
     for a in closed:
         contacts.disc_radius[a] = contacts.held_radius[a]
@@ -219,25 +137,34 @@ def iterate(problem, tolerance, limit, delassus):
     """
     Find impulses and twists that satisfy the contact laws, from what `predict` filled.
 
+    Parameters
+    ----------
+    problem : Problem
+    tolerance : float
+        Natural-map residual at which the iteration stops [m/s].
+    limit : int
+        Largest number of iterations.
+    delassus : Delassus or None
+        See `linear_step`.
+
     Returns
     -------
     Outcome
-        It fell back if the radii were held for a while.
+        Its `fell_back` is true if the radii were held for a while.
 
     """
     laws, closed, contacts, chain = problem
     iterations, fell_back = 0, False
     residual = printed = math.inf
-    share, before = 1.0, 0.0
+    relaxation, before = 1.0, 0.0
     for rounds in range(limit):
-        most = (
-            limit - iterations - (HELD_ITERATIONS if rounds > 0 else 0)
-        )  # with radii held at the end
+        # Leave enough for a round with held radii.
+        most = limit - iterations - (HELD_ITERATIONS if rounds > 0 else 0)
         spent, residual, printed = iterate_coupled(problem, tolerance, most, delassus, rounds)
         iterations += spent
         if residual <= tolerance or iterations >= limit:
             break
-        for a in closed:  # back to where the last round ended
+        for a in closed:  # return to the end of the last round
             if rounds > 0:
                 for j in range(5):
                     contacts.trial[a, j] = contacts.saved_trial[a, j]
@@ -254,12 +181,12 @@ def iterate(problem, tolerance, limit, delassus):
             break
         anchor_at_iterate(laws, closed, contacts)
         along, size = find_radius_steps(closed, contacts)
-        share, before = next_relaxation(share, along, before, rounds), size
+        relaxation, before = next_relaxation(relaxation, along, before, rounds), size
         if chain.pair_delassus is not None:
             restart_radii(rounds, closed, contacts)
         for a in closed:
             contacts.held_radius[a] = max(
-                0.0, contacts.held_radius[a] + share * contacts.radius_step[a]
+                0.0, contacts.held_radius[a] + relaxation * contacts.radius_step[a]
             )
             for j in range(5):
                 contacts.saved_trial[a, j] = contacts.trial[a, j]
@@ -270,10 +197,10 @@ def iterate(problem, tolerance, limit, delassus):
 @inlined
 def restart_radii(rounds, closed, contacts):
     """
-    Hold other radii where the rounds go in a circle: no friction at first, then much everywhere.
+    Hold other radii if the rounds go in a circle: no friction, and later much of it everywhere.
 
-    The rounds have a solution to go to, but come to it only from some starts. Robots that fold
-    onto themselves with friction of 0.6 and more get there by one of these.
+    The rounds have a solution to converge to, but reach it only from some starts. Robots that fold
+    onto themselves with friction of 0.6 and more reach it from one of these.
     """
     if rounds != RESTART_ROUNDS and rounds != 2 * RESTART_ROUNDS:
         return
@@ -288,12 +215,19 @@ def restart_radii(rounds, closed, contacts):
 @inlined
 def find_radius_steps(closed, contacts):
     """
-    Fill STEP, how far the radii held are from the normal impulses that came of them.
+    Fill the differences between the normal impulses and the radii that were held for them.
+
+    Parameters
+    ----------
+    closed : ndarray of int, shape (k,)
+        Numbers of the closed contacts.
+    contacts : record array, shape (contacts,)
+        Table of contacts; anchor and held_radius are read, radius_step is replaced [N s].
 
     Returns
     -------
     along, size : float
-        Product of the steps with those before, and with themselves.
+        Product of the new differences with the old ones, and with themselves.
 
     """
     along = size = 0.0
@@ -306,63 +240,31 @@ def find_radius_steps(closed, contacts):
 
 
 @inlined
-def next_relaxation(share, along, before, rounds):
-    """Return how much of the next step of the radii to take; see `find_radius_steps`."""
+def next_relaxation(relaxation, along, before, rounds):
+    """
+    Return the share of `radius_step` by which the radii move next.
+
+    Parameters
+    ----------
+    relaxation : float
+        The share of the last round.
+    along : float
+        As `find_radius_steps` returns it.
+    before : float
+        The `size` of the round before.
+    rounds : int
+        Number of the round, from 0.
+
+    """
     if rounds > 0 and along > 0.5 * before:
-        return min(2.0 * share, MOST_RELAXATION)  # slow, all in one direction: further
+        return min(2.0 * relaxation, MOST_RELAXATION)  # slow, in one direction: go further
     if along < 0.0:
-        return max(0.5 * min(share, 1.0), 1.0 / MOST_RELAXATION)  # to and fro: less far
-    return share
-
-
-@merged
-def predict(laws, closed, contacts, history):
-    """
-    Fill TRIAL and ANCHOR from the last step: impulses and velocities go on changing as they did.
-
-    A new contact starts with GAMMA, its velocities before the contacts act, and without impulse.
-    """
-    last, velocity, change = history.impulse, history.velocity, history.change
-    for a in closed:
-        for j in range(5):
-            contacts.anchor[a, j] = contacts.iterate[a, j] = last[a, j]
-            contacts.trial[a, j] = contacts.gamma[a, j]
-        P_N = 0.0
-        if last[a, 0] > 0.0:
-            P_N = last[a, 0] + change[a, 0]
-            for k in range(1, 4, 2):
-                x, y = velocity[a, k], velocity[a, k + 1]
-                next_x, next_y = x + change[a, k], y + change[a, k + 1]
-                ahead = x * next_x + y * next_y > 0.0
-                contacts.trial[a, k] = next_x if ahead else x
-                contacts.trial[a, k + 1] = next_y if ahead else y
-        contacts.trial[a, 0] = -laws.compliance * (max(0.0, P_N) - contacts.selection_center[a])
-
-
-@merged
-def remember(closed, contacts, history):
-    """Fill history with the impulses, velocities and changes of the closed contacts, 0 if open."""
-    last, velocity, change = history.impulse, history.velocity, history.change
-    for a in closed:
-        contacts.is_closed[a] = 1
-        now = contacts.impulse[a, 0] > 0.0
-        before = now and last[a, 0] > 0.0
-        change[a, 0] = contacts.impulse[a, 0] - last[a, 0] if before else 0.0
-        for j in range(1, 5):
-            difference = contacts.gamma[a, j] - velocity[a, j]
-            change[a, j] = difference if before else 0.0
-        for j in range(5):
-            last[a, j] = contacts.impulse[a, j] if now else 0.0
-            velocity[a, j] = contacts.gamma[a, j] if now else 0.0
-    for a in range(len(contacts)):
-        if contacts.is_closed[a] == 0 and last[a, 0] > 0.0:
-            for j in range(5):
-                last[a, j] = velocity[a, j] = change[a, j] = 0.0
-        contacts.is_closed[a] = 0
+        return max(0.5 * min(relaxation, 1.0), 1.0 / MOST_RELAXATION)  # to and fro: go less far
+    return relaxation
 
 
 class Newton(NamedTuple):
-    """Newton's method, on the chain of links or, with its arrays, on the Delassus operator."""
+    """Newton's method on the chain of links or, with arrays for it, on the Delassus operator."""
 
     delassus: Delassus | None
 
@@ -370,7 +272,12 @@ class Newton(NamedTuple):
 @solve.register(Newton)
 @inlined
 def solve_contacts(solver, model, problem, history):
-    """Solve the contacts of a step; see `solver.solve`."""
+    """
+    Solve the contacts of a step; see `solver.solve`.
+
+    Without a Delassus operator the chain is solved together with the laws. With one, the operator
+    is formed first and the problem is solved without the chain.
+    """
     laws, closed, contacts, _ = problem
     predict(laws, closed, contacts, history)
     begin_condensed(problem, solver.delassus)

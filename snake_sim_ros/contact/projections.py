@@ -1,10 +1,10 @@
 """
 Sets of admissible contact impulses and the projections on them, section V of the paper.
 
-A set-valued law is an inclusion in the normal cone of a convex set C, ``-gamma in N_C(P)``, which
-is the same as ``P = prox_C(P - r gamma)`` for any r > 0. The sets are cones in the normal impulse,
+A set-valued law is an inclusion in the normal cone of a convex set C, ``-gamma in N_C(P)``. It is
+equivalent to ``P = prox_C(P - r gamma)`` for any r > 0. The sets are cones in the normal impulse,
 so one law covers contact forces and impacts. All functions are compiled; they take and return
-numbers.
+numbers in one unit, N s for impulses.
 """
 
 import math
@@ -20,7 +20,7 @@ def prox_half_line(x):
 
 @compiled
 def prox_disc(x, y, radius):
-    """Return the nearest point of the disc of given radius: isotropic and rolling friction."""
+    """Return the nearest point of a disc about 0: isotropic sliding and rolling friction."""
     length = math.sqrt(x * x + y * y)
     if length <= radius:
         return x, y
@@ -32,9 +32,10 @@ def prox_ellipse(x, y, a, b):
     """
     Return the nearest point of the ellipse with half axes a, b: orthotropic Coulomb friction.
 
-    The point is ``(x a^2/(t + a^2), y b^2/(t + b^2))`` where t > 0 puts it on the boundary.
-    Newton's method from the left for ``1/s(t) = 1``, s^2 the left side of the ellipse's equation,
-    is monotone because 1/s is increasing and concave, so it needs no safeguard.
+    The point is ``(x a^2/(t + a^2), y b^2/(t + b^2))``, where t > 0 puts it on the boundary.
+    Newton's method solves ``1/s(t) = 1`` from the left, where s^2 is the left side of the equation
+    of the ellipse. It converges monotonically because 1/s is increasing and concave, so that it
+    needs no safeguard.
     """
     if a <= 0.0 or b <= 0.0:
         return min(max(x, -a), a) if a > 0.0 else 0.0, min(max(y, -b), b) if b > 0.0 else 0.0
@@ -48,7 +49,7 @@ def prox_ellipse(x, y, a, b):
     ux, uy = a * abs(scale * x), b * abs(scale * y)
     t = max(ux - aa, uy - bb, 0.0)
     step = math.inf
-    while step > 1e-8 * (t + min(aa, bb)):  # its square is below rounding
+    while step > 1e-8 * (t + min(aa, bb)):  # the square of a smaller one is below rounding
         over_a, over_b = 1.0 / (t + aa), 1.0 / (t + bb)
         p, q = (ux * over_a) ** 2, (uy * over_b) ** 2
         square = p + q

@@ -1,4 +1,4 @@
-"""The paper's iteration compiled: projections of all contacts at once, eqs. (84)-(93)."""
+"""The paper's iteration, compiled: projections of all contacts at once, eqs. (84)-(93)."""
 
 import math
 from typing import NamedTuple
@@ -21,13 +21,13 @@ from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 
-# Most impulse components of a contact problem that is condensed: for larger ones it does not pay.
+# A contact problem with more impulse components is not condensed: it would not pay.
 MOST_CONDENSED_ROWS = 48
 
 
 @compiled
 def copy_impulses(closed, impulse, contacts):
-    """Fill the impulses of the table."""
+    """Copy the impulses of the closed contacts, from shape (contacts, 5) [N s], to the table."""
     for a in closed:
         for j in range(5):
             contacts.impulse[a, j] = impulse[a, j]
@@ -36,10 +36,15 @@ def copy_impulses(closed, impulse, contacts):
 @merged
 def prox_sweep(laws, closed, contacts, impulse):
     """
-    Fill impulse with one projection of the impulses in the table, eqs. (87)-(89).
+    Fill `impulse` with one projection of the impulses in the table, eqs. (87)-(89).
 
-    The sliding and rolling sets take the new normal impulse. The left side of the stopping rule
-    (93) is returned [N s].
+    The sets of sliding and rolling impulses are those of the new normal impulse.
+
+    Returns
+    -------
+    float
+        Left side of the stopping rule (93) [N s].
+
     """
     normal = sliding = rolling = 0.0
     for a in closed:
@@ -72,9 +77,9 @@ def prox_sweep(laws, closed, contacts, impulse):
 @merged
 def iterate(problem, tolerance, limit, delassus, impulse):
     """
-    Iterate impulse and twists until the contact laws hold; return an `Outcome`.
+    Iterate impulses and twists until the contact laws hold; return an `Outcome`.
 
-    The residual is that of the impulses before the last projection, those of the twists.
+    The residual is that of the impulses before the last projection, to which the twists belong.
     """
     laws, closed, contacts, chain = problem
     reset_chain(chain)
@@ -86,7 +91,7 @@ def iterate(problem, tolerance, limit, delassus, impulse):
     while not change < tolerance and iterations < limit:
         if 0 < iterations == columns <= len(delassus.packed):
             # After as many sweeps as the Delassus operator has columns, forming it costs no more
-            # than was spent, and a sweep costs less from here on. The iterates stay the same.
+            # than was spent so far, and later sweeps cost less. The iterates stay the same.
             condense(closed, width, contacts, chain, delassus)
             condensed = True
         copy_impulses(closed, impulse, contacts)

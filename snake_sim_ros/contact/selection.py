@@ -1,8 +1,8 @@
 """
 The selection rule: which normal impulses a step takes where they are not unique.
 
-`selection_compliance` and `selection_center` say it in NumPy, `apply_selection_rule` is the same
-compiled.
+`selection_compliance` and `selection_center` define the rule in NumPy; `apply_selection_rule` is
+its compiled form.
 """
 
 import numpy as np
@@ -13,17 +13,13 @@ from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.scene.parameters import Array
 
 PRESS_SPEED = 5e-7  # velocity at which the selection rule may press a contact into the floor [m/s]
-IMPACT_WEIGHTS = (
-    10.0  # an impulse of more than so many weights of the robot in a step is of an impact
-)
+IMPACT_WEIGHTS = 10.0  # an impulse of more weights of the robot in a step is that of an impact
 REST_SPEED = 1e-6  # velocity up to which a contact that carries load is at rest [m/s]
 DEPTH_LIMIT = 5e-7  # penetration beyond which the selection rule presses no deeper [m]
-# Steps up to this one look at the depth of each contact, larger ones more and more at the mean of
-# all: what they move the links by makes the depths of single contacts rough [s].
+# Up to this step the rule uses the depth of each contact, in larger steps more and more the mean
+# depth of all: the way that links move in a step makes the depths of single contacts rough [s].
 FINE_STEP = 2.5e-4
-LEAST_COMPLIANCE = (
-    1e-6  # compliance that it is not reduced below, relative to the Delassus operator
-)
+LEAST_COMPLIANCE = 1e-6  # the rule is not reduced below it; relative to the Delassus operator
 
 
 def selection_compliance(
@@ -32,9 +28,19 @@ def selection_compliance(
     """
     Return the compliance of the selection rule in a step [1/kg].
 
-    Deviation: it moves a contact into the floor at ``compliance P_N``, and is reduced where that
-    would be more than `press_speed` [m/s] for the largest normal impulse to be expected, but not
-    below `least`.
+    Deviation: the rule moves a contact into the floor at ``compliance P_N``. The compliance is
+    reduced if this velocity would exceed `press_speed` for the largest normal impulse to be
+    expected, but not below `least`.
+
+    Parameters
+    ----------
+    compliance, least : float
+        Compliance of the scene, and the one that it is not reduced below [1/kg].
+    most : float
+        Largest normal impulse to be expected [N s].
+    press_speed : float
+        Velocity at which the rule may press a contact into the floor [m/s].
+
     """
     return min(compliance, max(least, press_speed / most)) if most > 0.0 else compliance
 
@@ -46,11 +52,12 @@ def selection_center(
     """
     Return the normal impulses about which the selection rule is compliant in a step.
 
-    Deviation: those that the rule presses in with `press_speed`, times depth over DEPTH: at most
-    so deep, contacts go no deeper. The depth is that of the contact for steps up to FINE, and in a
-    share that grows with the step the mean of those that carry load; a contact that lands has
-    none. But the last ones P_N while all contacts that carry load are at rest, so that nothing
-    sinks or creeps; those of an impact would make bodies bounce.
+    Deviation: the center of a contact is the impulse that the rule presses in with `press_speed`,
+    times its depth over DEPTH_LIMIT, so that contacts sink no deeper than this limit. The depth is
+    that of the contact for steps up to FINE_STEP; with larger steps a growing share of it is the
+    mean depth of the contacts that carry load. A contact that lands has the center 0. While all
+    contacts that carry load are at rest, the centers are the last impulses P_N instead, so that
+    nothing sinks or creeps. They exclude impulses of impacts, which would make bodies bounce.
 
     Parameters
     ----------
@@ -61,13 +68,20 @@ def selection_center(
     gamma : ndarray, shape (m, 3)
         Normal and sliding velocities at the start of the step [m/s].
     gap : ndarray, shape (m,)
-        In the middle of the step [m].
-    compliance, most : float
-        That of the step [1/kg], and the largest normal impulse that is to be expected [N s].
+        Gaps in the middle of the step [m].
+    compliance : float
+        Compliance of the rule in the step [1/kg].
+    most : float
+        Largest normal impulse to be expected [N s].
     weight : float
-        Of the robot, times the step [N s].
+        Weight of the robot times the step [N s].
     press_speed : float
         Velocity at which the rule may press a contact into the floor [m/s]; methods differ in it.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        [N s]
 
     """
     if np.abs(gamma[P_N > 0.0]).max(initial=0.0) <= REST_SPEED:
@@ -85,25 +99,40 @@ def selection_center(
 
 @inlined
 def depth_share(contacts, a):
-    """Return the depth of contact a over DEPTH, 0 if it is not inside."""
+    """Return the depth of contact a over DEPTH_LIMIT, 0 if it is not inside the floor."""
     return max(0.0, -contacts.gap[a]) / DEPTH_LIMIT
 
 
 @inlined
 def apply_selection_rule(laws, closed, contacts, mass, impulse, press_speed, dt, fall):
     """
-    Fill CENTER, and return the laws with the compliance that this step selects with.
+    Fill the selection centers, and return the laws with the compliance of this step.
 
-    GAMMA is of the start of a step of dt [s], impulse of the last one; weight adds `fall` [m/s].
+    Deviation: the compliance moves a contact into the floor, see `selection_compliance`. The
+    largest normal impulse to be expected is the last one of a contact, or twice the impulse that
+    stops its link alone plus half the weight of the link.
 
-    Deviation: the compliance of the selection rule moves a contact into the floor by compliance
-    times P_N. It is reduced where that would be more than `press_speed`, for the largest normal
-    impulse that is to be expected: the last one of a contact, or twice what stops its link alone
-    and half its weight.
+    Deviation: at rest the rule selects the impulses next to the last ones instead of those of
+    least norm, see `selection_center`.
 
-    Deviation: while all contacts that carry load are at rest, the rule selects the impulses next
-    to the last ones instead of those of least norm, so that nothing sinks or creeps. Beside those
-    of an impact it would make bodies bounce.
+    Parameters
+    ----------
+    laws : Laws
+    closed : ndarray of int, shape (k,)
+        Numbers of the closed contacts.
+    contacts : record array, shape (contacts,)
+        Table of contacts with gaps [m] and velocities at the start of the step [m/s];
+        selection_center is filled.
+    mass : ndarray, shape (n,)
+        Masses of the links [kg].
+    impulse : ndarray, shape (contacts, 5)
+        Impulses of the last step [N s].
+    press_speed, fall : float
+        Velocity at which the rule may press a contact into the floor, and downward velocity that
+        the weight adds in the step [m/s].
+    dt : float
+        Time step [s].
+
     """
     n = len(mass)
     most = fastest = heaviest = 0.0
@@ -126,7 +155,7 @@ def apply_selection_rule(laws, closed, contacts, mass, impulse, press_speed, dt,
             loaded += 1
     mean /= max(1, loaded)
     for a in closed:
-        share = 0.0  # of a contact that lands
+        share = 0.0  # for a contact that lands
         if impulse[a, 0] > 0.0:
             share = min(1.0, max(0.0, mean + own * (depth_share(contacts, a) - mean)))
         rests = fastest <= REST_SPEED

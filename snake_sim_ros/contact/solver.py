@@ -1,4 +1,4 @@
-"""The contact problem of a step, and what solves it."""
+"""The contact problem of a step, and the call that solves it."""
 
 from typing import Any
 from typing import NamedTuple
@@ -18,7 +18,7 @@ class Problem(NamedTuple):
 
     laws: Laws
     closed: Array  # (k,) numbers of the closed contacts
-    contacts: Any  # (c,) records of all contacts, see `table`
+    contacts: Any  # (c,) table of all contacts, see `table`
     chain: Chain
 
 
@@ -29,25 +29,27 @@ class Outcome(NamedTuple):
     converged: bool
     residual: float  # natural-map residual with the selection rule [m/s], see `natural_map`
     printed_residual: float  # without the rule [m/s]
-    fell_back: bool  # whether the solver fell back on a slower method
+    fell_back: bool  # whether a slower method had to help
 
 
 @dispatched
 def solve(solver, model, problem, history):
     """
-    Solve the contact problem of a step with the method that the type of `solver` stands for.
+    Solve the contact problem of a step with the method that belongs to the type of `solver`.
 
-    Compiled. Every method registers a class of its own, which holds the arrays that it needs.
+    The call is compiled. Every method registers a class of its own, which holds its arrays.
 
     Parameters
     ----------
     solver : NamedTuple
+        Arrays of the method.
     model : Model
-        See `stepping.model`: tolerances, iteration limit and time step.
+        Tolerances, iteration limit and time step; see `stepping.model`.
     problem : Problem
+        Its contacts and chain are filled with the solution.
     history : History
-        See `stepping.base`: the impulses of the last step, where the method starts from. It is
-        filled with those of this step.
+        Impulses of the last step, from which the method starts; see `stepping.base`. They are
+        replaced by those of this step.
 
     Returns
     -------

@@ -1,18 +1,19 @@
 """
 Forward dynamics of a chain of links with two hinge axes a joint, linear in the number of links.
 
-The articulated-body algorithm [1] on impulses: given the impulse wrenches on all links, find the
-twists that satisfy the joint constraints. All quantities are about one common point in common
-axes, twists as (angular, linear), wrenches as (moment, impulse), so that nothing is transformed on
-the way along the chain. `articulated_inertia` prepares a configuration once; then
-`articulated_velocity` solves for any number of wrenches.
+The articulated-body algorithm [1] on impulses: given the impulse wrenches on all links, it finds
+the twists that satisfy the joint constraints. All quantities are about the common point O, in axes
+of I, so that nothing is transformed along the chain. Twists are (angular [rad/s], linear [m/s]),
+wrenches (moment [N m s], impulse [N s]). `articulated_inertia` prepares a configuration once; then
+`articulated_velocity` solves it for any number of wrenches.
 
-The inertia of a link may be any 6x6 matrix that its wrench depends on its twist by: a contact adds
-the derivative of its impulse, which is not symmetric when friction follows the normal impulse.
+The inertia of a link may be any 6x6 matrix by which its wrench depends on its twist. A contact
+adds the derivative of its impulse, which is not symmetric when friction follows the normal
+impulse.
 
-The root is the middle link: its two arms do not depend on each other, and a processor works on
-both at the same time. With S the two axis twists of the joint between a link and its parent, which
-is the next one toward the root, and A the articulated inertia of everything from the link outward,
+The root is the middle link. Its two arms do not depend on each other, so a processor works on both
+at the same time. The parent of a link is the next one toward the root. With S the two axis twists
+of the joint between both, and A the articulated inertia of everything from the link outward,
 ``D = S^T A S + damping``, the rates of the joint are
 ``q' = D^-1 (torque + S^T wrench) - D^-1 S^T A twist_parent``, and the parent feels the inertia
 ``A - A S D^-1 S^T A``.
@@ -32,32 +33,36 @@ ZERO = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Chain(NamedTuple):
-    """A chain of links as the sweeps take it, and what they fill."""
+    """A chain of links as the sweeps take it, and the arrays that they fill."""
 
     axis: Array  # (n-1, 2, 6) twists of the joint axes: of the outer link against its parent
     torque: Array  # (n-1, 2) impulse on every joint axis [N m s]
     damping: Array  # (n-1, 3) entries 11, 12, 22 of the impulse per rate that resists the axes
-    bare: Array  # (n, 6, 6) inertia of the links about O
+    bare: Array  # (n, 6, 6) inertia of the links alone, about O
     momentum: Array  # (n, 6) impulse wrench of everything but contacts and torques
-    inertia: Array  # (n, 6, 6) inertia as it is folded; in inertia[n // 2] factors of the root
-    wrench: Array  # (n, 6) momentum and impulse wrench of every link together
+    inertia: Array  # (n, 6, 6) articulated inertia; in inertia[n // 2] factors of the root
+    wrench: Array  # (n, 6) load of every link: momentum plus impulse wrench
     left: Array  # (n-1, 2, 6) A S D^-1
     right: Array  # (n-1, 2, 6) D^-1 S^T A
     compliance: Array  # (n-1, 4) entries 11, 12, 21, 22 of D^-1
-    load: Array  # (n-1, 2) loads of the joint axes
-    rate: Array  # (n-1, 2) rates of the joint axes
-    rate_correction: Array  # (n-1, 2) what is added to them
-    residual_torque: Array  # (n-1, 2) torque that the rates leave
-    twist: Array  # (n, 6) the solution
-    correction: Array  # (n, 6) what is added to it
-    no_torque: Array  # (n-1, 2) zero
+    load: Array  # (n-1, 2) loads of the joint axes [N m s]
+    rate: Array  # (n-1, 2) rates of the joint axes [rad/s]
+    rate_correction: Array  # (n-1, 2) correction of these rates
+    residual_torque: Array  # (n-1, 2) torque less what the rates resist [N m s]
+    twist: Array  # (n, 6) twists of the links: the solution
+    correction: Array  # (n, 6) correction of these twists
+    no_torque: Array  # (n-1, 2) zeros
     frame: Array | None = None  # (contacts, 3, 3) contact frames; None on a flat floor
-    pair_delassus: Any = None  # Delassus operator of contacts of two links, where there can be any
+    pair_delassus: Any = None  # Delassus operator of contacts of two links, if there can be any
 
 
 @inlined
 def reset_chain(chain):
-    """Fill inertia and wrench with those of the links alone, twists and rates with 0."""
+    """
+    Fill inertia and wrench with those of the links alone, residual torques with the torques.
+
+    Twists and rates become 0, so that a correction of them is the solution.
+    """
     for i in range(len(chain.wrench)):
         for k in range(6):
             chain.wrench[i, k] = chain.momentum[i, k]
@@ -74,7 +79,7 @@ def reset_chain(chain):
 
 @inlined
 def factor_chain(chain):
-    """Prepare the chain with the inertias in chain.inertia."""
+    """Prepare the chain for solutions, with the link inertias in chain.inertia."""
     articulated_inertia(
         chain.axis, chain.damping, chain.inertia, chain.left, chain.right, chain.compliance
     )
@@ -82,7 +87,17 @@ def factor_chain(chain):
 
 @inlined
 def solve_chain(chain, torque):
-    """Fill chain.twist with what torques and chain.wrench make of the prepared chain."""
+    """
+    Fill the twists and rates that loads cause on a factored chain.
+
+    Parameters
+    ----------
+    chain : Chain
+        Its `wrench` is the load of the links; `twist` and `rate` are filled.
+    torque : ndarray, shape (n-1, 2)
+        Impulse on every joint axis [N m s].
+
+    """
     articulated_velocity(
         chain.axis, chain.left, chain.right, chain.compliance,
         chain.inertia[len(chain.inertia) // 2], torque, chain.wrench,
@@ -92,7 +107,7 @@ def solve_chain(chain, torque):
 
 @inlined
 def solve_residual(chain):
-    """Fill chain.correction with what chain.left_over and chain.wrench make of the chain."""
+    """Fill chain.correction, the twists that residual torques and chain.wrench cause."""
     articulated_velocity(
         chain.axis, chain.left, chain.right, chain.compliance,
         chain.inertia[len(chain.inertia) // 2], chain.residual_torque, chain.wrench,
@@ -103,7 +118,7 @@ def solve_residual(chain):
 @inlined
 def correct_chain(chain):
     """
-    Solve the prepared chain for what is left over, and add the solution to twists and rates.
+    Solve a factored chain for the residual loads, and add the solution to twists and rates.
 
     Returns
     -------
@@ -126,11 +141,12 @@ def correct_chain(chain):
 @merged
 def find_residual(chain):
     """
-    Fill what chain.twist leaves of the balance of momentum: chain.wrench and chain.left_over.
+    Fill wrenches and residual torques with what the twists leave of the balance of momentum.
 
-    On entry chain.wrench is that of all loads, contacts at this twist among them. The stiffness of
-    contacts in a factored inertia costs up to eight digits; solving once more for the rest, which
-    is evaluated with the bare inertia, brings them back (iterative refinement).
+    On entry chain.wrench holds all loads, those of contacts at these twists included. The
+    stiffness of contacts in a factored inertia costs up to eight digits. A second solution for the
+    residual, which is evaluated with the inertia of the links alone, recovers them (iterative
+    refinement).
     """
     for i in range(len(chain.twist)):
         v = row_of(chain.twist, i)
@@ -178,7 +194,7 @@ def articulated_inertia(axis, damping, inertia, left, right, compliance):
 
 @inlined
 def fold_inertia(j, axis, damping, A, parent, left, right, compliance):
-    """Add to the inertia of the parent what joint j lets it feel of the inertia A beyond."""
+    """Add to the inertia of the parent what it feels through joint j of the inertia A beyond."""
     s0, s1 = row_of(axis[j], 0), row_of(axis[j], 1)
     a0, a1, a2, a3, a4, a5 = rows_of(A)
     g0 = (dot(a0, s0), dot(a1, s0), dot(a2, s0), dot(a3, s0), dot(a4, s0), dot(a5, s0))
@@ -216,9 +232,9 @@ def articulated_velocity(
     wrench : ndarray, shape (n, 6)
         Momentum and impulse wrench of every link together.
     load : ndarray, shape (n-1, 2)
-        Filled with the loads of the joint axes.
+        Filled with the loads of the joint axes [N m s].
     rate : ndarray, shape (n-1, 2)
-        Filled with the rates of the joint axes.
+        Filled with the rates of the joint axes [rad/s].
     twist : ndarray, shape (n, 6)
         Filled with the twists.
 
@@ -246,7 +262,7 @@ def articulated_velocity(
 
 @inlined
 def fold(j, axis, left, torque, load, w):
-    """Return what the parent of joint j feels of the wrench w beyond; keep its load."""
+    """Return what the parent of joint j feels of the wrench w beyond; store its load."""
     load0 = torque[j, 0] + dot(row_of(axis[j], 0), w)
     load1 = torque[j, 1] + dot(row_of(axis[j], 1), w)
     load[j, 0], load[j, 1] = load0, load1
@@ -262,7 +278,7 @@ def fold(j, axis, left, torque, load, w):
 
 @inlined
 def unfold(j, axis, right, compliance, load, rate, v):
-    """Return the twist of the link beyond joint j from that of its parent, v; keep the rates."""
+    """Return the twist of the link beyond joint j from that of its parent, v; store the rates."""
     load0, load1 = load[j, 0], load[j, 1]
     rate0 = compliance[j, 0] * load0 + compliance[j, 1] * load1 - dot(row_of(right[j], 0), v)
     rate1 = compliance[j, 2] * load0 + compliance[j, 3] * load1 - dot(row_of(right[j], 1), v)
@@ -272,7 +288,7 @@ def unfold(j, axis, right, compliance, load, rate, v):
 
 @compiled
 def factor(A):
-    """Replace a matrix by its factors L and U, the diagonal of U inverted (no pivoting)."""
+    """Replace a 6x6 matrix by its factors L and U, the diagonal of U inverted (no pivoting)."""
     for k in range(6):
         A[k, k] = 1.0 / A[k, k]
         for i in range(k + 1, 6):
@@ -299,7 +315,7 @@ def solve(A, w):
     return x0 * A[0, 0], x1, x2, x3, x4, x5
 
 
-# Six numbers at a time: a processor keeps them in registers.
+# Functions of six numbers, which a processor keeps in registers.
 
 
 @inlined
@@ -358,7 +374,7 @@ def combine_rows(s, a0, a1, a2, a3, a4, a5):
 
 @merged
 def add_reduced(A, rows, x, b, y, c):
-    """Add the matrix of the given rows to A, less x b^T and y c^T."""
+    """Add to A the matrix with the given rows, minus x b^T and y c^T."""
     for i in range(6):
         for j in range(6):
             A[i, j] += rows[i][j] - x[i] * b[j] - y[i] * c[j]

@@ -1,4 +1,8 @@
-"""What the balance (75) of the links takes: inertia, momentum and joint torques, about O."""
+"""
+The terms of the balance (75) of the links: inertia, momentum and joint torques, about O.
+
+O is the center of the middle link; twists, wrenches and inertias are in axes of I.
+"""
 
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
@@ -7,7 +11,23 @@ from snake_sim_ros.dynamics.joint_control import pd_law
 
 @merged
 def control_impulses(model, coordinate, angle, rate, torques, dampings):
-    """Fill the impulses and the implicit damping of the controller on every joint axis."""
+    """
+    Fill the impulses and the implicit damping of the controller on every joint axis.
+
+    Parameters
+    ----------
+    model : Model
+        Gains, PD scheme and time step; see `stepping.model`.
+    coordinate : ndarray, shape (2, n-1, 2, 2)
+        At start and middle of the step: (yaw, pitch) x (angle [rad], rate [rad/s]).
+    angle, rate : ndarray, shape (n-1, 2)
+        References (yaw, pitch) at the middle of the step [rad], [rad/s].
+    torques : ndarray, shape (n-1, 2)
+        Filled with impulses without their implicit part [N m s].
+    dampings : ndarray, shape (n-1, 2)
+        Filled with the impulse per rate at the end of the step [N m s^2].
+
+    """
     start, mid = coordinate[0], coordinate[1]
     for j in range(len(torques)):
         for k in range(2):
@@ -27,11 +47,23 @@ def control_impulses(model, coordinate, angle, rate, torques, dampings):
 @inlined
 def axis_loads(axis, torque, damping, axis_torque, axis_damping):
     """
-    Fill what the controller does to the rates s of the joint axes.
+    Fill the torques and damping of the controller in terms of the rates of the joint axes.
 
     The axes a, b of a joint are at right angles only up to the drift of a step, c = a . b. A
-    relative angular velocity s_1 a + s_2 b has the joint rates J s with J = [[1, c], [c, 1]], so a
-    torque T is J T on the axes and a damping K is J K J.
+    relative angular velocity s_1 a + s_2 b has the joint rates J s with J = [[1, c], [c, 1]]. A
+    torque T on the joint angles is therefore J T on the axes, and a damping K is J K J.
+
+    Parameters
+    ----------
+    axis : ndarray, shape (n-1, 2, 6)
+        Twists of the joint axes.
+    torque, damping : ndarray, shape (n-1, 2)
+        Impulse [N m s] and impulse per rate [N m s^2] of yaw and pitch.
+    axis_torque : ndarray, shape (n-1, 2)
+        Filled with J T.
+    axis_damping : ndarray, shape (n-1, 3)
+        Filled with the entries 11, 12, 22 of J K J.
+
     """
     for j in range(len(axis)):
         c = 0.0
@@ -46,7 +78,21 @@ def axis_loads(axis, torque, damping, axis_torque, axis_damping):
 
 @inlined
 def applied_torque(R, twist, torque, damping, applied):
-    """Fill the impulse of the controller on every joint, with the rates at the end of the step."""
+    """
+    Fill the impulses of the controller on every joint, with the rates at the end of the step.
+
+    Parameters
+    ----------
+    R : ndarray, shape (n, 3, 3)
+        Link frames in I.
+    twist : ndarray, shape (n, 6)
+        Twists at the end of the step.
+    torque, damping : ndarray, shape (n-1, 2)
+        As `control_impulses` fills them.
+    applied : ndarray, shape (n-1, 2)
+        Filled [N m s].
+
+    """
     for j in range(len(torque)):
         yaw_rate = pitch_rate = 0.0
         for k in range(3):
@@ -59,7 +105,21 @@ def applied_torque(R, twist, torque, damping, applied):
 
 @inlined
 def link_inertia(model, R, center, inertia):
-    """Fill the 6x6 inertia of every link about O, eqs. (47), (48)."""
+    """
+    Fill the inertia of every link about O, eqs. (47), (48).
+
+    Parameters
+    ----------
+    model : Model
+        Masses and moments of inertia.
+    R : ndarray, shape (n, 3, 3)
+        Link frames in I.
+    center : ndarray, shape (n, 3)
+        Link centers from O [m].
+    inertia : ndarray, shape (n, 6, 6)
+        Filled [kg m^2], [kg m], [kg].
+
+    """
     for i in range(len(R)):
         m, transversal = model.mass[i], model.inertia_transversal[i]
         slender = model.inertia_axial[i] - transversal
@@ -83,7 +143,26 @@ def link_inertia(model, R, center, inertia):
 
 @inlined
 def smooth_momentum(model, dt, u, u_h, R, center, momentum):
-    """Fill M u + h(u_h) dt of every link as an impulse wrench about O, eq. (75)."""
+    """
+    Fill the momentum ``M u + h(u_h) dt`` of every link as a wrench about O, eq. (75).
+
+    Parameters
+    ----------
+    model : Model
+        Masses, moments of inertia and gravity.
+    dt : float
+        Time over which gravity and gyroscopic torques act [s].
+    u, u_h : ndarray, shape (n, 6)
+        Velocities [m/s, frame I] and angular velocities [rad/s, frame B], of the momentum and of
+        the gyroscopic torques.
+    R : ndarray, shape (n, 3, 3)
+        Link frames in I.
+    center : ndarray, shape (n, 3)
+        Link centers from O [m].
+    momentum : ndarray, shape (n, 6)
+        Filled: moment about O [N m s] and impulse [N s], in axes of I.
+
+    """
     for i in range(len(u)):
         slender = (model.inertia_axial[i] - model.inertia_transversal[i]) * dt
         wx, wy, wz = u_h[i, 3], u_h[i, 4], u_h[i, 5]

@@ -1,8 +1,8 @@
 """
-How the hot path is compiled: Numba, without the interpreter lock, cached on disk.
+How functions are compiled: with Numba, without the interpreter lock, cached on disk.
 
-Numba's cache notices a change in the file of a function, but not in a function that it calls from
-another file. Therefore the cache folder is named after the contents of all modules in ROOMS.
+The cache of Numba notices a change in the file of a function, but not in a function that it calls
+from another file. Therefore the cache folder is named after the contents of all modules in ROOMS.
 """
 
 from collections.abc import Callable
@@ -31,7 +31,7 @@ import numpy as np
 
 from snake_sim_ros import PACKAGE
 
-# Folders of all modules that have compiled functions, and of all that these import.
+# Folders of all modules with compiled functions, and of the modules that these import.
 ROOMS = ('scene', 'dynamics', 'gaits', 'contact', 'stepping', 'comparison')
 
 
@@ -55,7 +55,7 @@ def _cache_folder() -> str:
 
 
 COMPILES = not numba.config.DISABLE_JIT  # whether anything is compiled, see `compiled`
-OPTIONS = {'nogil': True, '_nrt': False, 'error_model': 'numpy'}  # of all that is compiled
+OPTIONS = {'nogil': True, '_nrt': False, 'error_model': 'numpy'}  # of every compiled function
 
 
 if 'NUMBA_CACHE_DIR' not in os.environ:
@@ -64,12 +64,12 @@ if 'NUMBA_CACHE_DIR' not in os.environ:
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """
-    Return `function` compiled on its first call; plain Python with NUMBA_DISABLE_JIT=1.
+    Return `function` compiled on its first call, or as it is with NUMBA_DISABLE_JIT=1.
 
-    Every operation is rounded as written. With fast math a function that was just compiled and the
-    same one from the cache differ in their last bits, and a run could not be repeated exactly. A
-    function that allocates does not compile (_nrt). Nothing is compiled for callers in C, which
-    takes a tenth of the time.
+    Every operation is rounded as written. With fast math, a function that was just compiled and
+    the same one from the cache differ in their last bits, and a run could not be repeated exactly.
+    A function that allocates memory does not compile (_nrt). No entry for callers in C is
+    compiled, which would take a tenth of the time.
     """
     return _compiled(function)
 
@@ -78,37 +78,37 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """
     Return `function` compiled into its callers, which are compiled functions; see `compiled`.
 
-    A call costs a copy of all array headers in its arguments, often more than the work it does. It
-    has no entry from Python: only compiled functions can call it.
+    A call copies the headers of all array arguments, which often costs more than the work itself.
+    The function has no entry from Python: only compiled functions can call it.
     """
     return _compiled(function, forceinline=True, no_cpython_wrapper=True)
 
 
 def merged(function: Callable[..., Any]) -> Callable[..., Any]:
     """
-    Return `function` made part of its callers, compiled functions, before types are found.
+    Return `function` merged into its callers, compiled functions, before types are inferred.
 
-    Results are the same to the last bit. Whatever has a compiled form of its own is optimized once
-    alone and once more in each function around it, level after level. It pays for a function that
-    is called in one place, or in one place of each method, but is to be measured: with it steps of
-    `bdf2` take 20 percent less time, and those of `newton` would take 2 percent more if
-    `solve_contacts` and more of its like were merged. What has branches for None must be
-    `inlined`: they are not left out here.
+    Results are the same to the last bit. A function with a compiled form of its own is optimized
+    once alone, and once more in each function around it, level after level. Merging pays for a
+    function that is called in one place, or in one place of each method, but must be measured: it
+    makes steps of `bdf2` 20 percent faster, while those of `newton` would be 2 percent slower if
+    `solve_contacts` and similar functions were merged. Functions with branches for None must be
+    `inlined`, because branches are not left out of merged ones.
     """
     return _compiled(function, inline='always', cache=False)
 
 
 def dispatched(function: Callable[..., Any]) -> Any:
     """
-    Return what `functools.singledispatch` returns, for calls from compiled functions, too.
+    Return what `functools.singledispatch` returns, also for calls from compiled functions.
 
     The type of the first argument, a class of NamedTuple, chooses the implementation: a compiled
-    function that ``register(cls)`` was given.
+    function that was given to ``register(cls)``.
 
-    This is how one loop over steps serves all methods. The cache on disk has no place for compiled
-    functions that are arguments of others or come from a closure: they are other ones in each
-    process. It does tell types apart. Where loops differ by more than a type does, as those of
-    methods with one and with two steps do, each is a function of its own at the top of a module.
+    By this, one loop over steps serves all methods. The cache on disk cannot hold compiled
+    functions that are arguments of others or come from a closure, because they differ in each
+    process. It does distinguish types. Loops that differ in more than a type, as those of methods
+    with one and with two steps do, are separate functions at the top of a module.
     """
     chosen: dict[type, Callable[..., Any]] = {}
     arguments = ', '.join(signature(function).parameters)
@@ -149,7 +149,7 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any
 
 class Columns:
     """
-    An array of records whose fields are attributes: what a table is where nothing is compiled.
+    The form of a table where nothing is compiled: an array whose record fields are attributes.
 
     Python takes microseconds to reach a field of a np.recarray.
     """
@@ -170,10 +170,10 @@ class Columns:
 
 def record_array(count: int, dtype: np.dtype[Any]) -> Any:
     """
-    Return an array of records, all zero, whose fields are attributes of it in compiled code.
+    Return an array of zero records whose fields are attributes, in compiled code or without it.
 
-    It is no np.recarray: compiled functions would look up the type of one at every call from
-    Python, which takes 10 us.
+    It is not a np.recarray, because compiled functions look up the type of a recarray at every
+    call from Python, which takes 10 us.
     """
     records = np.zeros(count, dtype)
     return records if COMPILES else Columns(records)
@@ -191,5 +191,5 @@ def _time_stamp(typing_context: Any) -> Any:
 
 @compiled
 def cycle_counter():
-    """Return the processor's time stamp counter; 0 where nothing is compiled."""
+    """Return the processor's time stamp counter, or 0 if nothing is compiled."""
     return _time_stamp() if COMPILES else 0

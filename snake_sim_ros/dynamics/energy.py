@@ -1,9 +1,8 @@
 """
-Mechanical energy, and the work that changes it: the balance that no method solves for.
+Mechanical energy, and the work that changes it: a balance that no method solves for.
 
-In exact arithmetic and without time step the energy changes by the work of the joint controllers
-and of the contacts, and by nothing else. What is left over is energy that a method loses or makes
-out of nothing.
+In exact arithmetic and without time steps, the energy changes by the work of the joint controllers
+and of the contacts, and by nothing else. The remainder is energy that a method loses or creates.
 """
 
 import math
@@ -17,18 +16,25 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import joint_rates
 from snake_sim_ros.scene.rotations import rotation_matrices
 
-BALANCE_TIME = 1.0  # s from the start over which the balance of a run is drawn up
+BALANCE_TIME = 1.0  # the balance of a run covers so much of its start [s]
 
 
 def mechanical_energy(scene: Scene, q: Array, u: Array) -> Array:
     """
-    Return kinetic and potential energy, eqs. (47), (48) [J].
+    Return the sum of kinetic and potential energy, eqs. (47), (48).
 
     Parameters
     ----------
     scene : Scene
     q : ndarray, shape (..., n, 7)
+        Link centers [m, frame I] and unit Euler parameters.
     u : ndarray, shape (..., n, 6)
+        Velocities [m/s, frame I] and angular velocities [rad/s, frame B].
+
+    Returns
+    -------
+    ndarray, shape (...)
+        [J]
 
     """
     inertia = np.diag(mass_matrix(scene.robot)).reshape(-1, 6)
@@ -44,7 +50,9 @@ def floor_contact_velocities(robot: Robot, q: Array, u: Array) -> Array:
     ----------
     robot : Robot
     q : ndarray, shape (..., n, 7)
+        Link centers [m, frame I] and unit Euler parameters.
     u : ndarray, shape (..., n, 6)
+        Velocities [m/s, frame I] and angular velocities [rad/s, frame B].
 
     Returns
     -------
@@ -73,8 +81,8 @@ def work_of_steps(
     """
     Return the work of the contacts and of the joints in every step, shape (m,) each [J].
 
-    Work is that of impulses and torques with the mean velocity of a step, in which the balance
-    (75) of a step without joints holds exactly.
+    The work is that of impulses and torques with the mean velocity of a step. With this velocity
+    the balance (75) holds exactly in a step without joints.
 
     Parameters
     ----------
@@ -83,6 +91,7 @@ def work_of_steps(
     q : ndarray, shape (m+1, n, 7)
         Coordinates before the first and after every step.
     u : ndarray, shape (m+1, n, 6)
+        Velocities at the same times.
     impulse : ndarray, shape (m, 2n, 3)
         Contact impulses P_N, P_Tx, P_Ty of every step [N s].
     torque : ndarray, shape (m, n-1, 2)
@@ -99,9 +108,9 @@ def work_of_steps(
 
 def balance_error(scene: Scene, q: Array, u: Array, impulse: Array, torque: Array) -> float:
     """
-    Return how much energy steps lost or made, over the work that the joints did either way.
+    Return the largest energy that steps lost or created, relative to the work of the joints.
 
-    Parameters are those of `work_of_steps`.
+    Parameters are those of `work_of_steps`, the result that of `imbalance`.
     """
     contacts, joints = work_of_steps(scene, q, u, impulse, torque)
     return imbalance(mechanical_energy(scene, q, u), contacts, joints)
@@ -109,14 +118,14 @@ def balance_error(scene: Scene, q: Array, u: Array, impulse: Array, torque: Arra
 
 def imbalance(energy: Array, contacts: Array, joints: Array) -> float:
     """
-    Return the largest energy that no work accounts for, over the work of the joints either way.
+    Return the largest energy that no work accounts for, relative to the work of the joints.
 
-    nan where joints do no work.
+    The work of the joints is the sum of its magnitudes in all steps. The result is nan if it is 0.
 
     Parameters
     ----------
     energy : ndarray, shape (m+1,)
-        Before the first and after every step [J].
+        Energy before the first and after every step [J].
     contacts, joints : ndarray, shape (m,)
         Work in every step [J].
 

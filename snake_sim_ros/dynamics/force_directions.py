@@ -1,8 +1,9 @@
 """
 Generalized force directions, mass matrix and smooth forces in dense NumPy, sections II to IV.
 
-Single letters are the paper's; NOTATION.md maps them to names. Contacts are numbered as in
-eq. (10): the front spheres F of all links, then the rear spheres R.
+Single letters are those of the paper; NOTATION.md maps them to names. Contacts are numbered as in
+eq. (10): the front spheres F of all links, then the rear spheres R. R, shape (n, 3, 3), are the
+link frames in I.
 """
 
 from functools import lru_cache
@@ -36,8 +37,8 @@ def contact_frame(R: Array, i: int) -> tuple[Array, Array]:
     """
     Return e_x and e_y of the contact frame Pi of link i: along and across the link, horizontal.
 
-    Deviation: the direction of a vertical link has no meaning; e_x^I stands in for it, so that a
-    step depends on nothing but its arguments.
+    Deviation: a vertical link has no horizontal direction; e_x^I replaces it, so that a step
+    depends on nothing but its arguments.
     """
     a = R[i] @ E_Z
     c = math.hypot(a[0], a[1])
@@ -76,10 +77,24 @@ def contact_directions(robot: Robot, R: Array) -> tuple[Array, Array, Array]:
 
 def scene_contacts(scene: Scene, q: Array) -> tuple[Array, Array, Array, Array]:
     """
-    Return gaps and W_N, W_T, W_V of all contacts of a scene.
+    Return gaps and generalized force directions of all contacts of a scene.
 
-    Where there is more than a flat floor, rolling velocities are along the axes of the contact
+    In a scene with more than a flat floor, rolling velocities are along the axes of the contact
     frames.
+
+    Parameters
+    ----------
+    scene : Scene
+    q : ndarray, shape (n, 7)
+        Link centers [m, frame I] and unit Euler parameters.
+
+    Returns
+    -------
+    gap : ndarray, shape (contacts,)
+        [m]
+    W_N, W_T, W_V : ndarray
+        As `contact_directions` returns them, for all contacts.
+
     """
     robot, R = scene.robot, rotation_matrices(q[:, 3:])
     if obstacles.is_flat(scene):
@@ -155,8 +170,9 @@ def mean_delassus(robot: Robot) -> float:
     """
     Return the mean diagonal entry of G_NN of the straight robot with all spheres on the floor.
 
-    The Delassus operator G = W_N^T M^-1 W_N less what the joints take off, section 7.3 [1/kg]. The
-    selection rule is measured in it; one number for a robot, whatever its posture.
+    G is the Delassus operator [1/kg], W_N^T M^-1 W_N less the part that the joints take off,
+    section 7.3. The compliance of the selection rule is relative to this number, which is the same
+    in all postures.
     """
     R = np.tile(rotation_matrices(np.full((1, 4), 0.5)), (robot.link_count, 1, 1))
     M_inv, W_J = 1.0 / np.diag(mass_matrix(robot))[:, None], joint_directions(robot, R)
@@ -182,5 +198,17 @@ def smooth_forces(robot: Robot, gravity: Array, u: Array) -> Array:
 
 
 def point_direction(R: Array, lever: Array, e: Array) -> Array:
-    """Return w, shape (6,), so that a body-fixed point at `lever` has velocity w^T u along e."""
+    """
+    Return w, shape (6,), such that w^T u is the velocity along e of a body-fixed point of a link.
+
+    Parameters
+    ----------
+    R : ndarray, shape (3, 3)
+        Link frame in I.
+    lever : ndarray, shape (3,)
+        Link center to point [m, frame I].
+    e : ndarray, shape (3,)
+        Direction in I.
+
+    """
     return np.concatenate([e, -(e @ tilde(lever) @ R)])

@@ -1,12 +1,13 @@
 """
 A chain of links with one hinge a joint, linear in the number of links: `planar` has two of them.
 
-The articulated-body algorithm of `articulated_body` for three numbers a twist instead of six, and
-for inertias that are symmetric. In the plane a twist is (angular velocity, velocity of the body
-point at O), a wrench (moment about O, impulse); out of the plane they are (angular velocities
-about x and y, vertical velocity) and (moments, vertical impulse). The sweeps do not know which.
+This is the algorithm of `articulated_body` with three numbers a twist instead of six, and with
+symmetric inertias. In the plane a twist is (angular velocity, velocity of the body point at O) and
+a wrench (moment about O, impulse). Out of the plane they are (angular velocities about x and y,
+vertical velocity) and (moments, vertical impulse). The sweeps are the same for both. Units are
+rad/s, m/s, N m s and N s.
 
-The root is the middle link, so that the two arms do not wait for each other.
+The root is the middle link, so that the sweeps over the two arms are independent.
 """
 
 from typing import NamedTuple
@@ -17,22 +18,30 @@ from snake_sim_ros.scene.parameters import Array
 
 
 class HingeChain(NamedTuple):
-    """A chain as the sweeps take it, and what they fill; s is the axis, A the inertia beyond."""
+    """A chain as the sweeps take and fill it; s is the axis of a joint, A the inertia beyond."""
 
     axis: Array  # (n-1, 3) twist s of the outer link against its parent
-    damping: Array  # (n-1,) impulse per rate that resists a joint
-    inertia: Array  # (n, 6) entries 11, 12, 13, 22, 23, 33; factored from the root on
+    damping: Array  # (n-1,) impulse per rate that resists a joint [N m s^2]
+    inertia: Array  # (n, 6) entries 11, 12, 13, 22, 23, 33; of the root its factors
     left: Array  # (n-1, 3) A s/D with D = s . A s + damping
     compliance: Array  # (n-1,) 1/D
-    load: Array  # (n-1,) loads of the joints
-    wrench: Array  # (n, 3) momentum and impulse wrench of every link together
-    rate: Array  # (n-1,) rates of the joints
-    twist: Array  # (n, 3) the solution
+    load: Array  # (n-1,) loads of the joints [N m s]
+    wrench: Array  # (n, 3) load of every link: momentum plus impulse wrench
+    rate: Array  # (n-1,) rates of the joints [rad/s]
+    twist: Array  # (n, 3) twists of the links: the solution
 
 
 @compiled
 def factor_hinges(chain):
-    """Turn link inertias into articulated ones, and that of the root into its factors L D L^T."""
+    """
+    Turn link inertias into articulated ones, and that of the root into its factors L D L^T.
+
+    Parameters
+    ----------
+    chain : HingeChain
+        Its axis, damping and inertia are read; inertia, left and compliance are filled.
+
+    """
     axis, damping, inertia = chain.axis, chain.damping, chain.inertia
     left, compliance = chain.left, chain.compliance
     n = len(inertia)
@@ -43,7 +52,7 @@ def factor_hinges(chain):
         if i > root:
             fold_hinge(i - 1, axis, damping, inertia[i], inertia[i - 1], left, compliance)
     A = inertia[root]
-    over = 1.0 / A[5]  # the last one first: a chain along x has no other to begin with
+    over = 1.0 / A[5]  # starts at the last entry: a chain along x needs this pivot
     a, b = A[2] * over, A[4] * over
     d01, d11 = A[1] - a * A[4], 1.0 / (A[3] - b * A[4])
     c = d01 * d11
@@ -53,7 +62,7 @@ def factor_hinges(chain):
 
 @inlined
 def fold_hinge(j, axis, damping, A, parent, left, compliance):
-    """Add to the inertia of the parent what joint j lets it feel of the inertia A beyond."""
+    """Add to the inertia of the parent what it feels through joint j of the inertia A beyond."""
     s0, s1, s2 = axis[j, 0], axis[j, 1], axis[j, 2]
     g0 = A[0] * s0 + A[1] * s1 + A[2] * s2
     g1 = A[1] * s0 + A[3] * s1 + A[4] * s2
@@ -72,7 +81,17 @@ def fold_hinge(j, axis, damping, A, parent, left, compliance):
 
 @compiled
 def solve_hinges(chain, torque):
-    """Fill twists and rates with what chain.wrench and torques (n-1,) make of the chain."""
+    """
+    Fill the twists and rates that loads cause on a factored chain.
+
+    Parameters
+    ----------
+    chain : HingeChain
+        Its `wrench` is the load of the links; `twist` and `rate` are filled.
+    torque : ndarray, shape (n-1,)
+        Impulse on every joint [N m s].
+
+    """
     n = len(chain.wrench)
     root = n // 2
     axis, left, load, wrench = chain.axis, chain.left, chain.load, chain.wrench
@@ -104,7 +123,7 @@ def solve_hinges(chain, torque):
 
 @inlined
 def fold(j, axis, left, torque, load, wrench, beyond):
-    """Return what the parent of joint j feels of the wrenches beyond; keep its load."""
+    """Return what the parent of joint j feels of the wrenches beyond; store its load."""
     w0, w1, w2 = wrench[0] + beyond[0], wrench[1] + beyond[1], wrench[2] + beyond[2]
     s = torque[j] + (axis[j, 0] * w0 + axis[j, 1] * w1 + axis[j, 2] * w2)
     load[j] = s

@@ -1,8 +1,8 @@
 """
 PD control of one axis of a cardan joint, and where in the time step it acts.
 
-Assumption: the paper prints the gains of the controller, not its formula; the derivative term acts
-on the difference to the reference rate.
+Assumption: the paper prints the gains of the controller, but not its formula. Here the derivative
+term acts on the difference to the reference rate.
 """
 
 from snake_sim_ros.dynamics.compilation import compiled
@@ -16,7 +16,7 @@ def pd_law(scheme, dt, start, mid, reference, stiffness, damping):
     """
     Return torque and damping of the law ``torque - damping * rate_end`` that acts in a step.
 
-    The scheme says at which angle, rate and time the controller looks:
+    The scheme determines at which angle, rate and time the controller looks:
 
     - START: all at the start of the step, explicit; stable only for ``dt < 2 K_d/K_p``.
     - MIDPOINT: angle and time at the middle, rate at the start, explicit.
@@ -75,6 +75,13 @@ def implicit_pd_law(dt, angle, rate, reference, stiffness, damping):
         Reference angle [rad] and rate [rad/s] at the end.
     stiffness, damping : float
         Gains [N m/rad], [N m s/rad].
+
+    Returns
+    -------
+    torque : float
+        [N m]
+    damping : float
+        Coefficient of the joint rate at the end of the step [N m s/rad].
 
     """
     torque = stiffness * (reference[0] - angle + dt * rate) + damping * reference[1]

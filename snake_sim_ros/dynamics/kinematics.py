@@ -1,8 +1,9 @@
 """
-Compiled kinematics of the chain of links: eqs. (6), (66), (72), (83) and section VII-C.
+Compiled kinematics of the chain of links: eqs. (6), (66), (72), (83).
 
-The same relations as in `reference.py`, for whole arrays of links and without temporary arrays.
-Every function fills the arrays named in its first line.
+The relations are those of `reference.py`, for whole arrays of links and without temporary arrays.
+Coordinates q of a link are its center [m, frame I] and Euler parameters, scalar first. Velocities
+u are that of the center [m/s, frame I] and the angular velocity [rad/s, frame B].
 """
 
 import math
@@ -10,18 +11,25 @@ import math
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
 
-PAPER, CENTER_OF_MASS, NONE = range(len(DRIFT_CORRECTIONS))
-
-FLAT_GAP = 1e-4  # gap of a robot that lies flat, and depth [m]
-FLAT_TILT = 1e-3  # its roll [rad]
-STILL_SPEED = 1e-3  # vertical speed of a robot that lies still, and of contacts that roll [m/s]
+FLAT_GAP = 1e-4  # largest gap, and depth, of a robot that lies flat [m]
+FLAT_TILT = 1e-3  # its largest roll [rad]
+STILL_SPEED = 1e-3  # largest vertical and rolling speed of a robot that lies still [m/s]
 
 
 @compiled
 def link_frames(p, R):
-    """Fill R with the rotation matrices of Euler parameters p (n, 4) of any length, eq. (6)."""
+    """
+    Fill the rotation matrices of links, eq. (6).
+
+    Parameters
+    ----------
+    p : ndarray, shape (n, 4)
+        Euler parameters of any length, scalar first.
+    R : ndarray, shape (n, 3, 3)
+        Filled with R^I_B.
+
+    """
     for i in range(len(p)):
         e0, e1, e2, e3 = p[i, 0], p[i, 1], p[i, 2], p[i, 3]
         s = 1.0 / (e0 * e0 + e1 * e1 + e2 * e2 + e3 * e3)
@@ -38,7 +46,19 @@ def link_frames(p, R):
 
 @inlined
 def rates_in_inertial_frame(R, u, omega):
-    """Fill omega (n, 3) with the angular velocities in I."""
+    """
+    Fill the angular velocities of links in I.
+
+    Parameters
+    ----------
+    R : ndarray, shape (n, 3, 3)
+        Link frames in I.
+    u : ndarray, shape (n, 6)
+        Velocities.
+    omega : ndarray, shape (n, 3)
+        Filled [rad/s].
+
+    """
     for i in range(len(u)):
         for k in range(3):
             omega[i, k] = R[i, k, 0] * u[i, 3] + R[i, k, 1] * u[i, 4] + R[i, k, 2] * u[i, 5]
@@ -46,7 +66,24 @@ def rates_in_inertial_frame(R, u, omega):
 
 @compiled
 def half_rotation(p, omega, step):
-    """Return p + step H_bar(p)^T omega, omega in B: half of a step of the kinematic map (74)."""
+    """
+    Return ``p + step H_bar(p)^T omega``: half of a step of the kinematic map (74).
+
+    Parameters
+    ----------
+    p : tuple of 4 float
+        Euler parameters, scalar first.
+    omega : tuple of 3 float
+        Angular velocity in B [rad/s].
+    step : float
+        Half of the time of the rotation [s].
+
+    Returns
+    -------
+    tuple of 4 float
+        Euler parameters, not normalized.
+
+    """
     e0, e1, e2, e3 = p
     x, y, z = omega
     return (
@@ -59,7 +96,23 @@ def half_rotation(p, omega, step):
 
 @compiled
 def middle_coordinates(dt, q, u, q_mid):
-    """Fill q_mid with q_M = q_A + dt/2 F(q_M) u_A, eq. (72), solved in closed form for p_M."""
+    """
+    Fill the coordinates at the middle of a step, eq. (72), solved in closed form for p_M.
+
+    The equation is ``q_M = q_A + dt/2 F(q_M) u_A``.
+
+    Parameters
+    ----------
+    dt : float
+        Time step [s].
+    q : ndarray, shape (n, 7)
+        Coordinates q_A at the start.
+    u : ndarray, shape (n, 6)
+        Velocities u_A at the start.
+    q_mid : ndarray, shape (n, 7)
+        Filled with q_M; its Euler parameters are not normalized.
+
+    """
     for i in range(len(q)):
         for k in range(3):
             q_mid[i, k] = q[i, k] + dt / 2 * u[i, k]
@@ -71,7 +124,23 @@ def middle_coordinates(dt, q, u, q_mid):
 
 @inlined
 def end_coordinates(dt, q_mid, u, q):
-    """Fill q with q_E = q_M + dt/2 F(q_M) u_E, eq. (83), Euler parameters of length 1 (VII-C)."""
+    """
+    Fill the coordinates at the end of a step, eq. (83), with Euler parameters of length 1 (VII-C).
+
+    The equation is ``q_E = q_M + dt/2 F(q_M) u_E``.
+
+    Parameters
+    ----------
+    dt : float
+        Time step [s].
+    q_mid : ndarray, shape (n, 7)
+        Coordinates q_M at the middle.
+    u : ndarray, shape (n, 6)
+        Velocities u_E at the end.
+    q : ndarray, shape (n, 7)
+        Filled with q_E.
+
+    """
     for i in range(len(q)):
         for k in range(3):
             q[i, k] = q_mid[i, k] + dt / 2 * u[i, k]
@@ -83,7 +152,19 @@ def end_coordinates(dt, q_mid, u, q):
 
 @inlined
 def joint_coordinates(R, omega, coordinate):
-    """Fill coordinate (n-1, 2, 2) with the (angle, rate) of yaw and pitch, eq. (66)."""
+    """
+    Fill the angles and rates of all joints, eq. (66).
+
+    Parameters
+    ----------
+    R : ndarray, shape (n, 3, 3)
+        Link frames in I.
+    omega : ndarray, shape (n, 3)
+        Angular velocities in I [rad/s].
+    coordinate : ndarray, shape (n-1, 2, 2)
+        Filled: (yaw, pitch) x (angle [rad], rate [rad/s]).
+
+    """
     for j in range(len(R) - 1):
         xx = xz = yy = yz = yaw_rate = pitch_rate = 0.0
         for k in range(3):
@@ -100,7 +181,21 @@ def joint_coordinates(R, omega, coordinate):
 
 @compiled
 def joint_motions(q, u, R, omega, coordinate):
-    """Fill coordinate (m, n-1, 2, 2) as `joint_coordinates` for m states; R, omega are of one."""
+    """
+    Fill the angles and rates of all joints in m states, as `joint_coordinates` does for one.
+
+    Parameters
+    ----------
+    q : ndarray, shape (m, n, 7)
+        Coordinates.
+    u : ndarray, shape (m, n, 6)
+        Velocities.
+    R, omega : ndarray, shapes (n, 3, 3) and (n, 3)
+        Work arrays for one state.
+    coordinate : ndarray, shape (m, n-1, 2, 2)
+        Filled.
+
+    """
     for k in range(len(q)):
         link_frames(q[k, :, 3:], R)
         rates_in_inertial_frame(R, u[k], omega)
@@ -110,9 +205,22 @@ def joint_motions(q, u, R, omega, coordinate):
 @compiled
 def chain_geometry(half_length, R, center, axis):
     """
-    Fill the link centers from O, the center of the middle link, and the twists of the joint axes.
+    Fill the link centers and the twists of the joint axes, from O in axes of I.
 
-    A joint twist is that of the outer link against the inner one, as seen from the middle link.
+    O is the center of the middle link. A joint twist is that of the outer link against the inner
+    one, as seen from the middle link.
+
+    Parameters
+    ----------
+    half_length : ndarray, shape (n,)
+        Half of the link lengths [m].
+    R : ndarray, shape (n, 3, 3)
+        Link frames in I.
+    center : ndarray, shape (n, 3)
+        Filled with link centers [m].
+    axis : ndarray, shape (n-1, 2, 6)
+        Filled with the (angular, linear) twists of yaw and pitch at a rate of 1.
+
     """
     n = len(R)
     for k in range(3):
@@ -138,7 +246,21 @@ def chain_geometry(half_length, R, center, axis):
 
 @inlined
 def twists(u, omega, center, twist):
-    """Fill the twists about O of links with velocities u and angular velocities omega in I."""
+    """
+    Fill the twists of links about O, in axes of I.
+
+    Parameters
+    ----------
+    u : ndarray, shape (n, 6)
+        Velocities.
+    omega : ndarray, shape (n, 3)
+        Angular velocities in I [rad/s].
+    center : ndarray, shape (n, 3)
+        Link centers from O [m].
+    twist : ndarray, shape (n, 6)
+        Filled: angular velocity [rad/s] and velocity at O [m/s].
+
+    """
     for i in range(len(u)):
         wx, wy, wz = omega[i, 0], omega[i, 1], omega[i, 2]
         x, y, z = center[i, 0], center[i, 1], center[i, 2]
@@ -150,7 +272,21 @@ def twists(u, omega, center, twist):
 
 @inlined
 def end_velocities(twist, R, center, u):
-    """Fill u_E (n, 6) from the twists about O."""
+    """
+    Fill the velocities of links from their twists about O.
+
+    Parameters
+    ----------
+    twist : ndarray, shape (n, 6)
+        Angular velocity [rad/s] and velocity at O [m/s], in axes of I.
+    R : ndarray, shape (n, 3, 3)
+        Link frames in I.
+    center : ndarray, shape (n, 3)
+        Link centers from O [m].
+    u : ndarray, shape (n, 6)
+        Filled with u_E.
+
+    """
     for i in range(len(u)):
         wx, wy, wz = twist[i, 0], twist[i, 1], twist[i, 2]
         x, y, z = center[i, 0], center[i, 1], center[i, 2]
@@ -162,87 +298,8 @@ def end_velocities(twist, R, center, u):
 
 
 @inlined
-def axis_z(q, i):
-    """Return e_z of link i in I."""
-    e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
-    return (
-        2.0 * (e1 * e3 + e0 * e2),
-        2.0 * (e2 * e3 - e0 * e1),
-        e0 * e0 - e1 * e1 - e2 * e2 + e3 * e3,
-    )
-
-
-@inlined
-def joint_violation_rate(half_length, R, u, omega):
-    """
-    Return the fastest rate of joint violations at given velocities [m/s], eqs. (38)-(41).
-
-    Of the twist of a joint, as the speed of a point half a link away.
-    """
-    fastest = 0.0
-    for j in range(len(R) - 1):
-        for k, r, s in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            inner = omega[j, r] * R[j, s, 2] - omega[j, s] * R[j, r, 2]
-            outer = omega[j + 1, r] * R[j + 1, s, 2] - omega[j + 1, s] * R[j + 1, r, 2]
-            chained = u[j, k] + half_length[j] * inner + half_length[j + 1] * outer
-            fastest = max(fastest, abs(u[j + 1, k] - chained))
-        twist = 0.0
-        for k, r, s in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            normal = R[j, r, 1] * R[j + 1, s, 0] - R[j, s, 1] * R[j + 1, r, 0]
-            twist += normal * (omega[j + 1, k] - omega[j, k])
-        fastest = max(fastest, half_length[j] * abs(twist))
-    return fastest
-
-
-@inlined
-def joint_violation(half_length, q):
-    """Return the largest violation of a joint in position [m] and angle [1], eqs. (11)-(13)."""
-    gap = twist = 0.0
-    for j in range(len(q) - 1):
-        a, b = axis_z(q, j), axis_z(q, j + 1)
-        for k in range(3):
-            chained = q[j, k] + half_length[j] * a[k] + half_length[j + 1] * b[k]
-            gap = max(gap, abs(chained - q[j + 1, k]))
-        twist = max(twist, abs(joint_twist(q, j)))
-    return gap, twist
-
-
-@inlined
-def close_joints(rule, half_length, mass, q):
-    """
-    Remove the joint drift from q, section VII-C: link by link from the first one, which is held.
-
-    Deviation: the paper turns a link about its own e_z until the axes of the joint are at right
-    angles again, which no such turn does at a pitch of 90 degrees, and a flip of the link does
-    beyond. Here it is turned about the common normal of both axes: the smallest turn there is.
-
-    Deviation, for CENTER_OF_MASS: afterwards the robot is moved back to its center of mass. The
-    correction is inside the robot, and so moves it nowhere.
-    """
-    if rule == NONE:
-        return
-    moment_x = moment_y = moment_z = mass_sum = 0.0
-    for i in range(len(q)):
-        x, y, z = q[i, 0], q[i, 1], q[i, 2]
-        if i > 0:
-            square_axes(q, i - 1)
-            a, b = axis_z(q, i - 1), axis_z(q, i)
-            for k in range(3):
-                q[i, k] = q[i - 1, k] + half_length[i - 1] * a[k] + half_length[i] * b[k]
-        moment_x += mass[i] * (q[i, 0] - x)
-        moment_y += mass[i] * (q[i, 1] - y)
-        moment_z += mass[i] * (q[i, 2] - z)
-        mass_sum += mass[i]
-    if rule == CENTER_OF_MASS:
-        for i in range(len(q)):
-            q[i, 0] -= moment_x / mass_sum
-            q[i, 1] -= moment_y / mass_sum
-            q[i, 2] -= moment_z / mass_sum
-
-
-@inlined
 def axis_x(q, i):
-    """Return e_x of link i in I."""
+    """Return e_x of link i in I, from coordinates q (n, 7) with unit Euler parameters."""
     e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
     return (
         e0 * e0 + e1 * e1 - e2 * e2 - e3 * e3,
@@ -253,7 +310,7 @@ def axis_x(q, i):
 
 @inlined
 def axis_y(q, i):
-    """Return e_y of link i in I."""
+    """Return e_y of link i in I, from coordinates q (n, 7) with unit Euler parameters."""
     e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
     return (
         2.0 * (e1 * e2 - e0 * e3),
@@ -263,40 +320,29 @@ def axis_y(q, i):
 
 
 @inlined
-def joint_twist(q, j):
-    """Return e_y of link j times e_x of link j+1: g_Jphi, eq. (13)."""
-    a, b = axis_y(q, j), axis_x(q, j + 1)
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@merged
-def square_axes(q, j):
-    """
-    Turn link j+1 until its e_x is at right angles to e_y of link j.
-
-    About their common normal n = e_y x e_x that is the angle with the sine g_Jphi and the cosine
-    abs(n): half of it is found without angles.
-    """
-    a, b = axis_y(q, j), axis_x(q, j + 1)
-    x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-    sine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-    cosine = math.sqrt(x * x + y * y + z * z)
-    c = math.sqrt(0.5 * (1.0 + cosine))
-    s = sine / (2.0 * c * cosine)
-    x, y, z = s * x, s * y, s * z
-    i = j + 1
+def axis_z(q, i):
+    """Return e_z of link i in I, from coordinates q (n, 7) with unit Euler parameters."""
     e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
-    q[i, 3], q[i, 4], q[i, 5], q[i, 6] = (
-        c * e0 - x * e1 - y * e2 - z * e3,
-        c * e1 + x * e0 + y * e3 - z * e2,
-        c * e2 + y * e0 + z * e1 - x * e3,
-        c * e3 + z * e0 + x * e2 - y * e1,
+    return (
+        2.0 * (e1 * e3 + e0 * e2),
+        2.0 * (e2 * e3 - e0 * e1),
+        e0 * e0 - e1 * e1 - e2 * e2 + e3 * e3,
     )
 
 
 @merged
 def floor_penetration(offset, radius, q):
-    """Return how deep the lowest contact sphere is below the floor [m], 0 if it is not."""
+    """
+    Return how deep the lowest contact sphere is below the floor [m], 0 if it is not.
+
+    Parameters
+    ----------
+    offset, radius : ndarray, shape (n,)
+        Distance of the contact spheres from the link center, and their radii [m].
+    q : ndarray, shape (n, 7)
+        Coordinates.
+
+    """
     lowest = 0.0
     for i in range(len(q)):
         lowest = min(lowest, q[i, 2] - offset[i] * abs(axis_z(q, i)[2]) - radius[i])
@@ -305,7 +351,21 @@ def floor_penetration(offset, radius, q):
 
 @merged
 def lies_flat_and_still(offset, radius, q, u, omega):
-    """Return whether every link is on the floor, not rolled, and moves in the plane only."""
+    """
+    Return whether every link is on the floor, is not rolled, and moves in the plane only.
+
+    Parameters
+    ----------
+    offset, radius : ndarray, shape (n,)
+        Distance of the contact spheres from the link center, and their radii [m].
+    q : ndarray, shape (n, 7)
+        Coordinates.
+    u : ndarray, shape (n, 6)
+        Velocities.
+    omega : ndarray, shape (n, 3) or more columns
+        Angular velocities in I [rad/s], in the first columns.
+
+    """
     for i in range(len(q)):
         e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
         height, lift = q[i, 2] - radius[i], offset[i] * axis_z(q, i)[2]

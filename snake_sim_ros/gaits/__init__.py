@@ -1,1 +1,1 @@
-"""What the joints are told over time: blending of gaits, steering, commanded references."""
+"""References of the joints over time: blending of gaits, steering, commands, trajectories."""

@@ -1,13 +1,13 @@
 """
 Gaits that change while they run, without a jump in angles or rates.
 
-A gait is a carrier phase of each wave and, for each joint, what it makes of it: a complex number
-z, ``alpha = Im(z exp(i phi)) + psi`` with ``z = A exp(i ((j - 1) delta + delta_0))``. A change
-blends z, the offset psi and the frequency linearly from the old gait to the new one, with the
-weight s of `gait.soft_start` over a fixed time; phi is the exact integral of the frequency, so a
-new frequency keeps the phase. Changes may come at any time, also in the middle of a blend: the
-weights of all gaits are then still positive and sum to 1. So all that is convex holds in between
-if it holds for every gait, and the limits of the joints do, see `check_limits`.
+A gait has a carrier phase for each wave and, for each joint and wave, a complex number z that
+turns it into an angle: ``alpha = Im(z exp(i phi)) + psi``, ``z = A exp(i ((j - 1) delta +
+delta_0))``. A change blends z, the offset psi and the frequency linearly from the old gait to the
+new one, with the weight s of `gait.soft_start` over a fixed time. phi is the exact integral of the
+frequency, so a new frequency keeps the phase. Changes may come at any time, also during a blend:
+the weights of all gaits remain positive and sum to 1. Every convex condition that holds for each
+gait therefore holds in between. The limits of the joints are such conditions, see `check_limits`.
 """
 
 from dataclasses import dataclass
@@ -23,35 +23,35 @@ from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Wave
 
-FREQUENCY_RATIOS = range(
-    -4, 5
-)  # of the yaw frequency: the pitch wave has a fixed place on the yaw wave
+FREQUENCY_RATIOS = range(-4, 5)  # pitch over yaw frequency; the waves then form one motion
 
 
 @dataclass(frozen=True)
 class Blend:
     """
-    The gaits of the last `duration`, each blended into the next, and one joint reference of them.
+    The gaits of the last `duration`, each blended into the next, and their joint reference.
 
     Attributes
     ----------
     gait : Gait
-        The one it ends with.
+        The last gait.
     joint_count : int
+        Number of cardan joints, n-1.
     duration : float
         Time of every blend [s].
     fade_in : float
-        Time of the soft start of the first gait of all [s].
+        Time of the soft start of the very first gait [s].
     begins : ndarray, shape (m,)
-        Times at which all gaits but the first begin to replace the one before [s].
+        Times at which each gait but the first begins to replace the one before [s].
     frequency, offset : ndarray, shape (m+1, 2)
         Of the yaw and the pitch wave of every gait [rad/s], [rad].
     amplitude : ndarray of complex, shape (m+1, n-1, 2)
         z of every gait and joint [rad].
     phase : ndarray, shape (2,)
-        Phases of the waves at time 0, had the first of these gaits always run [rad].
+        Phases that the waves would have at time 0 if the first of these gaits had always run
+        [rad].
     shift : float
-        What the phase of the pitch wave of the last gait is more than its parameters say [rad].
+        Phase of the pitch wave of the last gait beyond the one in its parameters [rad].
 
     """
 
@@ -86,10 +86,10 @@ class Blend:
         """
         Return the reference that begins to blend into another gait now.
 
-        Both waves keep their phase, with one exception: where the pitch frequency is one of
-        `FREQUENCY_RATIOS` of the yaw frequency, the two waves make up one motion, as in
-        sidewinding. Then the phases in the parameters say where the pitch wave lies on the yaw
-        wave, and the blend ends there.
+        Both waves keep their phase, with one exception. If the pitch frequency is one of the
+        multiples FREQUENCY_RATIOS of the yaw frequency, the two waves make up one motion, as in
+        sidewinding. Then the phases in the parameters determine the place of the pitch wave on the
+        yaw wave, and the blend ends there.
 
         Parameters
         ----------
@@ -125,7 +125,7 @@ class Blend:
         Parameters
         ----------
         time : float or ndarray, shape (k,)
-            Time since the first gait of all began, not before the last change [s].
+            Time since the very first gait began, not before the last change [s].
 
         Returns
         -------
@@ -152,7 +152,7 @@ class Blend:
 
     @property
     def _delays(self) -> Array:
-        """What every change takes from the phases at time 0 in the end, shape (m, 2) [rad]."""
+        """Phases at time 0 that every change takes away in the end, shape (m, 2) [rad]."""
         return (self.begins + self.duration / 2)[:, None] * np.diff(self.frequency, axis=0)
 
 
@@ -160,8 +160,8 @@ def largest_values(robot: Robot) -> dict[str, float]:
     """
     Return name -> largest magnitude of the numbers of a wave.
 
-    With half of the joint rate limit left to the wave, whatever its amplitude, and half to the
-    blends, see `shortest_blend`, no change of a gait exceeds it.
+    They leave half of the joint rate limit to the wave, whatever its amplitude, and half to the
+    blends, see `shortest_blend`, so that no change of a gait exceeds the limit.
     """
     return {
         'amplitude': robot.joint_limit,

@@ -1,7 +1,7 @@
 """
-Compiled sampling of what joints are told; see `joint_reference`.
+Compiled sampling of joint references; see `joint_reference`.
 
-Rows of the arrays angle [rad] and rate [rad/s] are times, their columns axes; both are written.
+The rows of the arrays angle [rad] and rate [rad/s] belong to times, their columns to joint axes.
 """
 
 import math
@@ -13,7 +13,21 @@ from snake_sim_ros.dynamics.compilation import compiled
 
 @compiled
 def sample_command(times, stamp, told_angle, told_rate, horizon, angle, rate):
-    """Write angles that change by their rates for a while after their stamps, then are held."""
+    """
+    Fill angles that change at their rates for a while after their stamps and are held afterwards.
+
+    Parameters
+    ----------
+    times : ndarray, shape (m,)
+        Times to sample at [s].
+    stamp, told_angle, told_rate : ndarray, shape (k,)
+        Time of the command [s], angle [rad] and rate [rad/s] of every axis.
+    horizon : float
+        Time for which a rate acts [s].
+    angle, rate : ndarray, shape (m, k)
+        Filled.
+
+    """
     for i in range(len(times)):
         for k in range(len(stamp)):
             age = times[i] - stamp[k]
@@ -23,7 +37,23 @@ def sample_command(times, stamp, told_angle, told_rate, horizon, angle, rate):
 
 @compiled
 def sample_motion(times, axes, knots, coefficients, angle, rate):
-    """Write what some axes do from the begin of a motion on; see `Motion`."""
+    """
+    Fill the columns of some axes from the begin of a motion on; see `Motion`.
+
+    Parameters
+    ----------
+    times : ndarray, shape (m,)
+        Times to sample at, increasing [s].
+    axes : ndarray of int, shape (k,)
+        Columns to fill.
+    knots : ndarray, shape (points,)
+        Times of the points of the motion [s].
+    coefficients : ndarray, shape (4, points-1, k)
+        Coefficients of its pieces.
+    angle, rate : ndarray, shape (m, all axes)
+        Filled in part.
+
+    """
     piece, last = 0, len(knots) - 1
     for i in range(len(times)):
         if times[i] < knots[0]:
@@ -41,7 +71,17 @@ def sample_motion(times, axes, knots, coefficients, angle, rate):
 
 @compiled
 def hold_at_limit(limit, angle, rate):
-    """Let what is beyond a limit stand still there."""
+    """
+    Clip angles to a limit [rad], and set the rates of clipped axes to 0.
+
+    Parameters
+    ----------
+    limit : float
+        Largest magnitude of an angle [rad].
+    angle, rate : ndarray, shape (m, k)
+        Changed in place.
+
+    """
     for i in range(angle.shape[0]):
         for k in range(angle.shape[1]):
             if abs(angle[i, k]) > limit:

@@ -1,4 +1,4 @@
-"""What the joints are told over time: commands, held or extrapolated, and trajectories."""
+"""The references of the joints over time: commands, held or extrapolated, and trajectories."""
 
 from dataclasses import dataclass
 from dataclasses import replace
@@ -13,22 +13,22 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.posture import joint_angles
 
-SINGLE_POINT_DURATION = 1e-3  # s, the length of a motion that has one point only
+SINGLE_POINT_DURATION = 1e-3  # length of a motion that has only one point [s]
 
 
 @dataclass(frozen=True)
 class Motion:
     """
-    A trajectory of some joint axes, cubic in time between its points; after its end they hold.
+    A trajectory of some joint axes, cubic in time between its points; after its end the axes hold.
 
     Attributes
     ----------
     axes : ndarray of int, shape (k,)
-        Which axes, counted along the robot, yaw before pitch.
+        Joint axes, counted along the robot, yaw before pitch.
     times : ndarray, shape (points,)
-        [s]
+        Times of the points [s].
     coefficients : ndarray, shape (4, points-1, k)
-        Of the powers 0 to 3 of the time since the begin of a piece.
+        Coefficients of the powers 0 to 3 of the time since the begin of a piece.
 
     """
 
@@ -65,7 +65,7 @@ class Motion:
         return np.abs(angle).max(axis=0), np.abs(rate).max(axis=0)
 
     def without(self, axes: Array) -> 'Motion':
-        """Return the motion of all axes but some."""
+        """Return the motion without some axes."""
         keep = ~np.isin(self.axes, axes)
         coefficients = np.ascontiguousarray(self.coefficients[..., keep])
         return Motion(self.axes[keep], self.times, coefficients)
@@ -78,12 +78,13 @@ def motion_through(axes: Array, times: Array, angle: Array, rate: Array | None) 
     Parameters
     ----------
     axes : ndarray of int, shape (k,)
+        Joint axes, counted along the robot, yaw before pitch.
     times : ndarray, shape (points,)
         Increasing [s].
     angle : ndarray, shape (points, k)
         [rad]
     rate : ndarray, shape (points, k), or None
-        [rad/s]. With rates the motion is cubic in time between two points, without it is linear.
+        [rad/s]. With rates the motion between two points is cubic in time, without rates linear.
 
     """
     if len(times) == 1:
@@ -102,7 +103,7 @@ def motion_through(axes: Array, times: Array, angle: Array, rate: Array | None) 
 @dataclass(frozen=True)
 class JointReference:
     """
-    What the joints were last told, each axis at its own time.
+    The last command of every joint axis, each at its own time, and the trajectories.
 
     Attributes
     ----------
@@ -111,8 +112,8 @@ class JointReference:
     angle, rate : ndarray, shape (n-1, 2)
         (yaw, pitch) [rad], [rad/s].
     motions : tuple of Motion
-        In the order in which they begin. Once one has begun it goes before angle and rate, and
-        before the motions that began earlier.
+        In the order in which they begin. From its begin on, a motion replaces angle and rate of
+        its axes, and motions that began earlier.
 
     """
 
@@ -130,13 +131,15 @@ class JointReference:
         times : ndarray, shape (m,)
             Increasing [s].
         horizon : float
-            How long a command is extrapolated [s]; then its angle is held and the rate is zero.
+            Time for which a command is extrapolated [s]; then its angle is held and the rate is
+            zero.
         limit : float
-            Largest angle [rad]; a reference beyond it stands still there.
+            Largest angle [rad]; a reference beyond it is held there.
 
         Returns
         -------
         angle, rate : ndarray, shape (m, n-1, 2)
+            [rad], [rad/s]
 
         """
         shape = (len(times), *self.stamp.shape)
@@ -152,7 +155,7 @@ class JointReference:
 
     def commanded(self, axes: Array, stamp: float, angle: Array, rate: Array) -> 'JointReference':
         """
-        Return the reference after a command for some axes; their motions end.
+        Return the reference after a command for some axes, which ends their motions.
 
         Parameters
         ----------
@@ -170,13 +173,13 @@ class JointReference:
         return JointReference(*numbers, _without(self.motions, axes))
 
     def moved(self, motion: Motion) -> 'JointReference':
-        """Return the reference with a motion; what its axes would do from its begin on is void."""
+        """Return the reference with a motion, which cancels later motions of its axes."""
         earlier = tuple(item for item in self.motions if item.begin < motion.begin)
         later = tuple(item for item in self.motions if item.begin >= motion.begin)
         return replace(self, motions=(*earlier, motion, *_without(later, motion.axes)))
 
     def settled(self, now: float) -> 'JointReference':
-        """Return the same from now on, without motions that are over or covered by others."""
+        """Return the same reference from now on, without motions that ended or are covered."""
         begun = [item for item in self.motions if item.begin <= now]
         if not begun or (len(begun) == 1 and begun[0].end > now):
             return self
@@ -196,7 +199,7 @@ class JointReference:
 
 
 def _without(motions: tuple[Motion, ...], axes: Array) -> tuple[Motion, ...]:
-    """Return what is left of some motions without some axes."""
+    """Return some motions without some axes; motions with no axes left are dropped."""
     left = (item.without(axes) for item in motions)
     return tuple(item for item in left if len(item.axes))
 
@@ -208,6 +211,6 @@ def start_posture(scene: Scene, now: float = 0.0) -> JointReference:
 
 
 def compile_sampling(scene: Scene) -> None:
-    """Compile what samples references, also with motions, or load it from the cache."""
+    """Compile the functions that sample references, or load them from the cache."""
     still = motion_through(np.array([0]), np.zeros(1), np.zeros((1, 1)), None)
     start_posture(scene).moved(still).sample(np.zeros(1), 0.0, 1.0)

@@ -3,14 +3,14 @@ A gait that is steered: forward speed by the frequency, turning by the offset of
 
 A robot that follows its own path with a stride of D meters a cycle moves at ``v = D omega/2 pi``.
 An offset psi of all yaw joints bends the path to the curvature ``psi/L``, L the length of a link,
-so the robot turns at ``v psi/L``: to the right for a positive psi when link 1 goes ahead, as yaw
-angles count from the head to the tail.
+so the robot turns at ``v psi/L``. It turns right for a positive psi if link 1 goes ahead, because
+yaw angles count from the head to the tail.
 
-Contacts slip, so neither is exact. In simulated lateral undulation (case A) a robot that is asked
-for 0.05 to 0.4 m/s straight on reaches that within 1.2 %. On a path of curvature 1/m it turns 7 %
-faster and moves 7 % slower than asked, 11 % and 29 % at 2/m; backward it is within 10 % at 1/m.
-The stride is that of the amplitudes and friction it was measured with. A sidewinding robot moves
-at the speed asked for, but to the side, and an offset does not turn it.
+Contacts slip, so neither relation is exact. In simulated lateral undulation (case A) a robot that
+is asked for 0.05 to 0.4 m/s straight ahead reaches this speed within 1.2 %. On a path of curvature
+1/m it turns 7 % faster and moves 7 % slower than asked, at 2/m 11 % and 29 %; backward it is
+within 10 % at 1/m. The stride belongs to the amplitudes and friction that it was measured with. A
+sidewinding robot moves at the requested speed, but sideways, and an offset does not turn it.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from snake_sim_ros.scene.parameters import Robot
 @dataclass(frozen=True)
 class Steering:
     """
-    What a robot is asked to do.
+    The requested motion of a robot.
 
     Attributes
     ----------
@@ -41,17 +41,17 @@ class Steering:
 
     def gait(self, gait: Gait, robot: Robot, stride: float) -> tuple[Gait, dict[str, str]]:
         """
-        Return the gait that does it.
+        Return the gait that moves the robot as requested.
 
-        Both frequencies keep their ratio. A robot that is asked for more than its joints can do
+        Both frequencies keep their ratio. If more is requested than the joints can do, the robot
         moves as fast as they allow and keeps the curvature ``turning/speed`` of the path, up to
         the joint limit. A wave that runs from link 1 to the last one pushes link 1 ahead; gaits
-        whose phase lag is positive run the other way for that.
+        with a positive phase lag run in the other direction for that.
 
         Parameters
         ----------
         gait : Gait
-            What the waves look like.
+            Shape of the waves.
         robot : Robot
         stride : float
             Distance that a cycle of the gait moves the robot [m].
@@ -60,19 +60,12 @@ class Steering:
         -------
         gait : Gait
         remarks : dict
-            Kind -> sentence about what cannot be done as asked.
+            Kind -> sentence about what cannot be done as requested.
 
         """
-        remarks: dict[str, str] = {}
         yaw, pitch = gait.yaw, gait.pitch
         cycle = yaw.angular_frequency or pitch.angular_frequency
-        if self.speed == 0.0 and self.turning != 0.0:
-            remarks['turning'] = (
-                f'cmd_vel: angular.z {self.turning:.4g} rad/s needs a linear.x that is not 0: '
-                f'a robot that follows its own path does not turn in place; it stops'
-            )
-        if self.speed != 0.0 and cycle == 0.0:
-            remarks['cycle'] = 'cmd_vel: a gait whose frequencies are 0 does not move; it stops'
+        remarks = self._reasons_to_stop(cycle)
         if self.speed == 0.0 or cycle == 0.0:
             return _still(gait), remarks
 
@@ -102,9 +95,21 @@ class Steering:
             pitch=replace(pitch, angular_frequency=scale * pitch.angular_frequency),
         ), remarks
 
+    def _reasons_to_stop(self, cycle: float) -> dict[str, str]:
+        """Return kind -> sentence about why the robot stops, given its angular frequency."""
+        remarks: dict[str, str] = {}
+        if self.speed == 0.0 and self.turning != 0.0:
+            remarks['turning'] = (
+                f'cmd_vel: angular.z {self.turning:.4g} rad/s needs a linear.x that is not 0: '
+                f'a robot that follows its own path does not turn in place; it stops'
+            )
+        if self.speed != 0.0 and cycle == 0.0:
+            remarks['cycle'] = 'cmd_vel: a gait whose frequencies are 0 does not move; it stops'
+        return remarks
+
 
 def _still(gait: Gait) -> Gait:
-    """Return a gait at rest: straight, but for the offset of its pitch."""
+    """Return the gait at rest: straight, except for the offset of its pitch."""
     still = {'amplitude': 0.0, 'angular_frequency': 0.0}
     return replace(
         gait,

@@ -17,9 +17,9 @@ from snake_sim_ros.scene.checked_records import from_mapping
 from snake_sim_ros.scene.checked_records import nearest
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import parse_yaml
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.yaml_text import parse_yaml
 
 S = TypeVar('S')
 

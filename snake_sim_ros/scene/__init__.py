@@ -1,1 +1,1 @@
-"""What is simulated: records of robot, friction, gait and obstacles, and their geometry."""
+"""What is simulated: robot, friction, gait and obstacles, and their geometry."""

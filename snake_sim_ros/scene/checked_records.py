@@ -1,8 +1,8 @@
 """
-What a record of numbers is: fields that know their unit and range, and records that check them.
+Records: frozen dataclasses whose fields know their unit and range, and which check their values.
 
-A record is a frozen dataclass. It comes from nested mappings, as YAML gives them, and goes back to
-them; whatever is not usable is refused with one sentence that names it.
+A record is made from nested mappings, as YAML gives them, and is turned back into such mappings.
+A value that is not usable is refused with one sentence that names it.
 """
 
 from collections.abc import Iterator
@@ -38,7 +38,23 @@ def quantity(
     maximum: float = math.inf,
     choices: tuple[str, ...] = (),
 ) -> Any:
-    """Return a dataclass field that knows its unit, its meaning and its admissible values."""
+    """
+    Return a dataclass field that knows its unit, its meaning and its admissible values.
+
+    Parameters
+    ----------
+    default : object
+        Default value of the field.
+    unit : str
+        Unit, such as 'N m/rad'; '1' for a pure number, '' for what is no number.
+    meaning : str
+        What the value means.
+    above, minimum, maximum : float
+        Bounds of every number in the value; `above` itself is excluded.
+    choices : tuple of str
+        Admissible texts; empty for any.
+
+    """
     limits = {'above': float(above), 'minimum': float(minimum), 'maximum': float(maximum)}
     metadata = {'unit': unit, 'meaning': meaning, 'choices': choices, **limits}
     return field(default=default, metadata=metadata)
@@ -74,7 +90,7 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
 
 
 def _check(name: str, value: Any, limits: Mapping[str, Any]) -> None:
-    """Raise if one value of a field is not finite, out of range or not among the choices."""
+    """Raise an error if a value is not finite, out of range or not among the choices."""
     if isinstance(value, str):
         if limits['choices'] and value not in limits['choices']:
             choices = ', '.join(limits['choices'])
@@ -96,7 +112,7 @@ def _check(name: str, value: Any, limits: Mapping[str, Any]) -> None:
 
 
 class CheckedRecord:
-    """What all records share: every field is checked when the record is made."""
+    """The base of all records: every field is checked when the record is made."""
 
     def __post_init__(self) -> None:
         """
@@ -139,12 +155,21 @@ def flat_fields(record: Any, prefix: str = '') -> dict[str, tuple[Any, Mapping[s
 
 def from_mapping(cls: type, mapping: Any, where: str) -> Any:
     """
-    Return a record of type `cls` from nested mappings.
+    Return a record from nested mappings.
+
+    Parameters
+    ----------
+    cls : type
+        Class of the record.
+    mapping : mapping
+        Names to values; None counts as empty. A key may end in ``_deg``.
+    where : str
+        Where the mapping comes from, for error messages.
 
     Raises
     ------
     ParameterError
-        If a key is unknown (the nearest right one is named) or a value not usable.
+        If a key is unknown (the message suggests the nearest one) or a value not usable.
 
     """
     if mapping is None:
@@ -171,7 +196,7 @@ def from_mapping(cls: type, mapping: Any, where: str) -> Any:
 
 
 def to_mapping(record: Any) -> dict[str, Any]:
-    """Return nested mappings of names to values, the opposite of `from_mapping`."""
+    """Return nested mappings of names to values, the inverse of `from_mapping`."""
     mapping: dict[str, Any] = {}
     for item in fields(record):
         value = getattr(record, item.name)
@@ -182,7 +207,25 @@ def to_mapping(record: Any) -> dict[str, Any]:
 
 
 def with_values(record: Any, path: list[str], values: dict[str, Any], prefix: str) -> Any:
-    """Return a record with values replaced in the record that a path of names leads to."""
+    """
+    Return a record with some values replaced in one of its inner records.
+
+    Parameters
+    ----------
+    record : CheckedRecord
+    path : list of str
+        Names that lead to the inner record; empty for the record itself.
+    values : dict
+        Names to values.
+    prefix : str
+        Names before the path, for error messages.
+
+    Raises
+    ------
+    ParameterError
+        If a name is unknown or a value not usable.
+
+    """
     names = {item.name for item in fields(record)}
     for name in path[:1] or values:
         if name not in names:
@@ -199,7 +242,7 @@ def with_values(record: Any, path: list[str], values: dict[str, Any], prefix: st
 
 
 def nearest(name: Any, names: Any) -> str:
-    """Return a hint for an unknown name: the nearest right one, or all of them."""
+    """Return a hint for an unknown name: the nearest known one, or all of them."""
     close = difflib.get_close_matches(str(name), list(names), n=1)
     return f'did you mean {close[0]!r}?' if close else f'choose from: {", ".join(sorted(names))}'
 

@@ -1,7 +1,7 @@
 """
 Joint references of snake gaits as pure functions of time, eqs. (70) and (71).
 
-`soft_start` and `wave` take arrays and, where they are compiled, numbers.
+`soft_start` and `wave` take arrays and, when they are compiled, numbers.
 """
 
 from dataclasses import astuple
@@ -45,8 +45,16 @@ def soft_start(time: Array, duration: float) -> tuple[Array, Array]:
     """
     Return the fade-in s = 3x^2 - 2x^3, x = t/T_s up to 1, and its rate [1/s].
 
-    Assumption: the paper names a soft start without its formula; this one is continuous with its
-    rate.
+    Assumption: the paper mentions a soft start without its formula; this one and its rate are
+    continuous.
+
+    Parameters
+    ----------
+    time : ndarray
+        Time since the gait began [s].
+    duration : float
+        T_s [s]; with 0 there is no soft start.
+
     """
     if duration == 0.0:
         return 1.0 + 0.0 * time, 0.0 * time
@@ -67,7 +75,7 @@ def wave(
     fade : tuple of ndarray
         As `soft_start` returns it.
     t : ndarray
-        [s]
+        Time since the gait began [s].
     joint : ndarray
         Number of the joint, from 0.
 

@@ -1,16 +1,17 @@
 """
-What a robot can touch besides a flat floor: ground of cells and pegs; gaps and contact frames.
+Everything a robot can touch besides a flat floor: ground of cells, and pegs; gaps and frames.
 
-This is the definition, in NumPy, that `detection.py` compiles. Contacts are numbered in slots of
-one for each link, so that contact a belongs to link a % n: the front and the rear spheres on the
-ground below them, as in eq. (10); where the ground has cells, six more slots for the higher cells
-beside the front and the rear spheres; then a slot for every peg. Contacts of links with each other
-come last: four of every two that are not neighbors, of the spheres of one with those of the other.
+This is the definition in NumPy; `contact.detection` is its compiled form. Contacts are numbered in
+slots of one contact for each link, so that contact a belongs to link a % n. The first two slots
+are the front and the rear spheres on the ground below them, as in eq. (10). If the ground has
+cells, six more slots follow for the higher cells beside the front and the rear spheres. Then comes
+a slot for every peg. Contacts of links with each other come last: four for every two links that
+are not neighbors, of the spheres of one with those of the other.
 
-A sphere is in contact with the box below each cell at the nearest point of the box. The cell below
-its center is always there; a neighbor only where it is higher, so that a flat ground is flat
-whatever its cells. A diagonal neighbor counts only where its nearest point is not on one of the
-two others, too: a straight wall is straight.
+A sphere is in contact with the box below each cell, at the nearest point of the box. The cell
+below its center always counts. A neighbor counts only if it is higher, so that a flat ground is
+flat whatever its cells. A diagonal neighbor counts only if its nearest point is not on one of the
+two other neighbors, so that a straight wall is straight.
 
 A link is in contact with a peg as a capsule, the cylinder around its axis with the two contact
 spheres as its ends, at the height of the nearest point of its axis.
@@ -27,12 +28,10 @@ from snake_sim_ros.scene.parameters import Ground
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
 
-NEIGHBOR_SLOTS = (
-    6  # slots of the cells beside the two spheres of a link: along x, along y, diagonal
-)
+NEIGHBOR_SLOTS = 6  # of the cells beside the two spheres of a link: along x, along y, diagonal
 E_X, E_Y, E_Z = np.eye(3)
-# How pictures show what has no end: pegs so high, in contact radii, and boxes of the ground so far
-# below the lowest of them [m].
+# How pictures show what has no end: the height of pegs, in contact radii, and how far boxes of the
+# ground reach below the lowest of them [m].
 PEG_HEIGHT, FOUNDATION = 4.0, 0.01
 
 
@@ -52,28 +51,28 @@ def first_pair(scene: Scene) -> int:
 
 
 def pair_contacts(scene: Scene) -> list[tuple[int, int, int, int]]:
-    """Return link, other link, and the signs of their spheres, of every contact of two links."""
+    """Return link, other link and the signs of their spheres, of every contact of two links."""
     n = scene.robot.link_count if scene.self_contact else 0
     apart = [(i, j) for i in range(n) for j in range(i + 2, n)]
     return [(i, j, s, t) for i, j in apart for s in (1, -1) for t in (1, -1)]
 
 
 def contact_count(scene: Scene) -> int:
-    """Return the number of contacts, closed or not: 2n on a flat floor."""
+    """Return the number of contacts, open and closed: 2n on a flat floor."""
     n = scene.robot.link_count
     return first_pair(scene) + (2 * (n - 1) * (n - 2) if scene.self_contact else 0)
 
 
 def contact_keys(scene: Scene) -> list[tuple[Any, ...]]:
     """
-    Return what touches what in every contact, whatever its number: by it scenes are compared.
+    Return what touches what in every contact, by which contacts of different scenes are matched.
 
     Returns
     -------
     list of tuple
-        ('floor', side, link); ('cell', slot, link), of a ground of which nothing more is said;
-        ('peg', x, y, radius, how many of the same come before it, link); ('pair', link, other
-        link, and the signs of their spheres).
+        ('floor', side, link); ('cell', slot, link), without the ground it belongs to; ('peg', x,
+        y, radius, number of equal pegs before it, link); ('pair', link, other link, and the signs
+        of their spheres).
 
     """
     n, count = scene.robot.link_count, first_peg(scene)
@@ -95,7 +94,7 @@ def same_contacts(before: Scene, after: Scene) -> tuple[Array, Array]:
     -------
     old, new : ndarray of int, shape (k,)
         Contact ``old[k]`` of the first scene is contact ``new[k]`` of the second one. Cells of
-        another ground are others; the spheres on the ground below them are the same.
+        different grounds are different; the spheres on the ground below them are the same.
 
     """
     number = {key: a for a, key in enumerate(contact_keys(before))}
@@ -127,7 +126,7 @@ def contact_friction(scene: Scene, a: int) -> tuple[float, float, float]:
 
 
 def cell_height(ground: Ground, column: int, row: int) -> float:
-    """Return the height of a cell [m]."""
+    """Return the height of a cell [m], 0 outside the field of cells."""
     if 0 <= row < len(ground.heights) and 0 <= column < len(ground.heights[0]):
         return ground.heights[row][column]
     return 0.0
@@ -140,7 +139,7 @@ def cell_centers(ground: Ground) -> Array:
 
 
 def cell_at(ground: Ground, x: float, y: float) -> tuple[int, int]:
-    """Return column and row of the cell at a point."""
+    """Return column and row of the cell at a point (x, y) of I [m]."""
     x, y = x - ground.origin[0], y - ground.origin[1]
     return math.floor(x / ground.cell), math.floor(y / ground.cell)
 
@@ -149,8 +148,20 @@ def nearest_points(ground: Ground, center: Array) -> list[Array | None]:
     """
     Return the nearest point to a sphere center of each of four boxes that can touch the sphere.
 
-    Of the cell below it, then of its neighbors along x, along y and diagonally, on the side where
-    they are nearer; None where there is no contact.
+    The boxes are those of the cell below it, then of its neighbors along x, along y and
+    diagonally, on the side on which they are nearer.
+
+    Parameters
+    ----------
+    ground : Ground
+    center : ndarray, shape (3,)
+        Center of the sphere in I [m].
+
+    Returns
+    -------
+    list of ndarray, shape (3,), or None
+        [m]; None if there is no contact with the box.
+
     """
     column, row = cell_at(ground, center[0], center[1])
     middle = np.array(ground.origin) + ground.cell * (np.array([column, row]) + 0.5)
@@ -174,8 +185,14 @@ def tangents(normal: Array, axis: Array) -> tuple[Array, Array]:
     """
     Return e_x and e_y of a contact frame: along a link and across it, in the tangent plane.
 
-    Deviation: a link at right angles to the plane has no direction in it; e_x of I, or e_y of I at
-    a wall across e_x, stands in for its axis.
+    Deviation: a link at right angles to the plane has no direction in it. Its axis is replaced by
+    e_x of I or, at a wall across e_x, by e_y of I.
+
+    Parameters
+    ----------
+    normal, axis : ndarray, shape (3,)
+        Unit vectors of the contact normal and along the link, in I.
+
     """
     e_x = axis - (axis @ normal) * normal
     if np.linalg.norm(e_x) <= 1e-6:
@@ -195,24 +212,36 @@ def contact_geometry(
     ----------
     scene : Scene
     q : ndarray, shape (n, 7)
+        Link centers [m, frame I] and unit Euler parameters.
     wanted : ndarray of bool, shape (contacts,), optional
-        Contacts to look at, with those of the same sphere on the ground; default: all.
+        Contacts to compute, together with others of the same sphere on the ground; default: all.
 
     Returns
     -------
     gap : ndarray, shape (contacts,)
-        [m]; infinite where a neighbor is not higher, and of contacts that are not wanted.
+        [m]; infinite where a neighbor is not higher, and for contacts that are not wanted.
     lever : ndarray, shape (contacts, 3)
         Link center to contact point [m, frame I].
     frame : ndarray, shape (contacts, 3, 3)
         Normal, from the obstacle or other link to the link, e_x and e_y of every contact, in I.
 
     """
-    robot, count = scene.robot, contact_count(scene)
-    n, R, first = robot.link_count, rotation_matrices(q[:, 3:]), first_peg(scene)
+    count, R = contact_count(scene), rotation_matrices(q[:, 3:])
     gap, lever, frame = np.full(count, np.inf), np.zeros((count, 3)), np.zeros((count, 3, 3))
     wanted = np.ones(count, dtype=bool) if wanted is None else wanted
-    offset, radius = robot.per_link('contact_offset'), robot.per_link('contact_radius')
+    _fill_ground_contacts(scene, q, R, wanted, gap, lever, frame)
+    _fill_peg_contacts(scene, q, R, wanted, gap, lever, frame)
+    _fill_pair_contacts(scene, q, R, wanted, gap, lever, frame)
+    return gap, lever, frame
+
+
+def _fill_ground_contacts(
+    scene: Scene, q: Array, R: Array, wanted: Array, gap: Array, lever: Array, frame: Array
+) -> None:
+    """Fill gaps, levers and frames of the contacts with the ground; see `contact_geometry`."""
+    robot, first = scene.robot, first_peg(scene)
+    n, offset = robot.link_count, robot.per_link('contact_offset')
+    radius = robot.per_link('contact_radius')
     for i in range(n):
         axis = R[i] @ E_Z
         for side, sign in enumerate((1, -1)):
@@ -234,6 +263,17 @@ def contact_geometry(
                 gap[a] = distance - radius[i]
                 lever[a] = arm - radius[i] * normal
                 frame[a] = normal, *tangents(normal, axis)
+
+
+def _fill_peg_contacts(
+    scene: Scene, q: Array, R: Array, wanted: Array, gap: Array, lever: Array, frame: Array
+) -> None:
+    """Fill gaps, levers and frames of the contacts with pegs; see `contact_geometry`."""
+    robot, first = scene.robot, first_peg(scene)
+    n, offset = robot.link_count, robot.per_link('contact_offset')
+    radius = robot.per_link('contact_radius')
+    for i in range(n):
+        axis = R[i] @ E_Z
         for k, (x, y, peg_radius) in enumerate(scene.pegs.axes):
             a = first + k * n + i
             if not wanted[a]:
@@ -247,6 +287,14 @@ def contact_geometry(
             gap[a] = np.linalg.norm(apart) - peg_radius - radius[i]
             lever[a] = arm - radius[i] * normal
             frame[a] = normal, np.cross(E_Z, normal), E_Z
+
+
+def _fill_pair_contacts(
+    scene: Scene, q: Array, R: Array, wanted: Array, gap: Array, lever: Array, frame: Array
+) -> None:
+    """Fill gaps, levers and frames of the contacts of two links; see `contact_geometry`."""
+    offset = scene.robot.per_link('contact_offset')
+    radius = scene.robot.per_link('contact_radius')
     for a, (i, j, s, t) in enumerate(pair_contacts(scene), first_pair(scene)):
         if not wanted[a]:
             continue
@@ -256,11 +304,10 @@ def contact_geometry(
         gap[a] = distance - radius[i] - radius[j]
         lever[a] = arm - radius[i] * apart / distance
         frame[a] = apart / distance, *tangents(apart / distance, R[i] @ E_Z)
-    return gap, lever, frame
 
 
 def resting_height(ground: Ground, x: float, y: float, radius: float) -> float:
-    """Return the height at which a sphere above (x, y) rests on the ground [m]."""
+    """Return the height of the center of a sphere that rests on the ground at (x, y) [m]."""
     column, row = cell_at(ground, x, y)
     most = -np.inf
     for step in np.ndindex(3, 3):
@@ -274,7 +321,7 @@ def resting_height(ground: Ground, x: float, y: float, radius: float) -> float:
 
 
 def lift_onto_ground(scene: Scene, q: Array) -> float:
-    """Return how far up the robot touches the ground and is nowhere inside it [m]."""
+    """Return how far up the robot must move to touch the ground without being inside [m]."""
     robot, lifts = scene.robot, []
     R = rotation_matrices(q[:, 3:])
     for i, (offset, radius) in enumerate(

@@ -1,9 +1,9 @@
 """
-Every physical number of a scene: its records, and YAML in and out.
+Every physical number of a scene, as records, and their conversion from and to YAML.
 
-The defaults are the numbers of the paper [1]; what the paper leaves open is called an assumption.
-NOTATION.md maps the symbols of the paper to the names used here. All values are SI and radians; in
-YAML a key may end in ``_deg`` and is then converted.
+The defaults are the numbers of the paper [1]; a number that the paper leaves open is marked as an
+assumption. NOTATION.md maps the symbols of the paper to the names used here. All values are in SI
+units and radians; in YAML a key may end in ``_deg`` and is then converted.
 
 .. [1] A. A. Transeth, R. I. Leine, Ch. Glocker, K. Y. Pettersen, "3-D snake robot motion:
    nonsmooth modeling, simulations, and experiments", IEEE T-RO 24(2), 2008.
@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from dataclasses import fields
 import math
 from pathlib import Path
-import re
 from typing import Any
 
 import numpy as np
@@ -28,13 +27,14 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.checked_records import quantity
 from snake_sim_ros.scene.checked_records import to_mapping
 from snake_sim_ros.scene.checked_records import with_values
+from snake_sim_ros.scene.yaml_text import parse_yaml
 
 Array = NDArray[Any]
 Numbers = tuple[float, ...]
 PerLink = float | Numbers
 PerJoint = float | Numbers
 
-STICKY = 1e6  # friction above which nothing slides that pushes back within what is rounded
+STICKY = 1e6  # largest friction: with it everything sticks whose load is more than rounding
 CONFIG = PACKAGE / 'config'
 
 INERTIAS = ('as_printed', 'consistent')
@@ -45,9 +45,10 @@ class Robot(CheckedRecord):
     """
     Links and joints of the robot, section VIII-A.
 
-    A quantity of a link is one number for all links or one number for each, a gain of a joint one
-    number for all joints or one for each. With the inertia `as_printed` the moments of inertia are
-    those given; with `consistent` they follow from mass, length and contact radius of each link.
+    A quantity of a link is one number for all links or one number for each; a gain of a joint is
+    one number for all joints or one for each. With the inertia `as_printed` the moments of inertia
+    are the given ones; with `consistent` they follow from mass, length and contact radius of each
+    link.
     """
 
     link_count: int = quantity(11, '1', 'number of links n', minimum=1, maximum=200)
@@ -118,7 +119,7 @@ class Robot(CheckedRecord):
         return np.column_stack(axes)
 
     def _each(self, name: str, count: int) -> Array:
-        """Return the quantity `name` of all of some links or joints, shape (count,)."""
+        """Return the quantity `name` of every link or every joint, shape (count,)."""
         value = np.asarray(getattr(self, name), dtype=float)
         return np.array(np.broadcast_to(value, (count,)))
 
@@ -145,7 +146,7 @@ class Friction(CheckedRecord):
 
 @dataclass(frozen=True, kw_only=True)
 class Pegs(CheckedRecord):
-    """Round vertical posts of any height, fixed to the ground: one entry for each."""
+    """Round vertical posts of any height, fixed to the ground, one entry for each."""
 
     x: Numbers = quantity((), 'm', 'x of the peg axes')
     y: Numbers = quantity((), 'm', 'y of the peg axes')
@@ -176,7 +177,7 @@ class Pegs(CheckedRecord):
 
 @dataclass(frozen=True, kw_only=True)
 class Ground(CheckedRecord):
-    """The ground as square cells of constant height; around them, and without any, it is z = 0."""
+    """The ground as square cells of constant height; everywhere else it is z = 0."""
 
     heights: tuple[Numbers, ...] = quantity(
         (), 'm', 'heights of the cells: along x in a row, the rows along y'
@@ -247,8 +248,8 @@ class Solver(CheckedRecord):
     r_rolling: float = quantity(0.05, 'kg', 'prox parameter r_V', above=0)
 
 
-# Explicit at the start and the middle of a step, implicit with its mean and its end. The method
-# bdf2 has only the implicit ones, and one law of second order for both.
+# Schemes at the start and the middle of a step are explicit, those with its mean and its end are
+# implicit. The method bdf2 has only the implicit ones, and one law of second order for both.
 PD_SCHEMES = ('start', 'midpoint', 'average', 'end')
 LEVELS = ('auto', 'planar', 'spatial')
 DRIFT_CORRECTIONS = ('paper', 'center_of_mass', 'none')
@@ -256,7 +257,7 @@ DRIFT_CORRECTIONS = ('paper', 'center_of_mass', 'none')
 
 @dataclass(frozen=True, kw_only=True)
 class Scene(CheckedRecord):
-    """All that is needed to repeat a run."""
+    """Everything that is needed to repeat a run."""
 
     robot: Robot = Robot()
     friction: Friction = Friction()
@@ -308,7 +309,7 @@ def load_scene(source: str | Path) -> Scene:
     ----------
     source : str or Path
         A file, or the name of a scene in config/ with or without ``.yaml``. The robot that a scene
-        names is looked for in the folder of the scene, then in config/.
+        names is searched in the folder of the scene, then in config/.
 
     Raises
     ------
@@ -331,7 +332,7 @@ def scene_from_text(text: str) -> Scene:
 
 
 def scene_to_text(scene: Scene) -> str:
-    """Return the scene as YAML text, in SI and radians, with nothing left to a default."""
+    """Return the scene as YAML text, in SI units and radians, without leaving out defaults."""
     return yaml.safe_dump(to_mapping(scene), sort_keys=False)
 
 
@@ -360,44 +361,8 @@ def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
     return scene
 
 
-class _Loader(yaml.SafeLoader):
-    """YAML in which a key is written once and 1e-8 is a number."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        mapping = super().construct_mapping(node, deep)
-        if len(mapping) < len(node.value):
-            keys = [self.construct_object(key, deep) for key, _ in node.value]
-            twice = next(key for key in keys if keys.count(key) > 1)
-            raise yaml.YAMLError(f'key {twice!r} is written twice')
-        return mapping
-
-
-_Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float',
-    re.compile(r'[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+$'),
-    list('-+.0123456789'),
-)
-
-
-def parse_yaml(text: str) -> Any:
-    """
-    Return what a YAML text says.
-
-    Raises
-    ------
-    ParameterError
-        If it is not YAML, or if a key is written twice.
-
-    """
-    try:
-        return yaml.load(text, _Loader)
-    except yaml.YAMLError as error:
-        reason = ' '.join(str(error).split())
-        raise ParameterError(f'not readable as YAML: {reason}') from None
-
-
 def _find(source: str | Path, folder: Path) -> Path:
-    """Return a file in a folder or, if the source is a mere name, of those of the package."""
+    """Return a file in a folder or, if the source is only a name, one of the package."""
     names = [Path(source), Path(f'{source}.yaml')]
     packaged = [CONFIG / name for name in names if name.name == str(name)]
     for candidate in [folder / name for name in names] + packaged:

@@ -1,4 +1,4 @@
-"""Posture of the robot: joint angles from coordinates and coordinates from joint angles."""
+"""Posture of the robot: joint angles from coordinates, and coordinates from joint angles."""
 
 import math
 
@@ -18,7 +18,7 @@ from snake_sim_ros.scene.rotations import rotation_matrices
 
 def joint_angles(q: Array) -> Array:
     """
-    Return the cardan angles of every joint, eq. (66) in the form that is regular at all angles.
+    Return the cardan angles of every joint, eq. (66) in a form that is regular at all angles.
 
     ``R = R_i^T R_{i+1} = R_y(yaw) R_x(pitch)``.
 
@@ -47,6 +47,7 @@ def joint_rates(q: Array, u: Array) -> Array:
     Parameters
     ----------
     q : ndarray, shape (..., n, 7)
+        Link centers [m, frame I] and Euler parameters, scalar first.
     u : ndarray, shape (..., n, 6)
         Velocity [m/s, frame I] and angular velocity [rad/s, frame B] of every link.
 
@@ -62,13 +63,13 @@ def gaps(robot: Robot, q: Array) -> Array:
     """
     Return the gap functions of the contact spheres, eqs. (9), (10).
 
-    The gap is the height of the lowest point of a sphere over the floor z = 0: positive when
-    apart.
+    A gap is the height of the lowest point of a sphere over the floor z = 0, positive when apart.
 
     Parameters
     ----------
     robot : Robot
     q : ndarray, shape (..., n, 7)
+        Link centers [m, frame I] and Euler parameters, scalar first.
 
     Returns
     -------
@@ -101,6 +102,7 @@ def chain_coordinates(robot: Robot, angle: Array) -> Array:
     Returns
     -------
     ndarray, shape (n, 7)
+        Link centers [m, frame I] and Euler parameters, scalar first.
 
     """
     half = robot.per_link('link_length') / 2
@@ -117,7 +119,7 @@ def initial_coordinates(scene: Scene) -> Array:
     """
     Return the coordinates at the start of a scene, shape (n, 7).
 
-    The joints have the angles of the gait at t = 0, the centroid of the links is above the origin,
+    The joints have the angles of the gait at t = 0. The centroid of the links is above the origin,
     their principal axis is along e_x of I, and the lowest sphere touches the ground.
 
     Raises
@@ -142,7 +144,7 @@ def initial_coordinates(scene: Scene) -> Array:
 
 
 def refuse_overlap(scene: Scene, q: Array) -> None:
-    """Raise if a link is inside a peg or another link."""
+    """Raise an error if a link is inside a peg or another link."""
     first = obstacles.first_peg(scene)
     gap = obstacles.contact_geometry(scene, q)[0][first:]
     a = first + int(gap.argmin())

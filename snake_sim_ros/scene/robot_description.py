@@ -1,17 +1,17 @@
 """
-The robot as a URDF, for viewers and for whatever computes with its kinematics or its masses.
+The robot as a URDF, for viewers and for programs that compute its kinematics or its masses.
 
 The tree begins at `base_link`, the middle link turned around, so that x is forward, toward link 1
-(REP 103). Frames of `link_i` are as on the wire: at the center, x along the link toward the next
-one, y to the left and z up when the link lies flat. Joint coordinates are those of the model: the
-next link is turned against a link by ``R_z(yaw) R_y(pitch)``. Between link 1 and the base the tree
-runs backward: there pitch comes first, and both axes are turned around.
+(REP 103). Frames of `link_i` are those of the messages: at the center, x along the link toward the
+next one, y to the left and z up when the link lies flat. Joint coordinates are those of the model:
+the next link is turned against a link by ``R_z(yaw) R_y(pitch)``. Between link 1 and the base the
+tree runs backward: there pitch comes first, and both axes are turned around.
 
 In a URDF a link has its frame at its joint. A link therefore hangs on a frame `link_i_end`, at the
 joint that leads to it. Between the two axes of a joint is `cross_i`, which has a mass only because
-parsers want one.
+parsers require one.
 
-Stiffness and damping belong to the controller and are not in it.
+Stiffness and damping belong to the controller and are not part of the URDF.
 """
 
 import math
@@ -24,8 +24,8 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
 
-# Mass and moments of inertia of a cross, over those of the link that hangs on it: parsers take
-# moments above 1e-14 kg m^2, which is little for 200 links of 7 mm.
+# Mass and moments of inertia of a cross, relative to those of the link that hangs on it. Parsers
+# accept moments above 1e-14 kg m^2, which those of 200 links of 7 mm still exceed.
 CROSS = np.array([1e-6, 1e-5, 1e-5, 1e-5])
 COLORS = {
     'head': (0.80, 0.25, 0.10, 1.0),
@@ -41,8 +41,8 @@ def robot_description(robot: Robot) -> str:
     Return a robot as a URDF.
 
     Joints are limited to the angles and rates that references may have. The effort is the largest
-    torque of the controller within these limits: reference and joint are at opposite ones. The
-    model has no limit of the torque.
+    torque of the controller within these limits, when reference and joint are at opposite limits.
+    The model itself does not limit the torque.
     """
     root = ElementTree.Element('robot', name='snake_robot')
     for name, color in COLORS.items():
@@ -73,7 +73,7 @@ def robot_description(robot: Robot) -> str:
 
 def robot_of(urdf: str) -> Robot:
     """
-    Return the robot that a URDF of `robot_description` describes; gains are defaults.
+    Return the robot that a URDF of `robot_description` describes; gains are the defaults.
 
     Raises
     ------
@@ -105,9 +105,9 @@ def robot_of(urdf: str) -> Robot:
 def _robot_link(
     link: ElementTree.Element, joints: dict[str, ElementTree.Element]
 ) -> dict[str, float]:
-    """Return what a link adds to the lists of a robot."""
+    """Return the entries of one link in the lists of a robot."""
     name = link.get('name', '')
-    # The joint at an end of it: what it hangs on; the middle link hangs on none, but carries two.
+    # The joint that the link hangs on; the middle link hangs on none but carries two.
     on_it = [item for item in joints.values() if _child(item, 'parent')['link'] == name]
     joint = joints.get(f'{name}_end', on_it[0] if on_it else None)
     if joint is None:
@@ -149,7 +149,7 @@ def color_name(link: int) -> str:
 
 
 def _add_link(root: ElementTree.Element, robot: Robot, i: int) -> None:
-    """Append link i: it looks like a capsule and touches with the spheres at its ends."""
+    """Append link i; it looks like a capsule and touches with the spheres at its ends."""
     link = element(root, 'link', name=f'link_{i + 1}')
     _add_inertia(link, _inertia(robot, i))
     radius, offset = robot.per_link('contact_radius')[i], robot.per_link('contact_offset')[i]

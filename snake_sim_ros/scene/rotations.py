@@ -2,7 +2,8 @@
 Euler parameters, rotation matrices and the kinematic map, section II of the paper.
 
 Euler parameters p = (e0, e1, e2, e3) are unit quaternions, scalar first. Link frames B have e_z
-along the link toward the next one; lying flat along e_x of I, e_y points up and e_x to the left.
+along the link toward the next one. If the link lies flat along e_x of I, e_y points up and e_x to
+the left.
 """
 
 import math
@@ -15,7 +16,7 @@ FLAT = np.array([0.5, 0.5, 0.5, 0.5])  # e_x^B = e_y^I, e_y^B = e_z^I, e_z^B = e
 
 
 def tilde(a: Array) -> Array:
-    """Return the skew matrix of a (3,), so that tilde(a) b = a x b."""
+    """Return the skew matrix of a, shape (3,), such that tilde(a) b = a x b."""
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 

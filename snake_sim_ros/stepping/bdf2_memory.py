@@ -6,7 +6,7 @@ import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.kinematics import joint_violation_rate
+from snake_sim_ros.dynamics.joint_drift import joint_violation_rate
 from snake_sim_ros.dynamics.kinematics import link_frames
 from snake_sim_ros.dynamics.kinematics import rates_in_inertial_frame
 from snake_sim_ros.scene.parameters import Array

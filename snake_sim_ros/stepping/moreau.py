@@ -21,8 +21,8 @@ import math
 import numpy as np
 
 from snake_sim_ros.contact.detection import find_contacts
-from snake_sim_ros.contact.detection import penetration
 from snake_sim_ros.contact.directions import contact_velocities
+from snake_sim_ros.contact.penetration import penetration
 from snake_sim_ros.contact.selection import apply_selection_rule
 from snake_sim_ros.contact.selection import PRESS_SPEED
 from snake_sim_ros.contact.solver import Problem
@@ -36,12 +36,12 @@ from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.joint_control import START
+from snake_sim_ros.dynamics.joint_drift import close_joints
+from snake_sim_ros.dynamics.joint_drift import joint_violation
 from snake_sim_ros.dynamics.kinematics import chain_geometry
-from snake_sim_ros.dynamics.kinematics import close_joints
 from snake_sim_ros.dynamics.kinematics import end_coordinates
 from snake_sim_ros.dynamics.kinematics import end_velocities
 from snake_sim_ros.dynamics.kinematics import joint_coordinates
-from snake_sim_ros.dynamics.kinematics import joint_violation
 from snake_sim_ros.dynamics.kinematics import lies_flat_and_still
 from snake_sim_ros.dynamics.kinematics import link_frames
 from snake_sim_ros.dynamics.kinematics import middle_coordinates

@@ -34,8 +34,8 @@ class Trajectory:
         (yaw, pitch) [rad], [rad/s], [N m]; the torque is that of the step before, 0 at the start.
     contact_sample, contact_number : ndarray of int, shape (k,)
         Every contact that carried load in the step before a sample: the index of the sample, and
-        the number of the contact as in `scenery`, up to 2n the front, then the rear spheres on the
-        floor; -1 if it is not known.
+        the number of the contact as in `scene.obstacles`, up to 2n the front, then the rear
+        spheres on the floor; -1 if it is not known.
     contact_point, contact_force : ndarray, shape (k, 3)
         As `contact_forces` returns them [m], [N], frame I.
     level : ndarray of str, shape (m,)

@@ -9,7 +9,7 @@ from snake_sim_ros.contact.laws import Laws
 from snake_sim_ros.contact.table import make_table
 from snake_sim_ros.dynamics.compilation import record_array
 from snake_sim_ros.dynamics.hinge_chain import HingeChain
-from snake_sim_ros.dynamics.kinematics import CENTER_OF_MASS
+from snake_sim_ros.dynamics.joint_drift import CENTER_OF_MASS
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.obstacles import first_peg
 from snake_sim_ros.scene.parameters import Array

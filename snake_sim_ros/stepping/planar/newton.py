@@ -15,6 +15,9 @@ from typing import NamedTuple
 from snake_sim_ros.contact.delassus import Delassus
 from snake_sim_ros.contact.delassus import solve_condensed
 from snake_sim_ros.contact.laws import sliding_disc
+from snake_sim_ros.contact.line_search import law_error
+from snake_sim_ros.contact.line_search import line_search
+from snake_sim_ros.contact.line_search import move_trial
 from snake_sim_ros.contact.linear_laws import disc_law
 from snake_sim_ros.contact.linear_laws import linearize_disc
 from snake_sim_ros.contact.linear_laws import normal_law
@@ -22,9 +25,6 @@ from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.newton import anchor_disc
 from snake_sim_ros.contact.newton import find_radius_steps
 from snake_sim_ros.contact.newton import INEXACT_ROUNDS
-from snake_sim_ros.contact.newton import law_error
-from snake_sim_ros.contact.newton import line_search
-from snake_sim_ros.contact.newton import move_trial
 from snake_sim_ros.contact.newton import next_relaxation
 from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.contact.table import SLIDING

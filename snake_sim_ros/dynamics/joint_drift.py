@@ -1,0 +1,147 @@
+"""How far the joints are open, eqs. (11)-(13), and how they are closed, section VII-C."""
+
+import math
+
+from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.kinematics import axis_x
+from snake_sim_ros.dynamics.kinematics import axis_y
+from snake_sim_ros.dynamics.kinematics import axis_z
+from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
+
+PAPER, CENTER_OF_MASS, NONE = range(len(DRIFT_CORRECTIONS))
+
+
+@inlined
+def joint_violation(half_length, q):
+    """
+    Return the largest violation of a joint in position [m] and angle [1], eqs. (11)-(13).
+
+    Parameters
+    ----------
+    half_length : ndarray, shape (n,)
+        Half of the link lengths [m].
+    q : ndarray, shape (n, 7)
+        Link centers [m, frame I] and unit Euler parameters.
+
+    """
+    gap = twist = 0.0
+    for j in range(len(q) - 1):
+        a, b = axis_z(q, j), axis_z(q, j + 1)
+        for k in range(3):
+            chained = q[j, k] + half_length[j] * a[k] + half_length[j + 1] * b[k]
+            gap = max(gap, abs(chained - q[j + 1, k]))
+        twist = max(twist, abs(joint_twist(q, j)))
+    return gap, twist
+
+
+@inlined
+def joint_violation_rate(half_length, R, u, omega):
+    """
+    Return the fastest rate of joint violations at given velocities [m/s], eqs. (38)-(41).
+
+    The rate of the angle counts as the speed of a point half a link away.
+
+    Parameters
+    ----------
+    half_length : ndarray, shape (n,)
+        Half of the link lengths [m].
+    R : ndarray, shape (n, 3, 3)
+        Link frames in I.
+    u : ndarray, shape (n, 6)
+        Velocities of the link centers in I [m/s], in the first three columns.
+    omega : ndarray, shape (n, 3)
+        Angular velocities in I [rad/s].
+
+    """
+    fastest = 0.0
+    for j in range(len(R) - 1):
+        for k, r, s in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            inner = omega[j, r] * R[j, s, 2] - omega[j, s] * R[j, r, 2]
+            outer = omega[j + 1, r] * R[j + 1, s, 2] - omega[j + 1, s] * R[j + 1, r, 2]
+            chained = u[j, k] + half_length[j] * inner + half_length[j + 1] * outer
+            fastest = max(fastest, abs(u[j + 1, k] - chained))
+        twist = 0.0
+        for k, r, s in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            normal = R[j, r, 1] * R[j + 1, s, 0] - R[j, s, 1] * R[j + 1, r, 0]
+            twist += normal * (omega[j + 1, k] - omega[j, k])
+        fastest = max(fastest, half_length[j] * abs(twist))
+    return fastest
+
+
+@inlined
+def close_joints(rule, half_length, mass, q):
+    """
+    Remove the joint drift, section VII-C: link by link from the first one, which stays in place.
+
+    Deviation: the paper turns a link about its own e_z until the axes of the joint are at right
+    angles again. No such turn does this at a pitch of 90 degrees, and beyond it only a flip of the
+    link does. Here the link is turned about the common normal of both axes, by the smallest angle
+    that exists.
+
+    Deviation, for CENTER_OF_MASS: afterwards the robot is moved back to its center of mass. The
+    correction is internal to the robot, so it must not move it.
+
+    Parameters
+    ----------
+    rule : int
+        PAPER, CENTER_OF_MASS or NONE.
+    half_length : ndarray, shape (n,)
+        Half of the link lengths [m].
+    mass : ndarray, shape (n,)
+        Masses of the links [kg].
+    q : ndarray, shape (n, 7)
+        Link centers [m, frame I] and unit Euler parameters; corrected.
+
+    """
+    if rule == NONE:
+        return
+    moment_x = moment_y = moment_z = mass_sum = 0.0
+    for i in range(len(q)):
+        x, y, z = q[i, 0], q[i, 1], q[i, 2]
+        if i > 0:
+            square_axes(q, i - 1)
+            a, b = axis_z(q, i - 1), axis_z(q, i)
+            for k in range(3):
+                q[i, k] = q[i - 1, k] + half_length[i - 1] * a[k] + half_length[i] * b[k]
+        moment_x += mass[i] * (q[i, 0] - x)
+        moment_y += mass[i] * (q[i, 1] - y)
+        moment_z += mass[i] * (q[i, 2] - z)
+        mass_sum += mass[i]
+    if rule == CENTER_OF_MASS:
+        for i in range(len(q)):
+            q[i, 0] -= moment_x / mass_sum
+            q[i, 1] -= moment_y / mass_sum
+            q[i, 2] -= moment_z / mass_sum
+
+
+@merged
+def square_axes(q, j):
+    """
+    Turn link j+1 until its e_x is at right angles to e_y of link j.
+
+    About their common normal n = e_y x e_x this is the angle with the sine g_Jphi and the cosine
+    abs(n). Half of the angle is found without computing it.
+    """
+    a, b = axis_y(q, j), axis_x(q, j + 1)
+    x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    sine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    cosine = math.sqrt(x * x + y * y + z * z)
+    c = math.sqrt(0.5 * (1.0 + cosine))
+    s = sine / (2.0 * c * cosine)
+    x, y, z = s * x, s * y, s * z
+    i = j + 1
+    e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
+    q[i, 3], q[i, 4], q[i, 5], q[i, 6] = (
+        c * e0 - x * e1 - y * e2 - z * e3,
+        c * e1 + x * e0 + y * e3 - z * e2,
+        c * e2 + y * e0 + z * e1 - x * e3,
+        c * e3 + z * e0 + x * e2 - y * e1,
+    )
+
+
+@inlined
+def joint_twist(q, j):
+    """Return e_y of link j times e_x of link j+1: g_Jphi, eq. (13)."""
+    a, b = axis_y(q, j), axis_x(q, j + 1)
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

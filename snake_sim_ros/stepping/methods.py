@@ -25,7 +25,7 @@ from snake_sim_ros.stepping.planar import moreau as planar_moreau
 from snake_sim_ros.stepping.planar.gauss_seidel import PlanarGaussSeidel
 from snake_sim_ros.stepping.planar.newton import PlanarNewton
 from snake_sim_ros.stepping.planar.prox_iteration import PlanarProxIteration
-from snake_sim_ros.stepping.planar.reference import make_loop
+from snake_sim_ros.stepping.planar.reference import DenseLoop
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
 from snake_sim_ros.stepping.reference import ReferenceStepper
 from snake_sim_ros.stepping.spatial import SpatialStepper
@@ -102,7 +102,7 @@ METHODS: dict[str, Method] = {
     # The same in dense NumPy, to read beside the paper.
     'reference': Method(
         spatial=ReferenceStepper,
-        planar=lambda scene: PlanarStepper(scene, make_loop(scene)),
+        planar=lambda scene: PlanarStepper(scene, DenseLoop(scene)),
         where_impulses_acted=moreau.where_impulses_acted,
         compiled=False,
     ),

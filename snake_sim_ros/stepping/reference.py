@@ -11,6 +11,7 @@ then the rear spheres R.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -143,6 +144,32 @@ def contact_prox(
     return np.array([P_N, *P_T, *P_V])
 
 
+class Terms(NamedTuple):
+    """The terms of the balance (75) at the middle of a step, W of the active contacts alone."""
+
+    active: Array  # (k,) numbers of the active contacts
+    gap: Array  # (k,) [m]
+    W_N: Array  # (6n, k)
+    W_T: Array  # (6n, 2k)
+    W_V: Array  # (6n, 2k)
+    W_J: Array  # (6n, 4(n-1))
+    W_tau: Array  # (6n, 2(n-1))
+    M_inv: Array  # (6n, 6n)
+    momentum: Array  # (6n,) M u_A + h dt + tau_C dt
+
+    def velocities(self, u: Array) -> Array:
+        """Return gamma_N, gamma_T and gamma_V, eqs. (90)-(92), shape (k, 5) [m/s]."""
+        gamma_T, gamma_V = (self.W_T.T @ u).reshape(-1, 2), (self.W_V.T @ u).reshape(-1, 2)
+        return np.hstack([(self.W_N.T @ u)[:, None], gamma_T, gamma_V])
+
+
+class SelectionRule(NamedTuple):
+    """Which normal impulses a step takes where they are not unique, see `selection`."""
+
+    compliance: float  # [1/kg]
+    center: Array  # (k,) normal impulses about which it is compliant [N s]
+
+
 class ReferenceStepper:
     """The time step (72)-(93) of the paper for a scene; see `base.Stepper`."""
 
@@ -181,80 +208,111 @@ class ReferenceStepper:
     ) -> tuple[State, History, Report]:
         """Return state, history and report after one step, section VII."""
         scene, robot, dt = self.scene, self.scene.robot, self.scene.dt
-        n, history, links = robot.link_count, copied(history), obstacles.contact_links(scene)
-        impulse = history.impulse
-        u_A = state.u.ravel()
-
+        n, history = robot.link_count, copied(history)
         q_M = middle_coordinates(state, dt)  # (72)
-        R = rotation_matrices(q_M[:, 3:])
-        gap, *directions = scene_contacts(scene, q_M)
-        active = np.flatnonzero(gap <= scene.solver.activation_tolerance)
-        W_N, W_T, W_V = (_columns(W, active, len(gap)) for W in directions)
-        W_J = joint_directions(robot, R)
-        h = smooth_forces(robot, np.array(scene.gravity), state.u)
-        W_tau = torque_directions(R)
         torque, damping = joint_torque_law(scene, state, q_M, angle, rate)
+        terms = self.terms(state, q_M, torque, damping)
+        P = history.impulse[terms.active]
+        rule = self.selection_rule(terms, state.u.ravel(), P)
+        P, last_P, u_E, iterations, converged = self.iterate(terms, rule, P)
+        history.impulse[terms.active] = P
 
-        # (75): M (u_E - u_A) - h dt - S - W_J P_J = tau_C dt. What an implicit controller takes
-        # from u_E joins the mass matrix.
-        M_inv = np.linalg.inv(mass_matrix(robot) + dt * (W_tau * damping) @ W_tau.T)
-        momentum = mass_matrix(robot) @ u_A + h * dt + W_tau @ torque * dt
-        G_J = W_J.T @ M_inv @ W_J
-
-        P, iterations, change = impulse[active], 0, math.inf
-        fall = -dt * scene.gravity[2]
-        gamma_A = np.column_stack([W_N.T @ u_A, (W_T.T @ u_A).reshape(-1, 2)])
-        stops = robot.per_link('link_mass')[links[active, 0]] * (0.5 * fall - 2.0 * gamma_A[:, 0])
-        most = max(0.0, float(np.append(P[:, 0], stops).max(initial=0.0)))
-        compliance = selection_compliance(
-            scene.solver.normal_compliance * self.size, LEAST_COMPLIANCE * self.size, most
-        )
-        weight = fall * float(robot.per_link('link_mass').sum())
-        center = selection_center(dt, P[:, 0], gamma_A, gap[active], compliance, most, weight)
-        while not change < scene.solver.tolerance and iterations < scene.solver.iteration_limit:
-            S = W_N @ P[:, 0] + W_T @ P[:, 1:3].ravel() + W_V @ P[:, 3:].ravel()  # (76)
-            # (84), with both terms negative; the paper's first sign is lost in print.
-            right = W_J.T @ M_inv @ (momentum + S)
-            P_J = -np.linalg.solve(G_J, right)
-            u_E = M_inv @ (momentum + S + W_J @ P_J)  # (86)
-            gamma_N = (W_N.T @ u_E)[:, None]  # (90)-(92)
-            gamma_T, gamma_V = (W_T.T @ u_E).reshape(-1, 2), (W_V.T @ u_E).reshape(-1, 2)
-            gamma = np.hstack([gamma_N, gamma_T, gamma_V])
-            P_new = np.array(
-                [
-                    contact_prox(scene, compliance, *args)
-                    for args in zip(active.tolist(), center, P, gamma, strict=True)
-                ]
-            )
-            step = P_new.reshape(P.shape) - P
-            change = sum(float(np.linalg.norm(step[:, k])) for k in ([0], [1, 2], [3, 4]))  # (93)
-            P = P + step
-            iterations += 1
-        impulse[active] = P
-
-        u_E = u_E.reshape(n, 6)
+        gamma, u_E = terms.velocities(u_E), u_E.reshape(n, 6)
         q_free = end_coordinates(state.q, q_M, state.u, u_E, dt)  # (83)
         q_E = without_drift(robot, q_free, scene.drift_correction)
         g_J = joint_gaps(robot, without_drift(robot, q_free, 'none'))
 
-        def residual(delta: float) -> float:
-            each = zip(active.tolist(), center, P - step, gamma, strict=True)  # P that gave u_E
-            return max((natural_map(scene, delta, *contact) for contact in each), default=0.0)
+        def residual(compliance: float) -> float:
+            each = zip(terms.active.tolist(), rule.center, last_P, gamma, strict=True)
+            return max((natural_map(scene, compliance, *contact) for contact in each), default=0.0)
 
         report = Report(
             steps=1,
             iterations=iterations,
             iterations_max=iterations,
-            unconverged=int(not change < scene.solver.tolerance),
-            residual_max=residual(compliance),
+            unconverged=int(not converged),
+            residual_max=residual(rule.compliance),
             printed_residual_max=residual(0.0),
             penetration_max=max(0.0, -float(scene_contacts(scene, q_E)[0].min())),
             joint_gap_max=_largest(g_J[:, :3]),
             joint_twist_max=_largest(g_J[:, 3]),
-            contacts=len(active),
-            joint_torque=(torque - damping * (W_tau.T @ u_E.ravel())).reshape(n - 1, 2),
+            contacts=len(terms.active),
+            joint_torque=(torque - damping * (terms.W_tau.T @ u_E.ravel())).reshape(n - 1, 2),
         )
         return State(q_E, u_E), history, report
+
+    def terms(self, state: State, q_M: Array, torque: Array, damping: Array) -> Terms:
+        """Return the terms of the balance (75) at the middle of a step."""
+        scene, robot, dt = self.scene, self.scene.robot, self.scene.dt
+        R = rotation_matrices(q_M[:, 3:])
+        gap, *directions = scene_contacts(scene, q_M)
+        active = np.flatnonzero(gap <= scene.solver.activation_tolerance)
+        W_N, W_T, W_V = (_columns(W, active, len(gap)) for W in directions)
+        W_tau = torque_directions(R)
+        h = smooth_forces(robot, np.array(scene.gravity), state.u)
+        # (75): M (u_E - u_A) - h dt - S - W_J P_J = tau_C dt. What an implicit controller takes
+        # from u_E joins the mass matrix.
+        return Terms(
+            active=active,
+            gap=gap[active],
+            W_N=W_N,
+            W_T=W_T,
+            W_V=W_V,
+            W_J=joint_directions(robot, R),
+            W_tau=W_tau,
+            M_inv=np.linalg.inv(mass_matrix(robot) + dt * (W_tau * damping) @ W_tau.T),
+            momentum=mass_matrix(robot) @ state.u.ravel() + h * dt + W_tau @ torque * dt,
+        )
+
+    def selection_rule(self, terms: Terms, u_A: Array, P: Array) -> SelectionRule:
+        """Return the selection rule of a step, from its start and the last impulses."""
+        scene, mass = self.scene, self.scene.robot.per_link('link_mass')
+        fall, links = -scene.dt * scene.gravity[2], obstacles.contact_links(scene)
+        gamma_A = terms.velocities(u_A)[:, :3]
+        stops = mass[links[terms.active, 0]] * (0.5 * fall - 2.0 * gamma_A[:, 0])
+        most = max(0.0, float(np.append(P[:, 0], stops).max(initial=0.0)))
+        compliance = selection_compliance(
+            scene.solver.normal_compliance * self.size, LEAST_COMPLIANCE * self.size, most
+        )
+        weight = fall * float(mass.sum())
+        center = selection_center(scene.dt, P[:, 0], gamma_A, terms.gap, compliance, most, weight)
+        return SelectionRule(compliance, center)
+
+    def iterate(
+        self, terms: Terms, rule: SelectionRule, P: Array
+    ) -> tuple[Array, Array, Array, int, bool]:
+        """
+        Iterate the contact impulses, eqs. (84)-(93).
+
+        Returns
+        -------
+        P : ndarray, shape (k, 5)
+            Impulses of the active contacts.
+        last_P : ndarray, shape (k, 5)
+            Those before the last projection, which lead to u_E.
+        u_E : ndarray, shape (6n,)
+        iterations : int
+        converged : bool
+
+        """
+        scene, solver = self.scene, self.scene.solver
+        _, _, W_N, W_T, W_V, W_J, _, M_inv, momentum = terms
+        G_J = W_J.T @ M_inv @ W_J
+        last_P, u_E, iterations, change = P, M_inv @ momentum, 0, math.inf
+        while not change < solver.tolerance and iterations < solver.iteration_limit:
+            S = W_N @ P[:, 0] + W_T @ P[:, 1:3].ravel() + W_V @ P[:, 3:].ravel()  # (76)
+            # (84), with both terms negative; the paper's first sign is lost in print.
+            right = W_J.T @ M_inv @ (momentum + S)
+            P_J = -np.linalg.solve(G_J, right)
+            u_E = M_inv @ (momentum + S + W_J @ P_J)  # (86)
+            each = zip(terms.active.tolist(), rule.center, P, terms.velocities(u_E), strict=True)
+            P_new = np.array([contact_prox(scene, rule.compliance, *contact) for contact in each])
+            step = P_new.reshape(P.shape) - P
+            change = sum(float(np.linalg.norm(step[:, k])) for k in ([0], [1, 2], [3, 4]))  # (93)
+            P = P + step
+            last_P = P - step
+            iterations += 1
+        return P, last_P, u_E, iterations, change < solver.tolerance
 
 
 def natural_map(

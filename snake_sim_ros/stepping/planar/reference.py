@@ -6,8 +6,8 @@ loads are the least-norm solution of equilibrium, by the pseudoinverse. In the p
 velocities (v_x, v_y, omega), out of it (v_z, omega_x, omega_y).
 """
 
-from collections.abc import Callable
 import math
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
@@ -132,88 +132,131 @@ def slips_too_far(model: PlanarModel, roll: float, u: Array, memory: PlanarMemor
     return False
 
 
-def make_loop(scene: Scene) -> Callable[..., None]:
-    """Return what `stepper.PlanarStepper` runs."""
-    n, dt, solver, friction = scene.robot.link_count, scene.dt, scene.solver, scene.friction
-    scheme = PD_SCHEMES.index(scene.pd_scheme)
-    pitch = scene.robot.per_joint('stiffness')[:, 1]
+class Terms(NamedTuple):
+    """The terms of the balance in the plane at the middle of a step."""
 
-    def prox(P: Array, gamma: Array, P_N: Array) -> Array:
-        pairs = zip(P - solver.r_sliding * gamma, np.maximum(P_N, 0.0), strict=True)
-        mu = friction.longitudinal, friction.transversal
-        return np.array([prox_ellipse(*x, mu[0] * load, mu[1] * load) for x, load in pairs])
+    theta: Array  # (n,) headings [rad]
+    W_J: Array  # (3n, 2(n-1))
+    W_T: Array  # (3n, 4n)
+    M_inv: Array  # (3n, 3n)
+    momentum: Array  # (3n,)
+    torque: Array  # (n-1,) impulses of the joint controllers [N m s]
+    damping: Array  # (n-1,) what they take from the joint rates [N m s^2]
 
-    def step(
-        model: PlanarModel, work: PlanarWorkspace, steps: Steps, angle: Array, rate: Array
-    ) -> bool:
-        q, u, history, report = steps.q, steps.u, steps.history, steps.report[0]
-        impulse = history.impulse
-        theta, half, offset = q[2:] + dt / 2 * u[:, 2], model.half_length, model.offset
-        W_J, W_T, W_tau = directions(theta, half, offset)
+
+class Solution(NamedTuple):
+    """Where the iteration of a step ended."""
+
+    u_E: Array  # (3n,) velocities
+    P_N: Array  # (2n,) [N s]
+    P_T: Array  # (2n, 2) [N s]
+    pitch_torque: Array  # (n-1,) impulses of the pitch joints [N m s]
+    roll: float  # see loads_from_friction [rad s]
+    iterations: int
+    converged: bool
+    residual: float  # [m/s]
+
+
+class DenseLoop:
+    """What `stepper.PlanarStepper` runs: steps of the planar level of a scene."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.pitch = scene.robot.per_joint('stiffness')[:, 1]
+
+    def __call__(self, model: PlanarModel, work: PlanarWorkspace, steps: Steps) -> None:
+        """Take some steps, up to the first that is not planar."""
+        for angle, rate in zip(steps.angle, steps.rate, strict=True):
+            terms = self.terms(model, steps.q, steps.u, angle[:, 0], rate[:, 0])
+            impulse = steps.history.impulse
+            solution = self.iterate(model, terms, impulse[:, 0], impulse[:, 1:3])
+            if not self.finish(model, work, steps, terms, solution):
+                steps.report['not_planar'][:] = 1
+                break
+
+    def terms(self, model: PlanarModel, q: Array, u: Array, angle: Array, rate: Array) -> Terms:
+        """Return the terms of the balance at the middle of a step, for yaw references (n-1,)."""
+        dt, scheme = self.scene.dt, PD_SCHEMES.index(self.scene.pd_scheme)
+        theta = q[2:] + dt / 2 * u[:, 2]
+        W_J, W_T, W_tau = directions(theta, model.half_length, model.offset)
         mass = np.column_stack([model.mass, model.mass, model.inertia]).ravel()
         start, turn = np.diff(q[2:]), np.diff(u[:, 2])
         law = [
             pd_law(scheme, dt, (start[j], turn[j]), (start[j] + dt / 2 * turn[j], turn[j]),
-                   (angle[j, 0], rate[j, 0]), model.stiffness[j], model.damping[j])
-            for j in range(n - 1)
+                   (angle[j], rate[j]), model.stiffness[j], model.damping[j])
+            for j in range(len(start))
         ]  # fmt: skip
         torque, damping = np.array(law).reshape(-1, 2).T * dt
         M_inv = np.linalg.inv(np.diag(mass) + (W_tau * damping) @ W_tau.T)
         momentum = mass * u.ravel() + W_tau @ torque
+        return Terms(theta, W_J, W_T, M_inv, momentum, torque, damping)
+
+    def iterate(
+        self, model: PlanarModel, terms: Terms, normal: Array, tangential: Array
+    ) -> Solution:
+        """Iterate loads and friction from some impulses, eqs. (84)-(93)."""
+        solver, (theta, W_J, W_T, M_inv, momentum, _, _) = self.scene.solver, terms
+        n, half, offset = len(theta), model.half_length, model.offset
         reaction = M_inv @ W_J @ np.linalg.inv(W_J.T @ M_inv @ W_J) if n > 1 else W_J
-        weight = np.tile([0.0, 0.0, 0.0], (n, 1))
-        weight[:, 0] = model.mass * model.fall
-        normal, tangential, iterations, change = impulse[:, 0], impulse[:, 1:3], 0, math.inf
+        c, s = np.cos(theta), np.sin(theta)
+        iterations, change = 0, math.inf
         while not change < solver.tolerance and iterations < solver.iteration_limit:
-            load = momentum + W_T @ tangential.ravel()
-            u_E = M_inv @ load
+            u_E = M_inv @ (momentum + W_T @ tangential.ravel())
             u_E = u_E - reaction @ (W_J.T @ u_E)
-            c, s = np.cos(theta), np.sin(theta)
             along, across = (tangential[:n] + tangential[n:]).T
-            wrench = weight.copy()
+            wrench = np.zeros((n, 3))
+            wrench[:, 0] = model.mass * model.fall
             wrench[:, 1] = model.radius * (s * along + c * across)
             wrench[:, 2] = -model.radius * (c * along - s * across)
-            P_N, held, roll = loads_from_friction(theta, half, offset, pitch, wrench.ravel())
-            gamma = (W_T.T @ u_E).reshape(-1, 2)
-            P_T = prox(tangential, gamma, P_N)
+            P_N, held, roll = loads_from_friction(theta, half, offset, self.pitch, wrench.ravel())
+            P_T = self.project(tangential, (W_T.T @ u_E).reshape(-1, 2), P_N)
             change = float(np.linalg.norm(P_N - normal) + np.linalg.norm(P_T - tangential))
-            residual = np.linalg.norm(P_T - tangential, axis=1).max() / solver.r_sliding
+            residual = float(np.linalg.norm(P_T - tangential, axis=1).max() / solver.r_sliding)
             normal, tangential = P_N, P_T
             iterations += 1
-        work.contacts['impulse'][:, 0] = normal
-        standing = work.standing
-        standing['least_load'][:], standing['roll'][:] = normal.min(), roll / dt
-        standing['part'][:], standing['rolls'][:] = 1.0, 0
+        converged = change < solver.tolerance
+        return Solution(u_E, normal, tangential, held, roll, iterations, converged, residual)
 
-        if not (
-            work.standing['least_load'][0] > 0.0
-            and abs(work.standing['roll'][0]) <= model.most_lean
-        ):
+    def project(self, P: Array, gamma: Array, P_N: Array) -> Array:
+        """Return the friction impulses (2n, 2) after one projection, for given loads (2n,)."""
+        friction = self.scene.friction
+        mu_x, mu_y = friction.longitudinal, friction.transversal
+        pairs = zip(P - self.scene.solver.r_sliding * gamma, np.maximum(P_N, 0.0), strict=True)
+        return np.array([prox_ellipse(*x, mu_x * load, mu_y * load) for x, load in pairs])
+
+    def finish(
+        self,
+        model: PlanarModel,
+        work: PlanarWorkspace,
+        steps: Steps,
+        terms: Terms,
+        found: Solution,
+    ) -> bool:
+        """Move to the end of the step and report it, unless it is not planar."""
+        q, u, history, dt = steps.q, steps.u, steps.history, self.scene.dt
+        standing, report, roll = work.standing, steps.report[0], found.roll / dt
+        work.contacts['impulse'][:, 0] = found.P_N
+        standing['least_load'][:], standing['roll'][:] = found.P_N.min(), roll
+        standing['part'][:], standing['rolls'][:] = 1.0, 0
+        if not (found.P_N.min() > 0.0 and abs(roll) <= model.most_lean):
             return False
-        u_E = u_E.reshape(n, 3)
-        if model.held and slips_too_far(model, roll / dt, u_E, history.memory):
+        u_E = found.u_E.reshape(-1, 3)
+        if model.held and slips_too_far(model, roll, u_E, history.memory):
             standing['rolls'][:] = 1
             return False
-        impulse[:, 0], impulse[:, 1:3] = normal, tangential
+        history.impulse[:, 0], history.impulse[:, 1:3] = found.P_N, found.P_T
+        half = model.half_length
         held_point = model.share @ (centers(q, half) + dt / 2 * (u + u_E)[:, :2])
         q[2:] += dt / 2 * (u + u_E)[:, 2]
         q[:2] += held_point - model.share @ centers(q, half)  # section VII-C
         u[:] = u_E
-        work.applied[:] = np.column_stack([torque - damping * np.diff(u[:, 2]), held])
+        yaw_torque = terms.torque - terms.damping * np.diff(u[:, 2])
+        work.applied[:] = np.column_stack([yaw_torque, found.pitch_torque])
         report['steps'] += 1
-        report['iterations'] += iterations
-        report['unconverged'] += change >= solver.tolerance
-        report['iterations_max'] = max(report['iterations_max'], iterations)
-        report['residual_max'] = report['printed_residual_max'] = max(
-            report['residual_max'], residual
-        )
-        report['contacts'] = 2 * n
+        report['iterations'] += found.iterations
+        report['unconverged'] += not found.converged
+        report['iterations_max'] = max(report['iterations_max'], found.iterations)
+        largest = max(report['residual_max'], found.residual)
+        report['residual_max'] = report['printed_residual_max'] = largest
+        report['contacts'] = len(found.P_N)
         return True
-
-    def loop(model: PlanarModel, work: PlanarWorkspace, steps: Steps) -> None:
-        for angle, rate in zip(steps.angle, steps.rate, strict=True):
-            if not step(model, work, steps, angle, rate):
-                steps.report['not_planar'][:] = 1
-                break
-
-    return loop

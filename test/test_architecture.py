@@ -143,23 +143,13 @@ def test_imports_go_down_only(module):
     assert rooms <= {module.room, *MAY_USE.get(module.room, set())}
 
 
-def test_no_room_may_use_another_in_vain():
-    used = {room: set() for room in MAY_USE}
-    for module in MODULES:
-        rooms = {name.partition('.')[0] for name in module.modules()} & set(MAY_USE)
-        used.get(module.room, set()).update(rooms - {module.room})
-    allowed = {room: MAY_USE[room] - used[room] for room in MAY_USE}
-    # `nodes` only stands above what it does not use.
-    assert not {room: rest for room, rest in allowed.items() if rest}
-
-
 def test_there_is_no_circle_of_imports():
     graph = {module.name: module.modules() - {module.name} for module in MODULES}
     circles = list(strongly_connected(graph))
     assert not circles
     graph['scene.rotations'] = {'stepping.moreau'}  # and one is found
     ((*circle,),) = strongly_connected(graph)
-    assert {'scene.rotations', 'dynamics.kinematics', 'stepping.moreau'} <= set(circle)
+    assert {'scene.rotations', 'stepping.moreau'} <= set(circle)
 
 
 def strongly_connected(graph):

@@ -199,8 +199,8 @@ EVERY_CHAIN = pytest.mark.parametrize(
 @EVERY_CHAIN
 @pytest.mark.parametrize(('laws', 'speed'), [(PRINTED, 1.0), (RULE, 1.0), (RULE, 1e-4)])
 def test_steps_agree_in_contact(link_count, pd_scheme, drift_correction, laws, speed):
-    # The selection rule is reduced to PRESS where links hit the floor: all of it where speeds are
-    # low.
+    # The selection rule is reduced to PRESS_SPEED where links hit the floor: all of it if speeds
+    # are low.
     closed = 0
     for seed, friction in enumerate(FRICTIONS.values()):
         step = random_step(seed, link_count, friction, pd_scheme, drift_correction, laws, speed)

@@ -65,7 +65,7 @@ def test_ours_stops_where_coulomb_says(value):
 
 
 def test_ours_sinks_in_by_one_step_at_most(value):
-    # The selection rule presses at PRESS at most, for a second; a gap closes within one step.
+    # The selection rule presses at PRESS_SPEED at most, for a second. A gap closes in one step.
     assert value(artefacts.rest, OURS)[0] < PRESS_SPEED * 1.0
     depth, rebound = value(artefacts.drop, OURS)
     assert depth < FALL * DT

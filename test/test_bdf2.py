@@ -31,7 +31,7 @@ from snake_sim_ros.stepping.state import State
 G = 9.81
 GRAVITY = np.array([0.0, 0.0, -G])
 RESIDUAL = 1e-9  # m/s
-PRESS = 3e-8  # m/s, of bdf2
+PRESS_SPEED = 3e-8  # m/s, of bdf2
 CASE_A = replace(load_scene('lateral_undulation'), level='spatial')
 LINK = Scene(robot=Robot(link_count=1), method='bdf2', level='spatial')
 
@@ -164,10 +164,11 @@ def test_one_sliding_link_is_solved_to_second_order():
         state = initial_state(scene)
         state.u[0, 0] = 1.0
         end, _ = run(scene, state, time)
-        # Pressing into the floor at PRESS takes load from friction, mu PRESS of velocity. Under
-        # the heavier front the link sinks faster: it pitches at PRESS/(2 L_GS) or less, and its
-        # center is L_SC above the floor. The residual goes through mu and r_N/m.
-        slack = mu * PRESS + PRESS * 0.0525 / (2 * 0.0393) + 0.3 * RESIDUAL
+        # Pressing into the floor at PRESS_SPEED takes load from friction, mu PRESS_SPEED of
+        # velocity. Under the heavier front the link sinks faster: it pitches at
+        # PRESS_SPEED/(2 L_GS) or less, and its center is L_SC above the floor. The residual goes
+        # through mu and r_N/m.
+        slack = mu * PRESS_SPEED + PRESS_SPEED * 0.0525 / (2 * 0.0393) + 0.3 * RESIDUAL
         assert end.u[0, 0] == pytest.approx(1.0 - mu * G * time, abs=slack)
         exact = time - mu * G * time**2 / 2
         # Gravity acts from the first step on: the gap is closed, no fall precedes it.
@@ -319,9 +320,9 @@ def test_the_contact_laws_hold_in_every_step(name, rolling):
         # Complementarity with the rule; velocities of landing contacts count their gap.
         # gamma = -c (P - z), where z is the last impulse if the robot was at rest, at most scaled
         # from h = dt/3 to 2/3 dt; c is at most that of the scene. Else contacts that are deep rise
-        # at PRESS, or at what the least compliance makes of IMPACT weights of the robot.
+        # at PRESS_SPEED, or at what the least compliance makes of IMPACT_WEIGHTS of the robot.
         assert (gamma[:, 0] + compliance * P[:, 0] >= -RESIDUAL).all()
-        rise = max(PRESS, LEAST_COMPLIANCE * delassus * IMPACT_WEIGHTS * weight)
+        rise = max(PRESS_SPEED, LEAST_COMPLIANCE * delassus * IMPACT_WEIGHTS * weight)
         if slow:
             rise = compliance * 2.0 * last[closed, 0]
         assert (gamma[:, 0] <= RESIDUAL + rise).all()

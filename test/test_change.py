@@ -371,11 +371,11 @@ def test_memories_that_do_not_fit_are_refused(method, level):
 # Histories by what methods keep in them, with a word for it; see `state.check_arguments`.
 KINDS = {
     'None': ('newton', 'spatial'),
-    'bdf2.Memory': ('bdf2', 'spatial'),
+    'bdf2_memory.Memory': ('bdf2', 'spatial'),
     'planar.model.PlanarMemory': ('newton', 'planar'),
     'planar.model.PlanarMemory with planar.bdf2.Memory': ('bdf2', 'planar'),
     'levels.Memory': ('newton', 'auto'),
-    'levels.Memory with bdf2.Memory': ('bdf2', 'auto'),
+    'levels.Memory with bdf2_memory.Memory': ('bdf2', 'auto'),
 }
 
 

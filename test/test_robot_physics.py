@@ -250,8 +250,8 @@ def test_robot_at_rest_stays_there(method, delta):
 @every_method
 def test_selection_rule_picks_the_normal_impulses_of_least_norm(method):
     # (G + c) P = g dt: all alike, P = g dt/(2/m + c), wherever the solver starts. At a hundredth
-    # of g the rule may be stiffer by PRESS, so that sweeps, which take r c of the error in the
-    # null space of G away, need not be many: r = 0.3 kg is 0.99/lambda_max. Without friction:
+    # of g the rule may be stiffer by PRESS_SPEED, so that sweeps, which take r c of the error in
+    # the null space of G away, need not be many: r = 0.3 kg is 0.99/lambda_max. Without friction:
     # sticking contacts can push against each other, which pitches links and moves their weight.
     # The robot slides: at rest the impulses next to the last ones are selected.
     # Less weight for a method that presses in less, and impulses for the time they act.

@@ -179,7 +179,7 @@ def test_the_planar_level_says_when_it_slips_too_far(method):
 
 @pytest.mark.parametrize('chunk', [1, 7, 400])
 def test_auto_comes_back_after_a_pause(chunk, monkeypatch):
-    monkeypatch.setattr(levels, 'PAUSE', 0.04)
+    monkeypatch.setattr(levels, 'SLIP_PAUSE', 0.04)
     scene = on_ice(5, settling_time=0.02)
     history = empty_history(scene)
     history.memory.planar.slip[0] = 1.1 * RADIUS * ROLL_LIMIT

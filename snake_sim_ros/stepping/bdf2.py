@@ -72,7 +72,7 @@ from snake_sim_ros.stepping.steps import note_outcome
 PARTS = 2  # of a step that starts anew
 # Selection: what is small beside an error of first order is not small here. Loads of a flat robot
 # follow the heights of its links through the stiff joints, so these must not sink.
-PRESS = 3e-8  # see contact_laws.PRESS [m/s]
+PRESS_SPEED = 3e-8  # see selection [m/s]
 
 # Where the controller may act. The method has a law of its own for both: all at the end of the
 # step, linear about the end that is predicted.
@@ -169,7 +169,7 @@ def begin(model, own, work, h, h_q, late, history):
     contact_velocities(closed, contacts, work.chain.frame, work.chain.twist)
     leave_gaps(model, h_q, late, closed, contacts, history.impulse)
     laws = apply_selection_rule(
-        model.laws, closed, contacts, model.mass, history.impulse, PRESS, model.dt,
+        model.laws, closed, contacts, model.mass, history.impulse, PRESS_SPEED, model.dt,
         -h * model.gravity[2],
     )  # fmt: skip
     return Problem(laws, closed, contacts, work.chain)

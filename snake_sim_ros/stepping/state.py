@@ -180,7 +180,7 @@ def _is_finite(record: Any) -> bool:
     """Return whether all numbers in nested NamedTuples of arrays are finite."""
     if isinstance(record, np.ndarray):
         return math.isfinite(np.vdot(record, record))  # a sum of squares is not if one is not
-    return record is None or all(map(_is_finite, record))
+    return not isinstance(record, tuple) or all(map(_is_finite, record))
 
 
 def _refuse_what_is_not_finite(arrays: dict[str, Array]) -> None:

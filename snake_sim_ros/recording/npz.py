@@ -1,5 +1,6 @@
 """Recorded runs as npz files of NumPy, whole or not at all."""
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from dataclasses import fields
 from io import BytesIO
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.parameters import scene_to_text
 from snake_sim_ros.stepping.base import Report
@@ -23,14 +25,13 @@ ARRAYS = (
 
 def write(trajectory: Trajectory, path: Path) -> None:
     """Write a trajectory, without the velocities and impulses that other programs do not need."""
-    report = {**asdict(trajectory.report), 'joint_torque': trajectory.report.joint_torque.tolist()}
     buffer = BytesIO()
     np.savez_compressed(
         buffer,
         format=FORMAT,
         **{name: getattr(trajectory, name) for name in ARRAYS},
         scene=scene_to_text(trajectory.scene),
-        report=json.dumps(report),
+        report=report_to_text(trajectory.report),
         seconds=trajectory.seconds,
         interrupted=trajectory.interrupted,
     )
@@ -48,22 +49,11 @@ def read(path: Path) -> Trajectory:
         arrays do not belong together.
 
     """
-    try:
-        with np.load(path) as file:
-            data = {name: np.asarray(file[name]) for name in file.files}
-        texts = {name: item.tolist() for name, item in data.items() if item.dtype.kind == 'U'}
-    except FileNotFoundError:
-        raise ParameterError(f'no file {path}') from None
-    except (IsADirectoryError, PermissionError) as error:
-        raise ParameterError(f'{path} cannot be read: {error.strerror}') from None
-    except Exception:  # broken data makes NumPy, zipfile and zlib raise whatever they like
-        raise ParameterError(
-            f'{path} is not a whole npz file; snake-sim run --out writes one'
-        ) from None
+    data = load_arrays(path, 'snake-sim run --out writes one')
+    texts = {name: item.tolist() for name, item in data.items() if item.dtype.kind == 'U'}
     if 'scene' not in texts or 'position' not in data:
         raise ParameterError(f'{path} is not a recorded run: it has no scene or no position')
-    number = data.get('format', np.array(1))
-    version = int(number) if number.dtype.kind == 'i' and not number.shape else 0
+    version = format_of(data)
     if version != FORMAT:
         raise ParameterError(
             f'{path} is a run in format {version}, of another version of snake_sim_ros; this '
@@ -73,7 +63,7 @@ def read(path: Path) -> Trajectory:
         trajectory = Trajectory(
             scene=scene_from_text(texts['scene']),
             **{name: data[name] for name in ARRAYS},
-            report=_report(texts['report']),
+            report=report_from_text(texts['report']),
             seconds=float(data['seconds']),
             interrupted=bool(data['interrupted']),
         )
@@ -83,9 +73,47 @@ def read(path: Path) -> Trajectory:
     return trajectory
 
 
-def _report(text: str) -> Report:
+def load_arrays(path: Path, source: str) -> dict[str, Array]:
     """
-    Return the report that `write` wrote.
+    Return all arrays of an npz file by their names.
+
+    Parameters
+    ----------
+    path : Path
+    source : str
+        What writes such files, for the sentence on those that are broken.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such file, or it cannot be read, or is not whole.
+
+    """
+    try:
+        with np.load(path) as file:
+            return {name: np.asarray(file[name]) for name in file.files}
+    except FileNotFoundError:
+        raise ParameterError(f'no file {path}') from None
+    except (IsADirectoryError, PermissionError) as error:
+        raise ParameterError(f'{path} cannot be read: {error.strerror}') from None
+    except Exception:  # broken data makes NumPy, zipfile and zlib raise whatever they like
+        raise ParameterError(f'{path} is not a whole npz file; {source}') from None
+
+
+def format_of(data: Mapping[str, Array]) -> int:
+    """Return the number of the format of a file: 1 if it has none, 0 if it is no number."""
+    number = data.get('format', np.array(1))
+    return int(number) if number.dtype.kind == 'i' and not number.shape else 0
+
+
+def report_to_text(report: Report) -> str:
+    """Return a report as JSON."""
+    return json.dumps({**asdict(report), 'joint_torque': report.joint_torque.tolist()})
+
+
+def report_from_text(text: str) -> Report:
+    """
+    Return the report that `report_to_text` wrote.
 
     Raises
     ------

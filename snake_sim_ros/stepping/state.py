@@ -1,8 +1,10 @@
 """What a step goes on from: the state of all links, and the history of the steps before."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 from typing import Any
+from typing import cast
 from typing import NamedTuple
 from typing import TypeVar
 
@@ -104,6 +106,18 @@ def copied(record: T) -> T:
     return type(record)(*map(copied, parts))
 
 
+def with_arrays(record: T, arrays: Mapping[str, Array], name: str = 'history') -> T:
+    """Return nested NamedTuples such as `record` with arrays of dotted names for theirs."""
+    found: Any = record
+    if isinstance(record, np.ndarray):
+        found = arrays[name]
+    elif record is not None:
+        parts: Any = record
+        pairs = zip(parts._fields, parts, strict=True)
+        found = type(record)(*(with_arrays(part, arrays, f'{name}.{key}') for key, part in pairs))
+    return cast(T, found)
+
+
 def check_state(links: int, contacts: int, state: State, history: History) -> None:
     """
     Check what a step went to; `links` and `contacts` are those of its scene.
@@ -126,6 +140,20 @@ def check_state(links: int, contacts: int, state: State, history: History) -> No
         _refuse_what_is_not_finite({'state.q': state.q, **named_arrays(history)})
 
 
+def check_history(links: int, empty: History, state: State, history: History) -> None:
+    """
+    Check what a stepper goes on from; `links` and `empty` are those of the stepper.
+
+    Raises
+    ------
+    ParameterError
+        As `check_state`, and if the memory of the history is that of another method or level.
+
+    """
+    check_state(links, len(empty.impulse), state, history)
+    _check_memory('history.memory', history.memory, empty.memory)
+
+
 def check_arguments(
     links: int, empty: History, state: State, history: History, angle: Array, rate: Array
 ) -> None:
@@ -135,12 +163,11 @@ def check_arguments(
     Raises
     ------
     ParameterError
-        If an array has another shape or other numbers than a `Stepper` takes, or the memory of the
-        history is that of another method or level.
+        As `check_history`, and if the references have another shape or other numbers than a
+        `Stepper` takes.
 
     """
-    check_state(links, len(empty.impulse), state, history)
-    _check_memory('history.memory', history.memory, empty.memory)
+    check_history(links, empty, state, history)
     steps = len(angle) if np.ndim(angle) else 0
     _check_array('angle', angle, (steps, links - 1, 2))
     _check_array('rate', rate, (steps, links - 1, 2))

@@ -20,7 +20,7 @@ from short_run import short_run
 
 from snake_sim_ros.dynamics import compilation
 from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import dispatched
+from snake_sim_ros.dynamics.compilation import Dispatched
 from snake_sim_ros.stepping.state import named_arrays
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -312,7 +312,7 @@ def test_functions_are_compiled_or_typed(module):
         if not isinstance(node, ast.FunctionDef):
             continue
         marks = {ast.unparse(item).partition('.')[0] for item in node.decorator_list}
-        is_compiled = bool(marks & {'compiled', 'inlined', 'merged', 'dispatched'})
+        is_compiled = bool(marks & {'compiled', 'inlined', 'merged', 'Dispatched'})
         assert is_compiled != (node.returns is not None), node.name
 
 
@@ -333,7 +333,7 @@ class Times(NamedTuple):
 
 
 def test_a_type_chooses_what_is_called():
-    @dispatched
+    @Dispatched
     def scale(way, x):
         """Scale x."""
 

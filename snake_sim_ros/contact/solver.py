@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from snake_sim_ros.contact.laws import Laws
 from snake_sim_ros.dynamics.articulated_body import Chain
-from snake_sim_ros.dynamics.compilation import dispatched
+from snake_sim_ros.dynamics.compilation import Dispatched
 from snake_sim_ros.scene.parameters import Array
 
 
@@ -32,7 +32,7 @@ class Outcome(NamedTuple):
     fell_back: bool  # whether a slower method had to help
 
 
-@dispatched
+@Dispatched
 def solve(solver, model, problem, history):
     """
     Solve the contact problem of a step with the method that belongs to the type of `solver`.

@@ -6,9 +6,8 @@ from another file. Therefore the cache folder is named after the contents of all
 """
 
 from collections.abc import Callable
-from functools import wraps
+from functools import update_wrapper
 import hashlib
-from inspect import signature
 import os
 from pathlib import Path
 import tempfile
@@ -19,8 +18,11 @@ try:
     import numba
     from numba.core import cgutils
     from numba.core import types
+    from numba.core.imputils import lower_constant
     from numba.extending import intrinsic
-    from numba.extending import overload
+    from numba.extending import models
+    from numba.extending import register_model
+    from numba.extending import typeof_impl
 except ImportError as error:
     raise ImportError(
         'snake_sim_ros compiles its physics with Numba, which is not installed: '
@@ -98,9 +100,9 @@ def merged(function: Callable[..., Any]) -> Callable[..., Any]:
     return _compiled(function, inline='always', cache=False)
 
 
-def dispatched(function: Callable[..., Any]) -> Any:
+class Dispatched:
     """
-    Return what `functools.singledispatch` returns, also for calls from compiled functions.
+    A function like those of `functools.singledispatch` that compiled functions can call, too.
 
     The type of the first argument, a class of NamedTuple, chooses the implementation: a compiled
     function that was given to ``register(cls)``.
@@ -110,35 +112,69 @@ def dispatched(function: Callable[..., Any]) -> Any:
     process. It does distinguish types. Loops that differ in more than a type, as those of methods
     with one and with two steps do, are separate functions at the top of a module.
     """
-    chosen: dict[type, Callable[..., Any]] = {}
-    arguments = ', '.join(signature(function).parameters)
 
-    @wraps(function)
-    def choose(first: Any, *others: Any) -> Any:
-        return chosen[type(first)](first, *others)
+    def __init__(self, function: Callable[..., Any]) -> None:
+        update_wrapper(self, function)
+        self.name = f'{function.__module__}.{function.__qualname__}'
+        self.implementations: dict[Any, Callable[..., Any]] = {}
 
-    def find_call(first: Any, *others: Any) -> Callable[..., Any] | None:
-        """Return a call of the implementation for these types, for Numba to put in place."""
-        implementation = chosen.get(getattr(first, 'instance_class', type(None)))
-        if implementation is None:
-            return None
-        # Only a call: Numba (0.66) loses iterations of loops that it puts in place here.
-        text = f'lambda {arguments}: implementation({arguments})'
-        call: Callable[..., Any] = eval(text, {'implementation': implementation})
-        return call
+    def __call__(self, first: Any, *others: Any) -> Any:
+        """Call the implementation for the type of the first argument."""
+        return self.implementations[type(first)](first, *others)
 
-    def register(cls: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    def register(self, cls: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+        """Return a decorator of the compiled implementation for a class."""
+
         def add(implementation: Callable[..., Any]) -> Callable[..., Any]:
             if COMPILES and not hasattr(implementation, 'py_func'):
                 raise TypeError(f'{implementation} must be compiled to be registered')
-            chosen[cls] = implementation
+            self.implementations[cls] = implementation
             return implementation
 
         return add
 
-    overload(choose, jit_options=OPTIONS, inline='always', strict=False)(find_call)
-    choose.register = register  # type: ignore[attr-defined]
-    return choose
+
+class DispatchedType(types.Callable):
+    """The type of a `Dispatched` function in compiled code: a call is one of an implementation."""
+
+    def __init__(self, function: Dispatched) -> None:
+        self.implementations = function.implementations
+        super().__init__(function.name)
+
+    def implementation(self, arguments: Any) -> Any:
+        """Return the type of the implementation for arguments of some types."""
+        cls = getattr(arguments[0], 'instance_class', type(None))
+        if cls not in self.implementations:
+            names = ', '.join(known.__name__ for known in self.implementations)
+            raise numba.core.errors.TypingError(
+                f'{self.name} has no implementation for {arguments[0]}; it has them for {names}'
+            )
+        return types.Dispatcher(self.implementations[cls])
+
+    def get_call_type(self, context: Any, arguments: Any, keywords: Any) -> Any:
+        """Return the signature of a call, see `types.Callable`."""
+        return self.implementation(arguments).get_call_type(context, arguments, keywords)
+
+    def get_call_signatures(self) -> Any:
+        """Return no signatures that are fixed, see `types.Callable`."""
+        return (), True
+
+    def get_impl_key(self, signature: Any) -> Any:
+        """Return what the machine code of a call is found by, see `types.Callable`."""
+        return self.implementation(signature.args).get_impl_key(signature)
+
+
+@typeof_impl.register(Dispatched)  # type: ignore[untyped-decorator]
+def _type_of_dispatched(function: Dispatched, context: Any) -> DispatchedType:
+    return DispatchedType(function)
+
+
+register_model(DispatchedType)(models.OpaqueModel)
+
+
+@lower_constant(DispatchedType)  # type: ignore[untyped-decorator]
+def _constant_of_dispatched(context: Any, builder: Any, kind: Any, function: Any) -> Any:
+    return context.get_dummy_value()
 
 
 def _compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:

@@ -1,9 +1,9 @@
 """What solves the contacts of a step in the plane."""
 
-from snake_sim_ros.dynamics.compilation import dispatched
+from snake_sim_ros.dynamics.compilation import Dispatched
 
 
-@dispatched
+@Dispatched
 def solve_in_plane(solver, model, work, closed, history):
     """
     Solve the contacts of a step in the plane with the method that the type of `solver` stands for.

@@ -1,4 +1,4 @@
-"""Which tests run where, and in which order."""
+"""The tests that run with the compiler, and their order in two processes."""
 
 import gc
 import os

@@ -1,4 +1,4 @@
-"""One step of the paper's scheme in dense NumPy, to judge what a compiled solver made of it."""
+"""One step of the paper's scheme in dense NumPy, to judge the results of compiled solvers."""
 
 from dataclasses import dataclass
 
@@ -25,7 +25,7 @@ EPS = np.finfo(float).eps
 @dataclass
 class DenseStep:
     """
-    The linear part of a step, eqs. (75), (76): velocities as they follow from contact impulses.
+    The linear part of a step, eqs. (75), (76): velocities that follow from contact impulses.
 
     Attributes
     ----------
@@ -57,29 +57,29 @@ class DenseStep:
     shift: Array
 
     def velocities(self, P: Array) -> Array:
-        """Return u (6n,) for impulses (k, 5) of the closed contacts: the balance with joints."""
+        """Return u (6n,) for impulses (k, 5) of the closed contacts, with closed joints."""
         right = self.momentum + np.einsum('rkj,kj->r', self.W, P)
         return self._balance(right[:, None])[:, 0]
 
     def _balance(self, loads: Array) -> Array:
-        """Return velocities (6n, m) for loads (6n, m) that the joints pass on."""
+        """Return velocities (6n, m) for loads (6n, m) with closed joints."""
         rows, joints = self.W_J.shape
         K = np.zeros((rows + joints, rows + joints))
         K[:rows, :rows], K[:rows, rows:], K[rows:, :rows] = self.M, -self.W_J, self.W_J.T
         return np.linalg.solve(K, np.vstack([loads, np.zeros((joints, loads.shape[1]))]))[:rows]
 
     def responses(self) -> Array:
-        """Return the velocities (6n, 5k) that a unit of every impulse makes."""
+        """Return the velocities (6n, 5k) for a unit of every impulse."""
         return self._balance(self.W.reshape(len(self.W), -1))
 
     def gamma(self, u: Array) -> Array:
-        """Return relative velocities (k, 5), as they stand in the laws."""
+        """Return relative velocities (k, 5) with their shifts, as the laws take them."""
         gamma = np.einsum('rkj,r->kj', self.W, u.ravel())
         gamma[:, 0] += self.shift
         return gamma
 
     def energy(self, u: Array) -> float:
-        """Return what contact impulses cannot raise: u^T M u/2, implicit controller included."""
+        """Return u^T M u/2, with the implicit controller; contact impulses cannot increase it."""
         return float(u.ravel() @ self.M @ u.ravel()) / 2
 
     def delassus(self) -> Array:
@@ -94,7 +94,7 @@ class DenseStep:
 
     def balance_error(self, P: Array, u: Array) -> float:
         """
-        Return a bound for what rounding leaves of the balance of `newton`: of `velocities(P) - u`.
+        Return a bound for the rounding error ``velocities(P) - u`` in the balance of `newton`.
 
         Impulses are those of the proximal laws at u, ``dP = -S dgamma``. The normal law has
         1/(compliance + c), c = PROXIMAL G; friction 2/c where it sticks and P_N mu^2/|mu gamma|

@@ -44,7 +44,7 @@ def lying_flat(robot: Robot, yaw: Array, heading: float = 0.0) -> Array:
 
 
 def in_plane(robot: Robot, q: Array, velocity: Array, spin: Array) -> State:
-    """Return a state whose links turn at given rates (n,), link 1 moving at a given velocity."""
+    """Return a state of links that turn at rates `spin` (n,); link 1 moves at `velocity` (2,)."""
     theta, half = headings(q), robot.per_link('link_length') / 2
     u = np.zeros((robot.link_count, 6))
     reach = (half * spin)[:, None] * np.column_stack([-np.sin(theta), np.cos(theta)])

@@ -1,4 +1,4 @@
-"""Random scenes with pegs and steps, and what their contacts are held to, for several tests."""
+"""Random scenes with pegs and steps, and checks of their contacts, for several tests."""
 
 from dataclasses import replace
 import os
@@ -115,9 +115,9 @@ def turned(q: Array, i: int) -> Array:
 
 def check_agreement(scene: Scene, state: State, rng: np.random.Generator, method: str) -> int:
     """
-    Assert that a method takes the step of the dense one; return how many contacts close.
+    Assert that a method takes the step of the dense one; return the number of closed contacts.
 
-    Of `bdf2`, whose step is another one, it is an impact.
+    For `bdf2`, whose step is another one, `check_impact` asserts it for an impact.
     """
     if method == 'bdf2':
         return check_impact(scene, state, method)

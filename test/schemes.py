@@ -65,9 +65,9 @@ def in_motion(scene: Scene, before: State, now: State) -> History:
 
 def undisturbed(scene: Scene, state: State) -> History:
     """
-    Return a history without contacts, of a robot that moved so for a step.
+    Return a history without contacts, of a robot that moved with these velocities for a step.
 
-    Without it the first step of `bdf2` has two parts, of which the end shows the second one only.
+    Without it the first step of `bdf2` has two parts, and its end shows only the second one.
     """
     if scene.method != 'bdf2':
         return empty_history(scene)

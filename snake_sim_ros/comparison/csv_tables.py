@@ -154,7 +154,7 @@ def _read(path: Path) -> tuple[list[str], list[dict[str, str]], list[str]]:
         text = path.read_text(encoding='utf-8')
     except (OSError, UnicodeDecodeError) as error:
         raise ParameterError(f'{path}: not readable as CSV: {error}') from None
-    lines = text.split('\n')[:-1]  # a row that was cut short is none
+    lines = text.split('\n')[:-1]  # without a row that was cut short
     heads: list[dict[str, str]] = []
     for line in lines:
         name, _, value = (part.strip() for part in line[1:].partition(':'))
@@ -234,8 +234,8 @@ def records_of(table: Table, kind: str, cls: type[Any]) -> list[Any]:
     Raises
     ------
     ParameterError
-        If the table is of another kind, or has other columns, or a number is none. A column that
-        the dataclass has a default for may be missing: older files do not have all.
+        If the table is of another kind or has other columns, or if a text is not a number. Columns
+        for fields with a default may be missing, since older files do not have all of them.
 
     """
     if table.header.get('table') != kind:
@@ -299,8 +299,8 @@ class TableWriter:
     ------
     ParameterError
         If the folder does not exist, or the file holds rows of another kind, of other columns, of
-        other sources, of another processor or other settings, or is not as it was written, or is
-        no table at all: it is left as it is.
+        other sources, of another processor or other settings, or if its seals do not fit, or it
+        is no table. The file is then not changed.
 
     """
 

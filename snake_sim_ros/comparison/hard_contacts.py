@@ -1,12 +1,12 @@
 """
 Hard contact problems, stored as single steps, and the residuals that solvers reach on them.
 
-They are in ``config/hard_contacts.npz``. The first twenty are the steps that took most iterations
-of method newton in 15 s of cases A to D. Those named ``mu 5`` are steps of lateral undulation with
-mu = 5 on which an earlier solver failed. The others are postures on the floor with a gap of
+They are in ``config/hard_contacts.npz``. The first twenty are the steps of cases A to D in which
+method newton took most iterations in 15 s. Those named ``mu 5`` are steps of lateral undulation
+with mu = 5 on which an earlier solver failed. The others are postures on the floor with a gap of
 -1e-9 m that move as one rigid body: at rest or nearly so (redundant contacts), thrown down at
 0.3 m/s while turning (every contact lands and slides at once), with a link of 1000 times the mass,
-with an upright link, and a pitched link that slides on its leading end, below and beyond
+with an upright link, and with a pitched link that slides on its leading end, below and beyond
 Painlevé's threshold.
 """
 
@@ -28,13 +28,13 @@ from snake_sim_ros.stepping.state import State
 
 
 class StoredStep(NamedTuple):
-    """One step: of a scene, from a state and history, with joint references (n-1, 2)."""
+    """A step of a scene: where it starts, and its joint references."""
 
     scene: Scene
     state: State
     history: History  # without the memory of a method
-    angle: Array
-    rate: Array
+    angle: Array  # (n-1, 2) [rad]
+    rate: Array  # (n-1, 2) [rad/s]
 
 
 def load_problems() -> dict[str, StoredStep]:
@@ -49,7 +49,6 @@ def load_problems() -> dict[str, StoredStep]:
             parts.append(numbers[start : start + size].reshape(shape))
             start += size
         scene = replace(scene_from_text(text.decode()), level='spatial')
-        # The memory of methods is not stored.
         impulse, velocity, change = parts[2][:3]
         history = History(impulse, velocity, change, np.zeros(1))
         problems[str(name)] = StoredStep(scene, State(*parts[:2]), history, *parts[3:])

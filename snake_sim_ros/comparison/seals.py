@@ -1,5 +1,5 @@
 """
-Seals of CSV files: they distinguish what the program wrote from changes by hand.
+Seals of CSV files, which distinguish the text of the program from changes by hand.
 
 Every head ends with a seal, a line ``# seal: ...``, and every row has a seal in its last column. A
 seal is a digest of the lines since the previous seal, and of that seal. If a line is changed,

@@ -1,8 +1,8 @@
 """
 What a time stepper takes and returns.
 
-A stepper is made for a scene and has one method, `advance`. It never raises because a step did not
-converge or blew up: that is part of the report. Only misuse raises.
+A stepper is made for a scene. If a step does not converge, or diverges, its `advance` says so in
+the report and raises no error. Only misuse raises one.
 """
 
 from collections.abc import Callable
@@ -32,21 +32,21 @@ class Status(Enum):
 @dataclass
 class Report:
     """
-    What happened in some steps; the sum of two reports is the report of all their steps.
+    What happened in some steps. The sum of two reports is the report of all their steps.
 
     Attributes
     ----------
     steps, iterations, unconverged, fallbacks : int
-        Steps done, contact iterations in all of them, steps that hit the iteration limit, steps in
-        which the solver fell back on a slower method.
+        Steps done, contact iterations in all of them, steps that reached the iteration limit,
+        steps in which the solver needed a slower method.
     iterations_max : int
         Most iterations in one step.
     residual_max, printed_residual_max : float
         Largest natural-map residual of the contact laws after a step, with the selection rule and
-        as the paper prints them [m/s]: how far the impulses are from the projections (87)-(89),
-        over the prox parameters. For orthotropic friction an upper bound.
+        as the paper prints them [m/s]: the distances of the impulses from the projections
+        (87)-(89), over the prox parameters. For orthotropic friction they are upper bounds.
     penetration_max : float
-        Deepest gap below zero after a step [m].
+        Largest penetration after a step [m].
     joint_gap_max, joint_twist_max : float
         Largest joint violation g_J in position [m] and angle [1] that a step made, before the
         drift correction of section VII-C removed it.
@@ -59,9 +59,9 @@ class Report:
     planar_steps : int
         How many of the steps were planar.
     left : str
-        Why the planar level was left, empty if it was not.
+        Why the planar level was left; empty if it was not.
     failure : str
-        Empty, or the sentence that says what diverged, when and where.
+        The sentence that says what diverged, when and where; empty if nothing did.
 
     """
 
@@ -84,7 +84,7 @@ class Report:
 
     @property
     def status(self) -> Status:
-        """The worst that happened in any of the steps."""
+        """The worst status of any of the steps."""
         if self.failure:
             return Status.DIVERGED
         return Status.MAX_ITERATIONS if self.unconverged else Status.CONVERGED
@@ -109,7 +109,7 @@ LARGEST = tuple(item.name for item in fields(Report) if item.name.endswith('_max
 
 
 def divergence(link: int, turn: float, dt: float, steps: int) -> str:
-    """Return the sentence for a link that would turn too far, or to nowhere, in one step."""
+    """Return the failure of a step [s] in which a link, counted from 1, turns too far [rad]."""
     return (
         f'link {link} would turn by {turn:.3g} rad in one step of {dt:g} s after {steps} good '
         f'steps; less than pi/2 is resolved'
@@ -125,7 +125,7 @@ class Stepper(Protocol):
     level : str
         Model level of the last step.
     cycles : ndarray, shape (steps+1,)
-        Time stamps between the steps of the last call; empty if they are not compiled.
+        Time stamps before and after every step of the last call; empty if steps are not compiled.
 
     """
 
@@ -148,8 +148,8 @@ class Stepper(Protocol):
         ----------
         state : State
         history : History
-            After the last step of this stepper; `empty_history` before the first one, `carried`
-            where the last step was one of another scene, method or level. It is left alone.
+            From the last step of this stepper. Before the first step it is `empty_history`, and
+            after a step of another scene, method or level `state.carried`. It is not changed.
         angle, rate : ndarray, shape (steps, n-1, 2)
             Joint references [rad], [rad/s] at the middle of every step.
 
@@ -164,9 +164,9 @@ class Stepper(Protocol):
         Raises
         ------
         ParameterError
-            If an array has not the shape or the type of number that it must have: compiled code
-            does not look where it writes. If coordinates or history are not finite, or the memory
-            is that of another method or level.
+            If an array has a wrong shape or type, since compiled code does not check where it
+            writes; if coordinates or history are not finite; or if the memory is that of another
+            method or level.
 
         """
         ...
@@ -183,25 +183,26 @@ def _nowhere(scene: Scene) -> bool:
 @dataclass(frozen=True)
 class Method:
     """
-    A time stepping method: how its steppers are made, and what others need to know of it.
+    A time stepping method: how its steppers are made, and which scenes it can run.
 
     Attributes
     ----------
     spatial, planar : callable
-        Make the stepper of a scene, a `spatial.SpatialStepper` and a `stepper.PlanarStepper`.
+        Make the stepper of a scene, as `spatial.SpatialStepper` and `planar.stepper.PlanarStepper`
+        do.
     where_impulses_acted : callable
-        ``where_impulses_acted(scene, state, memory)``: the coordinates (n, 7) for which the last
-        step had impulses, and how long these acted [s].
+        ``where_impulses_acted(scene, state, memory)`` returns the coordinates (n, 7) at which the
+        impulses of the last step acted, and for how long they did [s].
     what_is_not_possible : callable
-        Why the method cannot run a scene, as a sentence; empty if it can.
+        Returns why the method cannot run a scene, as a sentence; empty if it can.
     is_faster_in_space : callable
-        Whether the spatial level takes less time for a scene that is planar.
+        Returns whether the spatial level takes less time for a scene that is planar.
     planar_pegs : bool
-        Whether it meets pegs at the planar level, too.
+        Whether the planar level has contacts with pegs.
     energy_balance : bool
-        Whether impulses are those of a whole step, so that an energy balance can be drawn up.
+        Whether impulses are those of a whole step, as an energy balance needs them.
     compiled : bool
-        Whether its steps are compiled, and timed.
+        Whether its steps are compiled, and have time stamps.
 
     """
 

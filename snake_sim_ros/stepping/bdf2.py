@@ -1,27 +1,26 @@
 """
-Second order in time: two-step differences in place of the paper's midpoint.
+A method of second order: two-step differences in place of the paper's midpoint.
 
 Deviation: the step of the paper takes its geometry at the middle, but friction, joint rates and
-constraints at the velocity of the end: it is of first order. Here all are taken at the end. With
-``q_hat = (4 q_n - q_(n-1))/3``, the same for u, and h = 2/3 dt (BDF2 [1]_),
+constraints at the velocity of the end. It is therefore of first order. Here all are taken at the
+end. With ``q_hat = (4 q_n - q_(n-1))/3``, the same for u, and h = 2/3 dt (BDF2 [1]_),
 
     M u_E = M u_hat + h(q*, u*) h + W(q*) P,    q_E = q_hat + h F(q*) u_E,
 
-where the star is the end as it is predicted, ``u* = 2 u_n - u_(n-1)``. The contact laws stay as
-they are; they hold for u_E and are solved by Newton's method through the chain.
+where the star marks the predicted end, ``u* = 2 u_n - u_(n-1)``. The contact laws are unchanged.
+They hold for u_E and are solved by Newton's method through the chain. Contacts that may close in
+the step take part with their gaps; see `events`.
 
-Contacts that may close in the step take part with their gaps, see `events.py`.
-
-The formula never differentiates across an event, a jump of the velocity whatever caused it. A
-contact that lands, however softly, is one; so is a normal impulse beyond what forces make in a
-step (an impact without collision), and a state that is not the one the step before left (a push,
-another scene). The step after an event starts anew, in PARTS equal parts, the first with
+The formula never differentiates across an event, which is any jump of the velocity: a contact that
+lands, however softly; a normal impulse beyond what forces make in a step (an impact without
+collision); or a state that is not the end of the step before (a push, another scene). The step
+after an event starts anew, in PARTS equal parts, the first with
 
     u_hat = u_n, h = dt for velocities;    q_hat = q_n + dt/2 F(q_n) u_n, h = dt/2 for coordinates,
 
-which is exact for constant forces, and for others off by dt^2 once an event. If the joints do not
-agree with the velocities of a given state, the first part is itself the impact that makes them
-agree: backward Euler, ``q_hat = q_n`` and h = dt for both, and the next part starts anew.
+which is exact for constant forces; for other forces each event adds an error of dt^2. If the
+velocities of a given state violate the joints, the first part is the impact that corrects them:
+backward Euler, ``q_hat = q_n`` and h = dt for both. The next part then starts anew.
 
 .. [1] E. Hairer, G. Wanner, "Solving Ordinary Differential Equations II", 1996, ch. V.
 """
@@ -69,20 +68,20 @@ from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import note_outcome
 
-PARTS = 2  # of a step that starts anew
-# Selection: what is small beside an error of first order is not small here. Loads of a flat robot
-# follow the heights of its links through the stiff joints, so these must not sink.
-PRESS_SPEED = 3e-8  # see selection [m/s]
+PARTS = 2  # parts of a step that starts anew
+# Replaces `selection.PRESS_SPEED`, which is not small beside errors of second order: loads of a
+# flat robot follow the heights of its links through the stiff joints, so that these must not sink.
+PRESS_SPEED = 3e-8  # [m/s]
 
-# Where the controller may act. The method has a law of its own for both: all at the end of the
-# step, linear about the end that is predicted.
+# Where the controller may act. For both the method takes it at the end of the step, linear about
+# the predicted end.
 IMPLICIT_SCHEMES = ('average', 'end')
-# Where the spatial level is faster. Processor time of both levels in turn, in one process, cases A
-# and B: at the default tolerance `bdf2` with 11 links takes 0.6 to 0.85 of the planar time from
-# 1/200 s to 1/20 s (5 links: 0.6 to 1.2), 1.1 at 1/500 s, 1.3 and more at 1/1000 s. But with 20
-# and 40 links it takes 1.05 to 14 times as long, and with residual_tolerance 1e-5 m/s 1.6 to 1.9
-# times at 1/200 s, 0.85 at 1/20 s. `newton` gains a quarter in space at most, and loses from 1/20
-# s on.
+# Where the spatial level is faster, by processor time of both levels in turn, in one process, in
+# cases A and B. At the default tolerance `bdf2` with 11 links takes 0.6 to 0.85 of the planar time
+# from 1/200 s to 1/20 s (5 links: 0.6 to 1.2), 1.1 at 1/500 s, and 1.3 and more at 1/1000 s. With
+# 20 and 40 links it takes 1.05 to 14 times as long; with residual_tolerance 1e-5 m/s it takes 1.6
+# to 1.9 times as long at 1/200 s, and 0.85 at 1/20 s. `newton` gains at most a quarter in space,
+# and loses from 1/20 s on.
 SPATIAL_STEP, SPATIAL_LINKS, SPATIAL_TOLERANCE = 1 / 300, 15, 1e-7  # [s], links, [m/s]
 
 
@@ -96,14 +95,14 @@ def formula(phase, dt, q, u, memory, own):
     phase : float
         UNKNOWN (backward Euler), ANEW or SMOOTH.
     dt : float
-        Of the step or the part of it [s].
+        Length of the step or of a part of it [s].
     q, u : ndarray, shapes (n, 7) and (n, 6)
-        At its start; `memory` has those before it.
+        State at its start; `memory` has the one before.
 
     Returns
     -------
     h, h_q : float
-        Time over which forces act on the velocity, and the velocity on coordinates [s].
+        Times for which forces act on the velocity, and the velocity on the coordinates [s].
 
     """
     hat, u_hat, u_star = own.q_hat, own.u_hat, own.u_star
@@ -130,7 +129,7 @@ def formula(phase, dt, q, u, memory, own):
 
 @merged
 def predicted_frames(h_q, q, memory, smooth, own, work):
-    """Fill q_mid with the predicted end of the step, and what follows from it."""
+    """Fill work.q_mid with the predicted end of the step, and R and omega with those of it."""
     star = work.q_mid
     for i in range(len(q)):
         for k in range(7):
@@ -145,8 +144,8 @@ def begin(model, own, work, h, h_q, late, history):
     """
     Return the contact problem for the predicted end of the step.
 
-    Its closed contacts are those that can close in the step. Coordinates have moved for `late` [s]
-    before h_q begins.
+    Its closed contacts are those that can close in the step. h and h_q are those of `formula`, and
+    `late` is as in `events.leave_gaps`.
     """
     angle, rate = own.end_angle, own.end_rate
     chain_geometry(model.half_length, work.R, work.center, work.chain.axis)
@@ -177,7 +176,7 @@ def begin(model, own, work, h, h_q, late, history):
 
 @compiled
 def advance_link(h, frame, hat, u, q, i):
-    """Fill q of link i with ``hat + h F(frame) u``, Euler parameters of length 1."""
+    """Fill q of link i with ``hat + h F(frame) u``, with Euler parameters of length 1."""
     p = frame[i, 3], frame[i, 4], frame[i, 5], frame[i, 6]
     e = half_rotation(p, (u[i, 3], u[i, 4], u[i, 5]), h / 2)
     for k in range(3):
@@ -193,44 +192,40 @@ def solve(model, own, work, problem, h, h_q, history, report):
     """
     Solve the contacts and, if they land, once more without their gaps.
 
-    The velocity that moves coordinates is then in own.u_star, the one after the impact in the
-    twists of the chain.
+    The velocity that moves the coordinates is then in own.u_star, and the velocity after the
+    impact in the twists of the chain.
 
     Returns
     -------
     small : bool
-        Whether no link turns further than is resolved.
+        Whether `turns_are_small`.
     found : Events
 
     """
     laws, closed, contacts, chain = problem
-    found = Events(False, True, 0)
-    solved = 0
-    while found.lands:
+    found = Events(False, False, 0)
+    for again in range(2):  # one call of the solver, which is compiled where it is called
         landing = Problem(laws, closed, contacts, chain)
         outcome = solve_contacts(Newton(None), model, landing, history)
         note_outcome(outcome, report)
         if not turns_are_small(model.dt, chain.twist, report):
             return False, found
-        solved += 1
-        if solved == 1:
-            end_velocities(chain.twist, work.R, work.center, own.u_star)
-            found = events(model, h, closed, contacts)
-            if not found.lands:
-                break
-            count = closed_at_end(h_q, model.activation_tolerance, closed, contacts)
-            closed = closed[:count]
-        else:
+        if again:
             break
+        end_velocities(chain.twist, work.R, work.center, own.u_star)
+        found = events(model, h, closed, contacts)
+        if not found.lands:
+            break
+        closed = closed[: closed_at_end(h_q, model.activation_tolerance, closed, contacts)]
     return True, found
 
 
 @inlined
 def end_references(dt, part, known, angle, rate, memory, own):
     """
-    Fill the references at the end of part `part` of PARTS, from those of the middle of the step.
+    Fill the joint references at the end of part `part` of PARTS, from those at the middle.
 
-    They go on with the acceleration that they had since the step before, if that is known.
+    They are extrapolated with their mean acceleration since the step before, if that is known.
     """
     late = dt * (part / PARTS - 0.5)
     for j in range(len(angle)):
@@ -249,7 +244,7 @@ def one_part(own, model, work, dt, steps):
     Returns
     -------
     int
-        1 if there was an event, 0 if not, -1 if the part diverged; then q and u are as before.
+        1 if there was an event, 0 if not, -1 if the part diverged; q and u are then unchanged.
 
     """
     q, u, report, history = steps.q, steps.u, steps.report[0], steps.history
@@ -289,7 +284,7 @@ def one_part(own, model, work, dt, steps):
 
 @merged
 def step(own, model, work, steps, k):
-    """Take step k; return whether to go on."""
+    """Take step k; return whether the loop continues."""
     q, u, report, memory = steps.q, steps.u, steps.report[0], steps.history.memory
     angle, rate = steps.angle[k], steps.rate[k]
     known, smooth = memory.span[0] > 0.0, memory.phase[0] == SMOOTH
@@ -316,7 +311,7 @@ def step(own, model, work, steps, k):
 
 @compiled
 def advance(own, model, work, steps):
-    """Take some steps, up to the first that diverges; see `spatial.SpatialStepper`."""
+    """Take the steps up to the first that diverges; see `spatial.SpatialStepper`."""
     q, u, memory = steps.q, steps.u, steps.history.memory
     recognize(model, work, q, u, memory)
     for k in range(len(steps.angle)):
@@ -338,7 +333,7 @@ def what_is_not_possible(scene: Scene) -> str:
 
 
 def is_faster_in_space(scene: Scene) -> bool:
-    """Return whether the spatial level takes less time for a planar scene, see SPATIAL_STEP."""
+    """Return whether the spatial level takes less time for a planar scene; see SPATIAL_STEP."""
     return (
         scene.dt > SPATIAL_STEP
         and scene.robot.link_count <= SPATIAL_LINKS
@@ -348,9 +343,9 @@ def is_faster_in_space(scene: Scene) -> bool:
 
 def where_impulses_acted(scene: Scene, state: State, memory: Any) -> tuple[Array, float]:
     """
-    Return the coordinates (n, 7) for which the last step had impulses, and how long they act [s].
+    Return the coordinates (n, 7) at which the last impulses acted, and for how long [s].
 
-    They are those of its end, up to what the prediction is off; the time is kept in the memory, of
-    whatever level. If nothing is kept, as after a change of the scene, it is the whole step.
+    They acted at the end of the step, up to the error of its prediction. The memory of either
+    level keeps the time; if it is empty, as after a change of the scene, it is the whole step.
     """
     return state.q, memory.last_span() or scene.dt

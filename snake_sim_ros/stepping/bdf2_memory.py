@@ -1,4 +1,4 @@
-"""What the method of second order keeps of the last step, and the arrays that its step fills."""
+"""What method `bdf2` keeps of the last step, and the arrays that its steps fill."""
 
 from typing import NamedTuple
 
@@ -11,9 +11,9 @@ from snake_sim_ros.dynamics.kinematics import link_frames
 from snake_sim_ros.dynamics.kinematics import rates_in_inertial_frame
 from snake_sim_ros.scene.parameters import Array
 
-# Phases, what is known of the motion: nothing; that it starts here; q and u before it as well.
+# Phases: nothing is known of the motion; it starts smoothly here; the state before is known, too.
 UNKNOWN, ANEW, SMOOTH = 0.0, 1.0, 2.0
-CONSISTENT_SPEED = 1e-9  # speed up to which the joints agree with given velocities [m/s]
+CONSISTENT_SPEED = 1e-9  # largest speed of joint gaps at which velocities fit the joints [m/s]
 
 
 class Memory(NamedTuple):
@@ -24,21 +24,21 @@ class Memory(NamedTuple):
     q: Array  # (n, 7) coordinates at its end
     u: Array  # (n, 6) velocities at its end
     rate: Array  # (n-1, 2) rates of the joint references [rad/s]
-    span: Array  # (1,) time that its impulses acted for [s], 0 before the first step
+    span: Array  # (1,) time for which its impulses acted [s], 0 before the first step
     phase: Array  # (1,) UNKNOWN, ANEW or SMOOTH
 
     def last_span(self) -> float:
-        """Return the time that the last impulses acted for [s], 0 before the first step."""
+        """Return the time for which the last impulses acted [s], 0 before the first step."""
         return float(self.span[0])
 
 
 class Arrays(NamedTuple):
-    """Arrays that a step of this method fills, beside those of `model.Workspace`."""
+    """Arrays that a step fills besides `model.Workspace`; compiled functions take it as `own`."""
 
-    q_hat: Array  # (n, 7)
+    q_hat: Array  # (n, 7) see `bdf2`
     u_hat: Array  # (n, 6)
-    u_star: Array  # (n, 6) predicted velocities; then those that move coordinates
-    q_start: Array  # (n, 7) start of the step
+    u_star: Array  # (n, 6) predicted velocities, then those that move the coordinates
+    q_start: Array  # (n, 7) coordinates at the start of the step
     u_start: Array  # (n, 6)
     end_angle: Array  # (n-1, 2) joint references at the end of a part of the step [rad]
     end_rate: Array  # (n-1, 2) [rad/s]
@@ -58,7 +58,7 @@ def make_arrays(n: int) -> Arrays:
 
 @inlined
 def keep(q, u, q_to, u_to):
-    """Fill q_to and u_to."""
+    """Copy q (n, 7) and u (n, 6) to q_to and u_to."""
     for i in range(len(q)):
         for k in range(7):
             q_to[i, k] = q[i, k]
@@ -68,7 +68,7 @@ def keep(q, u, q_to, u_to):
 
 @compiled
 def recognize(model, work, q, u, memory):
-    """Note in the memory whether this state is the end of the last step, or one to start from."""
+    """Set the phase of the memory if q (n, 7) and u (n, 6) are not the end of the last step."""
     same = memory.phase[0] != UNKNOWN
     for i in range(len(q)):
         for k in range(7):

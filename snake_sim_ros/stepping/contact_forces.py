@@ -1,4 +1,4 @@
-"""Where a robot touches and with what forces, from what the last step left behind."""
+"""Points and forces of the contacts of a robot, from the state and history of the last step."""
 
 import numpy as np
 
@@ -19,16 +19,15 @@ def contact_forces(scene: Scene, state: State, history: History) -> tuple[Array,
     """
     Return points and forces of the contacts that carried load in the last step.
 
-    Forces are impulses over the time in which they acted, those of impacts, too. Of two links that
-    touch it is the force on the first one. Rolling friction is a torque, and not in them.
+    Forces are impulses over the time for which they acted, also in impacts. Of two links that
+    touch it is the force on the first one. Rolling friction is a torque and is not included.
 
     Parameters
     ----------
     scene : Scene
     state : State
-        After the step.
     history : History
-        After the step.
+        Those after the step.
 
     Returns
     -------
@@ -38,7 +37,7 @@ def contact_forces(scene: Scene, state: State, history: History) -> tuple[Array,
     Raises
     ------
     ParameterError
-        If state or history are those of another scene.
+        If state or history do not fit the scene; see `state.check_state`.
 
     """
     check_state(scene.robot.link_count, contact_count(scene), state, history)
@@ -63,15 +62,16 @@ def loaded_contacts(history: History) -> Array:
 
 
 def where_impulses_acted(scene: Scene, state: State, history: History) -> tuple[Array, float]:
-    """Return what the method of a scene says of its last step, see `base.Method`."""
+    """Return coordinates and time of the last impulses, by the method; see `base.Method`."""
     return METHODS[method_of(scene)].where_impulses_acted(scene, state, history.memory)
 
 
 def contacts_below(scene: Scene, q: Array, contacts: Array) -> tuple[Array, Array]:
     """
-    Return points (k, 3) and frames (k, 3, 3) of spheres on the ground below them.
+    Return points (k, 3) [m, frame I] and frames (k, 3, 3) of spheres on the ground below them.
 
-    As in `obstacles.contact_geometry`, but all at once: most contacts are of this kind.
+    These are those of `obstacles.contact_geometry`, computed for all contacts at once, since most
+    contacts are of this kind. `contacts` (k,) are their numbers.
     """
     robot = scene.robot
     side, i = np.divmod(contacts, robot.link_count)

@@ -1,13 +1,13 @@
 """
-Contacts that close in a step, and what impulses say of the velocities of a step.
+Contacts that close in a step, and jumps of the velocities that their impulses reveal.
 
 Deviation: a contact with a gap takes part when it may close in the step, with the law
 ``gamma_N + (g - h gamma_N*)/h + compliance P_N >= 0``: the step ends with the gap closed, neither
-open nor inside the floor. That is where an inelastic impact in the step takes the configuration,
-up to dt^2: the impulse moves it as far as the gap asks, whenever in the step it acts. What sticks
-as it lands is taken to stick for all of the step: off by dt times the jump across. The velocity
-afterwards is that of the impact law, ``gamma_N >= 0``: the contacts that closed are solved once
-more without their gaps.
+open nor inside the floor. An inelastic impact in the step leads to the same configuration up to
+dt^2, since the impulse closes the gap whenever in the step it acts. A contact that sticks as it
+lands is taken to stick for the whole step, which is off by dt times the jump of the sliding
+velocity. The velocity afterwards is that of the impact law, ``gamma_N >= 0``: the contacts that
+closed are solved once more without their gaps.
 """
 
 from typing import NamedTuple
@@ -15,17 +15,17 @@ from typing import NamedTuple
 from snake_sim_ros.contact.selection import IMPACT_WEIGHTS
 from snake_sim_ros.dynamics.compilation import inlined
 
-LANDING_SPEED = 0.3  # a gap takes part if this speed could close it in the step [m/s]
-# By its law a contact that carries load has no gap. The gap that it has is the error of
-# integration, of third order in dt. Up to RESTING_GAP the contact stays on velocity level, so that
-# the error does not become a velocity. Beyond, it is open, and may land.
+LANDING_SPEED = 0.3  # a contact takes part if this speed could close its gap in the step [m/s]
+# By its law a contact that carries load has no gap. Its gap is the error of integration, of third
+# order in dt. Up to RESTING_GAP its law is that of velocities alone, so that the error does not
+# become a velocity. Beyond, the contact is open, and may land.
 RESTING_GAP = 1e-4  # [m]
 
 
 @inlined
 def leave_gaps(model, h_q, late, closed, contacts, impulse):
     """
-    Fill the velocities that gaps leave open, and add them to the normal velocities.
+    Fill the shifts, the normal velocities that gaps allow, and add them to the normal velocities.
 
     Parameters
     ----------
@@ -33,11 +33,11 @@ def leave_gaps(model, h_q, late, closed, contacts, impulse):
     h_q : float
         Time over which velocities act on coordinates [s].
     late : float
-        Time for which coordinates have moved before [s].
+        Time for which the coordinates have moved before that [s].
     closed : ndarray, shape (k,)
-        Contacts that can close in the step.
+        Numbers of the contacts that can close in the step.
     contacts : record array
-        With gaps and velocities of the predicted end of the step.
+        Table of contacts with gaps and velocities at the predicted end of the step.
     impulse : ndarray, shape (contacts, 5)
         Impulses of the last step [N s].
 
@@ -49,17 +49,17 @@ def leave_gaps(model, h_q, late, closed, contacts, impulse):
         rests = impulse[a, 0] > 0.0 and contacts.gap[a] <= RESTING_GAP
         if gap > model.activation_tolerance and not rests:
             contacts.shift[a] = gap / h_q
-        elif gap < 0.0 and not rests:  # what the motion before put inside comes out
+        elif gap < 0.0 and not rests:  # undoes the penetration of the motion before
             contacts.shift[a] = max(gap, late * min(0.0, contacts.approach_velocity[a])) / h_q
         contacts.gamma[a, 0] += contacts.shift[a]
 
 
 class Events(NamedTuple):
-    """What the impulses of a step say of its velocities."""
+    """Jumps of the velocities in a step."""
 
-    jumps: bool  # whether a contact landed that carried no load before, or an impulse is no force
-    lands: bool  # whether velocities close gaps in the step: they are not those after the impact
-    closed: int  # contacts that are closed, not all that could close
+    jumps: bool  # whether a contact landed, or an impulse is beyond what forces make in a step
+    lands: bool  # whether velocities close gaps: they are not yet those after the impact
+    closed: int  # number of contacts that are closed, of all that could close
 
 
 @inlined
@@ -83,7 +83,12 @@ def events(model, h, closed, contacts):
 
 @inlined
 def closed_at_end(h_q, tolerance, closed, contacts):
-    """Keep the contacts that are closed after a step in front, at no gap; return their number."""
+    """
+    Return the number of contacts that are closed after a step.
+
+    Their numbers are moved to the front of `closed`, and their shifts set to 0. `h_q` is as in
+    `leave_gaps`; `tolerance` is the gap up to which a contact is closed [m].
+    """
     count = 0
     for a in closed:
         gap = contacts.gap[a] + h_q * (

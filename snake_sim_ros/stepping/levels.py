@@ -1,11 +1,11 @@
 """
 Model levels: the smallest model that a scene needs, chosen while it runs.
 
-The planar level is exact for a robot that lies flat and whose pitch joints are to stay straight.
-`LevelStepper` takes it as long as that holds. It changes to the spatial level at the first step in
-which it does not hold, and changes back when the robot has been lying flat and still for a while.
-Rolling does not show in that: after rolling it changes back after SLIP_PAUSE. Both levels have the
-same state and the same contacts: pose, velocities and impulses are carried over as they are.
+The planar level is exact for a robot that lies flat and whose pitch references are zero.
+`LevelStepper` uses it as long as that holds. It changes to the spatial level at the first step in
+which it does not hold, and changes back once the robot has been lying flat and still for a while.
+This does not reveal rolling, so that it changes back SLIP_PAUSE after rolling. Both levels have
+the same state and the same contacts: pose, velocities and impulses are carried over unchanged.
 """
 
 import time
@@ -35,22 +35,22 @@ from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import named_arrays
 from snake_sim_ros.stepping.state import State
 
-AUTO_ROLL = 3e-4  # roll up to which leaving it out is exact enough to be chosen [rad]
-AUTO_SLIP_SHARE = 2e-3  # share of the way up to which the slip by rolling is, see planar
-SLIP_PAUSE = 10.0  # how long a robot that slips more is left to the spatial level [s]
-PLANAR_ITERATIONS = 300  # iterations after which a planar step is left to the spatial level
-PITCH_ROUNDING = 1e-9  # pitch references up to this are none [rad], [rad/s]
+AUTO_ROLL = 3e-4  # largest roll that `auto` neglects [rad]
+AUTO_SLIP_SHARE = 2e-3  # largest slip by rolling that `auto` neglects, as a share of the way
+SLIP_PAUSE = 10.0  # time at the spatial level after a larger slip [s]
+PLANAR_ITERATIONS = 300  # most iterations of a planar step, before the spatial level takes it
+PITCH_ROUNDING = 1e-9  # pitch references up to this count as zero [rad], [rad/s]
 
 
 def what_is_not_planar(scene: Scene, name: str, method: Method) -> str:
     """
-    Return what of a scene has no place in the plane, as a clause; empty if nothing.
+    Return the first reason why a scene is not planar, as a clause; empty if it is.
 
     Parameters
     ----------
     scene : Scene
     name : str
-        Of the method, for the clause.
+        Name of the method, for the clause.
     method : Method
 
     """
@@ -79,7 +79,7 @@ def what_is_not_planar(scene: Scene, name: str, method: Method) -> str:
 
 
 def is_vertical(angle: Array, rate: Array) -> Array:
-    """Return whether any pitch joint is told to move, shape (...) for references (..., n-1, 2)."""
+    """Return whether a pitch reference is not zero, shape (...) for references (..., n-1, 2)."""
     pitch = angle[..., 1], rate[..., 1]
     if not (pitch[0].any() or pitch[1].any()):
         return np.zeros(angle.shape[:-2], dtype=bool)
@@ -89,7 +89,7 @@ def is_vertical(angle: Array, rate: Array) -> Array:
 def what_does_not_lie(
     planar: PlanarStepper, scene: Scene, state: State, memory: PlanarMemory
 ) -> str:
-    """Return what of a state keeps a robot from lying flat and still, as a clause, or nothing."""
+    """Return why a robot does not lie flat and still in a state, as a clause; empty if it does."""
     if planar.goes_on(state, memory):
         return ''
     n = scene.robot.link_count
@@ -110,20 +110,20 @@ def what_does_not_lie(
 
 
 class Memory(NamedTuple):
-    """What both levels keep of the last step; only the one that took it knows anything."""
+    """The memories of both levels; only that of the level which took the last step is filled."""
 
     planar: PlanarMemory
     spatial: Any  # NamedTuple of arrays, or None
 
     def last_span(self) -> float:
-        """Return the time that the last impulses acted for [s], 0 before the first step."""
+        """Return the time for which the last impulses acted [s], 0 before the first step."""
         memory = self.planar if self.planar.known[0] else self.spatial
         return float(memory.last_span()) if memory else 0.0
 
 
 class LevelStepper:
     """
-    The planar level while it is exact, else the spatial one; see `base.Stepper`.
+    A stepper of the planar level while that is exact, else of the spatial one.
 
     Parameters
     ----------
@@ -137,11 +137,11 @@ class LevelStepper:
         self.scene, self.planar, self.spatial = scene, planar, spatial
         limit = min(scene.solver.iteration_limit, PLANAR_ITERATIONS)
         planar.model = planar.model._replace(
-            most_lean=AUTO_ROLL, most_slip=AUTO_SLIP_SHARE, patient=False, iteration_limit=limit
+            most_roll=AUTO_ROLL, most_slip=AUTO_SLIP_SHARE, patient=False, iteration_limit=limit
         )
         self.level = planar.level
         self.settle_steps = max(1, round(scene.settling_time / scene.dt))
-        self.pause_steps = round(SLIP_PAUSE / scene.dt)  # in history besides settle_steps
+        self.pause_steps = round(SLIP_PAUSE / scene.dt)  # added to settle_steps in history
         self.ticks: list[Array] = []  # time stamps of the parts of the last call
         self.reason = ''  # why the last spatial steps were not planar
         self.used: list[Any] = []  # levels that are compiled
@@ -188,8 +188,8 @@ class LevelStepper:
             if news.left:
                 arrays = named_arrays(history).values()
                 if not all(np.isfinite(array).all() for array in arrays):
-                    history = self.empty_history()  # those are of a step that was not taken
-                pause = self.pause_steps if self.planar.rolls else 0
+                    history = self.empty_history()  # the numbers are of a step that was not taken
+                pause = self.pause_steps if self.planar.slips else 0
                 history.settling[0], self.reason = self.settle_steps + pause, news.left
                 self.note_leaving(history.memory.planar)
             news.left = self.reason if stepper is self.spatial else ''
@@ -202,7 +202,7 @@ class LevelStepper:
     def take(
         self, stepper: Any, state: State, history: History, angle: Array, rate: Array
     ) -> tuple[State, History, Report]:
-        """Let one level advance, with its own memory; what the other one knew is over then."""
+        """Advance one level with its own memory, and empty the memory of the other one."""
         memory, empty = history.memory, self.empty.memory
         if stepper is self.planar:
             history = history._replace(memory=memory.planar)
@@ -216,20 +216,20 @@ class LevelStepper:
 
     @property
     def cycles(self) -> Array:
-        """Time stamps between the steps of the last call, from 0 on, without what is between."""
+        """Time stamps of the steps of the last call, from 0, without the time between parts."""
         return np.cumsum(np.concatenate([[0], *map(np.diff, self.ticks)]))
 
     def note_leaving(self, memory: PlanarMemory) -> None:
         """
-        Leave a robot that slips too far by rolling to the spatial level for a while.
+        Reset or increase the slip in the memory when the planar level is left.
 
-        What it slipped is then done with. One that leaves the plane because it leans or lifts off
-        will roll, by what is too much and back, and slip as far; among pegs, which hold it, that
-        is nothing.
+        A slip that was too far is over after the pause at the spatial level. A robot that leaves
+        the plane because it rolls or lifts off will roll by AUTO_ROLL and back, and slip as far,
+        except among pegs, which hold it.
         """
-        if self.planar.rolls:
+        if self.planar.slips:
             memory.slip[0] = memory.way[0] = 0.0
-        elif self.planar.leans and not self.scene.pegs.x:
+        elif self.planar.rolls_or_lifts and not self.scene.pegs.x:
             memory.slip[0] += 2.0 * self.planar.model.radius * AUTO_ROLL
 
     def compile(
@@ -252,9 +252,10 @@ def what_is_told(angle: Array, rate: Array) -> str:
 
 class FlatStepper:
     """
-    The planar level alone; see `base.Stepper`.
+    A stepper of the planar level alone; see `base.Stepper`.
 
-    What is not planar ends the call with a failure that names it: the state is the last good one.
+    A step that is not planar ends the call with a failure that says why. The state is then the
+    last good one.
     """
 
     level = 'planar'
@@ -288,18 +289,19 @@ class FlatStepper:
 
 def stepper_of_level(scene: Scene, method: Method) -> Stepper:
     """
-    Return the stepper of a scene at the level it asks for.
+    Return the stepper of a method for the level of a scene.
 
     Parameters
     ----------
     scene : Scene
-        Its method is the name of this one.
+        Its `method` is the name of `method`.
     method : Method
+        One of `methods.METHODS`.
 
     Raises
     ------
     ParameterError
-        If the scene asks for the planar level and is not planar.
+        If its level is planar and it is not.
 
     """
     reason = what_is_not_planar(scene, scene.method, method)
@@ -307,7 +309,7 @@ def stepper_of_level(scene: Scene, method: Method) -> Stepper:
         if reason:
             raise ParameterError(f'level planar: {reason}; choose level spatial or auto')
         return FlatStepper(scene, method.planar(scene))
-    # The reference is the paper's step unless it is told otherwise.
+    # A method that is not compiled, the reference, is planar only if the scene asks for that.
     spatial = scene.level == 'spatial' or not method.compiled
     if spatial or reason or method.is_faster_in_space(scene):
         stepper: Stepper = method.spatial(scene)

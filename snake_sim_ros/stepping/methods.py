@@ -1,4 +1,4 @@
-"""The table of time stepping methods. A new method is a line here, and a file."""
+"""The table of time stepping methods. A new method is an entry here, and a module."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -35,12 +35,12 @@ Make = Callable[[Scene], Any]  # a contact solver for a scene
 
 
 def _spatial(solver: Make) -> Callable[[Scene], SpatialStepper]:
-    """Return how the paper's step is made with a contact solver."""
+    """Return the maker of a stepper for the paper's step with a contact solver."""
     return lambda scene: SpatialStepper(scene, partial(moreau.advance, solver(scene)))
 
 
 def _planar(solver: Make) -> Callable[[Scene], PlanarStepper]:
-    """Return how the paper's step in the plane is made with a contact solver."""
+    """Return the maker of a stepper for the paper's step in the plane with a contact solver."""
     return lambda scene: PlanarStepper(
         scene, partial(planar_moreau.advance_in_plane, solver(scene))
     )
@@ -72,7 +72,7 @@ METHODS: dict[str, Method] = {
         where_impulses_acted=moreau.where_impulses_acted,
         planar_pegs=True,
     ),
-    # The same solver in a step of second order, for large steps.
+    # The same solver in a method of second order, for large steps.
     'bdf2': Method(
         spatial=_spatial_bdf2,
         planar=_planar_bdf2,
@@ -108,15 +108,15 @@ METHODS: dict[str, Method] = {
     ),
 }
 
-AUTO = 'auto'  # in place of a method: the one that docs/speed_accuracy.md finds best for the step
-LARGE_STEP = 1e-3  # s; above it, a method of second order
+AUTO = 'auto'  # the method that docs/speed_accuracy.md finds best for the time step
+LARGE_STEP = 1e-3  # above it, a method of second order is chosen [s]
 
 
 def method_of(scene: Scene) -> str:
     """
-    Return the method that a scene gets: the one that it names, or the choice of `auto`.
+    Return the name of the method for a scene: the one that it names, or the choice of `auto`.
 
-    The choice can do what the scene asks for: `bdf2` has no explicit joint control.
+    `auto` chooses a method that can run the scene: `bdf2` has no explicit joint control.
 
     Raises
     ------
@@ -134,19 +134,19 @@ def method_of(scene: Scene) -> str:
 
 
 def what_is_not_planar(scene: Scene) -> str:
-    """Return what of a scene has no place in the plane, as a clause; empty if nothing."""
+    """Return the first reason why a scene is not planar, as a clause; empty if it is."""
     return levels.what_is_not_planar(scene, method_of(scene), METHODS[method_of(scene)])
 
 
 def make_stepper(scene: Scene) -> Stepper:
     """
-    Return the stepper of a scene, at the level that it asks for.
+    Return the stepper for the method and the level of a scene.
 
     Raises
     ------
     ParameterError
-        If the scene names no method, see `method_of`, or one that cannot do what it asks for, or
-        if it asks for the planar level and is not planar.
+        If the scene names no method or one that cannot run it, or if its level is planar and the
+        scene is not.
 
     """
     name = method_of(scene)
@@ -157,5 +157,5 @@ def make_stepper(scene: Scene) -> Stepper:
 
 
 def empty_history(scene: Scene) -> History:
-    """Return the history with which a scene begins; see `base.Stepper`."""
+    """Return the history before the first step of a scene; see `base.Stepper`."""
     return make_stepper(scene).empty_history()

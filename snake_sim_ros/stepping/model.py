@@ -23,53 +23,57 @@ from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.parameters import Scene
 
-# Compliance of the proximal point method, relative to the Delassus operator: it changes no
-# solution. Smaller is closer to the laws in one iteration, and loses digits to rounding.
+# Compliance of the proximal point method, relative to the Delassus operator. It changes no
+# solution. A smaller one brings an iteration closer to the laws, and loses digits to rounding.
 PROXIMAL = 1e-5
 
 
 class Model(NamedTuple):
-    """The numbers of a scene as the compiled step takes them; names as in `parameters`."""
+    """
+    The numbers of a scene of n links, with the names of `scene.parameters`.
 
-    half_length: Array
-    mass: Array
-    inertia_transversal: Array
-    inertia_axial: Array
-    contact_offset: Array
-    contact_radius: Array
-    stiffness: Array
-    damping: Array
-    gravity: Array
+    Compiled functions of this package take this record as `model`.
+    """
+
+    half_length: Array  # (n,) half of the link lengths [m]
+    mass: Array  # (n,) [kg]
+    inertia_transversal: Array  # (n,) [kg m^2]
+    inertia_axial: Array  # (n,) [kg m^2]
+    contact_offset: Array  # (n,) [m]
+    contact_radius: Array  # (n,) [m]
+    stiffness: Array  # (n-1, 2) of the joints (yaw, pitch) [N m/rad]
+    damping: Array  # (n-1, 2) [N m s/rad]
+    gravity: Array  # (3,) in I [m/s^2]
     laws: Laws
-    activation_tolerance: float
-    dt: float
-    tolerance: float
-    residual_tolerance: float
+    activation_tolerance: float  # [m]
+    dt: float  # [s]
+    tolerance: float  # [N s]
+    residual_tolerance: float  # [m/s]
     iteration_limit: int
-    pd_scheme: int
-    drift_correction: int
-    settle_steps: int  # steps to lie flat and still before the loop ends; 0 does not watch for it
+    pd_scheme: int  # index in PD_SCHEMES
+    drift_correction: int  # index in DRIFT_CORRECTIONS
+    settle_steps: int  # steps to lie flat and still before the loop ends; 0: it does not end so
     obstacles: Obstacles | None  # None: a flat floor
 
 
 class Workspace(NamedTuple):
-    """Arrays that the step fills, made once."""
+    """Arrays that a step fills; compiled functions of this package take this record as `work`."""
 
     q_mid: Array  # (n, 7) coordinates at the middle of the step, Euler parameters not normalized
     R: Array  # (n, 3, 3) link frames in I
-    omega: Array  # (n, 3) angular velocities at the start of the step, in I
-    center: Array  # (n, 3) link centers from O
+    omega: Array  # (n, 3) angular velocities at the start of the step, in I [rad/s]
+    center: Array  # (n, 3) link centers from O, the center of the middle link, in I [m]
     coordinate: Array  # (2, n-1, 2, 2) joint (yaw, pitch) x (angle, rate), at start and middle
     torque: Array  # (n-1, 2) impulse of the controller, without its implicit part [N m s]
     damping: Array  # (n-1, 2) implicit part of the controller, times dt [N m s^2]
     applied: Array  # (n-1, 2) impulse of the controller with its implicit part [N m s]
     chain: Chain
-    closed: Array  # (c,) numbers of the closed contacts, first of all
-    contacts: Any  # (c,) records of all contacts, see table
+    closed: Array  # (c,) begins with the numbers of the closed contacts
+    contacts: Any  # (c,) table of all contacts, see `contact.table`
 
 
 def make_model(scene: Scene) -> Model:
-    """Return the numbers of a scene as the compiled step takes them."""
+    """Return the model of a scene."""
     robot, friction, solver = scene.robot, scene.friction, scene.solver
     size = mean_delassus(robot)
     laws = Laws(
@@ -107,7 +111,7 @@ def make_model(scene: Scene) -> Model:
 
 
 def make_workspace(scene: Scene) -> Workspace:
-    """Return the arrays of the compiled step for a scene."""
+    """Return the workspace for a scene, filled with zeros."""
     n, count, zeros = scene.robot.link_count, contact_count(scene), np.zeros
     return Workspace(
         q_mid=zeros((n, 7)),

@@ -1,16 +1,16 @@
 """
 The time step of the paper [1] compiled, with the joints eliminated in one sweep over the links.
 
-The step is that of `reference.py`, whose docstrings name the equations. What differs is the
-algebra: W_J and P_J never appear. The velocities that satisfy ``W_J^T u_E = 0`` are those of a
-chain of links with two hinge axes a joint, and the articulated-body algorithm [2] solves the
-balance (75) for them in one sweep from both ends to the middle link and one back: the work grows
-with the number of links.
+The step is that of `reference`, whose docstrings name the equations. Only the algebra differs: W_J
+and P_J never appear. The velocities that satisfy ``W_J^T u_E = 0`` are those of a chain of links
+with two hinge axes per joint. The articulated-body algorithm [2] solves the balance (75) for them
+in one sweep from both ends to the middle link and one back, with work that is linear in the number
+of links.
 
-A twist is (angular velocity, velocity of the body point at O), an impulse wrench is (moment about
-O, impulse), both in axes of I. O is common to all links: nothing is transformed in the sweeps.
-Because (75) and the joint constraint need only directions, O and the link centers may be placed as
-if the joints were closed exactly.
+A twist is (angular velocity, velocity of the body point at O), and an impulse wrench is (moment
+about O, impulse), both in axes of I. All links share the point O, so that the sweeps transform
+nothing. Since (75) and the joint constraint need only directions, O and the link centers may be
+placed as if the joints were closed exactly.
 
 .. [1] Transeth, Leine, Glocker, Pettersen, IEEE T-RO 24(2), 2008.
 .. [2] R. Featherstone, "Rigid Body Dynamics Algorithms", Springer 2008, ch. 7.
@@ -56,7 +56,7 @@ from snake_sim_ros.stepping.steps import note_outcome
 
 @inlined
 def begin_step(model, work, steps, k):
-    """Return the contact problem of step k, section VII; velocities are those of its start."""
+    """Return the contact problem of step k, section VII, with the velocities at its start."""
     q, u, R, chain = steps.q, steps.u, work.R, work.chain
     middle_coordinates(model.dt, q, u, work.q_mid)
     if model.pd_scheme == START:
@@ -86,7 +86,7 @@ def begin_step(model, work, steps, k):
 
 @inlined
 def end_step(model, work, steps, problem, outcome):
-    """Move q and u to the end of the step; return whether to go on, False if it diverged."""
+    """Move q and u to the end of the step; return whether the loop continues."""
     q, u, report = steps.q, steps.u, steps.report[0]
     if not turns_are_small(model.dt, work.chain.twist, report):
         return False
@@ -100,7 +100,7 @@ def end_step(model, work, steps, problem, outcome):
 
 @inlined
 def turns_are_small(dt, twist, report):
-    """Return whether no link turns further in a step than is resolved; report the first if not."""
+    """Return whether all links turn by less than pi/2 in dt, or report the first that does not."""
     for i in range(len(twist)):
         turn = dt * math.sqrt(twist[i, 0] ** 2 + twist[i, 1] ** 2 + twist[i, 2] ** 2)
         if not (turn < math.pi / 2 and math.isfinite(twist[i, 3] + twist[i, 4] + twist[i, 5])):
@@ -112,12 +112,12 @@ def turns_are_small(dt, twist, report):
 @inlined
 def finish(model, twist, q, u, settling, report):
     """
-    Close the joints at the end of a step, and report how it was.
+    Close the joints at the end of a step, and report the step.
 
     Returns
     -------
     bool
-        Whether to go on: not if the robot is watched, and has lain flat and still for long enough.
+        False if the loop ends because the robot has lain flat and still for `settle_steps`.
 
     """
     gap, violation = joint_violation(model.half_length, q)
@@ -138,9 +138,9 @@ def finish(model, twist, q, u, settling, report):
 @compiled
 def advance(solver, model, work, steps):
     """
-    Take some steps, up to the first that diverges; see `spatial.SpatialStepper`.
+    Take the steps up to the first that diverges; see `spatial.SpatialStepper`.
 
-    The type of `solver` chooses how the contacts are solved, see `solver.solve`.
+    The type of `solver` chooses the contact solver; see `contact.solver.solve`.
     """
     for k in range(len(steps.angle)):
         steps.cycles[k] = cycle_counter()
@@ -153,10 +153,9 @@ def advance(solver, model, work, steps):
 
 def where_impulses_acted(scene: Scene, state: State, memory: None) -> tuple[Array, float]:
     """
-    Return the coordinates (n, 7) for which the last step had impulses, and how long they act [s].
+    Return the coordinates (n, 7) at which the last impulses acted, and for how long [s].
 
-    They are those of the middle of the step, and the impulses are of all of it. The method keeps
-    no memory.
+    They acted at the middle of the step, for the whole step. The method keeps no memory.
     """
     q = state.q.copy()
     q[:, :3] -= scene.dt / 2 * state.u[:, :3]

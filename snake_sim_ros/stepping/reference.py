@@ -1,8 +1,8 @@
 """
 The time step of the paper as printed: dense matrices in NumPy, to read beside the paper [1].
 
-This is the definition that the compiled steppers are tested against; it is slow. Single letters
-are the paper's; NOTATION.md maps them to names. Time is marked ``_A`` (start), ``_M`` (middle) and
+The compiled steppers are tested against this definition. It is slow. Single letters are those of
+the paper; NOTATION.md maps them to names. Times are marked ``_A`` (start), ``_M`` (middle) and
 ``_E`` (end of the step). Contacts are numbered as in eq. (10): the front spheres F of all links,
 then the rear spheres R.
 
@@ -53,7 +53,7 @@ from snake_sim_ros.stepping.state import State
 def joint_torque_law(
     scene: Scene, state: State, q_M: Array, angle: Array, rate: Array
 ) -> tuple[Array, Array]:
-    """Return torque [N m] and damping [N m s] of `pd_law` for all axes, shapes (2(n-1),)."""
+    """Return torque [N m] and damping [N m s] of `pd_law` for all joint axes, shapes (2(n-1),)."""
     robot = scene.robot
     kp, kd = robot.per_joint('stiffness'), robot.per_joint('damping')
     starts = np.stack([posture.joint_angles(state.q), posture.joint_rates(state.q, state.u)], -1)
@@ -73,7 +73,7 @@ def middle_coordinates(state: State, dt: float) -> Array:
     """
     Return q_M = q_A + dt/2 F(q_M) u_A, eq. (72), with Euler parameters of length 1.
 
-    F(q_M) makes the equation implicit; it is linear in p_M and solved in closed form.
+    F(q_M) makes the equation implicit. It is linear in p_M and is solved in closed form.
     """
     q_M = state.q.copy()
     for i, (v, omega) in enumerate(zip(state.u[:, :3], state.u[:, 3:], strict=True)):
@@ -96,14 +96,14 @@ def end_coordinates(q_A: Array, q_M: Array, u_A: Array, u_E: Array, dt: float) -
 
 def without_drift(robot: Robot, q: Array, rule: str) -> Array:
     """
-    Return the coordinates with joints closed, section VII-C: link 1 is held, velocities are kept.
+    Return the coordinates with closed joints, section VII-C: link 1 and all velocities are kept.
 
     Deviation: the paper turns link i+1 about its own e_z until its e_x is at right angles to e_y
-    of link i, which no such turn does at a pitch of 90 degrees, and a flip of the link does
-    beyond. Here it is turned about the common normal of both: the smallest turn there is.
+    of link i. At a pitch of 90 degrees no such turn exists, and beyond it the turn flips the link.
+    Here it is turned about the common normal of both, which is the smallest turn there is.
 
-    Deviation, for the rule ``center_of_mass``: afterwards the robot is moved back so that its
-    center of mass is where it was, which section VII-C does not keep.
+    Deviation, for the rule ``center_of_mass``: the robot is then moved back so that its center of
+    mass is where it was, which section VII-C does not keep.
     """
     q = q.copy()
     q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1)[:, None]
@@ -131,7 +131,7 @@ def contact_prox(
     """
     Return the impulses of contact a after one projection, eqs. (87)-(89), shape (5,).
 
-    The sliding and rolling sets take the new normal impulse.
+    The sliding and rolling sets are those of the new normal impulse.
 
     Deviation: the selection rule takes ``gamma_N + compliance (P_N - center)`` for gamma_N.
     The normal forces of a robot that lies flat are not unique, and friction depends on them; this
@@ -145,7 +145,7 @@ def contact_prox(
 
 
 class Terms(NamedTuple):
-    """The terms of the balance (75) at the middle of a step, W of the active contacts alone."""
+    """The terms of the balance (75) at the middle of a step, with W of the active contacts."""
 
     active: Array  # (k,) numbers of the active contacts
     gap: Array  # (k,) [m]

@@ -1,7 +1,7 @@
 """
-Samples of a run while it is made: room for so many of them, and the record that they become.
+Samples of a run while it lasts, and the record that is made of them.
 
-What is kept of a sample is plain numbers in arrays that are there before the first step.
+The numbers of a sample are kept in arrays that are allocated before the first step.
 """
 
 from typing import NamedTuple
@@ -23,12 +23,12 @@ NO_CONTACTS = np.zeros((0, 3)), np.zeros((0, 3))  # points, forces
 
 class Keep(NamedTuple):
     """
-    What is kept of every sample besides state, joint torques and level.
+    What to keep of every sample besides state, joint torques and level.
 
     Attributes
     ----------
     contacts : bool
-        Points and forces of the contacts.
+        Points and forces of the contacts that carry load.
     impulses : bool
         Impulses of all contacts, closed or not.
 
@@ -40,7 +40,7 @@ class Keep(NamedTuple):
 
 def joint_motion(q: Array, u: Array) -> tuple[Array, Array]:
     """
-    Return angles and rates of the joints in some states, as the compiled step has them.
+    Return angles and rates of the joints in some states, computed as in a compiled step.
 
     Parameters
     ----------
@@ -62,19 +62,19 @@ def joint_motion(q: Array, u: Array) -> tuple[Array, Array]:
 
 class Samples:
     """
-    Room for the samples of a run.
+    The samples of a run, in arrays of fixed size.
 
     Parameters
     ----------
     scene : Scene
     size : int
-        How many samples there may be.
+        Largest number of samples.
     keep : Keep
 
     Attributes
     ----------
     count : int
-        How many there are. It is raised last: a sample that was interrupted is none.
+        Number of samples. It is increased last, so that an interrupted sample does not count.
 
     """
 
@@ -89,13 +89,13 @@ class Samples:
         self.contacts: list[tuple[Array, Array]] = []
 
     def add(self, state: State, history: History, report: Report) -> None:
-        """Keep the state, and what the report and the history say of the step before."""
+        """Add a sample: the state, and the report and the history of the step before it."""
         k, impulse, touching = self.count, history.impulse, NO_CONTACTS
         self.q[k], self.u[k], self.torque[k] = state.q, state.u, report.joint_torque
         if self.keep.impulses:
             self.impulse[k] = impulse
         if self.keep.contacts:
-            self.loaded[k] = impulse[:, 0] > 0.0  # those of `contact_forces`, in its order
+            self.loaded[k] = impulse[:, 0] > 0.0  # as `contact_forces` takes them, in its order
             touching = contact_forces(self.scene, state, history)
         self.contacts[k:] = [touching]
         self.levels[k:] = [report.level]
@@ -110,7 +110,7 @@ class Samples:
         Parameters
         ----------
         period : tuple of int and float
-            Steps between two samples, and the time step [s].
+            Number of steps between two samples, and the time step [s].
         report : Report
         seconds : float
             See `Trajectory`.

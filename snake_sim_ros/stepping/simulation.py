@@ -1,7 +1,7 @@
 """
-A scene as it advances in time, and the sampler of which every record of a run is made.
+A scene as it advances in time, and the sampler that makes every record of a run.
 
-A step that diverges ends a run; what was good until then is kept.
+A step that diverges ends a run. The samples before it are kept.
 """
 
 from collections.abc import Callable
@@ -29,18 +29,18 @@ from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.trajectory import Trajectory
 
-REFERENCES = 200  # steps for which they are computed at once, or more if a call has more
-FIRST_PORTION = 25  # steps of a call with a limit on those unconverged; doubles while all converge
+REFERENCES = 200  # least number of steps for which references are computed together
+FIRST_PORTION = 25  # steps of a call if unconverged ones are limited; doubles while all converge
 
 
 def steps_in(period: float, dt: float, name: str) -> int:
     """
-    Return how many steps make up a period.
+    Return the number of steps in a period [s]; `name` is that of the period in the message.
 
     Raises
     ------
     ParameterError
-        If the step does not divide the period.
+        If the time step dt [s] does not divide the period.
 
     """
     steps = round(period / dt)
@@ -57,19 +57,18 @@ class Simulation:
     ----------
     scene : Scene
     stepper : Stepper, optional
-        A method that has no name in `methods.METHODS`, made for this scene; without it the method
-        that the scene names.
+        A stepper for this scene that is not of `methods.METHODS`. Default: that of the scene.
 
     Attributes
     ----------
     state : State
         The last good state.
     step_count : int
-        Steps since the simulation was made; a reset does not turn it back.
+        Number of steps since the simulation was made; a reset does not change it.
     report : Report
-        Of all steps since the start or the last reset.
+        Report of all steps since the start or the last reset.
     last : Report
-        Of the last call of `advance`.
+        Report of the last call of `advance`.
 
     """
 
@@ -80,7 +79,7 @@ class Simulation:
         self.reset()
 
     def reset(self) -> None:
-        """Put the robot back to the start of the scene; time goes on."""
+        """Return the robot to the start of the scene; time goes on."""
         self.state = initial_state(self.scene)
         self.history = self.stepper.empty_history()
         axes = (self.scene.robot.link_count - 1, 2)
@@ -88,12 +87,14 @@ class Simulation:
 
     def compile(self, wave: Gait | None = None) -> float:
         """
-        Take one step and forget it: nothing is compiled later. Return the time it took [s].
+        Compile all that steps need, and return the time it took [s].
+
+        Steps are taken for that, but the state does not change.
 
         Parameters
         ----------
         wave : Gait, optional
-            If given, only the level that its first step needs is compiled; else all levels are.
+            If given, only the level for its first step is compiled. Default: all levels.
 
         """
         begin = time.perf_counter()
@@ -109,7 +110,7 @@ class Simulation:
 
     def change(self, scene: Scene) -> None:
         """
-        Go on with other numbers, such as another gravity, other obstacles or another method.
+        Go on with another scene, such as one with another gravity, other obstacles or method.
 
         Pose and velocities stay, and so do the impulses of contacts that both scenes have; see
         `state.carried`.
@@ -117,8 +118,8 @@ class Simulation:
         Raises
         ------
         ParameterError
-            If the scene has another number of links or another time step, or its method or level
-            is not usable, or if the stepper was made by the caller; nothing has changed then.
+            If the scene has another number of links or another time step, if its method or level
+            cannot run it, or if the caller made the stepper. Nothing has changed then.
 
         """
         if self.given:
@@ -141,7 +142,7 @@ class Simulation:
 
     def push(self, link: int, impulse: Sequence[float]) -> None:
         """
-        Push a link at its center; the joints and contacts of the next step share the momentum.
+        Push a link at its center. Joints and contacts distribute the momentum in the next step.
 
         Parameters
         ----------
@@ -167,7 +168,7 @@ class Simulation:
 
     @property
     def compile_seconds(self) -> float:
-        """Wall time that went into compiling levels at their first use [s]."""
+        """Wall time of compiling levels at their first use [s]."""
         return float(getattr(self.stepper, 'compile_seconds', 0.0))
 
     @property
@@ -176,17 +177,17 @@ class Simulation:
         return self.step_count * self.scene.dt
 
     def midpoints(self, steps: int) -> Array:
-        """Return the times of the middle of the next steps, shape (steps,) [s]."""
+        """Return the times at the middle of the next steps, shape (steps,) [s]."""
         return (self.step_count + 0.5 + np.arange(steps)) * self.scene.dt
 
     def gait_reference(self, steps: int) -> tuple[Array, Array]:
-        """Return angle and rate of the scene's gait at `midpoints`, shape (steps, n-1, 2)."""
+        """Return angles [rad] and rates [rad/s] of the gait at `midpoints`, (steps, n-1, 2)."""
         axes = self.scene.robot.link_count - 1
         return gait.reference(self.scene.gait, self.midpoints(steps), axes)
 
     def advance(self, angle: Array, rate: Array) -> Report:
         """
-        Take as many steps as there are references; none once a step has diverged, until `reset`.
+        Take as many steps as there are references, but none between a divergence and `reset`.
 
         Parameters
         ----------
@@ -208,7 +209,7 @@ class Simulation:
 
 class Limits(NamedTuple):
     """
-    What ends a run before its last sample, besides a step that diverged.
+    Limits that end a run before its last sample, as a step that diverges does.
 
     Attributes
     ----------
@@ -228,7 +229,7 @@ STATES = Keep()
 
 
 class _References:
-    """References of the gait for the next steps, computed for many of them at once."""
+    """References of the gait for the next steps, computed for many steps together."""
 
     def __init__(self, simulation: Simulation) -> None:
         self.simulation, self.scene, self.first = simulation, simulation.scene, 0
@@ -256,7 +257,7 @@ class _Advance:
         self.references = _References(simulation)
 
     def __call__(self, steps: int) -> bool:
-        """Take steps; return whether there is a sample: all are taken, and in time."""
+        """Take steps; return whether a sample follows: all were taken, and in time."""
         simulation, left = self.simulation, steps
         while left and not self.over():
             count = left if math.isinf(self.limits.unconverged) else min(self.portion, left)
@@ -288,25 +289,26 @@ def sample(
     interruptible: bool = False,
 ) -> Trajectory:
     """
-    Advance a simulation with the gait of its scene, and return samples of what it did.
+    Advance a simulation with the gait of its scene, and return samples of its motion.
 
     Parameters
     ----------
     simulation : Simulation
         Its present state is the first sample. It is left in the state after the last step.
     steps : int
-        Between two samples.
+        Number of steps between two samples.
     samples : int
-        After the first one. There are fewer if a step diverges or a limit is reached.
+        Number of samples after the first one. They are fewer if a step diverges or a limit is
+        reached.
     keep : Keep, optional
         Default: states, joint torques and levels only.
     limits : Limits, optional
     observe : callable, optional
         Called at every sample, the first one included.
     time_references : bool, optional
-        Whether the time of computing the joint references counts as that of the steps.
+        Whether the wall time of the steps includes the computation of the joint references.
     interruptible : bool, optional
-        Whether an interruption from the keyboard ends the run, and what was sampled is returned.
+        Whether an interruption from the keyboard ends the run and returns the samples so far.
         Otherwise it is raised.
 
     """
@@ -334,7 +336,7 @@ def run(
     scene: Scene, *, rate: float = 100.0, observe: Callable[[Simulation], object] | None = None
 ) -> Trajectory:
     """
-    Run a scene with its gait and return what it did.
+    Run a scene with its gait and return the record of its motion.
 
     Parameters
     ----------
@@ -342,13 +344,13 @@ def run(
     rate : float, optional
         Samples a second [Hz].
     observe : callable, optional
-        Called at every sample, the start included. An interruption from the keyboard ends the run
-        early; what was recorded is returned.
+        Called at every sample, including the start. An interruption from the keyboard ends the
+        run early, and the samples so far are returned.
 
     Raises
     ------
     ParameterError
-        If dt does not divide the sampling period, or the period the duration.
+        If dt does not divide the sampling period, or the sampling period the duration.
 
     """
     if not rate > 0:

@@ -22,17 +22,17 @@ from snake_sim_ros.stepping.steps import report_of
 
 class SpatialStepper:
     """
-    A compiled loop over steps of all links in space; see `base.Stepper`.
+    A stepper with a compiled loop over steps of all links in space; see `base.Stepper`.
 
     Parameters
     ----------
     scene : Scene
     loop : callable
-        Compiled ``advance(model, work, steps)``, see `steps.Steps`: takes the steps, up to the
-        first that diverges. What it takes before the model is bound: a contact solver for
-        `moreau.advance`, arrays of its own for `bdf2.advance`.
+        Compiled ``advance(model, work, steps)``, which takes the steps up to the first that
+        diverges; see `steps.Steps`. Its first argument is bound: a contact solver of
+        `moreau.advance`, or the arrays of `bdf2.advance`.
     memory : NamedTuple of arrays, optional
-        What the loop keeps in the memory of a history, as it is before the first step.
+        Memory of the loop before the first step; see `state.History`.
 
     """
 
@@ -50,7 +50,7 @@ class SpatialStepper:
         return copied(self.empty)
 
     def watch(self, settle_steps: int) -> None:
-        """Let `advance` end early when the robot has lain flat and still for that many steps."""
+        """Let `advance` end once the robot has lain flat and still for that number of steps."""
         self.model = self.model._replace(settle_steps=settle_steps)
 
     def advance(

@@ -1,4 +1,4 @@
-"""What a step goes on from: the state of all links, and the history of the steps before."""
+"""What a step starts from: the state of all links, and the history of the steps before it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from snake_sim_ros.scene.posture import initial_coordinates
 @dataclass(frozen=True)
 class State:
     """
-    Coordinates and velocities of all links, nothing else.
+    Coordinates and velocities of all links.
 
     Attributes
     ----------
@@ -46,20 +46,20 @@ T = TypeVar('T')
 
 class History(NamedTuple):
     """
-    What a step takes over from the one before, besides the state.
+    What a step takes from the step before it, besides the state.
 
     Attributes
     ----------
     impulse : ndarray, shape (contacts, 5)
-        Last impulse of every contact: normal, sliding x y, rolling x y [N s], eq. (93).
+        Impulses P of the last step [N s], eq. (93), with the components of `contact.table`.
     velocity : ndarray, shape (contacts, 5)
-        Relative velocities after it [m/s].
+        Relative velocities after that step [m/s].
     change : ndarray, shape (contacts, 5)
-        By how much the last step changed the normal impulse and the other velocities.
+        Change of the normal impulse in that step [N s], and of the other velocities [m/s].
     settling : ndarray, shape (1,)
-        Steps for which a robot has still to lie flat and still before it is planar, see `levels`.
+        Steps for which the robot must yet lie flat and still before it is planar; see `levels`.
     memory : NamedTuple of arrays, or None
-        What the method itself keeps at its level, of a type of its own; None if it is nothing.
+        What the method keeps at its level, in a type of its own; None if it keeps nothing.
 
     """
 
@@ -73,21 +73,21 @@ class History(NamedTuple):
 @merged
 def without_memory(history):
     """
-    Return the same history without the memory of the method: what the solvers of contacts take.
+    Return the history without the memory of the method, as the contact solvers take it.
 
-    Compiled. They are compiled once for all methods then.
+    The solvers are then compiled once for all methods.
     """
     return History(history.impulse, history.velocity, history.change, history.settling, None)
 
 
 def empty_history(contacts: int, memory: Any = None) -> History:
-    """Return the history before the first contact of a scene with so many of them."""
-    slabs = np.zeros((3, contacts, 5))
-    return History(slabs[0], slabs[1], slabs[2], np.zeros(1), memory)
+    """Return the history before the first step of a scene with that number of contacts."""
+    zeros = np.zeros((3, contacts, 5))
+    return History(zeros[0], zeros[1], zeros[2], np.zeros(1), memory)
 
 
 def named_arrays(record: Any, name: str = 'history') -> dict[str, Array]:
-    """Return the arrays of nested NamedTuples such as a history, by their dotted names."""
+    """Return the arrays of nested NamedTuples, such as a history, by their dotted names."""
     if isinstance(record, np.ndarray):
         return {name: record}
     found: dict[str, Array] = {}
@@ -120,13 +120,13 @@ def with_arrays(record: T, arrays: Mapping[str, Array], name: str = 'history') -
 
 def check_state(links: int, contacts: int, state: State, history: History) -> None:
     """
-    Check what a step went to; `links` and `contacts` are those of its scene.
+    Check the result of a step; `links` and `contacts` are the numbers of them in its scene.
 
     Raises
     ------
     ParameterError
-        If an array has another shape or other numbers than a `Stepper` takes, or the coordinates
-        or the history are not finite. Velocities that are not are a step that diverged.
+        If an array has another shape or type than a `base.Stepper` takes, or if the coordinates or
+        the history are not finite. Velocities may be infinite: the next step then diverges.
 
     """
     _check_array('state.q', state.q, (links, 7))
@@ -158,13 +158,12 @@ def check_arguments(
     links: int, empty: History, state: State, history: History, angle: Array, rate: Array
 ) -> None:
     """
-    Check all that `Stepper.advance` takes; `links` and `empty` are those of the stepper.
+    Check the arguments of `base.Stepper.advance`; `empty` is the empty history of the stepper.
 
     Raises
     ------
     ParameterError
-        As `check_history`, and if the references have another shape or other numbers than a
-        `Stepper` takes.
+        As `base.Stepper.advance` raises it.
 
     """
     check_history(links, empty, state, history)
@@ -174,7 +173,7 @@ def check_arguments(
 
 
 def _check_array(name: str, array: Any, shape: tuple[int, ...]) -> None:
-    """Raise if this is not an array of floats of a shape."""
+    """Raise an error if this is not an array of floats of that shape."""
     if isinstance(array, np.ndarray) and array.shape == shape and array.dtype == np.float64:
         return
     got = f'shape {np.shape(array)} of {array.dtype}' if isinstance(array, np.ndarray) else ''
@@ -184,7 +183,7 @@ def _check_array(name: str, array: Any, shape: tuple[int, ...]) -> None:
 
 
 def _check_memory(name: str, memory: Any, wanted: Any) -> None:
-    """Raise if a memory has not the parts of the one that is wanted, at any depth."""
+    """Raise an error if a memory has other parts than the wanted one, at any depth."""
     if isinstance(wanted, np.ndarray):
         return _check_array(name, memory, wanted.shape)
     if type(memory) is not type(wanted):
@@ -198,7 +197,7 @@ def _check_memory(name: str, memory: Any, wanted: Any) -> None:
 
 
 def _kind(memory: Any) -> str:
-    """Return what a memory is called."""
+    """Return the name of the type of a memory, with its module."""
     module = type(memory).__module__.rpartition('stepping.')[2]
     return 'None' if memory is None else f'{module}.{type(memory).__name__}'
 
@@ -211,7 +210,7 @@ def _is_finite(record: Any) -> bool:
 
 
 def _refuse_what_is_not_finite(arrays: dict[str, Array]) -> None:
-    """Raise with the name and place of the first number that is not finite, if there is one."""
+    """Raise an error with the name and place of the first number that is not finite, if any."""
     for name, array in arrays.items():
         if not np.isfinite(array).all():
             place = np.argwhere(~np.isfinite(array))[0].tolist()
@@ -222,21 +221,21 @@ def carried(
     history: History, before: Scene, after: Scene, scale: float, empty: History
 ) -> History:
     """
-    Return what the steps of a scene may take over from those of another one.
+    Return the history for the steps of a scene after those of another scene.
 
-    Contacts that both have keep what is known of them, and those that are new have not touched
-    yet. The memory is empty: differences over two steps mean nothing where forces jump.
+    Contacts of both scenes keep their impulses and velocities. Those that are new have not touched
+    yet. The memory is empty, since differences over two steps mean nothing where forces jump.
 
     Parameters
     ----------
     history : History
-        After a step of the scene `before`; left alone.
+        From the last step of the scene `before`; it is not changed.
     before, after : Scene
-        Of the same robot and time step.
+        Scenes with the same robot and time step.
     scale : float
-        Time step over the time in which the last impulses acted: here they are of a whole step.
+        Time step over the time for which the last impulses acted; it scales them to a whole step.
     empty : History
-        That the stepper of the scene `after` begins with.
+        Empty history of the stepper of the scene `after`.
 
     Returns
     -------

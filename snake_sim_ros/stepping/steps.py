@@ -1,4 +1,4 @@
-"""The steps that a compiled loop takes, and what it reports of them."""
+"""The steps that a compiled loop takes, and its report."""
 
 from typing import Any
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from snake_sim_ros.stepping.base import divergence
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.state import History
 
-# What a loop adds up: fields of `base.Report`, and
+# Fields of `base.Report` that a loop adds up, and the reason why it ended early.
 REPORT = np.dtype(
     [
         ('steps', np.int64),
@@ -26,8 +26,8 @@ REPORT = np.dtype(
         ('joint_gap_max', float),
         ('joint_twist_max', float),
         ('contacts', np.int64),
-        ('failed_link', np.int64),  # link, from 1, that turned too far in a step; 0 for none
-        ('failed_turn', float),  # by this angle [rad]
+        ('failed_link', np.int64),  # link, from 1, that would turn too far; 0 for none
+        ('failed_turn', float),  # the angle by which it would [rad]
         ('not_planar', np.int64),  # whether the next step is not planar
     ]
 )
@@ -35,22 +35,23 @@ REPORT = np.dtype(
 
 class Steps(NamedTuple):
     """
-    Steps to take: where they start, the joint references, and what is noted on the way.
+    The steps that a loop takes: their start, the joint references, and the report.
 
-    A loop advances q, u and history in place, by one step for each reference.
+    A loop advances q, u and history in place, by one step for each reference. Compiled functions
+    of this package take this record as `steps`, or its q, u and history by these names.
     """
 
-    q: Array  # coordinates and velocities, (n, 7) and (n, 6); in the plane (n+2,) and (n, 3)
-    u: Array
+    q: Array  # (n, 7) as in `state.State`; in the plane (n+2,) as in `planar.model.PlanarMemory`
+    u: Array  # (n, 6), in the plane (n, 3)
     history: History
-    angle: Array  # (steps, n-1, 2) joint references [rad], [rad/s]
-    rate: Array
+    angle: Array  # (steps, n-1, 2) joint references at the middle of every step [rad]
+    rate: Array  # (steps, n-1, 2) [rad/s]
     report: Any  # (1,) a record of REPORT
-    cycles: Array  # (steps+1,) time stamps between the steps
+    cycles: Array  # (steps+1,) time stamps before and after every step
 
 
 def make_steps(q: Array, u: Array, history: History, angle: Array, rate: Array) -> Steps:
-    """Return the steps for some references, from arrays that they may change."""
+    """Return the steps for some references. They change q, u and history in place."""
     report = record_array(1, REPORT)
     cycles = np.zeros(len(angle) + 1, np.int64)
     angle, rate = np.ascontiguousarray(angle), np.ascontiguousarray(rate)
@@ -59,7 +60,7 @@ def make_steps(q: Array, u: Array, history: History, angle: Array, rate: Array) 
 
 @inlined
 def note_outcome(outcome, report):
-    """Add an `Outcome` of a contact solver to the report."""
+    """Add an `Outcome` of a contact solver to a report, a record of REPORT."""
     report.iterations += outcome.iterations
     report.iterations_max = max(report.iterations_max, outcome.iterations)
     report.unconverged += outcome.converged == 0
@@ -69,7 +70,7 @@ def note_outcome(outcome, report):
 
 
 def report_of(steps: Steps, applied: Array, dt: float) -> Report:
-    """Return what a loop reported, and the joint torques of impulses in a step of dt [s]."""
+    """Return the report of a loop whose last step, of dt [s], had joint impulses (n-1, 2)."""
     found = dict(zip(REPORT.names or (), steps.report[0].item(), strict=True))
     del found['not_planar']
     link, turn = found.pop('failed_link'), found.pop('failed_turn')

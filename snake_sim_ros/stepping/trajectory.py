@@ -19,7 +19,7 @@ KINDS = {'f': 'floats', 'i': 'integers', 'U': 'text'}  # of numbers in arrays
 @dataclass(frozen=True)
 class Trajectory:
     """
-    What a robot did at m instants, by whatever method.
+    The motion of a robot of n links at m instants, computed by any method.
 
     Attributes
     ----------
@@ -31,26 +31,26 @@ class Trajectory:
     orientation : ndarray, shape (m, n, 4)
         Euler parameters of the link frames B, scalar first.
     joint_angle, joint_velocity, joint_torque : ndarray, shape (m, n-1, 2)
-        (yaw, pitch) [rad], [rad/s], [N m]; the torque is that of the step before, 0 at the start.
+        (yaw, pitch) [rad], [rad/s], [N m]. The torque is that of the step before, 0 at the start.
     contact_sample, contact_number : ndarray of int, shape (k,)
         Every contact that carried load in the step before a sample: the index of the sample, and
-        the number of the contact as in `scene.obstacles`, up to 2n the front, then the rear
-        spheres on the floor; -1 if it is not known.
+        the number of the contact as in `scene.obstacles`; -1 if it is not known. The first 2n are
+        the front, then the rear spheres on the floor.
     contact_point, contact_force : ndarray, shape (k, 3)
         As `contact_forces` returns them [m], [N], frame I.
     level : ndarray of str, shape (m,)
-        Model level of the step before, that of the first one at the start.
+        Model level of the step before; at the start that of the first step.
     report : Report
-        Of all steps, also of those after the last sample.
+        Report of all steps, including those after the last sample.
     seconds : float
-        Wall time of all steps, without recording and compiling [s]. Of a `simulation.run` it
+        Wall time of all steps, without recording and compiling [s]. For `simulation.run` it
         includes the computation of the joint references.
     interrupted : bool
-        Whether it was ended from the keyboard.
+        Whether the run was ended from the keyboard.
     velocity : ndarray, shape (m, n, 6)
         Velocities of the links as in `state.State`; empty if they are not known.
     impulse : ndarray, shape (m, contacts, 5)
-        Contact impulses of the step before, as in `base.Stepper`, 0 at the start [N s]; empty if
+        Contact impulses of the step before, as in `state.History`, 0 at the start [N s]; empty if
         they were not kept.
 
     """
@@ -94,7 +94,7 @@ class Trajectory:
         return self.contact_point[first:last], self.contact_force[first:last]
 
     def every(self, stride: int) -> 'Trajectory':
-        """Return a record of every so many samples, from the first one on, with its own arrays."""
+        """Return a record of every `stride`-th sample, from the first on, with its own arrays."""
         kept = self.contact_sample % stride == 0
         arrays = {name: getattr(self, name)[::stride].copy() for name in OF_SAMPLES}
         arrays |= {name: getattr(self, name)[kept] for name in OF_CONTACTS}
@@ -103,12 +103,12 @@ class Trajectory:
 
     def check(self) -> None:
         """
-        Check that all arrays are of one run of the scene.
+        Check that all arrays belong to one run of the scene.
 
         Raises
         ------
         ParameterError
-            If one has another shape or other values than a run can have.
+            If an array has a shape or values that no run of the scene can have.
 
         """
         n, m, k = self.scene.robot.link_count, np.size(self.time), np.size(self.contact_sample)

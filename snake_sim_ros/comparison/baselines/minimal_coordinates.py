@@ -1,10 +1,11 @@
 """
 The regularized robot as an ordinary differential equation in minimal coordinates, compiled.
 
-They are those of the middle link and the joint angles, so that no joint can come apart. The rate
-of change takes work that is linear in the number of links: positions, velocities and the
-accelerations that the links have without any of the middle link and the joints go outward from
-the middle link; then the articulated-body sweep [1] finds the rest from the wrenches left over.
+The coordinates are those of the middle link and the joint angles, so that no joint can come apart.
+The work for the rate of change is linear in the number of links. A sweep outward from the middle
+link finds positions, velocities, and the accelerations of the links for zero accelerations of the
+middle link and the joints. The articulated-body sweep [1] then finds these from the remaining
+wrenches.
 
 .. [1] R. Featherstone, "Rigid Body Dynamics Algorithms", Springer 2008, ch. 7.
 """
@@ -37,22 +38,22 @@ from snake_sim_ros.scene.parameters import Array
 fade_at = compiled(soft_start)
 wave_at = compiled(wave)
 
-# y is [center (3) and Euler parameters (4) of the middle link, joint angles (n-1, 2), then its
-# velocity (3, in I) and angular velocity (3, in B), joint rates (n-1, 2), and the work that the
-# joints and that the contacts have done].
+# y is [center (3) and Euler parameters (4) of the middle link, joint angles (n-1, 2), its velocity
+# (3, in I) and angular velocity (3, in B), joint rates (n-1, 2), work of the joints and of the
+# contacts]; see `integrators.SmoothRobot` for units.
 ANGLES = 7
 
 
 class Motion(NamedTuple):
-    """Velocities of all links, and what is filled on the way to their accelerations."""
+    """Velocities of all links, and intermediate accelerations."""
 
-    u: Array  # (n, 6)
-    rest: Array  # (n, 6)
+    u: Array  # (n, 6) as in `state.State`
+    rest: Array  # (n, 6) see `balance`
 
 
 @inlined
 def rates_begin(n):
-    """Return where the velocities begin in y; the work is in its last two entries."""
+    """Return the index in y of the first velocity; the works are its last two entries."""
     return ANGLES + 2 * (n - 1)
 
 
@@ -72,7 +73,7 @@ def turned_about_x(p, angle):
 
 @inlined
 def place_links(half_length, y, work):
-    """Fill coordinates, frames, centers from O and joint axes of all links."""
+    """Fill the coordinates, frames, centers from O and joint axes of all links in `work`."""
     q, n = work.q_mid, len(work.R)
     root = n // 2
     for k in range(7):
@@ -94,7 +95,7 @@ def place_links(half_length, y, work):
 
 @merged
 def add_moved_axis(twist, axis, rate, acceleration):
-    """Add the acceleration of a joint axis that a link with this twist carries along."""
+    """Add the acceleration of a joint axis that moves with a link, for its rate [rad/s]."""
     wx, wy, wz, vx, vy, vz = twist
     ax, ay, az, bx, by, bz = axis
     acceleration[0] += rate * (wy * az - wz * ay)
@@ -124,7 +125,7 @@ def move_links(y, work, u_links):
     """
     Fill twists and velocities of all links, and the accelerations of their twists.
 
-    The accelerations are those without any of the middle link and of the joint rates.
+    The accelerations are those for zero accelerations of the middle link and the joints.
     """
     chain, n, R = work.chain, len(work.R), work.R
     root = n // 2
@@ -143,11 +144,11 @@ def move_links(y, work, u_links):
 @merged
 def balance(model, work, motion):
     """
-    Fill the wrenches that gravity and inertia leave to joints and middle link, as momentum.
+    Fill the wrenches of gravity and inertia, in place of momenta, for zero joint accelerations.
 
-    A twist is of the body point that passes a fixed O, so that the center of a link has the
-    acceleration ``a_O + alpha x r + omega x v``. The momentum of these accelerations is that of
-    velocities with the opposite sign.
+    A twist belongs to the body point that passes a fixed O, so that the center of a link has the
+    acceleration ``a_O + alpha x r + omega x v``. The wrench of inertia is the momentum of
+    velocities that equal the negative accelerations.
     """
     twist, u, rest = work.chain.twist, motion.u, motion.rest
     end_velocities(work.chain.correction, work.R, work.center, rest)
@@ -179,7 +180,7 @@ def joint_torques(model, waves, t, y, torque):
 
 @merged
 def carried_acceleration(twist):
-    """Return omega x v of the link whose center is O, and no angular acceleration."""
+    """Return omega x v of the link whose center is O, and zero angular acceleration."""
     wx, wy, wz, vx, vy, vz = twist
     return wy * vz - wz * vy, wz * vx - wx * vz, wx * vy - wy * vx, 0.0, 0.0, 0.0
 
@@ -187,20 +188,20 @@ def carried_acceleration(twist):
 @merged
 def rate_of_change(model, law, waves, work, motion, t, y, y_dot):
     """
-    Fill the time derivative of y; its layout is written at ANGLES.
+    Fill the time derivative of y; a comment at ANGLES describes its layout.
 
     Parameters
     ----------
-    model : spatial.Model
+    model : stepping.model.Model
     law : penalty.PenaltyLaw
     waves : tuple
-        Numbers of the yaw wave and of the pitch wave, and the time of the soft start.
-    work : spatial.Workspace
-        Its middle coordinates are those of y.
+        Numbers of the yaw wave and of the pitch wave, and the time of the soft start [s].
+    work : stepping.model.Workspace
+        Its middle coordinates are filled with those of y.
     motion : Motion
-        Its velocities are those of y.
+        Its velocities are filled with those of y.
     t : float
-        [s]
+        Time [s].
     y, y_dot : ndarray, shape (15 + 4 (n-1),)
 
     """
@@ -245,7 +246,7 @@ def rates_of_change(model, law, waves, work, motion, t, y, y_dot):
 
 @compiled
 def configuration(model, work, motion, y):
-    """Fill work.q_mid and motion.u with all links; return the deepest gap below zero [m]."""
+    """Fill work.q_mid and motion.u of all links from y; return the largest penetration [m]."""
     place_links(model.half_length, y, work)
     move_links(y, work, motion.u)
     return penetration(model.obstacles, model.contact_offset, model.contact_radius, work.q_mid)

@@ -1,10 +1,10 @@
 """
-Regularized contact compiled: spring-dampers and smooth friction, in a semi-implicit Euler step.
+Regularized contact, compiled: spring-dampers and smooth friction, in a semi-implicit Euler step.
 
-What most simulators did before set-valued laws, and many still do: a contact is a spring with a
-damper that can only push, and friction is a smooth function of the sliding velocity, zero at rest.
-A robot on a slope therefore creeps, it sinks in, and the step is limited by the stiffness of
-springs that are not of the robot.
+Most simulators used such laws before set-valued ones, and many still do. A contact is a spring
+with a damper that can only push, and friction is a smooth function of the sliding velocity, zero
+at rest. A robot on a slope therefore creeps, it sinks into the floor, and the stiffness of springs
+that do not belong to the robot limits the step.
 """
 
 import math
@@ -22,34 +22,33 @@ from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 
-BOUND = 1e9  # m/s: a bound of the residual stands for it, which is not what the step stops by
+BOUND = 1e9  # natural_map may return bounds up to this, since no iteration stops by them [m/s]
 
 
 class PenaltyLaw(NamedTuple):
-    """The numbers of `integrators.Penalty` as the compiled step takes them."""
+    """The numbers of `integrators.Penalty`; compiled functions take this record as `law`."""
 
-    rational: bool
-    sliding_velocity: float
-    stiffness: float
+    rational: bool  # whether phi is s/(1 + s), not tanh(s)
+    sliding_velocity: float  # [m/s]
+    stiffness: float  # [N/m]
     damping_ratio: float
 
 
 @merged
 def share_over_speed(rational, s):
-    """Return phi(s)/s: how much of Coulomb friction acts, over the sliding velocity."""
+    """Return phi(s)/s: the share of Coulomb friction that acts, over the sliding velocity s."""
     if rational:
         return 1.0 / (1.0 + s)
-    return math.tanh(s) / s if s > 1e-8 else 1.0  # there it is 1 - s^2/3, 1 to rounding
+    return math.tanh(s) / s if s > 1e-8 else 1.0  # below, 1 - s^2/3 is 1 to rounding
 
 
 @compiled
 def penalty_forces(law, laws, closed, contacts, mass):
     """
-    Fill the impulse columns with contact forces [N], from the gaps and velocities of the table.
+    Fill contacts.impulse with contact forces [N], from gaps and velocities.
 
-    ``F_N = max(0, -k g - d gamma_N)`` in contacts with g < 0, where ``d = 2 zeta sqrt(k m/2)`` for
-    a link of mass m, and ``F_T = -F_N diag(mu) w/|w| phi(|w|/(mu_max eps))`` for ``w = diag(mu)
-    gamma_T``: as eps goes to 0, the sliding law of the ellipse.
+    The laws are those of `integrators.Penalty`; m is the mass of the link in contact, of `mass`
+    (n,) [kg]. As eps goes to 0, friction becomes the sliding law of the ellipse.
     """
     for a in closed:
         gap, half_mass = contacts.gap[a], 0.5 * mass[link_of(laws.other, contacts, len(mass), a)]
@@ -72,7 +71,7 @@ def penalty_forces(law, laws, closed, contacts, mass):
 
 @merged
 def make_impulses(dt, closed, contacts, impulse):
-    """Turn the forces of the table into impulses, and fill those of all contacts."""
+    """Multiply the forces of the table by dt [s], and copy them to `impulse`, (contacts, 5)."""
     impulse[:] = 0.0
     for a in closed:
         for j in range(3):
@@ -84,10 +83,10 @@ def make_impulses(dt, closed, contacts, impulse):
 @inlined
 def solve_with_springs(law, model, problem, history):
     """
-    Fill contact impulses and the velocities that they lead to; see `solver.solve`.
+    Fill contact impulses and the velocities that follow from them; see `contact.solver.solve`.
 
     Forces are those of the middle configuration and of the velocities at the start. The residual
-    says how far they and the velocities they lead to are from the set-valued laws.
+    is that of the set-valued laws, for these impulses and the velocities that follow.
     """
     laws, closed, contacts, chain = problem
     penalty_forces(law, laws, closed, contacts, model.mass)

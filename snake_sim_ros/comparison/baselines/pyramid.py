@@ -1,12 +1,12 @@
 """
-Gauss-Seidel iteration with a pyramid for the friction ellipse: each direction is bounded alone.
+Gauss-Seidel iteration with a friction pyramid in place of the ellipse, as `contact.gauss_seidel`.
 
-``|P_x| <= mu_x P_N`` and ``|P_y| <= mu_y P_N`` as in the solvers of ODE, Bullet and Gazebo: two
-clipped numbers instead of a projection on an ellipse. Along an axis of the contact frame that is
-Coulomb friction. In between it is not: both components reach their bounds however slow the slide
-is in one of them, so that the force is along a diagonal of the box whatever the direction of
-sliding, and by up to sqrt(2) too large for isotropic friction. A body that slides at an angle is
-turned toward the axis in which it is faster.
+The solvers of ODE, Bullet and Gazebo bound ``|P_x| <= mu_x P_N`` and ``|P_y| <= mu_y P_N`` alone:
+they clip two numbers instead of projecting on an ellipse. Along an axis of the contact frame this
+is Coulomb friction. In between it is not: both components reach their bounds however slow the
+slide is in one of them. The force is then along a diagonal of the box for any direction of
+sliding, and up to sqrt(2) times too large for isotropic friction. It turns a body that slides at
+an angle toward the axis in which it is faster.
 """
 
 from typing import NamedTuple
@@ -32,13 +32,13 @@ from snake_sim_ros.dynamics.compilation import merged
 
 @inlined
 def clipped(P, bound):
-    """Return the nearest number to P in an interval about 0."""
+    """Return the number in [-bound, bound] that is nearest to P."""
     return min(max(P, -bound), bound)
 
 
 @merged
 def sweep(laws, closed, contacts, delassus, impulse):
-    """Project every component of every closed contact once, with the velocities of that moment."""
+    """Project all components of the closed contacts in turn, each with updated velocities."""
     G, gamma, rows = delassus.operator, delassus.packed, 3 * len(closed)
     for k, a in enumerate(closed):
         row = 3 * k
@@ -52,7 +52,7 @@ def sweep(laws, closed, contacts, delassus, impulse):
 
 @merged
 def pyramid_map(laws, closed, contacts):
-    """Return ``max |P - prox(P - r gamma)|/r`` of the laws of the pyramid, with the rule [m/s]."""
+    """Return ``max |P - prox(P - r gamma)|/r`` of the pyramid, with the selection rule [m/s]."""
     normal = sliding = 0.0
     for a in closed:
         P_N, P_x, P_y = contacts.impulse[a, 0], contacts.impulse[a, 1], contacts.impulse[a, 2]
@@ -72,8 +72,7 @@ def iterate(problem, tolerance, limit, delassus, impulse):
     """
     Sweep until the laws of the pyramid hold; return an `Outcome`.
 
-    The residual is that of the pyramid, the printed one that of the paper's laws: how far the one
-    is from the other.
+    Its residual is that of the pyramid, and its printed residual that of the paper's laws.
     """
     laws, closed, contacts, chain = problem
     reset_chain(chain)
@@ -96,7 +95,7 @@ def iterate(problem, tolerance, limit, delassus, impulse):
 
 
 class Pyramid(NamedTuple):
-    """Gauss-Seidel iteration on the pyramid, with the arrays of the Delassus operator."""
+    """Gauss-Seidel iteration with a pyramid, with the arrays of the Delassus operator."""
 
     delassus: Delassus
 
@@ -104,7 +103,7 @@ class Pyramid(NamedTuple):
 @solve.register(Pyramid)
 @inlined
 def solve_with_pyramid(solver, model, problem, history):
-    """Solve the contacts of a step; see `solver.solve`."""
+    """Solve the contacts of a step; see `contact.solver.solve`."""
     return iterate(
         problem, model.residual_tolerance, model.iteration_limit, solver.delassus, history.impulse
     )

@@ -1,8 +1,8 @@
 """
-Second order in the plane: the step of `bdf2` for planar coordinates.
+The method of `stepping.bdf2` in planar coordinates.
 
-All contacts stay closed and loads follow from equilibrium, so that nothing lands and no impulse is
-sudden: the only event is a state that is not the one the step before left.
+All contacts with the floor stay closed and their loads follow from equilibrium, so that nothing
+lands and no impulse is sudden. The only event is a state that is not the end of the step before.
 """
 
 import math
@@ -35,26 +35,26 @@ from snake_sim_ros.stepping.steps import note_outcome
 
 
 class Memory(NamedTuple):
-    """What the method keeps of the last step, beside `model.PlanarMemory`."""
+    """What the method keeps of the last step, besides `model.PlanarMemory`."""
 
     q_before: Array  # (n+2,) coordinates at its start
     u_before: Array  # (n, 3) velocities at its start
     rate: Array  # (n-1,) rates of the yaw references [rad/s]
-    span: Array  # (1,) time that its impulses acted for [s], 0 before the first step
-    phase: Array  # (1,) what is known of the motion, see bdf2
+    span: Array  # (1,) time for which its impulses acted [s], 0 before the first step
+    phase: Array  # (1,) as in `bdf2_memory.Memory`
 
     def last_span(self) -> float:
-        """Return the time that the last impulses acted for [s], 0 before the first step."""
+        """Return the time for which the last impulses acted [s], 0 before the first step."""
         return float(self.span[0])
 
 
 class Arrays(NamedTuple):
-    """Arrays that a step of this method fills, beside those of `model.PlanarWorkspace`."""
+    """Arrays that a step fills besides `model.PlanarWorkspace`, as `bdf2_memory.Arrays`."""
 
     q_hat: Array  # (n+2,)
     u_hat: Array  # (n, 3)
     u_star: Array  # (n, 3)
-    q_start: Array  # (n+2,) start of the step
+    q_start: Array  # (n+2,) coordinates at the start of the step
     u_start: Array  # (n, 3)
 
 
@@ -72,12 +72,12 @@ def make_planar_arrays(n: int) -> Arrays:
 @merged
 def planar_formula(model, dt, phase, q, u, memory, own):
     """
-    Fill q_hat, u_hat and u_star of a step; q_hat begins with the held point. See `formula`.
+    Fill q_hat, u_hat and u_star as `bdf2.formula`; q_hat begins with the point that is held.
 
     Returns
     -------
     h, h_q : float
-        Time over which forces act on the velocity, and the velocity on coordinates [s].
+        As from `bdf2.formula`.
 
     """
     n, hat = len(u), own.q_hat
@@ -109,9 +109,9 @@ def planar_formula(model, dt, phase, q, u, memory, own):
 @merged
 def begin_planar_part(model, own, work, h, h_q, late, known, angle, rate, memory):
     """
-    Fill all that the contact solver needs.
+    Fill the workspace for the contact solver.
 
-    The reference is that of the middle of the step, and the part of it ends `late` [s] after that.
+    The joint references are those at the middle of the step; the part ends `late` [s] after it.
     """
     hat, u_star = own.q_hat, own.u_star
     for i in range(len(u_star)):
@@ -133,7 +133,7 @@ def begin_planar_part(model, own, work, h, h_q, late, known, angle, rate, memory
 
 @merged
 def starts_anew(model, work, q, u):
-    """Return whether joints and floor agree with the velocities of a state that is given."""
+    """Return whether the velocities of a given state satisfy the joints and the floor."""
     for i in range(len(u)):
         for k in range(3):
             if work.impact[i, k] != 0.0:
@@ -151,7 +151,7 @@ def starts_anew(model, work, q, u):
 
 @merged
 def planar_part(own, model, work, dt, late, known, steps, k):
-    """Advance q, u and history by dt, a step or a part of it; return whether it was done."""
+    """Advance q, u and history by dt, a step or a part of it; return whether it was taken."""
     q, u, report, history = steps.q, steps.u, steps.report[0], steps.history
     n, memory = len(u), history.memory.scheme
     span, phase = memory.span[0], memory.phase[0]
@@ -187,7 +187,7 @@ def planar_part(own, model, work, dt, late, known, steps, k):
 
 @merged
 def planar_step(own, model, work, steps, k):
-    """Take step k; return whether it was done."""
+    """Take step k; return whether it was taken."""
     q, u, report, memory = steps.q, steps.u, steps.report[0], steps.history.memory.scheme
     n = len(u)
     known, phase = memory.span[0] > 0.0, memory.phase[0]
@@ -215,7 +215,7 @@ def planar_step(own, model, work, steps, k):
 
 @inlined
 def keep_planar(q, u, q_to, u_to):
-    """Fill q_to and u_to."""
+    """Copy q (n+2,) and u (n, 3) to q_to and u_to."""
     for i in range(len(q)):
         q_to[i] = q[i]
     for i in range(len(u)):
@@ -225,7 +225,7 @@ def keep_planar(q, u, q_to, u_to):
 
 @compiled
 def advance_bdf2_in_plane(own, model, work, steps):
-    """Take some steps, up to the first that is not planar; see `stepper.PlanarStepper`."""
+    """Take the steps up to the first that is not planar; see `stepper.PlanarStepper`."""
     for k in range(len(steps.angle)):
         steps.cycles[k] = cycle_counter()
         if not planar_step(own, model, work, steps, k):

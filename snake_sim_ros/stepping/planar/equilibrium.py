@@ -1,4 +1,8 @@
-"""Balance of a flat robot: velocities in the plane, loads out of it."""
+"""
+The balance of a flat robot: velocities in the plane, and loads out of it.
+
+Functions take a `model.PlanarModel` as `model`, and fill a `model.PlanarWorkspace` as `work`.
+"""
 
 import math
 
@@ -7,14 +11,14 @@ from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges
 from snake_sim_ros.dynamics.hinge_chain import solve_hinges
 
-# Share of a contact's stiffness with which the floor holds the robot against rolling: none, but
-# so a straight robot is noticed, that nothing else holds.
+# Share of a contact's stiffness with which the floor holds the robot against rolling. A real floor
+# has none; this reveals a straight robot, which nothing else holds, by its large roll.
 ROOT_HOLD = 1e-10
 
 
 @inlined
 def fill_momentum(model, work, u, u_start):
-    """Fill the inertias and momenta of links that move with u (n, 3), velocities with u_start."""
+    """Fill inertias and momenta of links with velocities u (n, 3), and gamma of u_start (n, 3)."""
     n = len(u)
     for i in range(n):
         m, x, y = model.mass[i], work.center[i, 0], work.center[i, 1]
@@ -32,9 +36,9 @@ def fill_momentum(model, work, u, u_start):
 @inlined
 def place_links(model, work, weight_velocity):
     """
-    Fill centers from O, the axes of both chains, and prepare the equilibrium for loads.
+    Fill link centers and joint axes from the headings, and factor the chain for the loads.
 
-    The weight would let links fall at a given velocity [m/s], as large as the part of the step is.
+    `weight_velocity` is the vertical velocity that the weight adds in this part of a step [m/s].
     """
     heading, center, half = work.heading, work.center, model.half_length
     work.standing.part[0] = weight_velocity / model.fall
@@ -79,7 +83,7 @@ def place_links(model, work, weight_velocity):
 
 @inlined
 def fill_link_velocities(contacts, i, n, offset, c, s, vx, vy, omega):
-    """Fill the sliding velocities of both contacts of a link that moves with given velocities."""
+    """Fill the sliding velocities of both contacts of link i, with heading (c, s)."""
     along, across, turning = c * vx + s * vy, c * vy - s * vx, offset * omega
     contacts.gamma[i, 1] = contacts.gamma[n + i, 1] = along
     contacts.gamma[i, 2], contacts.gamma[n + i, 2] = across + turning, across - turning
@@ -87,7 +91,7 @@ def fill_link_velocities(contacts, i, n, offset, c, s, vx, vy, omega):
 
 @inlined
 def planar_contact_velocities(model, work):
-    """Fill the sliding velocities of all contacts that work.twist makes."""
+    """Fill the sliding velocities of all contacts with the floor, from work.twist."""
     n = len(work.heading)
     for i in range(n):
         x, y = work.center[i, 0], work.center[i, 1]
@@ -99,7 +103,7 @@ def planar_contact_velocities(model, work):
 
 @compiled
 def factor_bare(work):
-    """Prepare the chain of the links alone."""
+    """Factor the chain in the plane with the inertias of the links alone."""
     for i in range(len(work.bare)):
         for k in range(6):
             work.chain.inertia[i, k] = work.bare[i, k]
@@ -108,7 +112,7 @@ def factor_bare(work):
 
 @compiled
 def planar_twists(model, work):
-    """Fill twists and sliding velocities that the friction impulses in the table lead to."""
+    """Fill the twists and sliding velocities that follow from the friction impulses."""
     chain, contacts, n = work.chain, work.contacts, len(work.heading)
     for i in range(n):
         c, s = work.heading[i, 0], work.heading[i, 1]
@@ -129,7 +133,7 @@ def planar_twists(model, work):
 
 @compiled
 def condense_sliding(model, work, delassus):
-    """Fill the Delassus operator and the free velocities of sliding; normal rows are zero."""
+    """Fill the Delassus operator and the free velocities of sliding, with zeros for P_N."""
     contacts, closed, free = work.contacts, work.closed, delassus.free_velocity
     for a in closed:
         contacts.impulse[a, 1] = contacts.impulse[a, 2] = 0.0
@@ -153,10 +157,10 @@ def condense_sliding(model, work, delassus):
 @inlined
 def find_loads(model, work):
     """
-    Fill the normal impulses that go with the friction impulses in the table.
+    Fill the normal impulses that balance the friction impulses, and work.standing.
 
-    The smallest of them and the largest roll of a link are then in work.standing. Friction across
-    a link that a solver may leave rolls nothing: nothing would hold a single link against it.
+    work.standing then has the smallest of them and the largest roll of a link. Friction across a
+    link within the tolerance of the solver is neglected: nothing holds a single link against it.
     """
     contacts, upright, n = work.contacts, work.upright, len(work.heading)
     for i in range(n):
@@ -181,5 +185,5 @@ def find_loads(model, work):
     root = n // 2
     tilt = upright.twist[root, 0] * work.heading[root, 0]
     tilt += upright.twist[root, 1] * work.heading[root, 1]
-    lean = turn * model.lean / work.standing.part[0]
-    work.standing.least_load[0], work.standing.roll[0] = least, lean if tilt > 0.0 else -lean
+    roll = turn * model.roll_compliance / work.standing.part[0]
+    work.standing.least_load[0], work.standing.roll[0] = least, roll if tilt > 0.0 else -roll

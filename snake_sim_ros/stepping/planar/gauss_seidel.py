@@ -1,4 +1,4 @@
-"""Projected Gauss-Seidel iteration in the plane."""
+"""The algorithm of `contact.gauss_seidel` in the plane."""
 
 from typing import NamedTuple
 
@@ -18,10 +18,10 @@ from snake_sim_ros.stepping.planar.solver import solve_in_plane
 @merged
 def iterate_in_plane(model, work, delassus, impulse):
     """
-    Sweep as `iterate` does, in the plane: the loads follow from the friction.
+    Sweep until the friction laws hold, with loads that follow from the friction.
 
-    They follow by half, since the load of a nearly straight robot answers to its friction with
-    more than that, so that both would go to and fro.
+    They follow by half of their change: the load of a nearly straight robot changes by more than
+    its friction, and both would oscillate.
     """
     closed, contacts = work.closed, work.contacts
     tolerance, rows = model.residual_tolerance, 3 * len(closed)
@@ -49,7 +49,7 @@ def iterate_in_plane(model, work, delassus, impulse):
 
 
 class PlanarGaussSeidel(NamedTuple):
-    """Projected Gauss-Seidel iteration, with the arrays of the Delassus operator."""
+    """Projected Gauss-Seidel iteration on the Delassus operator, with its arrays."""
 
     delassus: Delassus
 

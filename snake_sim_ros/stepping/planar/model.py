@@ -1,4 +1,4 @@
-"""The numbers of a scene and the arrays of a step in the plane, as compiled code takes them."""
+"""The records of `stepping.model` for a step in the plane, and what it keeps of the last step."""
 
 from typing import Any
 from typing import NamedTuple
@@ -19,43 +19,41 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.model import make_model
 from snake_sim_ros.stepping.state import named_arrays
 
-# How a robot stands after a step, see find_loads and is_planar.
+# How a robot stands in a step; see `equilibrium.find_loads` and `moreau.is_planar`.
 STANDING = np.dtype(
     [
         ('least_load', float),  # smallest normal impulse [N s]
         ('roll', float),  # largest roll of a link, with the sign of that of the middle link [rad]
-        ('part', float),  # part of a step over which the loads act
-        ('rolls', np.int64),  # whether its roll is all that is not planar
+        ('part', float),  # share of a step for which the loads act
+        ('slips', np.int64),  # whether the step is not planar only because of slip by rolling
     ]
 )
-ROLL_LIMIT = (
-    1e-3  # roll of the robot at which it does not lie flat, and that is always left out [rad]
-)
-SLIP_SHARE = 5e-3  # share of the way up to which the slip by rolling is left out
+ROLL_LIMIT = 1e-3  # largest roll of a robot that lies flat; its slip is always neglected [rad]
+SLIP_SHARE = 5e-3  # share of the way up to which the slip by rolling is neglected
 
 
 class PlanarMemory(NamedTuple):
     """
     What a stepper in the plane keeps of the last step.
 
-    The Euler parameters of a state are made of planar coordinates. These are kept, so that they
-    need not be read back, and steps in several calls are the same to the bit.
+    The coordinates of a state are computed from planar ones. These are kept as well, so that steps
+    in several calls are the same to the bit as in one.
     """
 
-    known: Array  # (1,) whether the coordinates are those of the last step
-    q: Array  # (n+2,) center of link 1 [m] and headings of all links [rad]
-    u: Array  # (n, 3) velocities [m/s] and turning rates [rad/s]
-    tilt: Array  # (n, 4) Euler parameters of links without their heading
+    known: Array  # (1,) 1 if the coordinates are those of the last step, else 0
+    q: Array  # (n+2,) center x y of link 1 [m] and headings of all links [rad], in I
+    u: Array  # (n, 3) velocities x y of the link centers [m/s] and turning rates [rad/s], in I
+    tilt: Array  # (n, 4) Euler parameters of the links without their headings
     # The largest roll of a link, with the sign of that of the middle link [rad], and the slip and
-    # the way up to there [m], see moreau.rolls_too_far. The last two are kept while the robot is
-    # at the spatial level.
+    # the way so far [m]; see `moreau.slips_too_far`. Slip and way are kept while the robot is at
+    # the spatial level.
     roll: Array  # (1,)
     slip: Array  # (1,)
     way: Array  # (1,)
-    scheme: Any  # what the method itself keeps, a NamedTuple of arrays, or None
+    scheme: Any  # memory of the method, a NamedTuple of arrays, or None
 
     def last_span(self) -> float:
-        """Return the time that the last impulses acted for [s], 0 before the first step."""
+        """Return the time for which the last impulses acted [s], 0 before the first step."""
         return float(self.scheme.last_span()) if self.scheme else 0.0
 
 
@@ -67,71 +65,71 @@ def make_planar_memory(n: int, scheme: Any = None) -> PlanarMemory:
 
 
 def forget(memory: PlanarMemory) -> None:
-    """Erase what is kept of the last step, in place, but not what was slipped up to there."""
+    """Fill the memory of the last step with zeros, except slip and way."""
     for name, array in named_arrays(memory, '').items():
         if name not in ('.slip', '.way'):
             array[:] = 0.0
 
 
 class PlanarModel(NamedTuple):
-    """The numbers of a scene as the compiled step takes them; names as in `parameters`."""
+    """The numbers of a planar scene, as `stepping.model.Model`; pegs are the only obstacles."""
 
     half_length: Array
     mass: Array
-    inertia: Array  # (n,) about the vertical
+    inertia: Array  # (n,) about the vertical [kg m^2]
     inertia_axial: Array
-    offset: Array
-    radius: float  # of all contact spheres
-    stiffness: Array  # (n-1,) of the yaw joints
-    damping: Array
-    hold: Array  # (n-1,) share of a pitch joint in holding the robot
-    lean: float  # roll [rad] for a unit of turning about a horizontal axis
+    offset: Array  # (n,) contact_offset [m]
+    radius: float  # contact_radius of all links [m]
+    stiffness: Array  # (n-1,) of the yaw joints [N m/rad]
+    damping: Array  # (n-1,) [N m s/rad]
+    hold: Array  # (n-1,) springs of the pitch joints in `PlanarWorkspace.upright` [m^2]
+    roll_compliance: float  # roll of a link over its turning in `PlanarWorkspace.upright`
     fall: float  # vertical velocity that the weight adds in a step [m/s]
-    share: Array  # (n,) of every link in the point that section VII-C holds
+    share: Array  # (n,) weights of the links in the point that section VII-C holds
     laws: Laws
     dt: float
     tolerance: float
     residual_tolerance: float
     iteration_limit: int
-    most_lean: float  # roll that is too much to be left out [rad]
-    most_slip: float  # share of the way of the center of mass up to which its slip is left out
-    held: bool  # whether pitch joints hold the robot; if not, what they let roll is rounding
-    patient: bool  # whether steps that do not converge are taken, and counted
+    most_roll: float  # largest roll of a planar step [rad]
+    most_slip: float  # share of the way of the center of mass up to which slip is neglected
+    held: bool  # whether pitch joints hold the robot; if not, its roll is rounding
+    patient: bool  # whether a step that does not converge is taken, and counted
     pd_scheme: int
-    keeps_center: bool  # whether that is the center of mass, and not link 1
-    pegs: Array  # (pegs, 3) x, y, radius [m]
+    keeps_center: bool  # whether section VII-C holds the center of mass, not link 1
+    pegs: Array  # (pegs, 3) x, y and radius of the pegs [m]
     first_peg: int  # number of the first contact with a peg
     activation_tolerance: float
 
 
 class PlanarWorkspace(NamedTuple):
-    """Arrays that the step fills, made once; the plane is that of the link centers."""
+    """Arrays that a step fills, as `stepping.model.Workspace`; twists as in `hinge_chain`."""
 
-    heading: Array  # (n, 2) direction of every link
-    center: Array  # (n, 2) of every link, from O, the center of the middle link
-    torque: Array  # (n-1,) impulse of the controller, without its implicit part [N m s]
-    momentum: Array  # (n, 3) impulse wrench of everything but contacts and torques
-    bare: Array  # (n, 6) inertia of the links about O
-    applied: Array  # (n-1, 2) impulse of the joints with the implicit part [N m s]
-    impact: Array  # (n, 3) momentum out of the plane that the first step takes up
-    weight: Array  # (n, 3) load out of the plane of everything but the contacts
-    no_torque: Array  # (n-1,) zero
+    heading: Array  # (n, 2) unit vectors along the links
+    center: Array  # (n, 2) link centers from O, the center of the middle link [m]
+    torque: Array  # (n-1,) impulses of the yaw controllers without the implicit part [N m s]
+    momentum: Array  # (n, 3) impulse wrenches in the plane without contacts and torques
+    bare: Array  # (n, 6) inertias of the links about O, in the plane
+    applied: Array  # (n-1, 2) impulses of the joints with the implicit part [N m s]
+    impact: Array  # (n, 3) momentum out of the plane that the first step stops
+    weight: Array  # (n, 3) loads out of the plane without those of the contacts
+    no_torque: Array  # (n-1,) zeros
     chain: HingeChain  # in the plane
-    upright: HingeChain  # out of it, with a spring at each contact
-    closed: Array  # (c,) numbers of the closed contacts, first the 2n with the floor
-    contacts: Any  # (c,) records of all contacts, see table
-    twist: Array  # (n, 3) the last twists in the plane
+    upright: HingeChain  # out of the plane, with a spring at each contact
+    closed: Array  # (c,) begins with the numbers of the closed contacts, first the 2n of the floor
+    contacts: Any  # (c,) table of all contacts
+    twist: Array  # (n, 3) twists of the links in the plane
     standing: Any  # (1,) a record of STANDING
 
 
-# Share of a contact's stiffness with which the pitch joints hold the robot while loads are found:
-# so small that they carry nothing else, so large that rounding does not matter.
+# Share of a contact's stiffness with which the pitch joints hold the robot while loads are found.
+# It is so small that they carry nothing else, and so large that rounding does not matter.
 HOLD = 1e-5
-LIMP_STIFFNESS = 1e-6  # pitch stiffness that holds nothing but what rounding makes roll [N m/rad]
+LIMP_STIFFNESS = 1e-6  # pitch stiffness up to which joints do not hold the robot [N m/rad]
 
 
 def make_planar_model(scene: Scene) -> PlanarModel:
-    """Return the numbers of a scene as the compiled step takes them."""
+    """Return the model of a planar scene."""
     spatial, n = make_model(scene), scene.robot.link_count
     half, mass, dt = spatial.half_length, spatial.mass, scene.dt
     stiffness, damping = spatial.stiffness, spatial.damping
@@ -150,7 +148,7 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         stiffness=np.ascontiguousarray(stiffness[:, 0]),
         damping=np.ascontiguousarray(damping[:, 0]),
         hold=hold * pitch / stiffest,
-        lean=hold / (stiffest * dt),
+        roll_compliance=hold / (stiffest * dt),
         fall=dt * scene.gravity[2],
         share=share,
         laws=spatial.laws._replace(compliance=0.0),
@@ -158,7 +156,7 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         tolerance=scene.solver.tolerance,
         residual_tolerance=scene.solver.residual_tolerance,
         iteration_limit=scene.solver.iteration_limit,
-        most_lean=ROLL_LIMIT,
+        most_roll=ROLL_LIMIT,
         most_slip=SLIP_SHARE,
         held=bool(pitch.max(initial=0.0) > LIMP_STIFFNESS),
         patient=True,
@@ -171,7 +169,7 @@ def make_planar_model(scene: Scene) -> PlanarModel:
 
 
 def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
-    """Return the arrays of the compiled step for a scene."""
+    """Return the workspace for a planar scene."""
     n, count = scene.robot.link_count, contact_count(scene)
     closed = np.zeros(count, np.int64)
     closed[: 2 * n] = np.array([[i, n + i] for i in range(n)]).ravel()
@@ -195,7 +193,7 @@ def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
 
 
 def make_chain(n: int) -> HingeChain:
-    """Return the arrays of a chain of n links."""
+    """Return a chain of n links, filled with zeros."""
     return HingeChain(
         axis=np.zeros((n - 1, 3)),
         damping=np.zeros(n - 1),

@@ -1,25 +1,26 @@
 """
-The time step of a robot that lies flat, in the plane: n+2 coordinates, joints eliminated exactly.
+The step of `stepping.moreau` for a robot that lies flat: n+2 coordinates, exactly closed joints.
 
-The robot of `spatial` moves like this one as long as its pitch joints are told to be straight and
-no contact lifts off. What is left of eqs. (72)-(93) are the balance in the plane, a chain of links
-with one hinge a joint (`hinge_chain`), and friction at both spheres of every link. Two things of
-space remain, because friction acts at the floor, below the centers of gravity:
+The robot in space moves like this one as long as its pitch references are zero and no contact
+lifts off. Of eqs. (72)-(93) there remain the balance in the plane, for a chain with one hinge per
+joint (`hinge_chain`), and friction at both spheres of every link. Since friction acts below the
+centers of gravity, at the floor, two effects out of the plane remain:
 
-- The normal loads follow from the equilibrium out of the plane, heave, roll and pitch of every
-  link, given the friction. They are not unique; the selection rule of `spatial` takes those of
-  least norm. A least-norm load is ``P_N = -W_N^T v`` for some v out of the plane, so that the same
-  sweeps that solve the dynamics find it: a chain with springs of unit stiffness at its contacts.
-- A flat robot can still roll, all links at once, and only its pitch joints hold it (the rank of
-  the 2n normal directions is one short). They do so at angles of some 1e-4 rad, left out here;
-  their load is part of the equilibrium.
+- The normal loads follow from the friction, by the equilibrium of heave, roll and pitch of every
+  link. They are not unique. The selection rule of the spatial level takes those of least norm,
+  ``P_N = -W_N^T v`` for some v out of the plane. The sweeps that solve the dynamics find them, for
+  a chain with springs of unit stiffness at its contacts.
+- All links of a flat robot can still roll together, since the rank of the 2n normal directions is
+  one short. Only the pitch joints hold the robot, at angles of about 1e-4 rad, which are neglected
+  here. Their load is part of the equilibrium.
 
-Deviation: inertia out of the plane is left out, and so is that contacts slip across while the
-robot rolls, by its radius times the change of the roll. This level is the limit of `spatial` for
-pitch joints that are stiffer and stiffer, and a normal compliance that falls with their stiffness:
-the difference falls with the roll, which friction and springs make. It counts where friction moves
-the robot by little more than it slips so: on slippery floors, and where a gait hardly advances.
-That is what `rolls_too_far` watches: the slip of all steps against the way of the center of mass.
+Deviation: inertia out of the plane is neglected, and so is that contacts slip across while the
+robot rolls, by its radius times the change of the roll. This level is the limit of the spatial one
+for pitch joints that become stiffer, and a normal compliance that falls with their stiffness. The
+difference falls with the roll, which friction and springs determine. It matters where friction
+moves the robot by little more than this slip: on slippery floors, and where a gait hardly
+advances. `slips_too_far` therefore compares the slip of all steps with the way of the center of
+mass.
 """
 
 import math
@@ -32,24 +33,24 @@ from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.stepping.planar.equilibrium import fill_momentum
 from snake_sim_ros.stepping.planar.equilibrium import place_links
 from snake_sim_ros.stepping.planar.model import ROLL_LIMIT
+from snake_sim_ros.stepping.planar.pegs import find_peg_contacts
 from snake_sim_ros.stepping.planar.pegs import peg_depth
-from snake_sim_ros.stepping.planar.pegs import touch_pegs
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
 from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import note_outcome
 
-SLIP_MEMORY = 3.0  # time in which slip and way are forgotten [s]
+SLIP_MEMORY = 3.0  # time constant with which slip and way are forgotten [s]
 
 
 @inlined
 def begin_planar_step(model, work, steps, k):
     """
-    Fill all that a contact solver needs in step k; velocities are those of its start.
+    Fill the workspace for the contact solver in step k, with the velocities at its start.
 
     Returns
     -------
     int
-        Closed contacts: all 2n with the floor, and those with pegs.
+        Number of closed contacts: all 2n with the floor, and those with pegs.
 
     """
     q, u, angle, rate = steps.q, steps.u, steps.angle[k], steps.rate[k]
@@ -66,27 +67,27 @@ def begin_planar_step(model, work, steps, k):
         )  # fmt: skip
         work.torque[j], chain.damping[j] = torque * dt, damping * dt
     fill_momentum(model, work, u, u)
-    return 2 * n + touch_pegs(model, work, q, u)
+    return 2 * n + find_peg_contacts(model, work, q, u)
 
 
 @inlined
 def is_planar(model, work, steps, outcome):
     """
-    Return whether the solution of a step is planar, and no link turns further than resolved.
+    Return whether the solution of a step is planar, and all links turn by less than pi/2.
 
-    In work.standing, `rolls` is then whether its roll is all that is not planar.
+    Otherwise the report says which of both does not hold. work.standing.slips is filled.
     """
     report = steps.report[0]
-    work.standing.rolls[0] = 0
+    work.standing.slips[0] = 0
     if not (
         (outcome.converged or model.patient)
         and work.standing.least_load[0] > 0.0
-        and abs(work.standing.roll[0]) <= model.most_lean
+        and abs(work.standing.roll[0]) <= model.most_roll
     ):
         report.not_planar = 1
         return False
-    if model.held and rolls_too_far(model, work, steps.history.memory):
-        work.standing.rolls[0] = report.not_planar = 1
+    if model.held and slips_too_far(model, work, steps.history.memory):
+        work.standing.slips[0] = report.not_planar = 1
         return False
     for i in range(len(work.twist)):
         turn = model.dt * abs(work.twist[i, 0])
@@ -97,12 +98,12 @@ def is_planar(model, work, steps, outcome):
 
 
 @merged
-def rolls_too_far(model, work, memory):
+def slips_too_far(model, work, memory):
     """
-    Return whether contacts slip too far by rolling to leave that out; if not, note it in memory.
+    Return whether contacts slip too far by rolling; if not, add slip and way to the memory.
 
-    The slip of a roll of ROLL_LIMIT is always left out, as a gait begins with a roll and no way.
-    In addition, a share of the way of the center of mass is left out.
+    The slip of a roll of ROLL_LIMIT is always neglected, since a gait begins with a roll and no
+    way. In addition, a share of the way of the center of mass is neglected.
     """
     mass = p_x = p_y = 0.0
     for i in range(len(work.twist)):
@@ -123,7 +124,7 @@ def rolls_too_far(model, work, memory):
 
 @inlined
 def end_planar_velocities(model, work, u):
-    """Fill u (n, 3) from the twists, and the impulses of the joints that go with them."""
+    """Fill u (n, 3) from the twists, and the impulses of the joints; empty work.impact."""
     twist, n = work.twist, len(u)
     for j in range(n - 1):
         yaw_rate = twist[j + 1, 0] - twist[j, 0]
@@ -140,12 +141,12 @@ def end_planar_velocities(model, work, u):
 @inlined
 def end_planar_step(model, work, steps, count, outcome):
     """
-    Move q (n+2,) and u (n, 3) to the end of the step, unless it is not planar or diverged.
+    Move q and u to the end of the step, unless it is not planar or diverges.
 
     Returns
     -------
     bool
-        Whether it was done.
+        Whether the step was taken.
 
     """
     q, u, report = steps.q, steps.u, steps.report[0]
@@ -167,7 +168,7 @@ def end_planar_step(model, work, steps, count, outcome):
 
 @inlined
 def move_in_plane(model, h, q, u):
-    """Move the robot for a time h, as a whole with the point that section VII-C holds."""
+    """Move the headings for a time h [s], and the robot as the point that section VII-C holds."""
     for i in range(len(u)):
         q[2 + i] += h * u[i, 2]
     for i in range(len(u) if model.keeps_center else 1):
@@ -177,7 +178,7 @@ def move_in_plane(model, h, q, u):
 
 @inlined
 def held_point(model, q):
-    """Return the point of the robot that section VII-C holds, from the center of link 1 [m]."""
+    """Return x and y of the point that section VII-C holds, from the center of link 1 [m]."""
     x = y = held_x = held_y = reach_x = reach_y = 0.0
     for i in range(len(model.mass) if model.keeps_center else 0):
         step_x = model.half_length[i] * math.cos(q[2 + i])
@@ -193,9 +194,9 @@ def held_point(model, q):
 @compiled
 def advance_in_plane(solver, model, work, steps):
     """
-    Take some steps, up to the first that is not planar; see `stepper.PlanarStepper`.
+    Take the steps up to the first that is not planar; see `stepper.PlanarStepper`.
 
-    The type of `solver` chooses how the contacts are solved, see `solver.solve_in_plane`.
+    The type of `solver` chooses the contact solver; see `solver.solve_in_plane`.
     """
     history = without_memory(steps.history)
     for k in range(len(steps.angle)):

@@ -1,12 +1,12 @@
 """
-Newton's method on the friction laws of a robot that lies flat; loads follow.
+The algorithm of `contact.newton` for a robot that lies flat, with loads that follow from friction.
 
-With the loads given, friction is a convex problem: its laws, linear about a trial (`linear_laws`),
-join the inertia of the links, and one sweep over the chain solves them. The loads follow from the
-friction, and friction from the loads: both are iterated for together, the loads one step behind.
-That converges where friction shifts loads by less than itself, as it does under long robots; a
-short or nearly straight one may tip or roll first, and its step then does not converge.
-`natural_map.natural_map` judges the result as that of any other solver.
+For given loads, friction is a convex problem: its laws, linear about a trial velocity
+(`linear_laws`), join the inertia of the links, and one sweep over the chain solves them. Loads
+follow from friction and friction from loads. Both are iterated together, the loads one iteration
+behind. This converges if friction shifts loads by less than itself, as under long robots. A short
+or nearly straight robot may tip or roll first, and its step then does not converge.
+`natural_map.natural_map` judges the result, as for any other solver.
 """
 
 import math
@@ -41,17 +41,17 @@ from snake_sim_ros.stepping.planar.equilibrium import planar_twists
 from snake_sim_ros.stepping.planar.pegs import peg_velocities
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
 
-# Where history keeps the change of the change of a load: in the plane nothing rolls.
+# Component of `change` in history for the change of the change of a load: nothing rolls here.
 SECOND_CHANGE = 3
-COUPLED_STEPS = 4  # iterations before the radii are held
-MANY_STEPS = 20  # while the residual falls
-HELD_STEPS = 30
-STILL_SHARE = 0.1  # share of the tolerance at which a contact is still while radii are sought
+COUPLED_ITERATIONS = 4  # iterations before the radii are held
+MOST_COUPLED_ITERATIONS = 20  # of these, while the residual falls
+HELD_ITERATIONS = 30  # iterations with held radii, at most
+STILL_SHARE = 0.1  # share of the tolerance up to which the velocity of a contact counts as zero
 
 
 @inlined
 def predict_sliding(closed, contacts, history):
-    """Fill radii, TRIAL and ANCHOR from the last step: what changed goes on to change."""
+    """Fill disc radii, trial and anchor: loads and velocities continue to change as they did."""
     last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:
         P_N = last[a, 0]
@@ -70,7 +70,7 @@ def predict_sliding(closed, contacts, history):
 
 @merged
 def remember_sliding(closed, contacts, history):
-    """Fill history with impulses, velocities and their changes, 0 if open."""
+    """Fill the history with impulses, velocities and changes, 0 for open contacts."""
     last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:
         contacts.is_closed[a] = 1
@@ -95,14 +95,14 @@ def remember_sliding(closed, contacts, history):
 @inlined
 def sliding_law(disc, contacts, a, again):
     """
-    Fill the law of sliding at contact a, linear about TRIAL, with the radius held.
+    Fill the law of sliding at contact a, linear about the trial velocity, with a held radius.
 
     Returns
     -------
     P_x, P_y : float
-        At no velocity or, `again`, at TRIAL [N s].
+        Impulses at zero velocity or, `again`, at the trial velocity [N s].
     S_xx, S_xy, S_yy : float
-        What a velocity takes off it [kg].
+        Decrease of the impulses per velocity [kg].
 
     """
     x, y = contacts.trial[a, 1], contacts.trial[a, 2]
@@ -123,17 +123,17 @@ def sliding_law(disc, contacts, a, again):
 @merged
 def add_sliding_laws(model, work, again):
     """
-    Fill wrenches and inertias of the links with their loads and the laws linear about TRIAL.
+    Fill wrenches and inertias of the links with their loads and the linear laws of sliding.
 
-    `again` means for the change from the last twists, not for the twists themselves: what rounding
-    left of the balance is then part of the load.
+    If `again`, they are those for the change from the last twists, not for the twists themselves.
+    The load then contains what rounding left of the balance.
     """
     disc, contacts, chain, n = model.laws.sliding, work.contacts, work.chain, len(work.heading)
     for i in range(n):
         offset = model.offset[i]
         P_x, P_y, S_xx, S_xy, S_yy = sliding_law(disc, contacts, i, again)
         Q_x, Q_y, T_xx, T_xy, T_yy = sliding_law(disc, contacts, n + i, again)
-        # Along and across the link, at its center, and turning.
+        # Along and across the link, and about its center.
         along, across, moment = P_x + Q_x, P_y + Q_y, offset * (P_y - Q_y)
         S_aa, S_ac, S_cc = S_xx + T_xx, S_xy + T_xy, S_yy + T_yy
         S_aw, S_cw = offset * (S_xy - T_xy), offset * (S_yy - T_yy)
@@ -163,7 +163,7 @@ def add_sliding_laws(model, work, again):
 
 @merged
 def add_peg_laws(model, work, closed, again):
-    """Add the laws of contacts with pegs, as `add_sliding_laws` does."""
+    """Add the linear laws of contacts with pegs, as `add_sliding_laws` adds those of the floor."""
     laws, contacts, chain = model.laws, work.contacts, work.chain
     for a in closed:
         P_N, S_N = normal_law(laws, 0.0, contacts.anchor[a, 0], contacts.trial[a, 0])
@@ -198,9 +198,9 @@ def add_peg_laws(model, work, closed, again):
 @inlined
 def planar_linear_step(model, work, closed, delassus, again):
     """
-    Fill GAMMA, IMPULSE and the twists with the solution for the laws linear about TRIAL.
+    Fill velocities, impulses and twists with the solution for the linear laws.
 
-    Without a Delassus operator (None) the chain is solved with the laws, else G without the chain.
+    `delassus` is as in `contact.linear_problem.linear_step`, and `again` as in `add_sliding_laws`.
     """
     contacts, chain, n = work.contacts, work.chain, len(work.heading)
     if delassus is not None:
@@ -239,10 +239,10 @@ def planar_linear_step(model, work, closed, delassus, again):
 
 
 @merged
-def planar_coupled_steps(model, work, closed, delassus, limit):
-    """Iterate with the loads of the last iterate; return iterations and the residual."""
+def iterate_coupled_in_plane(model, work, closed, delassus, limit):
+    """Iterate with the loads of the last iteration; return iterations and residual [m/s]."""
     laws, contacts = model.laws, work.contacts
-    residual, iterations, steps = math.inf, 0, COUPLED_STEPS
+    residual, iterations, steps = math.inf, 0, COUPLED_ITERATIONS
     while iterations < min(steps, limit):
         before = residual
         planar_linear_step(model, work, closed, delassus, iterations > 0)
@@ -251,7 +251,7 @@ def planar_coupled_steps(model, work, closed, delassus, limit):
         iterations += 1
         if residual <= model.residual_tolerance or not math.isfinite(residual):
             break
-        if residual < 0.5 * before and steps < MANY_STEPS:
+        if residual < 0.5 * before and steps < MOST_COUPLED_ITERATIONS:
             steps += 1
         for a in closed:
             contacts.disc_radius[a] = max(0.0, contacts.impulse[a, 0])
@@ -261,13 +261,13 @@ def planar_coupled_steps(model, work, closed, delassus, limit):
 
 
 @compiled
-def planar_held_steps(model, work, closed, delassus, tolerance, again, limit):
-    """Solve the convex problem with the radii and anchors held; return iterations."""
+def iterate_held_in_plane(model, work, closed, delassus, tolerance, again, limit):
+    """Solve the convex problem with held radii and anchors; return the number of iterations."""
     laws, contacts = model.laws, work.contacts
-    for a in closed:  # no part of the line search
+    for a in closed:  # takes no part in the line search
         contacts.impulse[a, 0] = contacts.iterate[a, 0] = contacts.anchor[a, 0]
     iterations = 0
-    while iterations < min(HELD_STEPS, limit):
+    while iterations < min(HELD_ITERATIONS, limit):
         planar_linear_step(model, work, closed, delassus, again or iterations > 0)
         iterations += 1
         fraction = line_search(laws, closed, contacts) if again or iterations > 1 else 1.0
@@ -285,10 +285,10 @@ def planar_held_steps(model, work, closed, delassus, tolerance, again, limit):
 @inlined
 def anchor_what_moves(laws, closed, contacts, still):
     """
-    Fill ANCHOR as `anchor_at_iterate`, but not the friction of contacts that are still [m/s].
+    Fill the anchors as `anchor_at_iterate`, except for friction of contacts below `still` [m/s].
 
-    How stuck contacts share a load is not unique: rounding, which leaves them a velocity, would
-    shift it a little in every round, and the loads with it.
+    Contacts that stick share a load in many ways. Rounding, which leaves them a velocity, would
+    shift it a little in every round, and the normal loads with it.
     """
     for a in closed:
         P_N = max(0.0, contacts.iterate[a, 0])
@@ -299,7 +299,7 @@ def anchor_what_moves(laws, closed, contacts, still):
 
 
 class PlanarNewton(NamedTuple):
-    """Newton's method, on the chain of links or, with its arrays, on the Delassus operator."""
+    """Newton's method on the chain of links or, with arrays for it, on the Delassus operator."""
 
     delassus: Delassus | None
 
@@ -312,8 +312,8 @@ def solve_planar_contacts(solver, model, work, closed, history):
     limit = model.iteration_limit
     predict_sliding(closed, contacts, history)
     begin_condensed_in_plane(model, work, delassus)
-    iterations, residual = planar_coupled_steps(model, work, closed, delassus, limit)
-    rounds, share, before = 0, 1.0, 0.0
+    iterations, residual = iterate_coupled_in_plane(model, work, closed, delassus, limit)
+    rounds, relaxation, before = 0, 1.0, 0.0
     while residual > model.residual_tolerance and iterations < limit:
         if rounds == 0:
             predict_sliding(closed, contacts, history)
@@ -322,7 +322,7 @@ def solve_planar_contacts(solver, model, work, closed, history):
         for a in closed:
             contacts.disc_radius[a] = contacts.held_radius[a]
         inner = (1e2 if rounds < INEXACT_ROUNDS else 0.1) * model.residual_tolerance
-        iterations += planar_held_steps(
+        iterations += iterate_held_in_plane(
             model, work, closed, delassus, inner, rounds > 0, limit - iterations
         )
         find_loads(model, work)
@@ -330,10 +330,10 @@ def solve_planar_contacts(solver, model, work, closed, history):
         move_trial(closed, contacts, 1.0)
         anchor_what_moves(laws, closed, contacts, STILL_SHARE * model.residual_tolerance)
         along, size = find_radius_steps(closed, contacts)
-        share, before = next_relaxation(share, along, before, rounds), size
+        relaxation, before = next_relaxation(relaxation, along, before, rounds), size
         for a in closed:
             contacts.held_radius[a] = max(
-                0.0, contacts.held_radius[a] + share * contacts.radius_step[a]
+                0.0, contacts.held_radius[a] + relaxation * contacts.radius_step[a]
             )
         rounds += 1
     end_condensed_in_plane(model, work, delassus)
@@ -344,7 +344,7 @@ def solve_planar_contacts(solver, model, work, closed, history):
 
 @inlined
 def begin_condensed_in_plane(model, work, delassus):
-    """Form the Delassus operator of sliding, if there is one."""
+    """Form the Delassus operator of sliding contacts, if there is one."""
     if delassus is not None:
         factor_bare(work)
         condense_sliding(model, work, delassus)
@@ -352,7 +352,7 @@ def begin_condensed_in_plane(model, work, delassus):
 
 @inlined
 def end_condensed_in_plane(model, work, delassus):
-    """Fill twists and loads, if the impulses come from a Delassus operator."""
+    """Fill the twists and the loads, if the impulses come from a Delassus operator."""
     if delassus is not None:
         planar_twists(model, work)
         find_loads(model, work)

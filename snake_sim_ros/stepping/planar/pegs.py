@@ -1,4 +1,4 @@
-"""Contacts with pegs in the plane: `obstacles` for a robot that lies flat."""
+"""Contacts with pegs for a robot that lies flat, as `contact.detection` finds them in space."""
 
 import math
 
@@ -7,8 +7,8 @@ from snake_sim_ros.dynamics.compilation import merged
 
 
 @merged
-def touch_pegs(model, work, q, u):
-    """Fill the closed contacts with pegs at the middle of the step; return how many they are."""
+def find_peg_contacts(model, work, q, u):
+    """Fill the closed contacts with pegs at the middle of the step; return their number."""
     n, count, contacts = len(u), 0, work.contacts
     for k in range(len(model.pegs)):
         peg_x, peg_y, peg_radius = model.pegs[k, 0], model.pegs[k, 1], model.pegs[k, 2]
@@ -41,7 +41,7 @@ def touch_pegs(model, work, q, u):
 
 @merged
 def peg_velocities(closed, work):
-    """Fill the velocities of contacts with pegs that work.twist makes."""
+    """Fill the velocities of the closed contacts with pegs, from work.twist."""
     for a in closed:
         i = work.contacts.link[a]
         t_x, t_y = work.contacts.heading[a, 0], work.contacts.heading[a, 1]
@@ -54,7 +54,7 @@ def peg_velocities(closed, work):
 
 @merged
 def peg_depth(model, q):
-    """Return how deep the robot is in a peg [m], 0 if it is not."""
+    """Return the largest penetration of the robot q (n+2,) into a peg [m]."""
     deepest = x = y = reach_x = reach_y = 0.0
     for i in range(len(model.mass) if len(model.pegs) > 0 else 0):
         c, s = math.cos(q[2 + i]), math.sin(q[2 + i])

@@ -1,4 +1,4 @@
-"""The paper's iteration in the plane."""
+"""The algorithm of `contact.prox_iteration`, the paper's iteration, in the plane."""
 
 import math
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from snake_sim_ros.stepping.planar.solver import solve_in_plane
 
 @merged
 def prox_friction(model, work, impulse):
-    """Fill impulse as `prox_sweep` does, with loads that are known."""
+    """Fill impulse as `contact.prox_iteration.prox_sweep` does, for known loads."""
     laws, contacts = model.laws, work.contacts
     normal = sliding = 0.0
     for a in work.closed:
@@ -36,7 +36,7 @@ def prox_friction(model, work, impulse):
 
 @merged
 def iterate_in_plane(model, work, impulse):
-    """Iterate as `iterate` does, in the plane: the loads follow from the friction."""
+    """Iterate until the friction laws hold, with loads that follow from the friction."""
     equilibrium.factor_bare(work)
     iterations, change = 0, math.inf
     while not change < model.tolerance and iterations < model.iteration_limit:

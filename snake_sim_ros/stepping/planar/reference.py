@@ -1,9 +1,9 @@
 """
-The time step of the planar level in dense NumPy: what the compiled one is tested by.
+The time step of the planar level in dense NumPy, with which the compiled one is tested.
 
-It shares no algebra with `planar`: joints are constraints, W_J and P_J as in `reference`, and the
-loads are the least-norm solution of equilibrium, by the pseudoinverse. In the plane a link has the
-velocities (v_x, v_y, omega), out of it (v_z, omega_x, omega_y).
+It shares no algebra with the compiled step: joints are constraints with W_J and P_J as in
+`stepping.reference`, and the pseudoinverse gives the least-norm solution of the equilibrium.
+The velocities of a link are (v_x, v_y, omega) in the plane and (v_z, omega_x, omega_y) out of it.
 """
 
 import math
@@ -24,7 +24,7 @@ from snake_sim_ros.stepping.planar.model import ROLL_LIMIT
 from snake_sim_ros.stepping.planar.moreau import SLIP_MEMORY
 from snake_sim_ros.stepping.steps import Steps
 
-BALANCE = 1e-9  # share of a load that rounding may leave of its balance
+BALANCE = 1e-9  # largest error of the balance by rounding, as a share of the load
 
 
 def centers(q: Array, half: Array) -> Array:
@@ -89,10 +89,10 @@ def loads_from_friction(
     theta: Array, half: Array, offset: Array, pitch_stiffness: Array, wrench: Array
 ) -> tuple[Array, Array, float]:
     """
-    Return the normal impulses of least norm that balance a load out of the plane (3n,).
+    Return the normal impulses of least norm that balance a wrench out of the plane (3n,).
 
-    The pitch joints hold the one motion that neither contacts nor joint constraints resist, all
-    links rolling at once, with torques in the ratios of springs of their stiffness.
+    The pitch joints hold the one motion that neither contacts nor joint constraints resist, in
+    which all links roll together. Their torques are in the ratios of springs of their stiffness.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def loads_from_friction(
     torque : ndarray, shape (n-1,)
         Impulses of the pitch joints [N m s].
     roll : float
-        Largest roll of a link that goes with them, with the sign of that of the middle link
+        Largest roll of a link under these torques, with the sign of that of the middle link
         [rad s]; infinite if they do not hold the robot.
 
     """
@@ -120,7 +120,7 @@ def loads_from_friction(
 
 
 def slips_too_far(model: PlanarModel, roll: float, u: Array, memory: PlanarMemory) -> bool:
-    """Return whether rolling cannot be left out, as `moreau.rolls_too_far`; if not, note it."""
+    """Return whether contacts slip too far, as `moreau.slips_too_far`; if not, note how far."""
     left = 1.0 / (1.0 + model.dt / SLIP_MEMORY)
     way = (
         left * memory.way[0] + model.dt * np.linalg.norm(model.mass @ u[:, :2]) / model.mass.sum()
@@ -141,11 +141,11 @@ class Terms(NamedTuple):
     M_inv: Array  # (3n, 3n)
     momentum: Array  # (3n,)
     torque: Array  # (n-1,) impulses of the joint controllers [N m s]
-    damping: Array  # (n-1,) what they take from the joint rates [N m s^2]
+    damping: Array  # (n-1,) their implicit part [N m s^2]
 
 
 class Solution(NamedTuple):
-    """Where the iteration of a step ended."""
+    """Result of the iteration of a step."""
 
     u_E: Array  # (3n,) velocities
     P_N: Array  # (2n,) [N s]
@@ -158,14 +158,14 @@ class Solution(NamedTuple):
 
 
 class DenseLoop:
-    """What `stepper.PlanarStepper` runs: steps of the planar level of a scene."""
+    """The loop of `stepper.PlanarStepper` in NumPy."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.pitch = scene.robot.per_joint('stiffness')[:, 1]
 
     def __call__(self, model: PlanarModel, work: PlanarWorkspace, steps: Steps) -> None:
-        """Take some steps, up to the first that is not planar."""
+        """Take the steps up to the first that is not planar."""
         for angle, rate in zip(steps.angle, steps.rate, strict=True):
             terms = self.terms(model, steps.q, steps.u, angle[:, 0], rate[:, 0])
             impulse = steps.history.impulse
@@ -232,17 +232,17 @@ class DenseLoop:
         terms: Terms,
         found: Solution,
     ) -> bool:
-        """Move to the end of the step and report it, unless it is not planar."""
+        """Move to the end of the step and report it, unless it is not planar; return whether."""
         q, u, history, dt = steps.q, steps.u, steps.history, self.scene.dt
         standing, report, roll = work.standing, steps.report[0], found.roll / dt
         work.contacts['impulse'][:, 0] = found.P_N
         standing['least_load'][:], standing['roll'][:] = found.P_N.min(), roll
-        standing['part'][:], standing['rolls'][:] = 1.0, 0
-        if not (found.P_N.min() > 0.0 and abs(roll) <= model.most_lean):
+        standing['part'][:], standing['slips'][:] = 1.0, 0
+        if not (found.P_N.min() > 0.0 and abs(roll) <= model.most_roll):
             return False
         u_E = found.u_E.reshape(-1, 3)
         if model.held and slips_too_far(model, roll, u_E, history.memory):
-            standing['rolls'][:] = 1
+            standing['slips'][:] = 1
             return False
         history.impulse[:, 0], history.impulse[:, 1:3] = found.P_N, found.P_T
         half = model.half_length

@@ -1,4 +1,4 @@
-"""What solves the contacts of a step in the plane."""
+"""The call that solves the contacts of a step in the plane."""
 
 from snake_sim_ros.dynamics.compilation import Dispatched
 
@@ -6,11 +6,10 @@ from snake_sim_ros.dynamics.compilation import Dispatched
 @Dispatched
 def solve_in_plane(solver, model, work, closed, history):
     """
-    Solve the contacts of a step in the plane with the method that the type of `solver` stands for.
+    Solve the contacts of a step in the plane with the method of the type of `solver`.
 
-    Compiled. As `contact.solver.solve`, but the loads follow from the friction: a method fills
-    impulses and relative velocities in `work.contacts`, and `work.twist`, for which it has
-    `equilibrium`.
+    This is `contact.solver.solve` for the plane, where the normal loads follow from the friction:
+    a method fills impulses and velocities in `work.contacts`, and `work.twist`; see `equilibrium`.
 
     Parameters
     ----------
@@ -20,7 +19,7 @@ def solve_in_plane(solver, model, work, closed, history):
     closed : ndarray, shape (k,)
         Numbers of the closed contacts.
     history : History
-        Of the last step; it is filled with that of this step.
+        That of the last step; it is replaced by that of this step.
 
     Returns
     -------

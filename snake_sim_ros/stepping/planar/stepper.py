@@ -1,4 +1,4 @@
-"""The planar level as a stepper: states of links in space from planar coordinates, and back."""
+"""The planar level as a stepper; it converts states in space to the plane and back."""
 
 from collections.abc import Callable
 import math
@@ -27,27 +27,24 @@ from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.steps import make_steps
 from snake_sim_ros.stepping.steps import report_of
 
-ROUNDING = 1e-13  # Euler parameters nearer to FLAT than this are FLAT
+ROUNDING = 1e-13  # tilts that differ from FLAT by less are FLAT
 
 
 @compiled
 def to_space(half_length, q, u, tilt, height, links, velocities):
     """
-    Fill the coordinates (n, 7) and velocities (n, 6) of all links for planar ones.
+    Fill the coordinates and velocities of all links from planar ones.
 
     Parameters
     ----------
     half_length : ndarray, shape (n,)
-    q : ndarray, shape (n+2,)
-        Center of link 1 [m] and headings of all links [rad].
-    u : ndarray, shape (n, 3)
-        Velocities [m/s] and turning rates [rad/s] in the plane.
-    tilt : ndarray, shape (n, 4)
-        Euler parameters of links without their heading.
+        Half of the link lengths [m].
+    q, u, tilt : ndarray
+        As in `model.PlanarMemory`.
     height : ndarray, shape (n,)
-        Of the link centers [m].
-    links, velocities : ndarray
-        As in `state.State`.
+        Heights of the link centers [m].
+    links, velocities : ndarray, shapes (n, 7) and (n, 6)
+        They are filled with q and u of `state.State`.
 
     """
     x, y, reach_x, reach_y = q[0], q[1], 0.0, 0.0
@@ -70,7 +67,7 @@ def to_space(half_length, q, u, tilt, height, links, velocities):
 
 @compiled
 def is_recalled(half_length, memory, links, velocities, made_links, made_velocities):
-    """Return whether the planar coordinates of a memory make these links, to the bit."""
+    """Return whether the planar coordinates of a memory give these links, to the bit."""
     q, u, tilt = memory.q, memory.u, memory.tilt
     to_space(half_length, q, u, tilt, links[:, 2], made_links, made_velocities)
     for i in range(len(u)):
@@ -85,20 +82,20 @@ def is_recalled(half_length, memory, links, velocities, made_links, made_velocit
 
 class PlanarStepper:
     """
-    A compiled contact solver in the plane; see `base.Stepper`.
+    A stepper with a compiled loop over steps in the plane; see `base.Stepper`.
 
-    Links keep the height and the tilt that they come with, which are those of a robot that lies
-    flat up to the tolerances of `levels`. Their velocity out of the plane goes into the contact
-    impulses of the first step, as in any inelastic impact.
+    Links keep their heights and tilts, which are those of a robot that lies flat up to the
+    tolerances of `levels`. The contact impulses of the first step stop their velocities out of the
+    plane, as in any inelastic impact.
 
     Parameters
     ----------
     scene : Scene
     loop : callable
-        Compiled ``advance(model, work, steps)``: as in `spatial.SpatialStepper`, for planar
-        coordinates. It ends before the first step that is not planar, and says so in the report.
+        As of `spatial.SpatialStepper`, for the records of the plane. It ends before the first step
+        that is not planar, and reports that.
     scheme : NamedTuple of arrays, optional
-        What the loop itself keeps in the memory of a history, as it is before the first step.
+        The part `scheme` of `model.PlanarMemory` before the first step.
 
     """
 
@@ -110,7 +107,7 @@ class PlanarStepper:
         self.loop = loop
         n = scene.robot.link_count
         self.empty = empty_history(contact_count(scene), make_planar_memory(n, scheme))
-        self.made = np.empty((n, 7)), np.empty((n, 6))  # links and velocities, see is_recalled
+        self.made = np.empty((n, 7)), np.empty((n, 6))  # see is_recalled
         self.cycles = np.zeros(1, np.int64)
 
     def empty_history(self) -> History:
@@ -141,38 +138,38 @@ class PlanarStepper:
         return end, history, report
 
     def reason(self) -> str:
-        """Return the sentence that says why the next step is not planar."""
+        """Return why the next step is not planar, as a clause."""
         n = len(self.model.mass)
         loads: Array = self.work.contacts['impulse'][: 2 * n, 0]
         if (a := int(loads.argmin())) >= 0 and not loads[a] > 0.0:
             end = 'front' if a < n else 'rear'
             return f'the {end} sphere of link {a % n + 1} would lift off'
-        if self.rolls:
+        if self.slips:
             return (
                 f'rolling would shift the robot by more than {100 * self.model.most_slip:g} % of '
                 'its way'
             )
-        if not self.leans:
+        if not self.rolls_or_lifts:
             return 'the contacts in the plane did not converge'
         return 'the robot would roll: its pitch joints do not hold it flat'
 
     @property
-    def rolls(self) -> bool:
-        """Whether the last step was refused because of what contacts slip by rolling."""
-        return bool(self.work.standing['rolls'][0])
+    def slips(self) -> bool:
+        """Whether the last step was not planar because contacts slip too far by rolling."""
+        return bool(self.work.standing['slips'][0])
 
     @property
-    def leans(self) -> bool:
-        """Whether the last step was refused because the robot would roll or lift off."""
+    def rolls_or_lifts(self) -> bool:
+        """Whether the last step was not planar because the robot would roll or lift off."""
         standing = self.work.standing[0]
-        rolls = not abs(standing['roll']) <= self.model.most_lean
+        rolls = not abs(standing['roll']) <= self.model.most_roll
         return bool(not standing['least_load'] > 0.0 or rolls)
 
     def coordinates(self, state: State, memory: PlanarMemory) -> tuple[Array, Array, Array]:
         """
-        Return planar coordinates (n+2,), velocities (n, 3) and tilts (n, 4) of a state.
+        Return q, u and tilt of a state, as in `model.PlanarMemory`.
 
-        The momentum that the state has out of the plane is kept for the first step.
+        The momentum of the state out of the plane is kept for the first step.
         """
         n = len(self.model.mass)
         q, u, tilt = np.empty(n + 2), np.empty((n, 3)), np.empty((n, 4))
@@ -195,12 +192,12 @@ class PlanarStepper:
         return q, u, tilt
 
     def goes_on(self, state: State, memory: PlanarMemory) -> bool:
-        """Return whether the last step was planar and led to this state."""
+        """Return whether the last step was planar and led to this state, to the bit."""
         same = is_recalled(self.model.half_length, memory, state.q, state.u, *self.made)
         return bool(same and memory.known[0])
 
     def take_up(self, state: State, R: Array, spin: Array) -> None:
-        """Fill work.impact with the momentum of a state out of the plane."""
+        """Fill work.impact from a state with frames R and angular velocities (n, 3), both in I."""
         center = state.q[:, :2] - state.q[len(R) // 2, :2]
         lift = self.model.mass * state.u[:, 2]
         axial = np.einsum('ij,ij->i', R[:, :, 2], spin)[:, None] * R[:, :, 2]
@@ -211,6 +208,6 @@ class PlanarStepper:
         self.work.impact[:, 2] = lift
 
     def remember(self, memory: PlanarMemory, q: Array, u: Array, tilt: Array) -> None:
-        """Fill the memory with the coordinates."""
+        """Fill the memory with q, u and tilt."""
         memory.q[:], memory.u[:], memory.tilt[:] = q, u, tilt
         memory.known[0] = 1.0

@@ -124,7 +124,7 @@ class DenseStep:
         """Return the exact natural-map residual of all closed contacts [m/s]."""
         triples = zip(self.active, self.center, P, gamma, strict=True)
         return max(
-            (reference.natural_map(self.scene, compliance, *triple) for triple in triples),
+            (reference.contact_natural_map(self.scene, compliance, *triple) for triple in triples),
             default=0.0,
         )
 

@@ -51,7 +51,7 @@ def before_last(history: History) -> State:
 
 def in_motion(scene: Scene, before: State, now: State) -> History:
     """Return a history without contacts, of a robot that came from one state to another."""
-    memory = bdf2_memory.Memory(
+    memory = bdf2_memory.Bdf2Memory(
         q_before=before.q.copy(),
         u_before=before.u.copy(),
         q=now.q.copy(),

@@ -371,11 +371,11 @@ def test_memories_that_do_not_fit_are_refused(method, level):
 # Histories by what methods keep in them, with a word for it; see `state.check_arguments`.
 KINDS = {
     'None': ('newton', 'spatial'),
-    'bdf2_memory.Memory': ('bdf2', 'spatial'),
-    'planar.model.PlanarMemory': ('newton', 'planar'),
-    'planar.model.PlanarMemory with planar.bdf2.Memory': ('bdf2', 'planar'),
-    'levels.Memory': ('newton', 'auto'),
-    'levels.Memory with bdf2_memory.Memory': ('bdf2', 'auto'),
+    'Bdf2Memory': ('bdf2', 'spatial'),
+    'PlanarMemory': ('newton', 'planar'),
+    'PlanarMemory with PlanarBdf2Memory': ('bdf2', 'planar'),
+    'LevelMemory': ('newton', 'auto'),
+    'LevelMemory with Bdf2Memory': ('bdf2', 'auto'),
 }
 
 
@@ -395,8 +395,8 @@ def test_the_memory_of_another_method_or_level_is_refused(wanted, given):
     )
     place, one, two = 'history.memory', outer, other_outer
     if outer == other_outer:  # what differs is what the method keeps in it
-        place += '.scheme' if outer.startswith('planar') else '.planar.scheme'
-        one, two = ('planar.bdf2.Memory' if part else 'None' for part in (inner, other_inner))
+        place += '.scheme' if outer.startswith('Planar') else '.planar.scheme'
+        one, two = ('PlanarBdf2Memory' if part else 'None' for part in (inner, other_inner))
     with pytest.raises(ParameterError) as caught:
         stepper.advance(state, history, still, still)
     assert str(caught.value) == (

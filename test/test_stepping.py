@@ -165,23 +165,23 @@ def test_status_is_the_worst():
 # ---- histories ----------------------------------------------------------------------------------
 
 # What each method keeps of a step, at each level.
-IN_PLANE = (PlanarMemory, None), (PlanarMemory, planar_bdf2.Memory)
+IN_PLANE = (PlanarMemory, None), (PlanarMemory, planar_bdf2.PlanarBdf2Memory)
 MEMORIES = {
     **{(name, 'spatial'): None for name in METHODS},
     **{(name, 'planar'): IN_PLANE[0] for name in METHODS},
-    **{(name, 'auto'): (levels.Memory, IN_PLANE[0], None) for name in METHODS},
+    **{(name, 'auto'): (levels.LevelMemory, IN_PLANE[0], None) for name in METHODS},
     ('reference', 'auto'): None,  # at the spatial level always
-    ('bdf2', 'spatial'): bdf2_memory.Memory,
+    ('bdf2', 'spatial'): bdf2_memory.Bdf2Memory,
     ('bdf2', 'planar'): IN_PLANE[1],
-    ('bdf2', 'auto'): (levels.Memory, IN_PLANE[1], bdf2_memory.Memory),
+    ('bdf2', 'auto'): (levels.LevelMemory, IN_PLANE[1], bdf2_memory.Bdf2Memory),
 }
 each_memory = pytest.mark.parametrize(('method', 'level'), MEMORIES)
 
 
 def memory_kind(memory):
     """Return the types of a memory as they are in MEMORIES."""
-    if isinstance(memory, levels.Memory):
-        return levels.Memory, memory_kind(memory.planar), memory_kind(memory.spatial)
+    if isinstance(memory, levels.LevelMemory):
+        return levels.LevelMemory, memory_kind(memory.planar), memory_kind(memory.spatial)
     if isinstance(memory, PlanarMemory):
         return PlanarMemory, memory_kind(memory.scheme)
     return None if memory is None else type(memory)

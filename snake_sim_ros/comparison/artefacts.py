@@ -62,7 +62,7 @@ PENALTY = Penalty(law='tanh', sliding_velocity=1e-2, stiffness=1e5)
 Run = Callable[[Scene, State, int, int], Trajectory]
 
 
-def run_stepper(
+def states_of_stepper(
     make: Callable[[Scene], Stepper], scene: Scene, start: State, steps: int, every: int
 ) -> Trajectory:
     """Return what a robot does with a stepper; see `mujoco_runs.mujoco_trajectory`."""
@@ -215,12 +215,12 @@ def contenders() -> dict[tuple[str, str], Run]:
         drive='torque', integrator='Euler', cone='pyramidal', contact='default'
     )
     return {
-        ('newton', ''): partial(run_stepper, make_stepper),
-        ('bdf2', ''): partial(run_stepper, make_second_order),
+        ('newton', ''): partial(states_of_stepper, make_stepper),
+        ('bdf2', ''): partial(states_of_stepper, make_second_order),
         ('semi_implicit_euler', regularized): partial(
-            run_stepper, partial(make_semi_implicit, penalty=PENALTY)
+            states_of_stepper, partial(make_semi_implicit, penalty=PENALTY)
         ),
-        ('pyramid', ''): partial(run_stepper, make_pyramid),
+        ('pyramid', ''): partial(states_of_stepper, make_pyramid),
         ('mujoco', 'default'): _of_mujoco(defaults),
         ('mujoco', 'accurate'): _of_mujoco(MujocoSettings(contact='accurate')),
         ('mujoco', 'fast'): _of_mujoco(MujocoSettings(contact='fast')),

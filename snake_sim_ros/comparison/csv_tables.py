@@ -27,9 +27,9 @@ from typing import Any
 
 from snake_sim_ros import __version__
 from snake_sim_ros import PACKAGE
-from snake_sim_ros.comparison.seals import Chain
 from snake_sim_ros.comparison.seals import check
 from snake_sim_ros.comparison.seals import SEAL_NAME
+from snake_sim_ros.comparison.seals import SealChain
 from snake_sim_ros.comparison.seals import sealed
 from snake_sim_ros.comparison.seals import unsealed
 from snake_sim_ros.scene.checked_records import ParameterError
@@ -322,7 +322,7 @@ class TableWriter:
             raise ParameterError(f'no folder {path.absolute().parent} for {path.name}')
         head = [f'# {name}: {value}' for name, value in header.items()]
         if not path.exists() or path.stat().st_size == 0:
-            self._chain, self._head = Chain(), list[str]()
+            self._chain, self._head = SealChain(), list[str]()
             lines = [*self._chain.head(head), self._chain.columns(','.join(self.columns))]
             path.write_text(_text(lines), encoding='utf-8')
             return

@@ -22,7 +22,7 @@ SEAL_LENGTH = 12  # hexadecimal digits
 
 
 @dataclass
-class Chain:
+class SealChain:
     """
     The text on which the next seal depends.
 
@@ -60,7 +60,7 @@ class Chain:
         return f'{line},{self.seal(line)}'
 
 
-def check(lines: Sequence[str]) -> Chain:
+def check(lines: Sequence[str]) -> SealChain:
     """
     Check all seals of a file, and return the chain for its next seal.
 
@@ -75,7 +75,7 @@ def check(lines: Sequence[str]) -> Chain:
         If a seal does not fit, or if comments have no seal. The message has the line number.
 
     """
-    chain, columns = Chain(), False
+    chain, columns = SealChain(), False
     for number, line in enumerate(lines, 1):
         if line.startswith(SEAL_LINE):
             good = line == SEAL_LINE + chain.seal('')
@@ -111,7 +111,7 @@ def unsealed(lines: Sequence[str]) -> list[str]:
 
 def sealed(lines: Sequence[str]) -> list[str]:
     """Return the lines of a file that has no seals, with seals."""
-    chain, found, head, columns = Chain(), list[str](), list[str](), False
+    chain, found, head, columns = SealChain(), list[str](), list[str](), False
     for line in lines:
         if line.startswith('#'):
             head.append(line)

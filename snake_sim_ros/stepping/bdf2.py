@@ -188,7 +188,7 @@ def advance_link(h, frame, hat, u, q, i):
 
 
 @merged
-def solve(model, own, work, problem, h, h_q, history, report):
+def solve_landing(model, own, work, problem, h, h_q, history, report):
     """
     Solve the contacts and, if they land, once more without their gaps.
 
@@ -260,7 +260,7 @@ def one_part(own, model, work, dt, steps):
 
     contact_history = without_memory(history)
     problem = begin(model, own, work, h, h_q, dt - h_q, contact_history)
-    small, found = solve(model, own, work, problem, h, h_q, contact_history, report)
+    small, found = solve_landing(model, own, work, problem, h, h_q, contact_history, report)
     if not small:
         return -1
     report.contacts = found.closed

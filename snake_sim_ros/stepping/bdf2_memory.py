@@ -16,7 +16,7 @@ UNKNOWN, ANEW, SMOOTH = 0.0, 1.0, 2.0
 CONSISTENT_SPEED = 1e-9  # largest speed of joint gaps at which velocities fit the joints [m/s]
 
 
-class Memory(NamedTuple):
+class Bdf2Memory(NamedTuple):
     """What the method keeps of the last step."""
 
     q_before: Array  # (n, 7) coordinates at its start
@@ -32,7 +32,7 @@ class Memory(NamedTuple):
         return float(self.span[0])
 
 
-class Arrays(NamedTuple):
+class Bdf2Arrays(NamedTuple):
     """Arrays that a step fills besides `model.Workspace`; compiled functions take it as `own`."""
 
     q_hat: Array  # (n, 7) see `bdf2`
@@ -44,16 +44,16 @@ class Arrays(NamedTuple):
     end_rate: Array  # (n-1, 2) [rad/s]
 
 
-def make_memory(n: int) -> Memory:
+def make_memory(n: int) -> Bdf2Memory:
     """Return the memory before the first step, for n links."""
     q, u, joints = np.zeros((n, 7)), np.zeros((n, 6)), np.zeros((n - 1, 2))
-    return Memory(q, u, q.copy(), u.copy(), joints, np.zeros(1), np.zeros(1))
+    return Bdf2Memory(q, u, q.copy(), u.copy(), joints, np.zeros(1), np.zeros(1))
 
 
-def make_arrays(n: int) -> Arrays:
+def make_arrays(n: int) -> Bdf2Arrays:
     """Return the arrays for n links."""
     q, u, joints = np.zeros((n, 7)), np.zeros((n, 6)), np.zeros((n - 1, 2))
-    return Arrays(q, u, u.copy(), q.copy(), u.copy(), joints, joints.copy())
+    return Bdf2Arrays(q, u, u.copy(), q.copy(), u.copy(), joints, joints.copy())
 
 
 @inlined

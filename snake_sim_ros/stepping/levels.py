@@ -109,7 +109,7 @@ def what_does_not_lie(
     return ''
 
 
-class Memory(NamedTuple):
+class LevelMemory(NamedTuple):
     """The memories of both levels; only that of the level which took the last step is filled."""
 
     planar: PlanarMemory
@@ -147,7 +147,7 @@ class LevelStepper:
         self.used: list[Any] = []  # levels that are compiled
         self.compile_seconds = 0.0
         self.empty = self.planar.empty_history()
-        memory = Memory(self.empty.memory, self.spatial.empty_history().memory)
+        memory = LevelMemory(self.empty.memory, self.spatial.empty_history().memory)
         self.empty = self.empty._replace(memory=memory)
 
     def empty_history(self) -> History:
@@ -207,11 +207,11 @@ class LevelStepper:
         if stepper is self.planar:
             history = history._replace(memory=memory.planar)
             state, history, report = stepper.advance(state, history, angle, rate)
-            memory = Memory(history.memory, copied(empty.spatial))
+            memory = LevelMemory(history.memory, copied(empty.spatial))
         else:
             history = history._replace(memory=memory.spatial)
             state, history, report = stepper.advance(state, history, angle, rate)
-            memory = Memory(memory.planar, history.memory)
+            memory = LevelMemory(memory.planar, history.memory)
         return state, history._replace(memory=memory), report
 
     @property

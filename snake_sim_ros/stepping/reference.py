@@ -224,7 +224,9 @@ class ReferenceStepper:
 
         def residual(compliance: float) -> float:
             each = zip(terms.active.tolist(), rule.center, last_P, gamma, strict=True)
-            return max((natural_map(scene, compliance, *contact) for contact in each), default=0.0)
+            return max(
+                (contact_natural_map(scene, compliance, *contact) for contact in each), default=0.0
+            )
 
         report = Report(
             steps=1,
@@ -315,7 +317,7 @@ class ReferenceStepper:
         return P, last_P, u_E, iterations, change < solver.tolerance
 
 
-def natural_map(
+def contact_natural_map(
     scene: Scene, compliance: float, a: int, center: float, P: Array, gamma: Array
 ) -> float:
     """Return ``max |P - prox_C(P - r gamma)|/r`` of contact a, sets of the given P_N [m/s]."""

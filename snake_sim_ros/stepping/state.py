@@ -188,7 +188,7 @@ def _check_memory(name: str, memory: Any, wanted: Any) -> None:
         return _check_array(name, memory, wanted.shape)
     if type(memory) is not type(wanted):
         raise ParameterError(
-            f'{name} must be that of this method and level, {_kind(wanted)}, got {_kind(memory)}; '
+            f'{name} must be that of this method and level, {_name(wanted)}, got {_name(memory)}; '
             f'begin with empty_history() of the stepper, or see carried'
         )
     for part in getattr(wanted, '_fields', ()):
@@ -196,10 +196,9 @@ def _check_memory(name: str, memory: Any, wanted: Any) -> None:
     return None
 
 
-def _kind(memory: Any) -> str:
-    """Return the name of the type of a memory, with its module."""
-    module = type(memory).__module__.rpartition('stepping.')[2]
-    return 'None' if memory is None else f'{module}.{type(memory).__name__}'
+def _name(memory: Any) -> str:
+    """Return the name of the type of a memory."""
+    return 'None' if memory is None else type(memory).__name__
 
 
 def _is_finite(record: Any) -> bool:

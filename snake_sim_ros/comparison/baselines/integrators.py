@@ -154,7 +154,7 @@ class SmoothRobot:
         self.model, self.law = make_model(scene), make_law(penalty)
         self.work = make_workspace(scene)
         n = scene.robot.link_count
-        self.motion = minimal_coordinates.Motion(np.zeros((n, 6)), np.zeros((n, 6)))
+        self.motion = minimal_coordinates.LinkVelocities(np.zeros((n, 6)), np.zeros((n, 6)))
         gait = scene.gait
         self.waves = (astuple(gait.yaw), astuple(gait.pitch)), gait.soft_start
         self.middle, self.evaluations = scene.robot.middle_link, 0

@@ -44,7 +44,7 @@ wave_at = compiled(wave)
 ANGLES = 7
 
 
-class Motion(NamedTuple):
+class LinkVelocities(NamedTuple):
     """Velocities of all links, and intermediate accelerations."""
 
     u: Array  # (n, 6) as in `state.State`

@@ -22,7 +22,7 @@ from snake_sim_ros.stepping.bdf2_memory import CONSISTENT_SPEED
 from snake_sim_ros.stepping.bdf2_memory import SMOOTH
 from snake_sim_ros.stepping.bdf2_memory import UNKNOWN
 from snake_sim_ros.stepping.planar.equilibrium import fill_momentum
-from snake_sim_ros.stepping.planar.equilibrium import place_links
+from snake_sim_ros.stepping.planar.equilibrium import place_links_in_plane
 from snake_sim_ros.stepping.planar.moreau import end_planar_velocities
 from snake_sim_ros.stepping.planar.moreau import held_point
 from snake_sim_ros.stepping.planar.moreau import is_planar
@@ -34,22 +34,22 @@ from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import note_outcome
 
 
-class Memory(NamedTuple):
+class PlanarBdf2Memory(NamedTuple):
     """What the method keeps of the last step, besides `model.PlanarMemory`."""
 
     q_before: Array  # (n+2,) coordinates at its start
     u_before: Array  # (n, 3) velocities at its start
     rate: Array  # (n-1,) rates of the yaw references [rad/s]
     span: Array  # (1,) time for which its impulses acted [s], 0 before the first step
-    phase: Array  # (1,) as in `bdf2_memory.Memory`
+    phase: Array  # (1,) as in `bdf2_memory.PlanarBdf2Memory`
 
     def last_span(self) -> float:
         """Return the time for which the last impulses acted [s], 0 before the first step."""
         return float(self.span[0])
 
 
-class Arrays(NamedTuple):
-    """Arrays that a step fills besides `model.PlanarWorkspace`, as `bdf2_memory.Arrays`."""
+class PlanarBdf2Arrays(NamedTuple):
+    """Arrays that a step fills besides `model.PlanarWorkspace`, as `Bdf2Arrays`."""
 
     q_hat: Array  # (n+2,)
     u_hat: Array  # (n, 3)
@@ -58,15 +58,17 @@ class Arrays(NamedTuple):
     u_start: Array  # (n, 3)
 
 
-def make_planar_bdf2_memory(n: int) -> Memory:
+def make_planar_bdf2_memory(n: int) -> PlanarBdf2Memory:
     """Return the memory before the first step, for n links."""
-    return Memory(np.zeros(n + 2), np.zeros((n, 3)), np.zeros(n - 1), np.zeros(1), np.zeros(1))
+    return PlanarBdf2Memory(
+        np.zeros(n + 2), np.zeros((n, 3)), np.zeros(n - 1), np.zeros(1), np.zeros(1)
+    )
 
 
-def make_planar_arrays(n: int) -> Arrays:
+def make_planar_arrays(n: int) -> PlanarBdf2Arrays:
     """Return the arrays for n links."""
     q, u = np.zeros((2, n + 2)), np.zeros((3, n, 3))
-    return Arrays(q[0], u[0], u[1], q[1], u[2])
+    return PlanarBdf2Arrays(q[0], u[0], u[1], q[1], u[2])
 
 
 @merged
@@ -117,7 +119,7 @@ def begin_planar_part(model, own, work, h, h_q, late, known, angle, rate, memory
     for i in range(len(u_star)):
         theta = hat[2 + i] + h_q * u_star[i, 2]
         work.heading[i, 0], work.heading[i, 1] = math.cos(theta), math.sin(theta)
-    place_links(model, work, model.fall * (h / model.dt))
+    place_links_in_plane(model, work, model.fall * (h / model.dt))
     for j in range(len(angle)):
         turn = u_star[j + 1, 2] - u_star[j, 2]
         bend = hat[3 + j] - hat[2 + j] + h_q * turn

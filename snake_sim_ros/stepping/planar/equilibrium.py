@@ -34,7 +34,7 @@ def fill_momentum(model, work, u, u_start):
 
 
 @inlined
-def place_links(model, work, weight_velocity):
+def place_links_in_plane(model, work, weight_velocity):
     """
     Fill link centers and joint axes from the headings, and factor the chain for the loads.
 

@@ -16,7 +16,7 @@ from snake_sim_ros.stepping.planar.solver import solve_in_plane
 
 
 @merged
-def iterate_in_plane(model, work, delassus, impulse):
+def sweep_in_plane(model, work, delassus, impulse):
     """
     Sweep until the friction laws hold, with loads that follow from the friction.
 
@@ -58,4 +58,4 @@ class PlanarGaussSeidel(NamedTuple):
 @inlined
 def solve_plane_with_sweeps(solver, model, work, closed, history):
     """Solve the contacts of a step; see `solver.solve_in_plane`."""
-    return iterate_in_plane(model, work, solver.delassus, history.impulse)
+    return sweep_in_plane(model, work, solver.delassus, history.impulse)

@@ -31,7 +31,7 @@ from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.stepping.planar.equilibrium import fill_momentum
-from snake_sim_ros.stepping.planar.equilibrium import place_links
+from snake_sim_ros.stepping.planar.equilibrium import place_links_in_plane
 from snake_sim_ros.stepping.planar.model import ROLL_LIMIT
 from snake_sim_ros.stepping.planar.pegs import find_peg_contacts
 from snake_sim_ros.stepping.planar.pegs import peg_depth
@@ -58,7 +58,7 @@ def begin_planar_step(model, work, steps, k):
     for i in range(n):
         theta = q[2 + i] + dt / 2 * u[i, 2]
         work.heading[i, 0], work.heading[i, 1] = math.cos(theta), math.sin(theta)
-    place_links(model, work, model.fall)
+    place_links_in_plane(model, work, model.fall)
     for j in range(n - 1):
         difference, turn = q[3 + j] - q[2 + j], u[j + 1, 2] - u[j, 2]
         torque, damping = pd_law(

@@ -35,7 +35,7 @@ def prox_friction(model, work, impulse):
 
 
 @merged
-def iterate_in_plane(model, work, impulse):
+def project_in_plane(model, work, impulse):
     """Iterate until the friction laws hold, with loads that follow from the friction."""
     equilibrium.factor_bare(work)
     iterations, change = 0, math.inf
@@ -59,4 +59,4 @@ class PlanarProxIteration(NamedTuple):
 @inlined
 def solve_plane_with_projections(solver, model, work, closed, history):
     """Solve the contacts of a step; see `solver.solve_in_plane`."""
-    return iterate_in_plane(model, work, history.impulse)
+    return project_in_plane(model, work, history.impulse)

@@ -1,12 +1,12 @@
 """The command `snake-sim artefacts`: what methods without set-valued laws make up, as a CSV."""
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
 from snake_sim_ros.commands.table_options import add_other_sources
+from snake_sim_ros.commands.table_options import add_table_file
 from snake_sim_ros.comparison.csv_tables import plain
 from snake_sim_ros.comparison.csv_tables import read_table
 from snake_sim_ros.comparison.csv_tables import records_of
@@ -19,10 +19,7 @@ def add_artefacts(subparsers: Any) -> None:
         'artefacts', help='measure what methods without set-valued laws make up: a CSV file'
     )
     command.set_defaults(command=_artefacts)
-    command.add_argument(
-        '--out', type=Path, default=Path('artefacts.csv'), metavar='FILE.csv',
-        help='default: artefacts.csv; rows that it has already are not measured again',
-    )  # fmt: skip
+    add_table_file(command, 'artefacts.csv', 'rows that it has already are not measured again')
     add_other_sources(command)
 
 

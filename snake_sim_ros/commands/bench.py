@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 from typing import TYPE_CHECKING
 
@@ -13,6 +12,7 @@ from snake_sim_ros.commands.scene_options import add_scene_options
 from snake_sim_ros.commands.scene_options import CASES
 from snake_sim_ros.commands.scene_options import scene_from
 from snake_sim_ros.commands.table_options import add_other_sources
+from snake_sim_ros.commands.table_options import add_table_file
 from snake_sim_ros.comparison.csv_tables import plain
 from snake_sim_ros.comparison.csv_tables import TableWriter
 from snake_sim_ros.scene.checked_records import ParameterError
@@ -32,10 +32,7 @@ def add_bench(subparsers: Any) -> None:
     )
     command.set_defaults(command=_bench)
     command.add_argument('scene', nargs='*', help='default: cases A to D; with --quick A and C')
-    command.add_argument(
-        '--out', type=Path, default=Path('bench.csv'), metavar='FILE.csv',
-        help='default: bench.csv; rows that it has already are not run again',
-    )  # fmt: skip
+    add_table_file(command, 'bench.csv', 'rows that it has already are not run again')
     command.add_argument('--quick', action='store_true', help='a small matrix, in two minutes')
     command.add_argument(
         '--methods', nargs='+', metavar='METHOD', help='only these, such as newton mujoco'

@@ -1,12 +1,12 @@
 """The command `snake-sim stability`: where methods converge, fail or blow up, as a CSV file."""
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
 from snake_sim_ros.commands.table_options import add_other_sources
+from snake_sim_ros.commands.table_options import add_table_file
 from snake_sim_ros.comparison.csv_tables import plain
 from snake_sim_ros.comparison.csv_tables import TableWriter
 from snake_sim_ros.scene.checked_records import ParameterError
@@ -22,10 +22,7 @@ def add_stability(subparsers: Any) -> None:
         '--maps', nargs='+', metavar='MAP', help='only these, such as friction drop_flat'
     )
     command.add_argument('--quick', action='store_true', help='coarse maps, in a minute')
-    command.add_argument(
-        '--out', type=Path, default=Path('stability.csv'), metavar='FILE.csv',
-        help='default: stability.csv; cells that it has already are not run again',
-    )  # fmt: skip
+    add_table_file(command, 'stability.csv', 'cells that it has already are not run again')
     add_other_sources(command)
 
 

@@ -1,6 +1,15 @@
-"""The option of commands whose CSV files grow row by row."""
+"""The options of commands whose CSV files grow row by row."""
 
 import argparse
+from pathlib import Path
+
+
+def add_table_file(command: argparse.ArgumentParser, default: str, growth: str) -> None:
+    """Add the option that names the file, whose help says how a file with rows grows."""
+    command.add_argument(
+        '--out', type=Path, default=Path(default), metavar='FILE.csv',
+        help=f'default: {default}; {growth}',
+    )  # fmt: skip
 
 
 def add_other_sources(command: argparse.ArgumentParser) -> None:

@@ -66,6 +66,12 @@ HARD_PROBLEMS = (
     'heavy link sliding, curved',
     'pitched link sliding, mu 0.5',
 )
+# Numbers of a report that a row has, and those of a solver alone.
+REPORTED_BY_SOLVERS = ('steps', 'iterations', 'fallbacks', 'unconverged', 'residual_max')
+REPORTED = (
+    *REPORTED_BY_SOLVERS, 'planar_steps', 'iterations_max', 'penetration_max', 'joint_gap_max',
+    'joint_twist_max',
+)  # fmt: skip
 HARD_PROBLEM_METHODS = ('newton', 'gauss_seidel', 'paper')
 MOST_ITERATIONS = 10_000
 # The setting that stops a solver, its value and its unit.
@@ -112,23 +118,10 @@ class References:
         return self._limits[case, name]
 
 
-def reported(row: Row, report: Report) -> Row:
-    """Return a row with the numbers of a report."""
-    return replace(
-        row,
-        status=report.status.value,
-        steps=report.steps,
-        planar_steps=report.planar_steps,
-        iterations=report.iterations,
-        iterations_max=report.iterations_max,
-        fallbacks=report.fallbacks,
-        unconverged=report.unconverged,
-        residual_max=report.residual_max,
-        penetration_max=report.penetration_max,
-        joint_gap_max=report.joint_gap_max,
-        joint_twist_max=report.joint_twist_max,
-        message=report.failure,
-    )
+def reported(row: Row, report: Report, numbers: Iterable[str] = REPORTED) -> Row:
+    """Return a row with the status, the failure and some numbers of a report."""
+    found = {name: getattr(report, name) for name in numbers}
+    return replace(row, status=report.status.value, message=report.failure, **found)
 
 
 def measured(row: Row, run: TimedRun) -> Row:
@@ -231,16 +224,7 @@ def solvers() -> Iterator[Entry]:
 
             def run(name: str = name, method: str = method, row: Row = row) -> list[Row]:
                 return [
-                    replace(
-                        row,
-                        status=report.status.value,
-                        steps=report.steps,
-                        iterations=report.iterations,
-                        fallbacks=report.fallbacks,
-                        unconverged=report.unconverged,
-                        residual_max=report.residual_max,
-                        message=report.failure,
-                    )
+                    reported(row, report, REPORTED_BY_SOLVERS)
                     for report in reports_by_limit(problems[name], method, MOST_ITERATIONS)
                 ]
 

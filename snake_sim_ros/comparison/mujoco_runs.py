@@ -123,14 +123,7 @@ def mujoco_trajectory(
 
 class MujocoRobot:
     """
-    The robot of a scene in MuJoCo.
-
-    Parameters
-    ----------
-    scene : Scene
-    settings : MujocoSettings
-    start : State, optional
-        With closed joints; default: that of the scene.
+    The robot of a scene in MuJoCo, from a start with closed joints (default: that of the scene).
 
     Attributes
     ----------

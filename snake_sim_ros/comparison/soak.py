@@ -35,28 +35,15 @@ class Mark:
     """
     The state of a soak after some steps.
 
-    Attributes
-    ----------
-    steps : int
-        Number that was asked for; the report has the number that was done.
-    seconds : float
-        Wall time of all steps.
-    report : Report
-        Of all steps.
-    penetration_end : float
-        Largest in the last second, or since the previous mark if that is later [m].
-    memory_begin, memory_end : int or None
-        Resident memory of the process after compiling, and at the mark [B]; None if the system
-        does not provide it.
-
+    Memory is the resident memory of the process, None if the system does not provide it.
     """
 
-    steps: int
-    seconds: float
-    report: Report
-    penetration_end: float
-    memory_begin: int | None
-    memory_end: int | None
+    steps: int  # number that was asked for; the report has the number that was done
+    seconds: float  # wall time of all steps
+    report: Report  # of all steps
+    penetration_end: float  # largest in the last second, or since a later previous mark [m]
+    memory_begin: int | None  # after compiling [B]
+    memory_end: int | None  # at the mark [B]
 
 
 def resident_memory() -> int | None:

@@ -19,44 +19,25 @@ SAMPLING_PERIOD = 0.1  # s between two samples of runs that are compared
 
 @dataclass(frozen=True)
 class Timing:
-    """
-    Wall times of the steps of a run, and of compiling.
+    """Wall times of the steps of a run, and of compiling."""
 
-    Attributes
-    ----------
-    median, p99 : float
-        Wall time of single steps [us]; nan if there were no steps.
-    compile_seconds : float
-        Wall time of compiling, of loading compiled code, or of building a model [s].
-
-    """
-
-    median: float
+    median: float  # of single steps [us]; nan if there were no steps
     p99: float
-    compile_seconds: float
+    compile_seconds: float  # of compiling, of loading compiled code, or of building a model [s]
 
 
 @dataclass(frozen=True)
 class TimedRun:
     """
-    A run with its times.
+    A run with its times, sampled every SAMPLING_PERIOD.
 
-    Attributes
-    ----------
-    trajectory : Trajectory
-        Sampled every SAMPLING_PERIOD. The failure in its report says why it ended early.
-    timing : Timing
-    energy_error : float
-        See `energy.balance_error`; nan if it was not computed.
-    late : bool
-        Whether the run was stopped because it took too long.
-
+    The failure in the report of the trajectory says why it ended early.
     """
 
     trajectory: Trajectory
     timing: Timing
-    energy_error: float = math.nan
-    late: bool = False
+    energy_error: float = math.nan  # see `energy.balance_error`; nan if it was not computed
+    late: bool = False  # whether the run was stopped because it took too long
 
     @property
     def simulated(self) -> float:

@@ -4,6 +4,9 @@ The Delassus operator: how contact velocities follow from contact impulses, join
 ``gamma = G P + gamma_free``, section VII. The operator is dense, with a row and a column for every
 component of a closed contact. Every column costs one solution of the chain; the solver that is
 linear in the number of links works without the operator.
+
+`closed`, `contacts` and `chain` are those of a `solver.Problem`. The number of components of a
+contact is `width`: 3, or 5 with rolling friction.
 """
 
 import math
@@ -44,15 +47,7 @@ def fill_wrenches(closed, contacts, chain):
     """
     Fill the wrenches of the links with momentum and contact impulses S, eqs. (75), (76).
 
-    Parameters
-    ----------
-    closed : ndarray of int, shape (k,)
-        Numbers of the closed contacts.
-    contacts : record array, shape (contacts,)
-        Table of contacts with impulses [N s].
-    chain : Chain
-        Its `wrench` is filled from `momentum` and the impulses.
-
+    `chain.wrench` is filled from `chain.momentum` and the impulses of the closed contacts.
     """
     for i in range(len(chain.wrench)):
         for k in range(6):
@@ -65,15 +60,7 @@ def end_twists(closed, contacts, chain):
     """
     Fill the twists and relative velocities that the impulses lead to, (84), (86), (90)-(92).
 
-    Parameters
-    ----------
-    closed : ndarray of int, shape (k,)
-        Numbers of the closed contacts.
-    contacts : record array, shape (contacts,)
-        Table of contacts; impulses [N s] are read, gamma [m/s] is filled.
-    chain : Chain
-        A factored chain; its twists are filled.
-
+    The chain is a factored one. Its twists are filled, and gamma of the closed contacts.
     """
     fill_wrenches(closed, contacts, chain)
     solve_chain(chain, chain.torque)
@@ -85,19 +72,8 @@ def condense(closed, width, contacts, chain, delassus):
     """
     Fill the Delassus operator and the free velocities.
 
-    Parameters
-    ----------
-    closed : ndarray of int, shape (k,)
-        Numbers of the closed contacts.
-    width : int
-        Components per contact: 3, or 5 with rolling friction.
-    contacts : record array, shape (contacts,)
-        Table of contacts; impulses and velocities are overwritten.
-    chain : Chain
-        A factored chain; wrenches and twists are overwritten.
-    delassus : Delassus
-        `operator` [1/kg] and `free_velocity` [m/s] are filled.
-
+    The chain is a factored one. Its wrenches and twists are overwritten, and so are the impulses
+    and velocities of the closed contacts.
     """
     for a in closed:
         contacts.impulse[a] = 0.0
@@ -121,19 +97,9 @@ def condense(closed, width, contacts, chain, delassus):
 @compiled
 def condensed_velocities(closed, width, contacts, delassus):
     """
-    Fill the relative velocities with ``G P + gamma_free``.
+    Fill the relative velocities with ``G P + gamma_free``, as `condense` filled G and gamma_free.
 
-    Parameters
-    ----------
-    closed : ndarray of int, shape (k,)
-        Numbers of the closed contacts.
-    width : int
-        Components per contact: 3, or 5 with rolling friction.
-    contacts : record array, shape (contacts,)
-        Table of contacts; impulses [N s] are read, gamma [m/s] is filled.
-    delassus : Delassus
-        As filled by `condense`; `packed` is filled with the velocities.
-
+    ``delassus.packed`` is filled with the velocities, too.
     """
     rows = width * len(closed)
     packed = delassus.packed
@@ -154,16 +120,7 @@ def solve_condensed(closed, width, contacts, delassus):
     """
     Fill impulses and velocities with the solution of ``P = P_0 - S (G P + gamma_free)``.
 
-    Parameters
-    ----------
-    closed : ndarray of int, shape (k,)
-        Numbers of the closed contacts.
-    width : int
-        Components per contact: 3, or 5 with rolling friction.
-    contacts : record array, shape (contacts,)
-        Table of contacts with the P_0 and S of `linear_laws`; impulse and gamma are filled.
-    delassus : Delassus
-        As filled by `condense`.
+    G and gamma_free are those that `condense` filled, P_0 and S the linear laws of the contacts.
 
     Returns
     -------

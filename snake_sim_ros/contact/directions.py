@@ -3,6 +3,10 @@ Compiled generalized force directions of the contacts: velocities and wrenches, 
 
 In a scene with more than a flat floor every contact has a frame, see `scene.obstacles`, and
 rolling is along the axes of this frame. On a flat floor `frame` is None.
+
+`closed` and `contacts` are those of a `solver.Problem`; `frame`, `wrench` and `twist` are those of
+its chain. `frame`, shape (contacts, 3, 3), has the rows normal, e_x and e_y of every contact frame
+in I.
 """
 
 from snake_sim_ros.dynamics.compilation import compiled
@@ -14,17 +18,8 @@ def add_contact_wrench(closed, contacts, frame, wrench):
     """
     Add the impulses of the contacts to the wrenches of the links, S of eq. (76).
 
-    Parameters
-    ----------
-    closed : ndarray of int, shape (k,)
-        Numbers of the closed contacts.
-    contacts : record array, shape (contacts,)
-        Table of contacts with points, frames and impulses [N s].
-    frame : ndarray, shape (contacts, 3, 3), or None
-        Rows normal, e_x, e_y of every contact frame in I; None on a flat floor.
-    wrench : ndarray, shape (n, 6)
-        Moment about O [N m s] and impulse [N s] of every link, in axes of I; added to.
-
+    `wrench`, shape (n, 6), is the moment about O [N m s] and the impulse [N s] of every link, in
+    axes of I.
     """
     if frame is not None:
         add_wrench_in_frames(closed, contacts, frame, wrench)
@@ -50,17 +45,9 @@ def contact_velocities(closed, contacts, frame, twist):
     """
     Fill the relative velocities of the closed contacts, eqs. (90)-(92).
 
-    Parameters
-    ----------
-    closed : ndarray of int, shape (k,)
-        Numbers of the closed contacts.
-    contacts : record array, shape (contacts,)
-        Table of contacts; its `gamma` is filled [m/s], `shift` included in the normal component.
-    frame : ndarray, shape (contacts, 3, 3), or None
-        Rows normal, e_x, e_y of every contact frame in I; None on a flat floor.
-    twist : ndarray, shape (n, 6)
-        Angular velocity [rad/s] and velocity at O [m/s] of every link, in axes of I.
-
+    The `gamma` of the contacts is filled [m/s], `shift` included in the normal component. `twist`,
+    shape (n, 6), is the angular velocity [rad/s] and the velocity at O [m/s] of every link, in
+    axes of I.
     """
     if frame is not None:
         velocities_in_frames(closed, contacts, frame, twist)
@@ -85,22 +72,8 @@ def direction(contacts, frame, a, k):
     """
     Return the wrench of a unit impulse at contact a along one axis of its frame.
 
-    Parameters
-    ----------
-    contacts : record array, shape (contacts,)
-        Table of contacts; its points are read [m].
-    frame : ndarray, shape (contacts, 3, 3)
-        Contact frames in I.
-    a : int
-        Number of the contact.
-    k : int
-        Axis: 0 for the normal, 1 for e_x, 2 for e_y.
-
-    Returns
-    -------
-    tuple of 6 float
-        Moment about O and impulse, in axes of I.
-
+    The axis k is 0 for the normal, 1 for e_x and 2 for e_y. The result is a tuple of six numbers,
+    moment about O and impulse, in axes of I.
     """
     x, y, z = contacts.point[a, 0], contacts.point[a, 1], contacts.point[a, 2]
     ex, ey, ez = frame[a, k, 0], frame[a, k, 1], frame[a, k, 2]

@@ -118,27 +118,6 @@ def largest_eigenvalue(G, k):
     return 0.5 * (G[k, k] + G[k + 1, k + 1]) + math.sqrt(half * half + off * off)
 
 
-@merged
-def iterate(problem, tolerance, limit, delassus, impulse):
-    """Sweep until the contact laws hold; return an `Outcome`."""
-    laws, closed, contacts, chain = problem
-    reset_chain(chain)
-    factor_chain(chain)
-    width = 5 if laws.rolling.mu_x > 0.0 else 3
-    condense(closed, width, contacts, chain, delassus)
-    iterations = 0
-    while True:
-        copy_impulses(closed, impulse, contacts)
-        condensed_velocities(closed, width, contacts, delassus)  # anew: rounding does not add up
-        residual, printed = natural_map(laws, closed, contacts, tolerance)
-        if residual <= tolerance or iterations >= limit:
-            break
-        sweep(laws, closed, width, contacts, delassus, impulse)
-        iterations += 1
-    end_twists(closed, contacts, chain)
-    return Outcome(iterations, residual <= tolerance, residual, printed, False)
-
-
 class GaussSeidel(NamedTuple):
     """Projected Gauss-Seidel iteration, with the arrays of the Delassus operator."""
 
@@ -148,7 +127,21 @@ class GaussSeidel(NamedTuple):
 @solve.register(GaussSeidel)
 @inlined
 def solve_with_sweeps(solver, model, problem, history):
-    """Solve the contacts of a step; see `solver.solve`."""
-    return iterate(
-        problem, model.residual_tolerance, model.iteration_limit, solver.delassus, history.impulse
-    )
+    """Sweep until the contact laws hold; see `solver.solve`."""
+    laws, closed, contacts, chain = problem
+    delassus, impulse, tolerance = solver.delassus, history.impulse, model.residual_tolerance
+    reset_chain(chain)
+    factor_chain(chain)
+    width = 5 if laws.rolling.mu_x > 0.0 else 3
+    condense(closed, width, contacts, chain, delassus)
+    iterations = 0
+    while True:
+        copy_impulses(closed, impulse, contacts)
+        condensed_velocities(closed, width, contacts, delassus)  # anew: rounding does not add up
+        residual, printed = natural_map(laws, closed, contacts, tolerance)
+        if residual <= tolerance or iterations >= model.iteration_limit:
+            break
+        sweep(laws, closed, width, contacts, delassus, impulse)
+        iterations += 1
+    end_twists(closed, contacts, chain)
+    return Outcome(iterations, residual <= tolerance, residual, printed, False)

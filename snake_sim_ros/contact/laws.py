@@ -1,9 +1,9 @@
 """
 The numbers of the set-valued contact laws, and of the methods that solve them.
 
-Functions here take the part `other` of the laws beside the laws themselves. Numba leaves out a
-branch on None only where an argument is None, not a field of one, and a scene with a flat floor
-must not pay for the branches of other scenes.
+Functions here take the part ``laws.other`` beside the laws themselves, as an argument `other`.
+Numba leaves out a branch on None only where an argument is None, not a field of one, and a scene
+with a flat floor must not pay for the branches of other scenes.
 """
 
 from typing import NamedTuple
@@ -75,11 +75,7 @@ class Laws(NamedTuple):
 
 @inlined
 def sliding_disc(laws, other, a):
-    """
-    Return the sliding friction of contact a.
-
-    `other` is ``laws.other``, an argument of its own so that Numba leaves out branches on None.
-    """
+    """Return the sliding friction of contact a."""
     if other is None:
         return laws.sliding
     if a >= other.first_pair:
@@ -89,11 +85,7 @@ def sliding_disc(laws, other, a):
 
 @inlined
 def rolling_disc(laws, other, a):
-    """
-    Return the rolling friction of contact a.
-
-    `other` is ``laws.other``, an argument of its own so that Numba leaves out branches on None.
-    """
+    """Return the rolling friction of contact a."""
     if other is None:
         return laws.rolling
     return other.rolling if a >= other.first_peg else laws.rolling
@@ -101,11 +93,7 @@ def rolling_disc(laws, other, a):
 
 @inlined
 def link_of(other, contacts, n, a):
-    """
-    Return the index of the link of contact a, for n links.
-
-    `other` is ``laws.other``, an argument of its own so that Numba leaves out branches on None.
-    """
+    """Return the index of the link of contact a, for n links."""
     if other is None:
         return a if a < n else a - n
     return contacts.link[a]

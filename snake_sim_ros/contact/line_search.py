@@ -20,17 +20,8 @@ def law_error(laws, closed, contacts, fraction):
     """
     Compare impulses and laws at a fraction of the way from the trial to the solution.
 
-    Velocities are between `trial` and `gamma`, impulses between `iterate` and `impulse`.
-
-    Parameters
-    ----------
-    laws : Laws
-    closed : ndarray of int, shape (k,)
-        Numbers of the closed contacts.
-    contacts : record array, shape (contacts,)
-        Table of contacts.
-    fraction : float
-        From 0 to 1.
+    Velocities are between `trial` and `gamma`, impulses between `iterate` and `impulse`. `laws`,
+    `closed` and `contacts` are those of a `solver.Problem`; the fraction is from 0 to 1.
 
     Returns
     -------
@@ -120,15 +111,7 @@ def move_trial(closed, contacts, fraction):
     """
     Move trial and iterate of the contacts a fraction of the way to the solution.
 
-    Parameters
-    ----------
-    closed : ndarray of int, shape (k,)
-        Numbers of the closed contacts.
-    contacts : record array, shape (contacts,)
-        Table of contacts; `trial` moves toward `gamma`, `iterate` toward `impulse`.
-    fraction : float
-        From 0 to 1.
-
+    `trial` moves toward `gamma`, `iterate` toward `impulse`. The fraction is from 0 to 1.
     """
     for a in closed:
         for j in range(5):

@@ -31,15 +31,9 @@ def linearize(laws, closed, contacts):
     """
     Fill the linear laws of the closed contacts, about their trial velocities.
 
-    Parameters
-    ----------
-    laws : Laws
-    closed : ndarray of int, shape (k,)
-        Numbers of the closed contacts.
-    contacts : record array, shape (contacts,)
-        Table of contacts. Its trial, anchor, selection_center and disc_radius are read;
-        law_impulse, P_0 and S_N to S_yN are filled.
-
+    `laws`, `closed` and `contacts` are those of a `solver.Problem`. The trial, anchor,
+    selection_center and disc_radius of the contacts are read; law_impulse, P_0 and S_N to S_yN are
+    filled.
     """
     for a in closed:
         P_N, S_N = normal_law(
@@ -163,16 +157,8 @@ def linear_impulses(closed, contacts, rolling):
     Fill the impulses of the linear laws at the velocities of the contacts.
 
     They are computed from the impulses at the trial velocities, so that few digits cancel.
-
-    Parameters
-    ----------
-    closed : ndarray of int, shape (k,)
-        Numbers of the closed contacts.
-    contacts : record array, shape (contacts,)
-        Table of contacts with linear laws.
-    rolling : bool
-        Whether there is rolling friction.
-
+    `closed` and `contacts` are those of a `solver.Problem`, with linear laws; `rolling` says
+    whether there is rolling friction.
     """
     for a in closed:
         normal = contacts.gamma[a, 0] - contacts.trial[a, 0]

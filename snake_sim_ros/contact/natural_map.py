@@ -19,11 +19,8 @@ def natural_map(laws, closed, contacts, enough):
 
     Parameters
     ----------
-    laws : Laws
-    closed : ndarray of int, shape (k,)
-        Numbers of the closed contacts.
-    contacts : record array, shape (contacts,)
-        Table of contacts with impulses [N s], relative velocities [m/s] and selection centers.
+    laws, closed, contacts
+        Those of a `solver.Problem`; impulse, gamma and selection_center of the contacts are read.
     enough : float
         Accuracy that suffices [m/s]. The projection on an ellipse is costly, so an upper bound of
         the sliding residual is returned in its place where the bound is at most `enough`.

@@ -107,14 +107,9 @@ def iterate_coupled(problem, tolerance, limit, delassus, rounds):
 @merged
 def iterate_held(problem, tolerance, limit, delassus):
     """
-    Solve the convex problem with held disc radii.
+    Solve the convex problem with held disc radii; return what `iterate_coupled` returns.
 
-    Returns
-    -------
-    iterations : int
-    residual, printed_residual : float
-        As `natural_map` returns them [m/s]; infinite if the linear problem has no finite solution.
-
+    The residuals are those after the last iteration.
     """
     laws, closed, contacts, _ = problem
     for a in closed:
@@ -217,12 +212,7 @@ def find_radius_steps(closed, contacts):
     """
     Fill the differences between the normal impulses and the radii that were held for them.
 
-    Parameters
-    ----------
-    closed : ndarray of int, shape (k,)
-        Numbers of the closed contacts.
-    contacts : record array, shape (contacts,)
-        Table of contacts; anchor and held_radius are read, radius_step is replaced [N s].
+    Of the closed contacts, anchor and held_radius are read, and radius_step is replaced [N s].
 
     Returns
     -------

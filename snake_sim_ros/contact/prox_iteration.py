@@ -74,21 +74,29 @@ def prox_sweep(laws, closed, contacts, impulse):
     return math.sqrt(normal) + math.sqrt(sliding) + math.sqrt(rolling)
 
 
-@merged
-def iterate(problem, tolerance, limit, delassus, impulse):
+class ProxIteration(NamedTuple):
+    """The paper's iteration, with the arrays of the Delassus operator."""
+
+    delassus: Delassus
+
+
+@solve.register(ProxIteration)
+@inlined
+def solve_with_projections(solver, model, problem, history):
     """
-    Iterate impulses and twists until the contact laws hold; return an `Outcome`.
+    Iterate impulses and twists until the contact laws hold; see `solver.solve`.
 
     The residual is that of the impulses before the last projection, to which the twists belong.
     """
     laws, closed, contacts, chain = problem
+    delassus, impulse, tolerance = solver.delassus, history.impulse, model.tolerance
     reset_chain(chain)
     factor_chain(chain)
     width = 5 if laws.rolling.mu_x > 0.0 else 3
     columns = width * len(closed)
     condensed = False
     iterations, change = 0, math.inf
-    while not change < tolerance and iterations < limit:
+    while not change < tolerance and iterations < model.iteration_limit:
         if 0 < iterations == columns <= len(delassus.packed):
             # After as many sweeps as the Delassus operator has columns, forming it costs no more
             # than was spent so far, and later sweeps cost less. The iterates stay the same.
@@ -105,18 +113,3 @@ def iterate(problem, tolerance, limit, delassus, impulse):
         end_twists(closed, contacts, chain)
     residual, printed = natural_map(laws, closed, contacts, 0.0)
     return Outcome(iterations, change < tolerance, residual, printed, False)
-
-
-class ProxIteration(NamedTuple):
-    """The paper's iteration, with the arrays of the Delassus operator."""
-
-    delassus: Delassus
-
-
-@solve.register(ProxIteration)
-@inlined
-def solve_with_projections(solver, model, problem, history):
-    """Solve the contacts of a step; see `solver.solve`."""
-    return iterate(
-        problem, model.tolerance, model.iteration_limit, solver.delassus, history.impulse
-    )

@@ -117,12 +117,9 @@ def apply_selection_rule(laws, closed, contacts, mass, impulse, press_speed, dt,
 
     Parameters
     ----------
-    laws : Laws
-    closed : ndarray of int, shape (k,)
-        Numbers of the closed contacts.
-    contacts : record array, shape (contacts,)
-        Table of contacts with gaps [m] and velocities at the start of the step [m/s];
-        selection_center is filled.
+    laws, closed, contacts
+        Those of a `solver.Problem`. The contacts have gaps and velocities at the start of the
+        step; selection_center is filled.
     mass : ndarray, shape (n,)
         Masses of the links [kg].
     impulse : ndarray, shape (contacts, 5)

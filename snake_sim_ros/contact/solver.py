@@ -13,6 +13,8 @@ class Problem(NamedTuple):
     """
     The closed contacts of a step, their laws, and the links that they act on.
 
+    Functions that take `laws`, `closed`, `contacts` or `chain` take these parts of a problem.
+
     A solver fills `contacts.impulse`, `contacts.gamma` and `chain.twist` with the solution.
     """
 
@@ -48,7 +50,7 @@ def solve(solver, model, problem, history):
     problem : Problem
         Its contacts and chain are filled with the solution.
     history : History
-        Impulses of the last step, from which the method starts; see `stepping.base`. They are
+        Impulses of the last step, from which the method starts; see `stepping.state`. They are
         replaced by those of this step.
 
     Returns

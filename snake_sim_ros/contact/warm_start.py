@@ -10,17 +10,9 @@ def predict(laws, closed, contacts, history):
 
     A new contact starts without impulse and with its velocity before the contacts act.
 
-    Parameters
-    ----------
-    laws : Laws
-    closed : ndarray of int, shape (k,)
-        Numbers of the closed contacts.
-    contacts : record array, shape (contacts,)
-        Table of contacts; gamma [m/s] and selection_center are read, trial, iterate and anchor
-        filled.
-    history : History
-        Impulses [N s], velocities [m/s] and their changes in the last step, shapes (contacts, 5).
-
+    `laws`, `closed` and `contacts` are those of a `solver.Problem`. The history is that of the
+    last step, see `stepping.state`; gamma and selection_center of the contacts are read, trial,
+    iterate and anchor filled.
     """
     last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:
@@ -44,15 +36,8 @@ def remember(closed, contacts, history):
     """
     Fill the history with impulses, velocities and changes of the closed contacts, 0 for open ones.
 
-    Parameters
-    ----------
-    closed : ndarray of int, shape (k,)
-        Numbers of the closed contacts.
-    contacts : record array, shape (contacts,)
-        Table of contacts with impulses [N s] and velocities [m/s].
-    history : History
-        That of the last step; replaced by that of this step.
-
+    The parameters are those of `predict`. The history of the last step is replaced by that of this
+    step.
     """
     last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:

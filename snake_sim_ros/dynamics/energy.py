@@ -3,6 +3,9 @@ Mechanical energy, and the work that changes it: a balance that no method solves
 
 In exact arithmetic and without time steps, the energy changes by the work of the joint controllers
 and of the contacts, and by nothing else. The remainder is energy that a method loses or creates.
+
+Coordinates q of a link are its center [m, frame I] and unit Euler parameters. Velocities u are
+that of the center [m/s, frame I] and the angular velocity [rad/s, frame B].
 """
 
 import math
@@ -21,21 +24,9 @@ BALANCE_TIME = 1.0  # the balance of a run covers so much of its start [s]
 
 def mechanical_energy(scene: Scene, q: Array, u: Array) -> Array:
     """
-    Return the sum of kinetic and potential energy, eqs. (47), (48).
+    Return the sum of kinetic and potential energy, eqs. (47), (48), shape (...) [J].
 
-    Parameters
-    ----------
-    scene : Scene
-    q : ndarray, shape (..., n, 7)
-        Link centers [m, frame I] and unit Euler parameters.
-    u : ndarray, shape (..., n, 6)
-        Velocities [m/s, frame I] and angular velocities [rad/s, frame B].
-
-    Returns
-    -------
-    ndarray, shape (...)
-        [J]
-
+    Coordinates have the shape (..., n, 7), velocities (..., n, 6).
     """
     inertia = np.diag(mass_matrix(scene.robot)).reshape(-1, 6)
     potential = -inertia[:, 0] * (q[..., :3] @ np.array(scene.gravity))
@@ -46,19 +37,8 @@ def floor_contact_velocities(robot: Robot, q: Array, u: Array) -> Array:
     """
     Return gamma_N, gamma_Tx, gamma_Ty of all floor contacts, front ones first, eqs. (17)-(31).
 
-    Parameters
-    ----------
-    robot : Robot
-    q : ndarray, shape (..., n, 7)
-        Link centers [m, frame I] and unit Euler parameters.
-    u : ndarray, shape (..., n, 6)
-        Velocities [m/s, frame I] and angular velocities [rad/s, frame B].
-
-    Returns
-    -------
-    ndarray, shape (..., 2n, 3)
-        [m/s]
-
+    Coordinates have the shape (..., n, 7), velocities (..., n, 6), and the result (..., 2n, 3)
+    [m/s].
     """
     R = rotation_matrices(q[..., 3:])
     omega = (R @ u[..., 3:, None])[..., 0]

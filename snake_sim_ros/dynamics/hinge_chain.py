@@ -82,15 +82,9 @@ def fold_hinge(j, axis, damping, A, parent, left, compliance):
 @compiled
 def solve_hinges(chain, torque):
     """
-    Fill the twists and rates that loads cause on a factored chain.
+    Fill the twists and rates that loads cause on a factored chain, as in `articulated_body`.
 
-    Parameters
-    ----------
-    chain : HingeChain
-        Its `wrench` is the load of the links; `twist` and `rate` are filled.
-    torque : ndarray, shape (n-1,)
-        Impulse on every joint [N m s].
-
+    Here `torque`, shape (n-1,), is the impulse on every joint [N m s].
     """
     n = len(chain.wrench)
     root = n // 2

@@ -63,7 +63,7 @@ def pd_law(scheme, dt, start, mid, reference, stiffness, damping):
 @compiled
 def implicit_pd_law(dt, angle, rate, reference, stiffness, damping):
     """
-    Return torque and damping of the law at the end of a step, linear about a predicted end.
+    Return torque and damping as `pd_law` does, with all at the end, linear about a predicted end.
 
     Parameters
     ----------
@@ -74,14 +74,7 @@ def implicit_pd_law(dt, angle, rate, reference, stiffness, damping):
     reference : tuple of float
         Reference angle [rad] and rate [rad/s] at the end.
     stiffness, damping : float
-        Gains [N m/rad], [N m s/rad].
-
-    Returns
-    -------
-    torque : float
-        [N m]
-    damping : float
-        Coefficient of the joint rate at the end of the step [N m s/rad].
+        As in `pd_law`.
 
     """
     torque = stiffness * (reference[0] - angle + dt * rate) + damping * reference[1]

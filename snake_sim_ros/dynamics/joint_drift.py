@@ -1,4 +1,9 @@
-"""How far the joints are open, eqs. (11)-(13), and how they are closed, section VII-C."""
+"""
+How far the joints are open, eqs. (11)-(13), and how they are closed, section VII-C.
+
+Arrays are those of `kinematics`: half of the link lengths, coordinates q with unit Euler
+parameters, velocities u, link frames R and angular velocities omega in I.
+"""
 
 import math
 
@@ -14,17 +19,7 @@ PAPER, CENTER_OF_MASS, NONE = range(len(DRIFT_CORRECTIONS))
 
 @inlined
 def joint_violation(half_length, q):
-    """
-    Return the largest violation of a joint in position [m] and angle [1], eqs. (11)-(13).
-
-    Parameters
-    ----------
-    half_length : ndarray, shape (n,)
-        Half of the link lengths [m].
-    q : ndarray, shape (n, 7)
-        Link centers [m, frame I] and unit Euler parameters.
-
-    """
+    """Return the largest violation of a joint in position [m] and angle [1], eqs. (11)-(13)."""
     gap = twist = 0.0
     for j in range(len(q) - 1):
         a, b = axis_z(q, j), axis_z(q, j + 1)
@@ -40,19 +35,8 @@ def joint_violation_rate(half_length, R, u, omega):
     """
     Return the fastest rate of joint violations at given velocities [m/s], eqs. (38)-(41).
 
-    The rate of the angle counts as the speed of a point half a link away.
-
-    Parameters
-    ----------
-    half_length : ndarray, shape (n,)
-        Half of the link lengths [m].
-    R : ndarray, shape (n, 3, 3)
-        Link frames in I.
-    u : ndarray, shape (n, 6)
-        Velocities of the link centers in I [m/s], in the first three columns.
-    omega : ndarray, shape (n, 3)
-        Angular velocities in I [rad/s].
-
+    The rate of the angle counts as the speed of a point half a link away. Of `u`, only the
+    velocities of the link centers count.
     """
     fastest = 0.0
     for j in range(len(R) - 1):
@@ -86,12 +70,10 @@ def close_joints(rule, half_length, mass, q):
     ----------
     rule : int
         PAPER, CENTER_OF_MASS or NONE.
-    half_length : ndarray, shape (n,)
-        Half of the link lengths [m].
-    mass : ndarray, shape (n,)
-        Masses of the links [kg].
+    half_length, mass : ndarray, shape (n,)
+        Half of the link lengths [m], and masses of the links [kg].
     q : ndarray, shape (n, 7)
-        Link centers [m, frame I] and unit Euler parameters; corrected.
+        Coordinates; corrected.
 
     """
     if rule == NONE:

@@ -4,6 +4,15 @@ Compiled kinematics of the chain of links: eqs. (6), (66), (72), (83).
 The relations are those of `reference.py`, for whole arrays of links and without temporary arrays.
 Coordinates q of a link are its center [m, frame I] and Euler parameters, scalar first. Velocities
 u are that of the center [m/s, frame I] and the angular velocity [rad/s, frame B].
+
+The arrays of n links are:
+
+- `q`, shape (n, 7), and `u`, shape (n, 6): coordinates and velocities.
+- `R`, shape (n, 3, 3): link frames in I.
+- `omega`, shape (n, 3): angular velocities in I [rad/s].
+- `half_length`, shape (n,): half of the link lengths [m].
+- `center`, shape (n, 3): link centers from O, the center of the middle link, in axes of I [m].
+- `twist`, shape (n, 6): angular velocities [rad/s] and velocities at O [m/s], in axes of I.
 """
 
 import math
@@ -46,19 +55,7 @@ def link_frames(p, R):
 
 @inlined
 def rates_in_inertial_frame(R, u, omega):
-    """
-    Fill the angular velocities of links in I.
-
-    Parameters
-    ----------
-    R : ndarray, shape (n, 3, 3)
-        Link frames in I.
-    u : ndarray, shape (n, 6)
-        Velocities.
-    omega : ndarray, shape (n, 3)
-        Filled [rad/s].
-
-    """
+    """Fill the angular velocities of links in I, `omega`."""
     for i in range(len(u)):
         for k in range(3):
             omega[i, k] = R[i, k, 0] * u[i, 3] + R[i, k, 1] * u[i, 4] + R[i, k, 2] * u[i, 5]
@@ -99,19 +96,8 @@ def middle_coordinates(dt, q, u, q_mid):
     """
     Fill the coordinates at the middle of a step, eq. (72), solved in closed form for p_M.
 
-    The equation is ``q_M = q_A + dt/2 F(q_M) u_A``.
-
-    Parameters
-    ----------
-    dt : float
-        Time step [s].
-    q : ndarray, shape (n, 7)
-        Coordinates q_A at the start.
-    u : ndarray, shape (n, 6)
-        Velocities u_A at the start.
-    q_mid : ndarray, shape (n, 7)
-        Filled with q_M; its Euler parameters are not normalized.
-
+    The equation is ``q_M = q_A + dt/2 F(q_M) u_A`` with the time step dt [s] and with q and u at
+    the start. The Euler parameters in `q_mid` are not normalized.
     """
     for i in range(len(q)):
         for k in range(3):
@@ -127,19 +113,8 @@ def end_coordinates(dt, q_mid, u, q):
     """
     Fill the coordinates at the end of a step, eq. (83), with Euler parameters of length 1 (VII-C).
 
-    The equation is ``q_E = q_M + dt/2 F(q_M) u_E``.
-
-    Parameters
-    ----------
-    dt : float
-        Time step [s].
-    q_mid : ndarray, shape (n, 7)
-        Coordinates q_M at the middle.
-    u : ndarray, shape (n, 6)
-        Velocities u_E at the end.
-    q : ndarray, shape (n, 7)
-        Filled with q_E.
-
+    The equation is ``q_E = q_M + dt/2 F(q_M) u_E`` with the time step dt [s] and with `q_mid` from
+    `middle_coordinates`. The velocities are those at the end.
     """
     for i in range(len(q)):
         for k in range(3):
@@ -155,15 +130,7 @@ def joint_coordinates(R, omega, coordinate):
     """
     Fill the angles and rates of all joints, eq. (66).
 
-    Parameters
-    ----------
-    R : ndarray, shape (n, 3, 3)
-        Link frames in I.
-    omega : ndarray, shape (n, 3)
-        Angular velocities in I [rad/s].
-    coordinate : ndarray, shape (n-1, 2, 2)
-        Filled: (yaw, pitch) x (angle [rad], rate [rad/s]).
-
+    `coordinate`, shape (n-1, 2, 2), is (yaw, pitch) x (angle [rad], rate [rad/s]).
     """
     for j in range(len(R) - 1):
         xx = xz = yy = yz = yaw_rate = pitch_rate = 0.0
@@ -184,17 +151,8 @@ def joint_motions(q, u, R, omega, coordinate):
     """
     Fill the angles and rates of all joints in m states, as `joint_coordinates` does for one.
 
-    Parameters
-    ----------
-    q : ndarray, shape (m, n, 7)
-        Coordinates.
-    u : ndarray, shape (m, n, 6)
-        Velocities.
-    R, omega : ndarray, shapes (n, 3, 3) and (n, 3)
-        Work arrays for one state.
-    coordinate : ndarray, shape (m, n-1, 2, 2)
-        Filled.
-
+    q, u and `coordinate` have a first axis of length m. `R` and `omega` are work arrays for one
+    state.
     """
     for k in range(len(q)):
         link_frames(q[k, :, 3:], R)
@@ -207,20 +165,9 @@ def chain_geometry(half_length, R, center, axis):
     """
     Fill the link centers and the twists of the joint axes, from O in axes of I.
 
-    O is the center of the middle link. A joint twist is that of the outer link against the inner
-    one, as seen from the middle link.
-
-    Parameters
-    ----------
-    half_length : ndarray, shape (n,)
-        Half of the link lengths [m].
-    R : ndarray, shape (n, 3, 3)
-        Link frames in I.
-    center : ndarray, shape (n, 3)
-        Filled with link centers [m].
-    axis : ndarray, shape (n-1, 2, 6)
-        Filled with the (angular, linear) twists of yaw and pitch at a rate of 1.
-
+    A joint twist is that of the outer link against the inner one, as seen from the middle link.
+    `axis`, shape (n-1, 2, 6), is filled with the (angular, linear) twists of yaw and pitch at a
+    rate of 1, and `center` with the link centers.
     """
     n = len(R)
     for k in range(3):
@@ -246,21 +193,7 @@ def chain_geometry(half_length, R, center, axis):
 
 @inlined
 def twists(u, omega, center, twist):
-    """
-    Fill the twists of links about O, in axes of I.
-
-    Parameters
-    ----------
-    u : ndarray, shape (n, 6)
-        Velocities.
-    omega : ndarray, shape (n, 3)
-        Angular velocities in I [rad/s].
-    center : ndarray, shape (n, 3)
-        Link centers from O [m].
-    twist : ndarray, shape (n, 6)
-        Filled: angular velocity [rad/s] and velocity at O [m/s].
-
-    """
+    """Fill the twists of links about O, in axes of I."""
     for i in range(len(u)):
         wx, wy, wz = omega[i, 0], omega[i, 1], omega[i, 2]
         x, y, z = center[i, 0], center[i, 1], center[i, 2]
@@ -272,21 +205,7 @@ def twists(u, omega, center, twist):
 
 @inlined
 def end_velocities(twist, R, center, u):
-    """
-    Fill the velocities of links from their twists about O.
-
-    Parameters
-    ----------
-    twist : ndarray, shape (n, 6)
-        Angular velocity [rad/s] and velocity at O [m/s], in axes of I.
-    R : ndarray, shape (n, 3, 3)
-        Link frames in I.
-    center : ndarray, shape (n, 3)
-        Link centers from O [m].
-    u : ndarray, shape (n, 6)
-        Filled with u_E.
-
-    """
+    """Fill the velocities of links, `u`, from their twists about O."""
     for i in range(len(u)):
         wx, wy, wz = twist[i, 0], twist[i, 1], twist[i, 2]
         x, y, z = center[i, 0], center[i, 1], center[i, 2]
@@ -335,13 +254,8 @@ def floor_penetration(offset, radius, q):
     """
     Return how deep the lowest contact sphere is below the floor [m], 0 if it is not.
 
-    Parameters
-    ----------
-    offset, radius : ndarray, shape (n,)
-        Distance of the contact spheres from the link center, and their radii [m].
-    q : ndarray, shape (n, 7)
-        Coordinates.
-
+    `offset` and `radius`, shape (n,), are the distances of the contact spheres from the link
+    centers and the radii of the spheres [m].
     """
     lowest = 0.0
     for i in range(len(q)):
@@ -354,17 +268,7 @@ def lies_flat_and_still(offset, radius, q, u, omega):
     """
     Return whether every link is on the floor, is not rolled, and moves in the plane only.
 
-    Parameters
-    ----------
-    offset, radius : ndarray, shape (n,)
-        Distance of the contact spheres from the link center, and their radii [m].
-    q : ndarray, shape (n, 7)
-        Coordinates.
-    u : ndarray, shape (n, 6)
-        Velocities.
-    omega : ndarray, shape (n, 3) or more columns
-        Angular velocities in I [rad/s], in the first columns.
-
+    `offset` and `radius` are those of `floor_penetration`; `omega` may have more columns.
     """
     for i in range(len(q)):
         e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]

@@ -24,20 +24,10 @@ from snake_sim_ros.scene.parameters import Robot
 
 @dataclass(frozen=True)
 class Steering:
-    """
-    The requested motion of a robot.
+    """The requested motion of a robot."""
 
-    Attributes
-    ----------
-    speed : float
-        Along its path, positive with link 1 ahead [m/s].
-    turning : float
-        Positive to the left, counterclockwise from above [rad/s].
-
-    """
-
-    speed: float
-    turning: float
+    speed: float  # along its path, positive with link 1 ahead [m/s]
+    turning: float  # positive to the left, counterclockwise from above [rad/s]
 
     def gait(self, gait: Gait, robot: Robot, stride: float) -> tuple[Gait, dict[str, str]]:
         """

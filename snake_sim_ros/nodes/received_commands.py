@@ -41,18 +41,11 @@ class ReceivedCommand:
     """
     The effect of a message on the joints.
 
-    Attributes
-    ----------
-    reference : JointReference
-        The reference of all joints from now on.
-    clamped : str
-        A sentence about a joint that was beyond the joint limit; empty if none was.
-    jump : str
-        A sentence about a joint that jumps to the first point of a trajectory; empty if none does.
-
+    Sentences that are not empty are about a joint that was beyond the joint limit, and about one
+    that jumps to the first point of a trajectory.
     """
 
-    reference: JointReference
+    reference: JointReference  # of all joints from now on
     clamped: str = ''
     jump: str = ''
 

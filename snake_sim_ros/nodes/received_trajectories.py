@@ -41,22 +41,8 @@ def joint_trajectory(
     that would exceed the rate limit on their way to the first point jump to it, as they do with
     any other command. Accelerations and efforts are not used.
 
-    Parameters
-    ----------
-    message : JointTrajectory
-    last : JointReference
-        The reference before the message.
-    robot : Robot
-    now : float
-        Simulated time [s].
-    horizon : float
-        How long a previous command is extrapolated [s].
-
-    Raises
-    ------
-    RejectedCommand
-        If the message is not usable.
-
+    The other parameters and the error are those of `received_commands.joint_command`. A previous
+    command is extrapolated for the time `horizon` [s].
     """
     topic, names = 'joint_trajectory', list(message.joint_names)
     axes = axes_of(topic, names, robot)

@@ -32,22 +32,13 @@ class CommandForm:
     """
     One form of joint commands.
 
-    Attributes
-    ----------
-    kind : type
-        Type of the message.
-    topic : str
-    ahead : int
-        How many publish periods ahead of its time a message commands the joints.
-    message : callable
-        Makes a message of joint names, stamp, angle [rad] and rate [rad/s] of shape (n-1, 2), and
-        publish period [ns].
-
+    A message is made of joint names, stamp, angle [rad] and rate [rad/s] of shape (n-1, 2), and
+    publish period [ns].
     """
 
-    kind: Any
+    kind: Any  # type of the message
     topic: str
-    ahead: int
+    ahead: int  # how many publish periods ahead of its time a message commands the joints
     message: Callable[[list[str], Time, Array, Array, int], Any]
 
 

@@ -28,18 +28,7 @@ LATEST = QoSProfile(depth=1)  # A newer time replaces one that waits.
 
 
 class StatePublishers:
-    """
-    Publishes the state of a simulation.
-
-    The robot description, which does not change, is published at once.
-
-    Parameters
-    ----------
-    node : Node
-    simulation : Simulation
-    settings : Settings
-
-    """
+    """Publishes the state of a simulation, and at once the robot description, which stays."""
 
     def __init__(self, node: Node, simulation: Simulation, settings: Settings) -> None:
         self._simulation = simulation

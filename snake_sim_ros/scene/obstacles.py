@@ -20,11 +20,13 @@ spheres as its ends, at the height of the nearest point of its axis.
 from collections import Counter
 import math
 from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Ground
+from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
 
@@ -202,6 +204,22 @@ def tangents(normal: Array, axis: Array) -> tuple[Array, Array]:
     return e_x, np.cross(normal, e_x)
 
 
+class Capsules(NamedTuple):
+    """Links as they touch obstacles: an axis with two contact spheres."""
+
+    center: Array  # (n, 3) of the links [m, frame I]
+    axis: Array  # (n, 3) e_z of the links in I
+    offset: Array  # (n,) of the contact spheres along the axis [m]
+    radius: Array  # (n,) of the contact spheres [m]
+
+
+def make_capsules(robot: Robot, q: Array) -> Capsules:
+    """Return the links of a robot with coordinates q, shape (n, 7)."""
+    axis = rotation_matrices(q[:, 3:]) @ E_Z
+    offset, radius = robot.per_link('contact_offset'), robot.per_link('contact_radius')
+    return Capsules(q[:, :3], axis, offset, radius)
+
+
 def contact_geometry(
     scene: Scene, q: Array, wanted: Array | None = None
 ) -> tuple[Array, Array, Array]:
@@ -226,84 +244,77 @@ def contact_geometry(
         Normal, from the obstacle or other link to the link, e_x and e_y of every contact, in I.
 
     """
-    count, R = contact_count(scene), rotation_matrices(q[:, 3:])
+    count, links = contact_count(scene), make_capsules(scene.robot, q)
     gap, lever, frame = np.full(count, np.inf), np.zeros((count, 3)), np.zeros((count, 3, 3))
     wanted = np.ones(count, dtype=bool) if wanted is None else wanted
-    _fill_ground_contacts(scene, q, R, wanted, gap, lever, frame)
-    _fill_peg_contacts(scene, q, R, wanted, gap, lever, frame)
-    _fill_pair_contacts(scene, q, R, wanted, gap, lever, frame)
+    _fill_ground_contacts(scene, links, wanted, gap, lever, frame)
+    _fill_peg_contacts(scene, links, wanted, gap, lever, frame)
+    _fill_pair_contacts(scene, links, wanted, gap, lever, frame)
     return gap, lever, frame
 
 
 def _fill_ground_contacts(
-    scene: Scene, q: Array, R: Array, wanted: Array, gap: Array, lever: Array, frame: Array
+    scene: Scene, links: Capsules, wanted: Array, gap: Array, lever: Array, frame: Array
 ) -> None:
     """Fill gaps, levers and frames of the contacts with the ground; see `contact_geometry`."""
-    robot, first = scene.robot, first_peg(scene)
-    n, offset = robot.link_count, robot.per_link('contact_offset')
-    radius = robot.per_link('contact_radius')
-    for i in range(n):
-        axis = R[i] @ E_Z
+    n, first = scene.robot.link_count, first_peg(scene)
+    for i, (center, axis, offset, radius) in enumerate(zip(*links, strict=True)):
         for side, sign in enumerate((1, -1)):
-            arm = sign * offset[i] * axis
+            arm = sign * offset * axis
             slots = (
                 side,
                 *(2 + NEIGHBOR_SLOTS // 2 * side + k for k in range(NEIGHBOR_SLOTS // 2)),
             )
             if not any(wanted[slot * n + i] for slot in slots if slot * n < first):
                 continue
-            points = nearest_points(scene.ground, q[i, :3] + arm)
+            points = nearest_points(scene.ground, center + arm)
             for slot, point in zip(slots, points, strict=True):
                 if point is None:
                     continue
                 a = slot * n + i
-                apart = q[i, :3] + arm - point
+                apart = center + arm - point
                 distance = apart[2] if slot < 2 else np.linalg.norm(apart)
                 normal = E_Z if slot < 2 else apart / distance
-                gap[a] = distance - radius[i]
-                lever[a] = arm - radius[i] * normal
+                gap[a] = distance - radius
+                lever[a] = arm - radius * normal
                 frame[a] = normal, *tangents(normal, axis)
 
 
 def _fill_peg_contacts(
-    scene: Scene, q: Array, R: Array, wanted: Array, gap: Array, lever: Array, frame: Array
+    scene: Scene, links: Capsules, wanted: Array, gap: Array, lever: Array, frame: Array
 ) -> None:
     """Fill gaps, levers and frames of the contacts with pegs; see `contact_geometry`."""
-    robot, first = scene.robot, first_peg(scene)
-    n, offset = robot.link_count, robot.per_link('contact_offset')
-    radius = robot.per_link('contact_radius')
-    for i in range(n):
-        axis = R[i] @ E_Z
+    n, first = scene.robot.link_count, first_peg(scene)
+    for i, (center, axis, offset, radius) in enumerate(zip(*links, strict=True)):
         for k, (x, y, peg_radius) in enumerate(scene.pegs.axes):
             a = first + k * n + i
             if not wanted[a]:
                 continue
-            apart = np.array([x, y]) - q[i, :2]
+            apart = np.array([x, y]) - center[:2]
             square = axis[:2] @ axis[:2]
             along = apart @ axis[:2] / square if square > 1e-12 else 0.0
-            arm = min(max(along, -offset[i]), offset[i]) * axis
+            arm = min(max(along, -offset), offset) * axis
             apart = arm[:2] - apart
             normal = np.array([*apart, 0.0]) / np.linalg.norm(apart)
-            gap[a] = np.linalg.norm(apart) - peg_radius - radius[i]
-            lever[a] = arm - radius[i] * normal
+            gap[a] = np.linalg.norm(apart) - peg_radius - radius
+            lever[a] = arm - radius * normal
             frame[a] = normal, np.cross(E_Z, normal), E_Z
 
 
 def _fill_pair_contacts(
-    scene: Scene, q: Array, R: Array, wanted: Array, gap: Array, lever: Array, frame: Array
+    scene: Scene, links: Capsules, wanted: Array, gap: Array, lever: Array, frame: Array
 ) -> None:
     """Fill gaps, levers and frames of the contacts of two links; see `contact_geometry`."""
-    offset = scene.robot.per_link('contact_offset')
-    radius = scene.robot.per_link('contact_radius')
+    center, axis, offset, radius = links
     for a, (i, j, s, t) in enumerate(pair_contacts(scene), first_pair(scene)):
         if not wanted[a]:
             continue
-        arm = s * offset[i] * R[i] @ E_Z
-        apart = q[i, :3] + arm - q[j, :3] - t * offset[j] * R[j] @ E_Z
+        arm = s * offset[i] * axis[i]
+        apart = center[i] + arm - center[j] - t * offset[j] * axis[j]
         distance = np.linalg.norm(apart)
         gap[a] = distance - radius[i] - radius[j]
         lever[a] = arm - radius[i] * apart / distance
-        frame[a] = apart / distance, *tangents(apart / distance, R[i] @ E_Z)
+        frame[a] = apart / distance, *tangents(apart / distance, axis[i])
 
 
 def resting_height(ground: Ground, x: float, y: float, radius: float) -> float:
@@ -322,12 +333,9 @@ def resting_height(ground: Ground, x: float, y: float, radius: float) -> float:
 
 def lift_onto_ground(scene: Scene, q: Array) -> float:
     """Return how far up the robot must move to touch the ground without being inside [m]."""
-    robot, lifts = scene.robot, []
-    R = rotation_matrices(q[:, 3:])
-    for i, (offset, radius) in enumerate(
-        zip(robot.per_link('contact_offset'), robot.per_link('contact_radius'), strict=True)
-    ):
+    lifts = []
+    for center, axis, offset, radius in zip(*make_capsules(scene.robot, q), strict=True):
         for arm in (offset, -offset):
-            x, y, z = q[i, :3] + arm * R[i, :, 2]
+            x, y, z = center + arm * axis
             lifts.append(resting_height(scene.ground, x, y, radius) - z)
     return float(max(lifts))

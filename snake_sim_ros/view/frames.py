@@ -32,57 +32,27 @@ SEGMENTS, RINGS = 24, 6  # of a capsule: around it, and of each of its ends
 
 @dataclass(frozen=True)
 class Frame:
-    """
-    The robot at one time.
+    """The robot at one time; angles, torques and references are NaN where they are not known."""
 
-    Attributes
-    ----------
-    time : float
-        [s]
-    position : ndarray, shape (n, 3)
-        Link centers [m, frame I].
-    orientation : ndarray, shape (n, 4)
-        Euler parameters of the link frames B, scalar first.
-    joint_angle, joint_torque : ndarray, shape (n-1, 2)
-        (yaw, pitch) [rad], [N m]; NaN where it is not known.
-    reference : ndarray, shape (n-1, 2)
-        References of the joints [rad]; NaN where they are not known.
-    points, forces : ndarray, shape (k, 3)
-        Those of the contacts, as `contact_forces` returns them [m], [N].
-
-    """
-
-    time: float
-    position: Array
-    orientation: Array
-    joint_angle: Array
-    joint_torque: Array
-    reference: Array
-    points: Array
-    forces: Array
+    time: float  # [s]
+    position: Array  # (n, 3) link centers [m, frame I]
+    orientation: Array  # (n, 4) Euler parameters of the link frames B, scalar first
+    joint_angle: Array  # (n-1, 2) yaw and pitch [rad]
+    joint_torque: Array  # (n-1, 2) of yaw and pitch [N m]
+    reference: Array  # (n-1, 2) of the joint angles [rad]
+    points: Array  # (k, 3) of the contacts, as `contact_forces` returns them [m]
+    forces: Array  # (k, 3) of the contacts, likewise [N]
 
 
 @dataclass(frozen=True)
 class Trace:
-    """
-    The recent past of the robot.
+    """The recent past of the robot."""
 
-    Attributes
-    ----------
-    time : ndarray, shape (m,)
-        [s]
-    joint_angle, reference, joint_torque : ndarray, shape (m, n-1, 2)
-        As in `Frame`.
-    path : ndarray, shape (k, 3)
-        Of the middle link [m].
-
-    """
-
-    time: Array
-    joint_angle: Array
+    time: Array  # (m,) [s]
+    joint_angle: Array  # (m, n-1, 2) as in `Frame`
     reference: Array
     joint_torque: Array
-    path: Array
+    path: Array  # (k, 3) of the middle link [m]
 
 
 class TraceBuffer:

@@ -37,7 +37,7 @@ def clipped(P, bound):
 
 
 @merged
-def sweep(laws, closed, contacts, delassus, impulse):
+def sweep_pyramid(laws, closed, contacts, delassus, impulse):
     """Project all components of the closed contacts in turn, each with updated velocities."""
     G, gamma, rows = delassus.operator, delassus.packed, 3 * len(closed)
     for k, a in enumerate(closed):
@@ -67,14 +67,22 @@ def pyramid_map(laws, closed, contacts):
     return max(normal / laws.r_N, sliding / laws.r_T)
 
 
-@merged
-def iterate(problem, tolerance, limit, delassus, impulse):
+class Pyramid(NamedTuple):
+    """Gauss-Seidel iteration on the pyramid, with the arrays of the Delassus operator."""
+
+    delassus: Delassus
+
+
+@solve.register(Pyramid)
+@inlined
+def solve_with_pyramid(solver, model, problem, history):
     """
-    Sweep until the laws of the pyramid hold; return an `Outcome`.
+    Sweep until the laws of the pyramid hold; see `solver.solve`.
 
     Its residual is that of the pyramid, and its printed residual that of the paper's laws.
     """
     laws, closed, contacts, chain = problem
+    delassus, impulse, tolerance = solver.delassus, history.impulse, model.residual_tolerance
     reset_chain(chain)
     factor_chain(chain)
     condense(closed, 3, contacts, chain, delassus)
@@ -85,25 +93,10 @@ def iterate(problem, tolerance, limit, delassus, impulse):
         copy_impulses(closed, impulse, contacts)
         condensed_velocities(closed, 3, contacts, delassus)  # anew: rounding does not add up
         residual = pyramid_map(laws, closed, contacts)
-        if residual <= tolerance or iterations >= limit:
+        if residual <= tolerance or iterations >= model.iteration_limit:
             break
-        sweep(laws, closed, contacts, delassus, impulse)
+        sweep_pyramid(laws, closed, contacts, delassus, impulse)
         iterations += 1
     _, printed = natural_map(laws, closed, contacts, BOUND)
     end_twists(closed, contacts, chain)
     return Outcome(iterations, residual <= tolerance, residual, printed, False)
-
-
-class Pyramid(NamedTuple):
-    """Gauss-Seidel iteration with a pyramid, with the arrays of the Delassus operator."""
-
-    delassus: Delassus
-
-
-@solve.register(Pyramid)
-@inlined
-def solve_with_pyramid(solver, model, problem, history):
-    """Solve the contacts of a step; see `contact.solver.solve`."""
-    return iterate(
-        problem, model.residual_tolerance, model.iteration_limit, solver.delassus, history.impulse
-    )

@@ -48,12 +48,7 @@ PANEL_HEIGHT = 1.4  # inch of a row of panels
 
 def draw_stability(table: Table, folder: Path) -> list[Path]:
     """
-    Draw all maps of a file, as SVG and PNG.
-
-    Returns
-    -------
-    list of Path
-        What was written.
+    Draw all maps of a file, as SVG and PNG; return what was written.
 
     Raises
     ------

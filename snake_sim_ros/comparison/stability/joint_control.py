@@ -69,8 +69,3 @@ def control_limit(method: str, robot: Robot) -> float:
         if scheme == 'start':
             limits[-1] = min(2 * K_d / K_p, 2 / c)
     return float(min(limits))
-
-
-def damped(damping: float) -> Robot:
-    """Return Aiko with another damping of all joints."""
-    return replace(AIKO, yaw_damping=damping, pitch_damping=damping)

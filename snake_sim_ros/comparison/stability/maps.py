@@ -1,7 +1,10 @@
 """The maps of `stability`: quantities, methods, scenes, limits of theory."""
 
+from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
 import math
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +28,6 @@ from snake_sim_ros.comparison.stability.impacts import spinning
 from snake_sim_ros.comparison.stability.impacts import transverse_gain
 from snake_sim_ros.comparison.stability.impacts import upright
 from snake_sim_ros.comparison.stability.joint_control import control_limit
-from snake_sim_ros.comparison.stability.joint_control import damped
 from snake_sim_ros.comparison.stability.joint_control import in_flight
 from snake_sim_ros.comparison.stability.joint_control import on_the_ground
 from snake_sim_ros.comparison.stability.regularized import pushed_along
@@ -46,6 +48,7 @@ from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
 SCHEMES = ('newton start', 'newton midpoint', 'newton average', 'newton end', 'bdf2')
 SOLVERS = ('newton', 'newton_dense', 'gauss_seidel', 'paper', 'bdf2')
 MUJOCO_LIMIT = 10.0  # s of wall time for a run of MuJoCo
+FINE_DT = SAMPLING_PERIOD / 6400
 
 
 def time_steps(first: float, last: float, count: int) -> Axis:
@@ -77,33 +80,39 @@ def run_case(method: str, case: Case) -> Run:
     return Run(found.trajectory, energy, complete)
 
 
-FINE_DT = SAMPLING_PERIOD / 6400
+def control_map(
+    name: str, title: str, y: Axis, gains: Sequence[str],
+    case: Callable[..., Case], error: Callable[..., float], measure: str, tolerance: float,
+) -> StabilityMap:  # fmt: skip
+    """Return a map of joint control: over the time step and y, the value of some gains of Aiko."""
+
+    def with_gains(K: float) -> dict[str, Any]:
+        return dict.fromkeys(gains, K)
+
+    return StabilityMap(
+        name, title, time_steps(1e-4, 1e-2, 16), y, SCHEMES,
+        lambda method, dt, K: case(method, dt, **with_gains(K)),
+        error, measure, tolerance,
+        lambda method, K: control_limit(method, replace(AIKO, **with_gains(K))),
+        'newton average', FINE_DT,
+    )  # fmt: skip
+
+
 STIFFNESS = spaced('robot.pitch_stiffness', 'N m/rad', 50, 3200, 7)
 MAPS = (
-    StabilityMap(
+    control_map(
         'stiffness_in_flight', 'Joint control in flight: stiffness',
-        time_steps(1e-4, 1e-2, 16), STIFFNESS, SCHEMES,
-        lambda method, dt, K: in_flight(method, dt, pitch_stiffness=K),
-        angle_error, 'joint angle, relative', 0.05,
-        lambda method, K: control_limit(method, replace(AIKO, pitch_stiffness=K)),
-        'newton average', FINE_DT,
+        STIFFNESS, ('pitch_stiffness',), in_flight, angle_error, 'joint angle, relative', 0.05,
     ),
-    StabilityMap(
+    control_map(
         'stiffness_on_the_ground',
         'The same on the ground, whose contacts hold the modes; lines as in flight',
-        time_steps(1e-4, 1e-2, 16), STIFFNESS, SCHEMES,
-        lambda method, dt, K: on_the_ground(method, dt, pitch_stiffness=K),
-        position_error, 'path, relative', 0.02,
-        lambda method, K: control_limit(method, replace(AIKO, pitch_stiffness=K)),
-        'newton average', FINE_DT,
+        STIFFNESS, ('pitch_stiffness',), on_the_ground, position_error, 'path, relative', 0.02,
     ),
-    StabilityMap(
+    control_map(
         'damping_in_flight', 'Joint control in flight: damping',
-        time_steps(1e-4, 1e-2, 16), spaced('damping', 'N m s/rad', 0.02, 5.12, 9), SCHEMES,
-        lambda method, dt, K: in_flight(method, dt, yaw_damping=K, pitch_damping=K),
-        angle_error, 'joint angle, relative', 0.05,
-        lambda method, K: control_limit(method, damped(K)),
-        'newton average', FINE_DT,
+        spaced('damping', 'N m s/rad', 0.02, 5.12, 9), ('yaw_damping', 'pitch_damping'),
+        in_flight, angle_error, 'joint angle, relative', 0.05,
     ),
     StabilityMap(
         'friction', 'Friction across the links, case A',

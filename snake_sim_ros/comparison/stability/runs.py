@@ -48,48 +48,30 @@ class Case:
     """
     The run of a cell.
 
-    Attributes
-    ----------
-    scene : Scene
-        Its gait is the joint reference.
-    start : State
-    duration : float
-        A multiple of SAMPLING_PERIOD, or below it [s].
-    available : float
-        Largest energy that is physically possible [J], see Run. It is nan if joints drive the
-        robot; then it is DRIVEN_ENERGY times the energy of the fine run.
-    make : callable, optional
-        ``make(scene)`` returns the stepper. Default: that of the scene's method.
-
+    The energy that is available is nan if joints drive the robot; then it is DRIVEN_ENERGY times
+    the energy of the fine run.
     """
 
-    scene: Scene
+    scene: Scene  # its gait is the joint reference
     start: State
-    duration: float
-    available: float = math.nan
-    make: Callable[[Scene], Stepper] | None = None
+    duration: float  # a multiple of SAMPLING_PERIOD, or below it [s]
+    available: float = math.nan  # largest energy that is physically possible [J], see Run
+    make: Callable[[Scene], Stepper] | None = None  # default: the stepper of the scene's method
 
 
 @dataclass(frozen=True)
 class Run:
     """
-    The result of a case.
+    The result of a case, sampled every SAMPLING_PERIOD, or at the end if it is shorter.
 
-    Attributes
-    ----------
-    trajectory : Trajectory
-        Sampled at the start and every SAMPLING_PERIOD, or at the end if the run is shorter.
-    energy : float
-        Largest sum of the kinetic energy and of the potential energy above that of the start, at
-        the samples and in the last state [J]. Potential energy below that of the start counts 0.
-    complete : bool
-        Whether it lasted for the whole duration.
-
+    The energy is the largest sum of the kinetic energy and of the potential energy above that of
+    the start, at the samples and in the last state. Potential energy below that of the start
+    counts 0.
     """
 
     trajectory: Trajectory
-    energy: float
-    complete: bool
+    energy: float  # [J]
+    complete: bool  # whether it lasted for the whole duration
 
 
 @dataclass(frozen=True)

@@ -57,32 +57,14 @@ PERIODS = 1000  # of which the median is taken
 
 @dataclass(frozen=True)
 class Load:
-    """
-    The pace of the node under some load.
+    """The pace of the node under some load."""
 
-    Attributes
-    ----------
-    real_time_factor : float
-        Simulated time per wall time as set; 0 is as fast as possible.
-    publish_rate : float
-        [Hz]
-    listeners : str
-        Which topics have a subscriber.
-    reached : float
-        Simulated time per wall time that it reaches.
-    processor : float
-        Cores that its process uses.
-    us_per_period : float
-        Processor time for one publish period, of all threads of the process [µs].
-
-    """
-
-    real_time_factor: float
-    publish_rate: float
-    listeners: str
-    reached: float
-    processor: float
-    us_per_period: float
+    real_time_factor: float  # simulated time per wall time as set; 0 is as fast as possible
+    publish_rate: float  # [Hz]
+    listeners: str  # which topics have a subscriber
+    reached: float  # simulated time per wall time that it reaches
+    processor: float  # cores that its process uses
+    us_per_period: float  # processor time for a publish period, of all threads of the process [µs]
 
 
 def pacing(duration: float, rates: Sequence[float]) -> int:

@@ -52,24 +52,12 @@ TOPICS: dict[str, tuple[Any, QoSProfile]] = {
 
 @dataclass(frozen=True)
 class Noted:
-    """
-    A message of joint_states that arrived.
+    """A message of joint_states that arrived."""
 
-    Attributes
-    ----------
-    stamp : float
-        Simulated time [s].
-    published, arrived : float
-        Wall time [s].
-    effort : float
-        Torque of one joint [N m].
-
-    """
-
-    stamp: float
-    published: float
+    stamp: float  # simulated time [s]
+    published: float  # wall times [s]
     arrived: float
-    effort: float
+    effort: float  # torque of one joint [N m]
 
 
 class SimProbe:

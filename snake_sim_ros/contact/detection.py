@@ -111,7 +111,7 @@ def find_floor_contacts(tolerance, offset, radius, height, R, center, closed, co
     Deviation: a contact counts as closed up to a gap of `tolerance` [m], not of 0, so that gaps of
     the size of rounding errors do not open and close contacts.
 
-    Deviation: a vertical link has no heading; e_x^I replaces it, as in `reference.py`.
+    Deviation: a vertical link has no heading; e_x^I replaces it, as in `stepping.reference`.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 """
-A chain of links with one hinge a joint, linear in the number of links: `planar` has two of them.
+A chain of links with one hinge a joint, linear in the number of links: `stepping.planar` has two.
 
 This is the algorithm of `articulated_body` with three numbers a twist instead of six, and with
 symmetric inertias. In the plane a twist is (angular velocity, velocity of the body point at O) and

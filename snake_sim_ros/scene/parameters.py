@@ -274,7 +274,7 @@ class Scene(CheckedRecord):
     )
     dt: float = quantity(1 / 4000, 's', 'time step', above=0, maximum=0.1)
     duration: float = quantity(15.0, 's', 'length of an offline run', above=0)
-    method: str = quantity('newton', '', 'time stepper, a name of stepping.METHODS or auto')
+    method: str = quantity('newton', '', 'time stepper, a name of methods.METHODS or auto')
     level: str = quantity(
         'auto', '', 'model level; auto is planar while that is exact', choices=LEVELS
     )

@@ -93,8 +93,8 @@ class StabilityMap:
     name, title : str
     x, y : Axis
     methods : tuple of str
-        Rows of the picture: a method of stepping.METHODS, maybe with the scheme of its joint
-        controller, or a baseline or `mujoco`, see `maps.run_case`.
+        Rows of the picture: a method of `methods.METHODS`, maybe with the scheme of its
+        joint controller, or a baseline or `mujoco`, see `maps.run_case`.
     case : callable
         ``case(method, x, y)`` returns the case of a cell.
     error : callable

@@ -78,6 +78,7 @@ class Player:
             self.speed = gui.add_dropdown('speed', tuple(SPEEDS), initial_value='1')
             self.loop = gui.add_checkbox('again and again', True)
         self.playing, self._wanted = True, math.nan
+        self._marked, self._label = self.now, 'pause'  # what the controls say
         self.button.on_click(lambda _: self._toggle())
         self.slider.on_update(self._on_slider)
 
@@ -93,10 +94,12 @@ class Player:
         return int(np.searchsorted(self.times, self.now, 'right')) - 1
 
     def mark(self) -> None:
-        """Update the controls with the current time."""
-        if math.isnan(self._wanted):
-            self.slider.value = round(self.now, 2)
-        self.button.label = 'pause' if self.playing else 'play'
+        """Update the controls, where they change: what a person does meanwhile stays."""
+        time, label = round(self.now, 2), 'pause' if self.playing else 'play'
+        if math.isnan(self._wanted) and time != self._marked:
+            self._marked = self.slider.value = time
+        if label != self._label:
+            self._label = self.button.label = label
 
     def _toggle(self) -> None:
         self.playing = not self.playing

@@ -158,7 +158,8 @@ def test_installed_layout(tmp_path):
     ignore = shutil.ignore_patterns('.git', '.venv*', 'build', '__pycache__', '*.egg-info')
     shutil.copytree(ROOT, copy, symlinks=True, ignore=ignore)
     command = [sys.executable, '-m', 'pip', 'install', '-q', '--no-deps', '--no-build-isolation']
-    subprocess.run([*command, '--prefix', str(prefix), str(copy)], check=True, timeout=120)
+    command += ['--ignore-installed', '--prefix', str(prefix)]  # the environment keeps its own
+    subprocess.run([*command, str(copy)], check=True, timeout=120)
     assert (prefix / 'share/ament_index/resource_index/packages/snake_sim_ros').is_file()
     assert (prefix / 'share/snake_sim_ros/package.xml').is_file()
     for name in ('sim', 'gait', 'viewer', 'snake-sim'):

@@ -130,3 +130,17 @@ def test_in_flight_and_before_the_first_step_there_is_nothing():
     simulation.state.q[:, 2] += 1.0
     points, _ = balance(simulation, 5)
     assert points.shape == (0, 3)
+
+
+def test_impulses_of_another_method_are_those_of_a_whole_step():
+    # Its history has no memory that would say otherwise.
+    simulation = Simulation(replace(load_scene('lateral_undulation'), level='spatial'))
+    simulation.advance(*simulation.gait_reference(10))
+    state, history = simulation.state, simulation.history
+    scene = replace(simulation.scene, method='bdf2')
+    points, forces = contact_forces(scene, state, history)
+    _, expected = contact_forces(simulation.scene, state, history)
+    assert len(points) == 22
+    # The frames are those of the end of the step, not of its middle: an angle of omega dt/2.
+    turn = np.abs(state.u[:, 3:]).max() * scene.dt
+    assert np.abs(forces - expected).max() < turn * np.abs(expected).max()

@@ -348,4 +348,5 @@ def where_impulses_acted(scene: Scene, state: State, memory: Any) -> tuple[Array
     They acted at the end of the step, up to the error of its prediction. The memory of either
     level keeps the time; if it is empty, as after a change of the scene, it is the whole step.
     """
-    return state.q, memory.last_span() or scene.dt
+    span = memory.last_span() if memory else 0.0  # None: of another method
+    return state.q, span or scene.dt

@@ -32,7 +32,7 @@ from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.state import check_arguments
 from snake_sim_ros.stepping.state import copied
 from snake_sim_ros.stepping.state import History
-from snake_sim_ros.stepping.state import named_arrays
+from snake_sim_ros.stepping.state import is_finite
 from snake_sim_ros.stepping.state import State
 
 AUTO_ROLL = 3e-4  # largest roll that `auto` neglects [rad]
@@ -186,8 +186,7 @@ class LevelStepper:
             state, history, news = self.take(stepper, state, history, angle[part], rate[part])
             history.settling[0] -= min(pause, news.steps)
             if news.left:
-                arrays = named_arrays(history).values()
-                if not all(np.isfinite(array).all() for array in arrays):
+                if not is_finite(history):
                     history = self.empty_history()  # the numbers are of a step that was not taken
                 pause = self.pause_steps if self.planar.slips else 0
                 history.settling[0], self.reason = self.settle_steps + pause, news.left
@@ -237,7 +236,7 @@ class LevelStepper:
     ) -> None:
         """Compile a level at its first use, by a call without steps; note the time it takes."""
         begin = time.perf_counter()
-        self.take(stepper, state, copied(history), angle[:0], rate[:0])
+        self.take(stepper, state, history, angle[:0], rate[:0])
         self.compile_seconds += time.perf_counter() - begin
         self.used.append(stepper)
 

@@ -14,6 +14,7 @@ from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.contact_forces import contact_forces
+from snake_sim_ros.stepping.contact_forces import loaded_contacts
 from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.trajectory import Trajectory
@@ -95,7 +96,7 @@ class Samples:
         if self.keep.impulses:
             self.impulse[k] = impulse
         if self.keep.contacts:
-            self.loaded[k] = impulse[:, 0] > 0.0  # as `contact_forces` takes them, in its order
+            self.loaded[k, loaded_contacts(history)] = True
             touching = contact_forces(self.scene, state, history)
         self.contacts[k:] = [touching]
         self.levels[k:] = [report.level]

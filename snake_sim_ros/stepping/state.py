@@ -118,6 +118,14 @@ def with_arrays(record: T, arrays: Mapping[str, Array], name: str = 'history') -
     return cast(T, found)
 
 
+def is_finite(record: Any) -> bool:
+    """Return whether all numbers in nested NamedTuples of arrays are finite."""
+    if isinstance(record, np.ndarray):
+        # The sum of squares is finite only if all numbers are; it may overflow where they are.
+        return math.isfinite(np.vdot(record, record)) or bool(np.isfinite(record).all())
+    return not isinstance(record, tuple) or all(map(is_finite, record))
+
+
 def check_state(links: int, contacts: int, state: State, history: History) -> None:
     """
     Check the result of a step; `links` and `contacts` are the numbers of them in its scene.
@@ -136,7 +144,7 @@ def check_state(links: int, contacts: int, state: State, history: History) -> No
     for name in ('impulse', 'velocity', 'change'):
         _check_array(f'history.{name}', getattr(history, name), (contacts, 5))
     _check_array('history.settling', history.settling, (1,))
-    if not (_is_finite(state.q) and _is_finite(history)):
+    if not (is_finite(state.q) and is_finite(history)):
         _refuse_what_is_not_finite({'state.q': state.q, **named_arrays(history)})
 
 
@@ -199,13 +207,6 @@ def _check_memory(name: str, memory: Any, wanted: Any) -> None:
 def _name(memory: Any) -> str:
     """Return the name of the type of a memory."""
     return 'None' if memory is None else type(memory).__name__
-
-
-def _is_finite(record: Any) -> bool:
-    """Return whether all numbers in nested NamedTuples of arrays are finite."""
-    if isinstance(record, np.ndarray):
-        return math.isfinite(np.vdot(record, record))  # a sum of squares is not if one is not
-    return not isinstance(record, tuple) or all(map(_is_finite, record))
 
 
 def _refuse_what_is_not_finite(arrays: dict[str, Array]) -> None:

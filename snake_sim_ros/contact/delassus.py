@@ -1,12 +1,12 @@
 """
 The Delassus operator: how contact velocities follow from contact impulses, joints eliminated.
 
-``gamma = G P + gamma_free``, section VII. The operator is dense, with a row and a column for every
-component of a closed contact. Every column costs one solution of the chain; the solver that is
-linear in the number of links works without the operator.
+``gamma = G P + gamma_free + shift``, section VII. The operator is dense, with a row and a column
+for every component of a closed contact. `condensing.condense` forms it.
 
 `closed`, `contacts` and `chain` are those of a `solver.Problem`. The number of components of a
-contact is `width`: 3, or 5 with rolling friction.
+contact is `width`: 3, or 5 with rolling friction. `contacts.shift` is in none of the arrays here,
+so that it may change while they serve.
 """
 
 import math
@@ -20,25 +20,30 @@ from snake_sim_ros.dynamics.articulated_body import solve_chain
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.free_chain import unfold_free
 from snake_sim_ros.scene.parameters import Array
 
 
 class Delassus(NamedTuple):
-    """Arrays for c rows; row and column ``width k + j`` are component j of the k-th contact."""
+    """Arrays for c rows; component j of contact a has the row ``contacts.row[a] + j``."""
 
     operator: Array  # (c, c) G [1/kg]
     system: Array  # (c, c+1) matrix and right side of a linear system
-    free_velocity: Array  # (c,) relative velocities without contact impulses [m/s]
+    free_velocity: Array  # (c,) relative velocities without contact impulses and shifts [m/s]
     packed: Array  # (c,) velocities [m/s] or impulses [N s] of the closed contacts
+    loads: Array  # (c, 2n+4) loads X of unit impulses in a chain of n links
+    depth: Array  # (c, 2) joints of both arms that a contact loads, in its first row
 
 
-def make_delassus(size: int) -> Delassus:
-    """Return the arrays for a number of rows."""
+def make_delassus(rows: int, links: int) -> Delassus:
+    """Return the arrays for a number of rows and of links."""
     return Delassus(
-        operator=np.zeros((size, size)),
-        system=np.zeros((size, size + 1)),
-        free_velocity=np.zeros(size),
-        packed=np.zeros(size),
+        operator=np.zeros((rows, rows)),
+        system=np.zeros((rows, rows + 1)),
+        free_velocity=np.zeros(rows + 1),  # filled in pairs
+        packed=np.zeros(rows),
+        loads=np.zeros((rows + 1, 2 * links + 4)),
+        depth=np.zeros((rows, 2), np.int64),
     )
 
 
@@ -67,52 +72,54 @@ def end_twists(closed, contacts, chain):
     contact_velocities(closed, contacts, chain.frame, chain.twist)
 
 
-@compiled
-def condense(closed, width, contacts, chain, delassus):
-    """
-    Fill the Delassus operator and the free velocities.
-
-    The chain is a factored one. Its wrenches and twists are overwritten, and so are the impulses
-    and velocities of the closed contacts.
-    """
+@inlined
+def condensed_twists(closed, width, contacts, chain, delassus):
+    """Fill the twists of all links that momentum, torques and contact impulses lead to."""
+    X, load, depth = delassus.loads, chain.free.end_load, delassus.depth
+    middle = 6 + 2 * ((len(chain.axis) + 1) // 2)
+    for m in range(len(load)):
+        load[m] = chain.free.load[m]
     for a in closed:
-        contacts.impulse[a] = 0.0
-    end_twists(closed, contacts, chain)
-    for k, a in enumerate(closed):
-        for j in range(width):
-            delassus.free_velocity[width * k + j] = contacts.gamma[a, j]
-    for k, a in enumerate(closed):
-        for j in range(width):
-            contacts.impulse[a, j] = 1.0
-            chain.wrench[:] = 0.0
-            add_contact_wrench(closed[k : k + 1], contacts, chain.frame, chain.wrench)
-            contacts.impulse[a, j] = 0.0
-            solve_chain(chain, chain.no_torque)
-            contact_velocities(closed, contacts, chain.frame, chain.twist)
-            for other, b in enumerate(closed):
-                for i in range(width):
-                    delassus.operator[width * k + j, width * other + i] = contacts.gamma[b, i]
+        row, P = contacts.row[a], contacts.impulse[a]
+        end, last = 6 + 2 * depth[row, 0], middle + 2 * depth[row, 1]
+        if P[0] != 0.0 or P[1] != 0.0 or P[2] != 0.0:
+            for m in range(end):
+                load[m] += X[row, m] * P[0] + X[row + 1, m] * P[1] + X[row + 2, m] * P[2]
+            for m in range(middle, last):
+                load[m] += X[row, m] * P[0] + X[row + 1, m] * P[1] + X[row + 2, m] * P[2]
+        if width > 3:
+            for m in range(end):
+                load[m] += X[row + 3, m] * P[3] + X[row + 4, m] * P[4]
+            for m in range(middle, last):
+                load[m] += X[row + 3, m] * P[3] + X[row + 4, m] * P[4]
+    unfold_free(chain.free, load, chain.twist)
 
 
-@compiled
+@inlined
 def condensed_velocities(closed, width, contacts, delassus):
     """
-    Fill the relative velocities with ``G P + gamma_free``, as `condense` filled G and gamma_free.
+    Fill the relative velocities with ``G P + gamma_free + shift``.
 
     ``delassus.packed`` is filled with the velocities, too.
     """
-    rows = width * len(closed)
-    packed = delassus.packed
-    for row in range(rows):
-        packed[row] = delassus.free_velocity[row]
-    for k, a in enumerate(closed):
+    G, packed = delassus.operator, delassus.packed
+    for a in closed:
+        row = contacts.row[a]
+        for i in range(width):
+            packed[row + i] = delassus.free_velocity[row + i]
+        packed[row] += contacts.shift[a]
+    for b in closed:
         for j in range(width):
-            P = contacts.impulse[a, j]
-            for row in range(rows):
-                packed[row] += delassus.operator[width * k + j, row] * P  # G is symmetric
-    for k, a in enumerate(closed):
+            P = contacts.impulse[b, j]
+            if P != 0.0:
+                column = contacts.row[b] + j  # G is symmetric
+                for a in closed:
+                    row = contacts.row[a]
+                    for i in range(width):
+                        packed[row + i] += G[column, row + i] * P
+    for a in closed:
         for j in range(width):
-            contacts.gamma[a, j] = packed[width * k + j]
+            contacts.gamma[a, j] = packed[contacts.row[a] + j]
 
 
 @compiled

@@ -11,10 +11,10 @@ the Delassus operator, 1/G_kk, and the velocities contain all impulses found so 
 import math
 from typing import NamedTuple
 
-from snake_sim_ros.contact.delassus import condense
+from snake_sim_ros.contact.condensing import condense
+from snake_sim_ros.contact.delassus import condensed_twists
 from snake_sim_ros.contact.delassus import condensed_velocities
 from snake_sim_ros.contact.delassus import Delassus
-from snake_sim_ros.contact.delassus import end_twists
 from snake_sim_ros.contact.laws import rolling_disc
 from snake_sim_ros.contact.laws import sliding_disc
 from snake_sim_ros.contact.natural_map import natural_map
@@ -24,8 +24,6 @@ from snake_sim_ros.contact.projections import prox_half_line
 from snake_sim_ros.contact.prox_iteration import copy_impulses
 from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.contact.solver import solve
-from snake_sim_ros.dynamics.articulated_body import factor_chain
-from snake_sim_ros.dynamics.articulated_body import reset_chain
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
@@ -130,8 +128,6 @@ def solve_with_sweeps(solver, model, problem, history):
     """Sweep until the contact laws hold; see `solver.solve`."""
     laws, closed, contacts, chain = problem
     delassus, impulse, tolerance = solver.delassus, history.impulse, model.residual_tolerance
-    reset_chain(chain)
-    factor_chain(chain)
     width = 5 if laws.rolling.mu_x > 0.0 else 3
     condense(closed, width, contacts, chain, delassus)
     iterations = 0
@@ -143,5 +139,5 @@ def solve_with_sweeps(solver, model, problem, history):
             break
         sweep(laws, closed, width, contacts, delassus, impulse)
         iterations += 1
-    end_twists(closed, contacts, chain)
+    condensed_twists(closed, width, contacts, chain, delassus)
     return Outcome(iterations, residual <= tolerance, residual, printed, False)

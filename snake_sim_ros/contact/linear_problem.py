@@ -9,15 +9,14 @@ such contacts in addition. The alternative is a dense problem with the Delassus 
 import math
 
 from snake_sim_ros.contact.delassus import condensed_system
-from snake_sim_ros.contact.delassus import condensed_velocities
 from snake_sim_ros.contact.delassus import eliminate
 from snake_sim_ros.contact.delassus import fill_wrenches
-from snake_sim_ros.contact.delassus import solve_condensed
 from snake_sim_ros.contact.directions import add_contact_wrench
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.laws_on_links import add_laws
 from snake_sim_ros.contact.linear_laws import linear_impulses
 from snake_sim_ros.contact.linear_laws import linearize
+from snake_sim_ros.contact.reduced_problem import reduced_step
 from snake_sim_ros.contact.table import SLIDING
 from snake_sim_ros.dynamics.articulated_body import correct_chain
 from snake_sim_ros.dynamics.articulated_body import factor_chain
@@ -26,13 +25,15 @@ from snake_sim_ros.dynamics.articulated_body import reset_chain
 from snake_sim_ros.dynamics.articulated_body import solve_residual
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import merged
 
 MOST_CORRECTIONS = 4  # of the twists in one linear step
+FAR = 1e-4  # a solution that is farther from the trial velocities is not corrected [m/s]
 SMALL_CORRECTION = 1e-6  # after it the next one would be rounding [m/s, rad/s]
 
 
 @inlined
-def linear_step(problem, delassus):
+def linear_step(problem, operator):
     """
     Fill velocities and impulses with the solution for the laws linear about the trial velocities.
 
@@ -40,32 +41,38 @@ def linear_step(problem, delassus):
     ----------
     problem : Problem
         Its contacts need trial, anchor, selection_center and disc_radius. Their gamma and impulse
-        are filled and, without a Delassus operator, the twists of the chain.
-    delassus : Delassus or None
-        With a Delassus operator the dense problem is solved, without the chain. With None the
-        chain is solved together with the laws.
+        are filled and, if they are not condensed, the twists of the chain.
+    operator : Operator or None
+        If it has the contacts of this step, the small dense problem is solved, without the chain.
+        Otherwise the chain is solved together with the laws.
 
     Returns
     -------
-    bool
+    finite : bool
         Whether the solution is finite.
+    exact : bool
+        Whether it was corrected for rounding. It is not if it is far from the trial velocities,
+        so that another iteration follows anyway.
 
     """
-    laws, closed, contacts, chain = problem
+    laws, closed, contacts, _ = problem
+    if operator is not None:
+        if operator.is_condensed[0]:
+            return reduced_step(laws, closed, contacts, operator.delassus, operator.reduced), True
     linearize(laws, closed, contacts)
+    return solve_linear(problem)
+
+
+@merged
+def solve_linear(problem):
+    """Solve the chain together with linear laws; return whether the solution is finite."""
+    laws, closed, contacts, chain = problem
     rolling = laws.rolling.mu_x > 0.0
-    if delassus is not None:
-        width = 5 if rolling else 3
-        finite = solve_condensed(closed, width, contacts, delassus)
-        if chain.pair_delassus is not None:  # links pressed together are stiff and hardly move
-            solve_correction(closed, width, contacts, delassus)
-            add_kept_impulses(closed, width, contacts, delassus)
-            condensed_velocities(closed, width, contacts, delassus)
-        return finite
     reset_chain(chain)
     single = closed[: count_single(closed, contacts, chain.pair_delassus)]
     add_laws(single, contacts, chain.frame, rolling, chain.wrench, chain.inertia)
     factor_chain(chain)
+    exact = True
     for k in range(MOST_CORRECTIONS if len(closed) > 0 else 1):  # a chain in the air is not stiff
         if k > 0:  # solve once more for what rounding left
             fill_wrenches(closed, contacts, chain)
@@ -77,9 +84,22 @@ def linear_step(problem, delassus):
         )
         contact_velocities(closed, contacts, chain.frame, chain.twist)
         linear_impulses(single, contacts, rolling)
+        if k == 0 and is_far(single, contacts):
+            exact = False
+            break
         if k > 0 and not largest > SMALL_CORRECTION:
             break
-    return math.isfinite(chain.twist[0, 3] + chain.twist[len(chain.twist) - 1, 3])
+    return math.isfinite(chain.twist[0, 3] + chain.twist[len(chain.twist) - 1, 3]), exact
+
+
+@inlined
+def is_far(closed, contacts):
+    """Return whether a contact velocity is farther than FAR from the trial velocity."""
+    farthest = 0.0
+    for a in closed:
+        for j in range(3):
+            farthest = max(farthest, abs(contacts.gamma[a, j] - contacts.trial[a, j]))
+    return farthest > FAR
 
 
 @inlined

@@ -3,7 +3,10 @@ Newton's method on the contact laws; each linear problem is solved exactly in a 
 
 An iteration makes the laws linear about a trial velocity (`linear_laws`) and solves the chain with
 them (`linear_problem`). For any number of links this costs about as much as a step without
-contacts. The iterates satisfy the dynamics and the joints to rounding. Only the laws are iterated
+contacts. Few contacts are condensed instead: their Delassus operator is formed once a step
+(`condensing`), some sweeps over the contacts improve the prediction, and an iteration solves a
+small dense system (`reduced_problem`). The iterates satisfy the dynamics and the joints to
+rounding. Only the laws are iterated
 for, and `natural_map.natural_map` judges them. The methods `newton` and `newton_dense` differ in
 how they solve the linear problem.
 
@@ -17,9 +20,12 @@ Newton's method with an exact line search solves it from any start, and the radi
 import math
 from typing import NamedTuple
 
-from snake_sim_ros.contact.delassus import condense
+import numpy as np
+
+from snake_sim_ros.contact.condensing import condense
+from snake_sim_ros.contact.delassus import condensed_twists
 from snake_sim_ros.contact.delassus import Delassus
-from snake_sim_ros.contact.delassus import end_twists
+from snake_sim_ros.contact.delassus import make_delassus
 from snake_sim_ros.contact.laws import rolling_disc
 from snake_sim_ros.contact.laws import sliding_disc
 from snake_sim_ros.contact.line_search import law_error
@@ -27,17 +33,22 @@ from snake_sim_ros.contact.line_search import line_search
 from snake_sim_ros.contact.line_search import move_trial
 from snake_sim_ros.contact.linear_problem import linear_step
 from snake_sim_ros.contact.natural_map import natural_map
+from snake_sim_ros.contact.reduced_problem import make_reduced
+from snake_sim_ros.contact.reduced_problem import Reduced
 from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.contact.table import FREE
+from snake_sim_ros.contact.warm_start import improve
 from snake_sim_ros.contact.warm_start import predict
 from snake_sim_ros.contact.warm_start import remember
-from snake_sim_ros.dynamics.articulated_body import factor_chain
-from snake_sim_ros.dynamics.articulated_body import reset_chain
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.scene.parameters import Array
 
 COUPLED_ITERATIONS = 6  # iterations before the radii are held for the first time
+SWEEPS = 4  # sweeps over condensed contacts before the first iteration
+MORE_SWEEPS = 100  # and when it does not converge
+MOST_SWEPT = 2  # how often that is tried
 LATER_COUPLED_ITERATIONS = 4  # iterations between rounds with held radii
 MOST_COUPLED_ITERATIONS = 100  # of either, while the residual falls
 HELD_ITERATIONS = 30  # iterations with held radii, at most
@@ -68,9 +79,11 @@ def anchor_disc(disc, contacts, a, radius):
 
 
 @merged
-def iterate_coupled(problem, tolerance, limit, delassus, rounds):
+def iterate_laws(problem, tolerance, limit, operator, rounds, held):
     """
-    Iterate with disc radii that follow the normal impulses.
+    Iterate with disc radii that are held, which is a convex problem, or that follow the loads.
+
+    One function does both, because `linear_step` is compiled wherever it is called.
 
     Returns
     -------
@@ -81,54 +94,43 @@ def iterate_coupled(problem, tolerance, limit, delassus, rounds):
     """
     laws, closed, contacts, _ = problem
     for a in closed:
-        contacts.disc_radius[a] = FREE
+        contacts.disc_radius[a] = contacts.held_radius[a] if held else FREE
     residual = printed = math.inf
-    iterations, steps = 0, COUPLED_ITERATIONS if rounds == 0 else LATER_COUPLED_ITERATIONS
+    iterations, steps = 0, COUPLED_ITERATIONS if rounds <= 0 else LATER_COUPLED_ITERATIONS
+    if held:
+        steps = HELD_ITERATIONS
     while iterations < min(steps, limit):
         iterations += 1
         before = residual
-        if not linear_step(problem, delassus):
+        finite, exact = linear_step(problem, operator)
+        if not finite:
             return iterations, math.inf, math.inf
-        residual, printed = natural_map(laws, closed, contacts, tolerance)
-        if residual <= tolerance:
-            break
-        fraction = 1.0
-        if rounds + iterations > 1 and residual > 1e3 * tolerance:  # below, rounding decides
-            fraction = line_search(laws, closed, contacts)
-            if fraction == 0.0:
+        if not held:
+            residual, printed = natural_map(laws, closed, contacts, tolerance)
+            if residual <= tolerance and exact:
                 break
-        move_trial(closed, contacts, fraction)
-        anchor_at_iterate(laws, closed, contacts)
-        if residual < 0.95 * before and steps < MOST_COUPLED_ITERATIONS:
-            steps += 1  # slow, but converging
-    return iterations, residual, printed
-
-
-@merged
-def iterate_held(problem, tolerance, limit, delassus):
-    """
-    Solve the convex problem with held disc radii; return what `iterate_coupled` returns.
-
-    The residuals are those after the last iteration.
-    """
-    laws, closed, contacts, _ = problem
-    for a in closed:
-        contacts.disc_radius[a] = contacts.held_radius[a]
-    iterations = 0
-    while iterations < min(HELD_ITERATIONS, limit):
-        iterations += 1
-        if not linear_step(problem, delassus):
-            return iterations, math.inf, math.inf
-        fraction = line_search(laws, closed, contacts)
-        move_trial(closed, contacts, fraction if fraction > 0.0 else 1.0)
-        if fraction == 1.0 and law_error(laws, closed, contacts, 1.0)[1] <= tolerance:
+        fraction = 1.0
+        is_far = residual > 1e3 * tolerance  # below, rounding decides
+        if held or (is_far and (rounds > 0 or iterations > 1)):
+            fraction = line_search(laws, closed, contacts)
+        if fraction == 0.0 and not held:
             break
-    residual, printed = natural_map(laws, closed, contacts, tolerance)
+        move_trial(closed, contacts, fraction if fraction > 0.0 else 1.0)
+        if held:
+            error = law_error(laws, closed, contacts, 1.0)[1] if exact else math.inf
+            if fraction == 1.0 and error <= tolerance:
+                break
+        else:
+            anchor_at_iterate(laws, closed, contacts)
+            if residual < 0.95 * before and steps < MOST_COUPLED_ITERATIONS:
+                steps += 1  # slow, but converging
+    if held:
+        residual, printed = natural_map(laws, closed, contacts, tolerance)
     return iterations, residual, printed
 
 
 @merged
-def iterate(problem, tolerance, limit, delassus):
+def iterate(problem, tolerance, limit, operator):
     """
     Find impulses and twists that satisfy the contact laws, from what `predict` filled.
 
@@ -139,8 +141,7 @@ def iterate(problem, tolerance, limit, delassus):
         Natural-map residual at which the iteration stops [m/s].
     limit : int
         Largest number of iterations.
-    delassus : Delassus or None
-        See `linear_step`.
+    operator : Operator or None
 
     Returns
     -------
@@ -149,54 +150,77 @@ def iterate(problem, tolerance, limit, delassus):
 
     """
     laws, closed, contacts, chain = problem
-    iterations, fell_back = 0, False
+    iterations, fell_back, held = 0, False, False
     residual = printed = math.inf
     relaxation, before = 1.0, 0.0
-    for rounds in range(limit):
-        # Leave enough for a round with held radii.
-        most = limit - iterations - (HELD_ITERATIONS if rounds > 0 else 0)
-        spent, residual, printed = iterate_coupled(problem, tolerance, most, delassus, rounds)
+    swept = attempts_with_sweeps(operator)
+    rounds = -swept
+    while iterations < limit:
+        inner, most = tolerance, limit - iterations
+        if held:
+            begin_held(rounds, closed, contacts)
+            anchor_at_iterate(laws, closed, contacts)
+            inner = 1e2 * tolerance if rounds < INEXACT_ROUNDS else 0.1 * tolerance
+            fell_back = True
+        elif rounds > 0:
+            most -= HELD_ITERATIONS  # leave enough for a round with held radii
+        elif swept > 0:
+            sweeps = SWEEPS if rounds == -swept else MORE_SWEEPS
+            sweep_contacts(laws, closed, contacts, operator, sweeps)
+        spent, residual, printed = iterate_laws(problem, inner, most, operator, rounds, held)
         iterations += spent
-        if residual <= tolerance or iterations >= limit:
+        if residual <= tolerance or (held and residual == math.inf):
             break
-        for a in closed:  # return to the end of the last round
-            if rounds > 0:
-                for j in range(5):
-                    contacts.trial[a, j] = contacts.saved_trial[a, j]
-                    contacts.iterate[a, j] = contacts.saved_iterate[a, j]
-            else:
-                contacts.held_radius[a] = max(0.0, contacts.iterate[a, 0])
-                contacts.radius_step[a] = 0.0
-        anchor_at_iterate(laws, closed, contacts)
-        fell_back = True
-        inner = 1e2 * tolerance if rounds < INEXACT_ROUNDS else 0.1 * tolerance
-        spent, residual, printed = iterate_held(problem, inner, limit - iterations, delassus)
-        iterations += spent
-        if residual <= tolerance or iterations >= limit or residual == math.inf:
-            break
-        anchor_at_iterate(laws, closed, contacts)
-        along, size = find_radius_steps(closed, contacts)
-        relaxation, before = next_relaxation(relaxation, along, before, rounds), size
-        if chain.pair_delassus is not None:
-            restart_radii(rounds, closed, contacts)
-        for a in closed:
-            contacts.held_radius[a] = max(
-                0.0, contacts.held_radius[a] + relaxation * contacts.radius_step[a]
-            )
-            for j in range(5):
-                contacts.saved_trial[a, j] = contacts.trial[a, j]
-                contacts.saved_iterate[a, j] = contacts.iterate[a, j]
+        if held:
+            anchor_at_iterate(laws, closed, contacts)
+            along, size = find_radius_steps(closed, contacts)
+            relaxation, before = next_relaxation(relaxation, along, before, rounds), size
+            restart_radii(rounds, closed, contacts, chain.pair_delassus)
+            end_held(relaxation, closed, contacts)
+        if held or rounds < 0:
+            held = False
+            rounds += 1
+        else:
+            held = True
     return Outcome(iterations, residual <= tolerance, residual, printed, fell_back)
 
 
 @inlined
-def restart_radii(rounds, closed, contacts):
+def end_held(relaxation, closed, contacts):
+    """Move the radii that are held by a share of their steps, and keep the end of the round."""
+    for a in closed:
+        contacts.held_radius[a] = max(
+            0.0, contacts.held_radius[a] + relaxation * contacts.radius_step[a]
+        )
+        for j in range(5):
+            contacts.saved_trial[a, j] = contacts.trial[a, j]
+            contacts.saved_iterate[a, j] = contacts.iterate[a, j]
+
+
+@inlined
+def begin_held(rounds, closed, contacts):
+    """Return to the end of the last round or, before the first one, hold the radii of now."""
+    for a in closed:
+        if rounds > 0:
+            for j in range(5):
+                contacts.trial[a, j] = contacts.saved_trial[a, j]
+                contacts.iterate[a, j] = contacts.saved_iterate[a, j]
+        else:
+            contacts.held_radius[a] = max(0.0, contacts.iterate[a, 0])
+            contacts.radius_step[a] = 0.0
+
+
+@inlined
+def restart_radii(rounds, closed, contacts, pairs):
     """
     Hold other radii if the rounds go in a circle: no friction, and later much of it everywhere.
 
     The rounds have a solution to converge to, but reach it only from some starts. Robots that fold
-    onto themselves with friction of 0.6 and more reach it from one of these.
+    onto themselves with friction of 0.6 and more reach it from one of these. Other robots have no
+    `pairs`; see `linear_problem.couple_pairs`.
     """
+    if pairs is None:
+        return
     if rounds != RESTART_ROUNDS and rounds != 2 * RESTART_ROUNDS:
         return
     radius = 0.0
@@ -253,43 +277,110 @@ def next_relaxation(relaxation, along, before, rounds):
     return relaxation
 
 
-class Newton(NamedTuple):
-    """Newton's method on the chain of links or, with arrays for it, on the Delassus operator."""
+class Operator(NamedTuple):
+    """The Delassus operator of few contacts, and arrays for linear problems on it."""
 
-    delassus: Delassus | None
+    delassus: Delassus
+    reduced: Reduced
+    most: int  # largest number of contacts that are condensed
+    swept: int  # how often sweeps over the contacts are tried
+    is_condensed: Array  # (1,) 1 if the contacts of this step are
+
+
+class Newton(NamedTuple):
+    """Newton's method on the Delassus operator or, for more contacts, on the chain of links."""
+
+    operator: Operator | None  # None: always on the chain, and only that is compiled
+
+
+def make_operator(most: int, width: int, links: int, swept: int = MOST_SWEPT) -> Operator:
+    """
+    Return the arrays for contacts on the Delassus operator.
+
+    Parameters
+    ----------
+    most : int
+        Largest number of closed contacts for which the Delassus operator is formed.
+    width : int
+        Components of a contact: 3, or 5 with rolling friction.
+    links : int
+        Number of links.
+    swept : int
+        How often sweeps over the contacts are tried. Where more contacts stick than hold a robot,
+        they leave impulses of friction that press its links against each other.
+
+    """
+    return Operator(
+        make_delassus(width * most, links),
+        make_reduced(width * most),
+        most,
+        swept,
+        np.zeros(1, np.int64),
+    )
 
 
 @solve.register(Newton)
 @inlined
 def solve_contacts(solver, model, problem, history):
-    """
-    Solve the contacts of a step; see `solver.solve`.
+    """Solve the contacts of a step; see `solver.solve`."""
+    prepare_contacts(solver.operator, problem)
+    return solve_prepared(solver.operator, model, problem, history)
 
-    Without a Delassus operator the chain is solved together with the laws. With one, the operator
-    is formed first and the problem is solved without the chain.
+
+@inlined
+def prepare_contacts(operator, problem):
     """
-    laws, closed, contacts, _ = problem
+    Condense the contacts, if they are few, for any number of calls of `solve_prepared`.
+
+    The closed contacts of these calls may be some of those here, and may have other shifts.
+    """
+    laws, closed, contacts, chain = problem
+    if operator is not None:
+        operator.is_condensed[0] = 1 if len(closed) <= operator.most else 0
+        if operator.is_condensed[0]:
+            width = 5 if laws.rolling.mu_x > 0.0 else 3
+            condense(closed, width, contacts, chain, operator.delassus)
+
+
+@merged
+def solve_prepared(operator, model, problem, history):
+    """Solve contacts after `prepare_contacts`; see `solver.solve`."""
+    laws, closed, contacts, chain = problem
     predict(laws, closed, contacts, history)
-    begin_condensed(problem, solver.delassus)
-    outcome = iterate(problem, model.residual_tolerance, model.iteration_limit, solver.delassus)
-    end_condensed(problem, solver.delassus)
+    outcome = iterate(problem, model.residual_tolerance, model.iteration_limit, operator)
+    fill_twists(laws, closed, contacts, chain, operator)
     remember(closed, contacts, history)
     return outcome
 
 
-@inlined
-def begin_condensed(problem, delassus):
-    """Form the Delassus operator, if there is one."""
-    laws, closed, contacts, chain = problem
-    if delassus is not None:
-        reset_chain(chain)
-        factor_chain(chain)
-        condense(closed, 5 if laws.rolling.mu_x > 0.0 else 3, contacts, chain, delassus)
+# Numba leaves out branches on None in functions of which `operator` is an argument of its own.
 
 
 @inlined
-def end_condensed(problem, delassus):
-    """Fill the twists of the chain, if the impulses come from a Delassus operator."""
-    _, closed, contacts, chain = problem
-    if delassus is not None:
-        end_twists(closed, contacts, chain)
+def has_contacts(operator):
+    """Return whether the operator has the contacts of this step."""
+    return operator is not None and operator.is_condensed[0] > 0
+
+
+@inlined
+def attempts_with_sweeps(operator):
+    """Return how often sweeps over the contacts are tried in this step."""
+    if operator is not None and operator.is_condensed[0] > 0:
+        return operator.swept
+    return 0
+
+
+@inlined
+def sweep_contacts(laws, closed, contacts, operator, sweeps):
+    """Do some sweeps over the contacts of the operator; see `warm_start.improve`."""
+    if operator is not None:
+        improve(laws, closed, contacts, operator.delassus, sweeps)
+
+
+@inlined
+def fill_twists(laws, closed, contacts, chain, operator):
+    """Fill the twists of the links that impulses found on the operator cause."""
+    if operator is not None:
+        if operator.is_condensed[0]:
+            width = 5 if laws.rolling.mu_x > 0.0 else 3
+            condensed_twists(closed, width, contacts, chain, operator.delassus)

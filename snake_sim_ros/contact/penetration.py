@@ -58,3 +58,46 @@ def obstacle_penetration(obstacles, offset, radius, q):
                         square += (q[i, k] + arm * axis[k] - q[j, k] - other * beyond[k]) ** 2
                     lowest = min(lowest, math.sqrt(square) - radius[i] - radius[j])
     return -lowest
+
+
+@inlined
+def gap_at(obstacles, offset, radius, q, contacts, a):
+    """
+    Return the gap of contact a [m], infinite where a cell has no contact.
+
+    Parameters are those of `penetration`, with the table of contacts: its links are read for
+    contacts that have frames.
+    """
+    n = len(q)
+    if obstacles is None:
+        i, arm = (a, offset[a]) if a < n else (a - n, -offset[a - n])
+        return q[i, 2] + arm * axis_z(q, i)[2] - radius[i]
+    return obstacle_gap(obstacles, offset, radius, q, contacts, a)
+
+
+@merged
+def obstacle_gap(obstacles, offset, radius, q, contacts, a):
+    """Do what `gap_at` does, for a scene with more than a flat floor."""
+    n, i = len(q), contacts.link[a]
+    axis = axis_z(q, i)
+    if a >= obstacles.first_pair:
+        side, j = (a - obstacles.first_pair) % 4, contacts.other_link[a]
+        arm = offset[i] if side < 2 else -offset[i]
+        other = offset[j] if side % 2 == 0 else -offset[j]
+        beyond, square = axis_z(q, j), 0.0
+        for k in range(3):
+            square += (q[i, k] + arm * axis[k] - q[j, k] - other * beyond[k]) ** 2
+        return math.sqrt(square) - radius[i] - radius[j]
+    if a >= obstacles.first_peg:
+        k = (a - obstacles.first_peg) // n
+        _, distance, _, _ = peg_contact(
+            q[i, 0], q[i, 1], axis[0], axis[1], offset[i],
+            obstacles.pegs[k, 0], obstacles.pegs[k, 1],
+        )  # fmt: skip
+        return distance - obstacles.pegs[k, 2] - radius[i]
+    block = a // n
+    side, k = (block, 0) if block < 2 else ((block - 2) // 3, (block - 2) % 3 + 1)
+    arm = offset[i] if side == 0 else -offset[i]
+    x, y, z = q[i, 0] + arm * axis[0], q[i, 1] + arm * axis[1], q[i, 2] + arm * axis[2]
+    gap, _, _, _ = ground_contact(obstacles, x, y, z, radius[i], k)
+    return gap

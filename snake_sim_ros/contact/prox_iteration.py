@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from snake_sim_ros.contact.delassus import condense
+from snake_sim_ros.contact.condensing import condense
 from snake_sim_ros.contact.delassus import condensed_velocities
 from snake_sim_ros.contact.delassus import Delassus
 from snake_sim_ros.contact.delassus import end_twists

@@ -25,12 +25,16 @@ CONTACT = np.dtype(
         ('gamma', float, 5),  # relative velocities [m/s]
         ('impulse', float, 5),  # impulses P [N s]
         ('gap', float),  # gap g [m]
+        ('start_gap', float),  # gap at the start, if the contact was deep; 0 if not [m]
+        ('is_loaded', np.int64),  # 1 if it carries load at the end of the step
+        ('end_gap', float),  # gap at the end of the step [m]
         ('shift', float),  # gap over the time it may close in; added to gamma_N [m/s]
         ('approach_velocity', float),  # gamma_N before the contacts act [m/s]
         ('selection_center', float),  # P_N about which the selection rule is compliant [N s]
         ('last_normal_impulse', float),  # P_N of the last step [N s]
         ('link', np.int64),  # index of the link
         ('other_link', np.int64),  # index of the link that it touches, -1 if it is no link
+        ('row', np.int64),  # its first row in the Delassus operator
         # Linear laws P = P_0 - S gamma [N s], [kg].
         ('P_0', float, 5),
         ('S_N', float),

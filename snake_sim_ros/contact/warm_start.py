@@ -1,5 +1,13 @@
 """Where the contact solvers of Newton start in a step: from the history of the last one."""
 
+import math
+
+from snake_sim_ros.contact.delassus import condensed_velocities
+from snake_sim_ros.contact.gauss_seidel import project_normal
+from snake_sim_ros.contact.gauss_seidel import set_impulse
+from snake_sim_ros.contact.laws import rolling_disc
+from snake_sim_ros.contact.laws import sliding_disc
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 
 
@@ -29,6 +37,77 @@ def predict(laws, closed, contacts, history):
                 contacts.trial[a, k] = next_x if ahead else x
                 contacts.trial[a, k + 1] = next_y if ahead else y
         contacts.trial[a, 0] = -laws.compliance * (max(0.0, P_N) - contacts.selection_center[a])
+
+
+@inlined
+def improve(laws, closed, contacts, delassus, sweeps):
+    """
+    Improve predicted impulses by a few projections of each contact on the Delassus operator.
+
+    Parameters are those of `predict`, and the operator as `delassus.condense` filled it. Trial,
+    iterate and anchor are replaced. A contact that sticks gets a trial velocity of zero.
+    """
+    width, impulse = 5 if laws.rolling.mu_x > 0.0 else 3, contacts.iterate
+    rows = 0
+    for a in closed:
+        rows = max(rows, contacts.row[a] + width)
+        for j in range(width):
+            contacts.impulse[a, j] = impulse[a, j]
+    condensed_velocities(closed, width, contacts, delassus)
+    G, gamma = delassus.operator, delassus.packed
+    for sweep in range(sweeps):
+        for a in closed:
+            row = contacts.row[a]
+            P_N = project_normal(laws, G, gamma, rows, row, contacts, impulse, a)
+            for disc in (sliding_disc(laws, laws.other, a), rolling_disc(laws, laws.other, a)):
+                if disc.column < width:
+                    k = row + disc.column
+                    sticks = project_scaled(disc, G, gamma, rows, k, impulse, a, P_N)
+                    if sweep == sweeps - 1:
+                        for j in range(2):
+                            contacts.trial[a, disc.column + j] = 0.0 if sticks else gamma[k + j]
+    for a in closed:
+        P_N = impulse[a, 0]
+        rule = -laws.compliance * (P_N - contacts.selection_center[a])
+        contacts.trial[a, 0] = rule if P_N > 0.0 else gamma[contacts.row[a]]
+        for j in range(width):
+            contacts.anchor[a, j] = impulse[a, j]
+
+
+@inlined
+def project_scaled(disc, G, gamma, rows, k, impulse, a, radius):
+    """
+    Project the friction of contact a on a disc, with the scaled impulses of `linear_laws`.
+
+    Parameters
+    ----------
+    disc : Disc
+    G, gamma, rows, impulse, a
+        As in `gauss_seidel.project_normal`.
+    k : int
+        First row of the friction.
+    radius : float
+        Radius of the disc [N s].
+
+    Returns
+    -------
+    bool
+        Whether the contact sticks.
+
+    """
+    j, mu_x, mu_y = disc.column, disc.mu_x, disc.mu_y
+    xx, xy, yy = mu_x * mu_x * G[k, k], mu_x * mu_y * G[k, k + 1], mu_y * mu_y * G[k + 1, k + 1]
+    half = 0.5 * (xx - yy)
+    largest = 0.5 * (xx + yy) + math.sqrt(half * half + xy * xy)
+    if not largest > 0.0:
+        return False
+    x = disc.over_x * impulse[a, j] - mu_x * gamma[k] / largest
+    y = disc.over_y * impulse[a, j + 1] - mu_y * gamma[k + 1] / largest
+    length = math.sqrt(x * x + y * y)
+    shrink = radius / length if length > radius else 1.0
+    set_impulse(G, gamma, rows, k, impulse, a, j, mu_x * shrink * x)
+    set_impulse(G, gamma, rows, k + 1, impulse, a, j + 1, mu_y * shrink * y)
+    return length <= radius
 
 
 @merged

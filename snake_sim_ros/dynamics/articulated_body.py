@@ -53,6 +53,7 @@ class Chain(NamedTuple):
     correction: Array  # (n, 6) correction of these twists
     no_torque: Array  # (n-1, 2) zeros
     frame: Array | None = None  # (contacts, 3, 3) contact frames; None on a flat floor
+    free: Any = None  # the chain without contacts, see `free_chain.FreeChain`
     pair_delassus: Any = None  # Delassus operator of contacts of two links, if there can be any
 
 

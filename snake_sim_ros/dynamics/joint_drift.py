@@ -14,6 +14,7 @@ from snake_sim_ros.dynamics.kinematics import axis_y
 from snake_sim_ros.dynamics.kinematics import axis_z
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
 
+SMALL_SQUARE = 1e-6  # of a sine; its third power is below rounding
 PAPER, CENTER_OF_MASS, NONE = range(len(DRIFT_CORRECTIONS))
 
 
@@ -69,7 +70,8 @@ def close_joints(rule, half_length, mass, q):
     Parameters
     ----------
     rule : int
-        PAPER, CENTER_OF_MASS or NONE.
+        SMALL_SQUARE = 1e-6  # of a sine; its third power is below rounding
+    PAPER, CENTER_OF_MASS or NONE.
     half_length, mass : ndarray, shape (n,)
         Half of the link lengths [m], and masses of the links [kg].
     q : ndarray, shape (n, 7)
@@ -103,14 +105,21 @@ def square_axes(q, j):
     Turn link j+1 until its e_x is at right angles to e_y of link j.
 
     About their common normal n = e_y x e_x this is the angle with the sine g_Jphi and the cosine
-    abs(n). Half of the angle is found without computing it.
+    abs(n). Half of the angle is found without computing it: its cosine c, and its sine over
+    abs(n). For the small angles of a step these are the first terms of their series, since each
+    joint has to wait for the one before.
     """
     a, b = axis_y(q, j), axis_x(q, j + 1)
     x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     sine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-    cosine = math.sqrt(x * x + y * y + z * z)
-    c = math.sqrt(0.5 * (1.0 + cosine))
-    s = sine / (2.0 * c * cosine)
+    square = sine * sine
+    if square < SMALL_SQUARE:
+        c = 1.0 - square * (1.0 / 8.0 + square * (5.0 / 128.0))
+        s = sine * (0.5 + square * (5.0 / 16.0 + square * (63.0 / 256.0)))
+    else:
+        cosine = math.sqrt(x * x + y * y + z * z)
+        c = math.sqrt(0.5 * (1.0 + cosine))
+        s = sine / (2.0 * c * cosine)
     x, y, z = s * x, s * y, s * z
     i = j + 1
     e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]

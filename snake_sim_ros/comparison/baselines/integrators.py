@@ -129,7 +129,7 @@ def make_pyramid(scene: Scene) -> Stepper:
 
     """
     refuse_rolling(scene)
-    solver = Pyramid(make_delassus(3 * contact_count(scene)))
+    solver = Pyramid(make_delassus(3 * contact_count(scene), scene.robot.link_count))
     return SpatialStepper(scene, partial(moreau.advance, solver))
 
 

@@ -12,10 +12,10 @@ an angle toward the axis in which it is faster.
 from typing import NamedTuple
 
 from snake_sim_ros.comparison.baselines.penalty import BOUND
-from snake_sim_ros.contact.delassus import condense
+from snake_sim_ros.contact.condensing import condense
+from snake_sim_ros.contact.delassus import condensed_twists
 from snake_sim_ros.contact.delassus import condensed_velocities
 from snake_sim_ros.contact.delassus import Delassus
-from snake_sim_ros.contact.delassus import end_twists
 from snake_sim_ros.contact.gauss_seidel import project_normal
 from snake_sim_ros.contact.gauss_seidel import set_impulse
 from snake_sim_ros.contact.laws import sliding_disc
@@ -24,8 +24,6 @@ from snake_sim_ros.contact.projections import prox_half_line
 from snake_sim_ros.contact.prox_iteration import copy_impulses
 from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.contact.solver import solve
-from snake_sim_ros.dynamics.articulated_body import factor_chain
-from snake_sim_ros.dynamics.articulated_body import reset_chain
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 
@@ -83,8 +81,6 @@ def solve_with_pyramid(solver, model, problem, history):
     """
     laws, closed, contacts, chain = problem
     delassus, impulse, tolerance = solver.delassus, history.impulse, model.residual_tolerance
-    reset_chain(chain)
-    factor_chain(chain)
     condense(closed, 3, contacts, chain, delassus)
     for a in closed:
         impulse[a, 3] = impulse[a, 4] = 0.0
@@ -98,5 +94,5 @@ def solve_with_pyramid(solver, model, problem, history):
         sweep_pyramid(laws, closed, contacts, delassus, impulse)
         iterations += 1
     _, printed = natural_map(laws, closed, contacts, BOUND)
-    end_twists(closed, contacts, chain)
+    condensed_twists(closed, 3, contacts, chain, delassus)
     return Outcome(iterations, residual <= tolerance, residual, printed, False)

@@ -1,0 +1,359 @@
+"""
+The chain of links without contacts, factored once a step for any number of contact impulses.
+
+The algorithm is that of `articulated_body`, whose words are used here. The inertias of the links
+alone are symmetric, so that 21 numbers describe an articulated inertia. They and the wrenches stay
+in the registers of a processor all the way along an arm. Both arms are done at once, as pairs of
+numbers; see `compilation.pair`. With an even number of links the first arm has a link more: the
+outermost one, which is then done as both of a pair.
+
+With ``D = U^T U`` the axes of a joint are scaled to ``S U^-1``, in whose rates the joint has the
+inertia 1. The root is scaled likewise, with ``A = U^T U``. Loads of the scaled axes and of the
+root are listed in `load`: six numbers of the root, then two for every joint, arm by arm from the
+root outward. In them the kinetic energy is half of the sum of squares. Therefore the loads of unit
+impulses, in rows X, give the Delassus operator ``G = X X^T``, and loads f of momentum and torques
+give the velocities without contact impulses, ``X f``.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from snake_sim_ros.dynamics.articulated_body import add
+from snake_sim_ros.dynamics.articulated_body import combine
+from snake_sim_ros.dynamics.articulated_body import dot
+from snake_sim_ros.dynamics.articulated_body import row_of
+from snake_sim_ros.dynamics.articulated_body import store
+from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import pair
+from snake_sim_ros.dynamics.compilation import square_root
+from snake_sim_ros.scene.parameters import Array
+
+
+class FreeChain(NamedTuple):
+    """The factors of a chain of n links, and the loads of its momentum and torques."""
+
+    axis: Array  # (n-1, 2, 6) scaled axes S U^-1
+    reach: Array  # (n-1, 2, 6) A S U^-1, of the inertia A beyond the joint
+    root: Array  # (6, 6) factors of the root
+    load: Array  # (2n+4,) scaled loads of momentum and torques
+    end_load: Array  # (2n+4,) the same with contact impulses
+
+
+def make_free_chain(n: int) -> FreeChain:
+    """Return the arrays for n links."""
+    return FreeChain(
+        axis=np.zeros((n - 1, 2, 6)),
+        reach=np.zeros((n - 1, 2, 6)),
+        root=np.zeros((6, 6)),
+        load=np.zeros(2 * n + 4),
+        end_load=np.zeros(2 * n + 4),
+    )
+
+
+@inlined
+def joint_column(n, j):
+    """Return the place in `load` of joint j of n links; that of its second axis follows."""
+    root = n // 2
+    return 6 + 2 * (j if j >= root else root - 1 - j)
+
+
+@inlined
+def opposite(n, k):
+    """Return the link of the other arm that is done with link k, and its joint."""
+    i = n - k - n % 2
+    return (i, i - 1) if i < n else (0, 0)
+
+
+@inlined
+def factor_free(chain):
+    """
+    Factor the chain without contacts, and fill the loads of its momentum and torques.
+
+    Of the chain, axis, torque, damping, bare and momentum are read, and `chain.free` is filled.
+    """
+    n, free, bare, momentum = len(chain.momentum), chain.free, chain.bare, chain.momentum
+    root, o = n // 2, pair(0.0, 0.0)
+    w = o, o, o, o, o, o
+    A = o, o, o, o, o, o, o, o, o, o, o, o, o, o, o, o, o, o, o, o, o
+    for k in range(root):
+        i, j = opposite(n, k)
+        A = add_links(A, bare[k], bare[i])
+        w = add(w, row_pair(momentum, k, i))
+        A, w = fold_free(chain, k, j, joint_column(n, k), joint_column(n, j), A, w)
+        if i == 0:
+            A, w = inertia_of_first_arm(A), of_first_arm(w)
+    factor_root(free.root, root_inertia(A, bare[root]))
+    load = root_load(free.root, add(add(lane_of(w, 0), lane_of(w, 1)), row_of(momentum, root)))
+    for k in range(6):
+        free.load[k] = load[k]
+
+
+@inlined
+def fold_free(chain, j, other, column, other_column, A, w):
+    """
+    Return what the parents of two joints feel of the inertias and the wrenches beyond.
+
+    Parameters
+    ----------
+    chain : Chain
+        Its axis, damping and torque are read, and `chain.free` is filled.
+    j, other : int
+        Numbers of the joints.
+    column, other_column : int
+        Places of the joints in the loads.
+    A : tuple of 21 pairs
+        Articulated inertias beyond the joints: their upper triangles, row by row.
+    w : tuple of 6 pairs
+        Wrenches beyond the joints.
+
+    """
+    free, K, torque = chain.free, chain.damping, chain.torque
+    s0 = row_pair(chain.axis[:, 0], j, other)
+    s1 = row_pair(chain.axis[:, 1], j, other)
+    g0, g1 = symmetric_times(A, s0), symmetric_times(A, s1)
+    d00 = pair(K[j, 0], K[other, 0]) + dot(s0, g0)
+    d01 = pair(K[j, 1], K[other, 1]) + dot(s0, g1)
+    d11 = pair(K[j, 2], K[other, 2]) + dot(s1, g1)
+    c0, c1 = 1.0 / d00, d00 / (d00 * d11 - d01 * d01)
+    share = d01 * c0
+    g1, s1 = less(g1, share, g0), less(s1, share, s0)
+    torque0 = pair(torque[j, 0], torque[other, 0])
+    load0 = torque0 + dot(s0, w)
+    load1 = pair(torque[j, 1], torque[other, 1]) - share * torque0 + dot(s1, w)
+    r0, r1 = square_root(c0), square_root(c1)
+    store_pair(free.axis[:, 0], j, other, scaled(r0, s0))
+    store_pair(free.axis[:, 1], j, other, scaled(r1, s1))
+    store_pair(free.reach[:, 0], j, other, scaled(r0, g0))
+    store_pair(free.reach[:, 1], j, other, scaled(r1, g1))
+    load0, load1 = r0 * load0, r1 * load1
+    free.load[column], free.load[column + 1] = load0[0], load1[0]
+    free.load[other_column], free.load[other_column + 1] = load0[1], load1[1]
+    load0, load1 = r0 * load0, r1 * load1
+    return (
+        reduced(A, scaled(c0, g0), g0, scaled(c1, g1), g1),
+        less(less(w, load0, g0), load1, g1),
+    )
+
+
+@inlined
+def fold_wrench(axis, reach, w):
+    """Return the loads that a wrench beyond a joint causes, and what the parent feels of it."""
+    load0, load1 = dot(row_of(axis, 0), w), dot(row_of(axis, 1), w)
+    return load0, load1, less(less(w, load0, row_of(reach, 0)), load1, row_of(reach, 1))
+
+
+@inlined
+def unfold_free(free, load, twist):
+    """Fill the twists of all links, shape (n, 6), that loads cause on the factored chain."""
+    n = len(twist)
+    root = n // 2
+    v = both_arms(root_twist(free.root, load))
+    store(twist, root, lane_of(v, 0))
+    for k in range(root - 1, -1, -1):
+        i, j = opposite(n, k)
+        if i == 0:
+            v = both_arms(lane_of(v, 0))
+        column, other = joint_column(n, k), joint_column(n, j)
+        reach0, reach1 = row_pair(free.reach[:, 0], k, j), row_pair(free.reach[:, 1], k, j)
+        rate0 = pair(load[column], load[other]) - dot(reach0, v)
+        rate1 = pair(load[column + 1], load[other + 1]) - dot(reach1, v)
+        axis0, axis1 = row_pair(free.axis[:, 0], k, j), row_pair(free.axis[:, 1], k, j)
+        v = add(v, combine(rate0, axis0, rate1, axis1))
+        store_pair(twist, k, i, v)
+
+
+# Tuples of pairs.
+
+
+@inlined
+def row_pair(A, i, j):
+    """Return the rows i and j of A, side by side."""
+    return (
+        pair(A[i, 0], A[j, 0]), pair(A[i, 1], A[j, 1]), pair(A[i, 2], A[j, 2]),
+        pair(A[i, 3], A[j, 3]), pair(A[i, 4], A[j, 4]), pair(A[i, 5], A[j, 5]),
+    )  # fmt: skip
+
+
+@inlined
+def store_pair(A, i, j, w):
+    """Write the first numbers of w to row i of A, the second ones to row j."""
+    store(A, i, lane_of(w, 0))
+    store(A, j, lane_of(w, 1))
+
+
+@inlined
+def lane_of(w, k):
+    """Return the k-th numbers of six pairs."""
+    return w[0][k], w[1][k], w[2][k], w[3][k], w[4][k], w[5][k]
+
+
+@inlined
+def both_arms(v):
+    """Return pairs of the same numbers."""
+    return (
+        pair(v[0], v[0]), pair(v[1], v[1]), pair(v[2], v[2]),
+        pair(v[3], v[3]), pair(v[4], v[4]), pair(v[5], v[5]),
+    )  # fmt: skip
+
+
+@inlined
+def of_first_arm(w):
+    """Return w with 0 for the other arm."""
+    return (
+        pair(w[0][0], 0.0), pair(w[1][0], 0.0), pair(w[2][0], 0.0),
+        pair(w[3][0], 0.0), pair(w[4][0], 0.0), pair(w[5][0], 0.0),
+    )  # fmt: skip
+
+
+@inlined
+def less(a, x, b):
+    """Return a - x b."""
+    return (
+        a[0] - x * b[0], a[1] - x * b[1], a[2] - x * b[2],
+        a[3] - x * b[3], a[4] - x * b[4], a[5] - x * b[5],
+    )  # fmt: skip
+
+
+# Symmetric matrices of 21 numbers, which a processor keeps in registers.
+
+
+@inlined
+def symmetric_times(A, s):
+    """Return A s."""
+    return (
+        (A[0] * s[0] + A[1] * s[1]) + (A[2] * s[2] + A[3] * s[3]) + (A[4] * s[4] + A[5] * s[5]),
+        (A[1] * s[0] + A[6] * s[1]) + (A[7] * s[2] + A[8] * s[3]) + (A[9] * s[4] + A[10] * s[5]),
+        (A[2] * s[0] + A[7] * s[1])
+        + (A[11] * s[2] + A[12] * s[3])
+        + (A[13] * s[4] + A[14] * s[5]),
+        (A[3] * s[0] + A[8] * s[1])
+        + (A[12] * s[2] + A[15] * s[3])
+        + (A[16] * s[4] + A[17] * s[5]),
+        (A[4] * s[0] + A[9] * s[1])
+        + (A[13] * s[2] + A[16] * s[3])
+        + (A[18] * s[4] + A[19] * s[5]),
+        (A[5] * s[0] + A[10] * s[1])
+        + (A[14] * s[2] + A[17] * s[3])
+        + (A[19] * s[4] + A[20] * s[5]),
+    )
+
+
+@inlined
+def reduced(A, x, a, y, b):
+    """Return ``A - x a^T - y b^T``, which is symmetric."""
+    return (
+        A[0] - x[0] * a[0] - y[0] * b[0], A[1] - x[0] * a[1] - y[0] * b[1],
+        A[2] - x[0] * a[2] - y[0] * b[2],
+        A[3] - x[0] * a[3] - y[0] * b[3], A[4] - x[0] * a[4] - y[0] * b[4],
+        A[5] - x[0] * a[5] - y[0] * b[5],
+        A[6] - x[1] * a[1] - y[1] * b[1], A[7] - x[1] * a[2] - y[1] * b[2],
+        A[8] - x[1] * a[3] - y[1] * b[3],
+        A[9] - x[1] * a[4] - y[1] * b[4], A[10] - x[1] * a[5] - y[1] * b[5],
+        A[11] - x[2] * a[2] - y[2] * b[2],
+        A[12] - x[2] * a[3] - y[2] * b[3], A[13] - x[2] * a[4] - y[2] * b[4],
+        A[14] - x[2] * a[5] - y[2] * b[5],
+        A[15] - x[3] * a[3] - y[3] * b[3], A[16] - x[3] * a[4] - y[3] * b[4],
+        A[17] - x[3] * a[5] - y[3] * b[5],
+        A[18] - x[4] * a[4] - y[4] * b[4], A[19] - x[4] * a[5] - y[4] * b[5],
+        A[20] - x[5] * a[5] - y[5] * b[5],
+    )  # fmt: skip
+
+
+@inlined
+def add_links(A, bare, other):
+    """Return A plus the inertias of two links, of which six numbers are 0 about any point."""
+    return (
+        A[0] + pair(bare[0, 0], other[0, 0]), A[1] + pair(bare[0, 1], other[0, 1]),
+        A[2] + pair(bare[0, 2], other[0, 2]), A[3], A[4] + pair(bare[0, 4], other[0, 4]),
+        A[5] + pair(bare[0, 5], other[0, 5]), A[6] + pair(bare[1, 1], other[1, 1]),
+        A[7] + pair(bare[1, 2], other[1, 2]), A[8] + pair(bare[1, 3], other[1, 3]), A[9],
+        A[10] + pair(bare[1, 5], other[1, 5]), A[11] + pair(bare[2, 2], other[2, 2]),
+        A[12] + pair(bare[2, 3], other[2, 3]), A[13] + pair(bare[2, 4], other[2, 4]), A[14],
+        A[15] + pair(bare[3, 3], other[3, 3]), A[16], A[17],
+        A[18] + pair(bare[4, 4], other[4, 4]), A[19], A[20] + pair(bare[5, 5], other[5, 5]),
+    )  # fmt: skip
+
+
+@inlined
+def root_inertia(A, bare):
+    """Return the articulated inertia of the root from those of both arms and its own."""
+    return (
+        A[0][0] + A[0][1] + bare[0, 0], A[1][0] + A[1][1] + bare[0, 1],
+        A[2][0] + A[2][1] + bare[0, 2], A[3][0] + A[3][1] + bare[0, 3],
+        A[4][0] + A[4][1] + bare[0, 4], A[5][0] + A[5][1] + bare[0, 5],
+        A[6][0] + A[6][1] + bare[1, 1], A[7][0] + A[7][1] + bare[1, 2],
+        A[8][0] + A[8][1] + bare[1, 3], A[9][0] + A[9][1] + bare[1, 4],
+        A[10][0] + A[10][1] + bare[1, 5], A[11][0] + A[11][1] + bare[2, 2],
+        A[12][0] + A[12][1] + bare[2, 3], A[13][0] + A[13][1] + bare[2, 4],
+        A[14][0] + A[14][1] + bare[2, 5], A[15][0] + A[15][1] + bare[3, 3],
+        A[16][0] + A[16][1] + bare[3, 4], A[17][0] + A[17][1] + bare[3, 5],
+        A[18][0] + A[18][1] + bare[4, 4], A[19][0] + A[19][1] + bare[4, 5],
+        A[20][0] + A[20][1] + bare[5, 5],
+    )  # fmt: skip
+
+
+@inlined
+def inertia_of_first_arm(A):
+    """Return A with 0 for the other arm."""
+    return (
+        pair(A[0][0], 0.0), pair(A[1][0], 0.0), pair(A[2][0], 0.0), pair(A[3][0], 0.0),
+        pair(A[4][0], 0.0), pair(A[5][0], 0.0), pair(A[6][0], 0.0), pair(A[7][0], 0.0),
+        pair(A[8][0], 0.0), pair(A[9][0], 0.0), pair(A[10][0], 0.0), pair(A[11][0], 0.0),
+        pair(A[12][0], 0.0), pair(A[13][0], 0.0), pair(A[14][0], 0.0), pair(A[15][0], 0.0),
+        pair(A[16][0], 0.0), pair(A[17][0], 0.0), pair(A[18][0], 0.0), pair(A[19][0], 0.0),
+        pair(A[20][0], 0.0),
+    )  # fmt: skip
+
+
+@inlined
+def scaled(x, a):
+    """Return x a."""
+    return x * a[0], x * a[1], x * a[2], x * a[3], x * a[4], x * a[5]
+
+
+# The root, with A = L D L^T: L is below the diagonal of `root`, D^-1/2 on it.
+
+
+@inlined
+def factor_root(root, A):
+    """Fill the factors of the articulated inertia A of the root."""
+    m = 0
+    for i in range(6):
+        for j in range(i, 6):
+            root[j, i] = A[m]
+            m += 1
+    for k in range(6):
+        over = 1.0 / root[k, k]
+        for i in range(k + 1, 6):
+            share = root[i, k] * over
+            for j in range(k + 1, i + 1):
+                root[i, j] -= share * root[j, k]
+        for i in range(k + 1, 6):
+            root[i, k] *= over
+        root[k, k] = math.sqrt(over)
+
+
+@inlined
+def root_load(L, w):
+    """Return the scaled loads of the root that a wrench causes."""
+    z0 = w[0]
+    z1 = w[1] - L[1, 0] * z0
+    z2 = w[2] - L[2, 0] * z0 - L[2, 1] * z1
+    z3 = w[3] - L[3, 0] * z0 - L[3, 1] * z1 - L[3, 2] * z2
+    z4 = w[4] - L[4, 0] * z0 - L[4, 1] * z1 - L[4, 2] * z2 - L[4, 3] * z3
+    z5 = w[5] - L[5, 0] * z0 - L[5, 1] * z1 - L[5, 2] * z2 - L[5, 3] * z3 - L[5, 4] * z4
+    return z0 * L[0, 0], z1 * L[1, 1], z2 * L[2, 2], z3 * L[3, 3], z4 * L[4, 4], z5 * L[5, 5]
+
+
+@inlined
+def root_twist(L, load):
+    """Return the twist of the root that its scaled loads cause."""
+    v5 = load[5] * L[5, 5]
+    v4 = load[4] * L[4, 4] - L[5, 4] * v5
+    v3 = load[3] * L[3, 3] - L[5, 3] * v5 - L[4, 3] * v4
+    v2 = load[2] * L[2, 2] - L[5, 2] * v5 - L[4, 2] * v4 - L[3, 2] * v3
+    v1 = load[1] * L[1, 1] - L[5, 1] * v5 - L[4, 1] * v4 - L[3, 1] * v3 - L[2, 1] * v2
+    v0 = load[0] * L[0, 0] - L[5, 0] * v5 - L[4, 0] * v4 - L[3, 0] * v3 - L[2, 0] * v2
+    return v0 - L[1, 0] * v1, v1, v2, v3, v4, v5

@@ -24,6 +24,7 @@ from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.parts import TICKS
 from snake_sim_ros.stepping.state import copied
 from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.state import State
@@ -34,6 +35,7 @@ RESIDUAL = 1e-9  # m/s
 PRESS_SPEED = 3e-8  # m/s, of bdf2
 CASE_A = replace(load_scene('lateral_undulation'), level='spatial')
 LINK = Scene(robot=Robot(link_count=1), method='bdf2', level='spatial')
+each_level = pytest.mark.parametrize('level', ['planar', 'spatial'])
 
 
 def references(scene, steps, start=0):
@@ -110,10 +112,11 @@ def observed_orders(scene, state, time, per_second, fine):
 # The reference is 32 times finer than the finest step: it is off by 1/32 of its error (order 1) or
 # 1/1000 (order 2), which shifts an order by 0.05 or less. Third-order terms and stick-slip events
 # take up to 0.3.
+@each_level
 @pytest.mark.parametrize('time', [0.4, 1.0])
 @pytest.mark.parametrize(('method', 'order'), [('bdf2', 2.0), ('newton', 1.0)])
-def test_order_in_case_a(method, order, time):
-    scene = replace(CASE_A, method=method)
+def test_order_in_case_a(method, order, time, level):
+    scene = replace(CASE_A, method=method, level=level)
     orders = observed_orders(scene, initial_state(scene), time, (100, 200, 400, 800), 25600)
     assert np.abs(orders - order).max() <= 0.3
 
@@ -291,6 +294,86 @@ def test_the_arguments_are_left_alone():
     np.testing.assert_array_equal(state.q, before[0].q)
     np.testing.assert_array_equal(state.u, before[0].u)
     assert same_bits(history, before[1])
+
+
+# ---- parts of a step ----------------------------------------------------------------------------
+
+
+def choosing(scene, tolerance):
+    """Return a stepper that chooses parts of a step by a tolerance of the path [m]."""
+    stepper = make_stepper(scene)
+    level = getattr(stepper, 'planar', stepper)
+    level.model = level.model._replace(path_tolerance=tolerance)
+    return stepper
+
+
+def moving(level, time, dt=1 / 20):
+    """Return case A with large steps, its state and its history after some time."""
+    scene = replace(CASE_A, method='bdf2', level=level, dt=dt)
+    start = initial_state(scene), empty_history(scene)
+    state, history, report = make_stepper(scene).advance(
+        *start, *references(scene, round(time / dt))
+    )
+    assert report.status is Status.CONVERGED
+    return scene, state, history
+
+
+@each_level
+def test_chosen_parts_in_one_call_and_in_many_are_the_same_bit_for_bit(level):
+    scene = replace(CASE_A, method='bdf2', level=level, dt=1 / 20)
+    angle, rate = references(scene, 40)
+    start = initial_state(scene), empty_history(scene)
+    stepper = choosing(scene, 1e-6)
+    whole = stepper.advance(*start, angle, rate)
+    assert whole[2].status is Status.CONVERGED
+    state, history = start
+    for k in range(40):
+        state, history, _ = stepper.advance(state, history, angle[k : k + 1], rate[k : k + 1])
+    np.testing.assert_array_equal(state.q, whole[0].q)
+    np.testing.assert_array_equal(state.u, whole[0].u)
+    assert same_bits(history, whole[1])
+
+
+@each_level
+def test_a_part_that_is_not_taken_leaves_no_trace(level):
+    # From a whole step, a half or a quarter on, the part that is taken is the same, shorter one.
+    scene, state, history = moving(level, 1.0)
+    memory = getattr(history.memory, 'scheme', history.memory)
+    ends, iterations = [], []
+    for ticks in (TICKS, TICKS // 2, TICKS // 4):
+        memory.ticks[0] = ticks
+        angle, rate = references(scene, 2, start=20)
+        end, kept, report = choosing(scene, 1e-8).advance(state, history, angle, rate)
+        assert report.status is Status.CONVERGED
+        ends.append((end, kept))
+        iterations.append(report.iterations)
+    assert iterations[0] > iterations[1] > iterations[2]
+    for end, kept in ends[1:]:
+        np.testing.assert_array_equal(end.q, ends[0][0].q)
+        np.testing.assert_array_equal(end.u, ends[0][0].u)
+        assert same_bits(kept, ends[0][1])
+
+
+@each_level
+def test_a_smaller_tolerance_of_the_path_gives_a_smaller_error(level):
+    fine, exact, _ = moving(level, 2.0, dt=1 / 3200)
+    scene = replace(fine, dt=1 / 20)
+    errors = []
+    for tolerance in (1e-4, 1e-5, 1e-6, 1e-7):
+        end, _, report = choosing(scene, tolerance).advance(
+            initial_state(scene), empty_history(scene), *references(scene, 40)
+        )
+        assert report.status is Status.CONVERGED
+        errors.append(np.abs(end.q - exact.q)[:, :3].max())
+    assert (np.diff(errors) < 0).all(), errors
+
+
+@pytest.mark.parametrize('frequency', [20, 50, 200])
+def test_both_levels_take_the_same_steps(frequency):
+    # The selection rule and rolling, which the plane neglects, are 1e-3 of the way.
+    ends = [moving(level, 3.0, dt=1 / frequency)[1] for level in ('planar', 'spatial')]
+    way = np.abs(ends[0].q - initial_state(CASE_A).q)[:, :2].max()
+    assert np.abs(ends[0].q - ends[1].q)[:, :2].max() <= 1e-3 * way
 
 
 # ---- contact laws in each step ------------------------------------------------------------------

@@ -93,7 +93,10 @@ def stored(tmp_path_factory):
         ({'history.memory.span': None}, "has no 'history.memory.span'"),
         ({'state.q': np.zeros((2, 7))}, r'state.q must be an array of shape \(3, 7\)'),
         ({'history.impulse': np.full((6, 5), np.nan)}, 'history.impulse must be finite, got nan'),
-        ({'history.memory.rate': np.zeros(2)}, r'history.memory.rate must be an array of shape'),
+        (
+            {'history.memory.reference_rate': np.zeros(2)},
+            r'history.memory.reference_rate must be an array of shape',
+        ),
         ({'step_count': -1}, 'step_count must be a whole number from 0 on, got -1'),
         ({'step_count': 1.5}, 'step_count must be a whole number from 0 on, got 1.5'),
         ({'scene': 'frictoin: {}'}, "scene: unknown key 'frictoin'"),

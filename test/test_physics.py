@@ -235,7 +235,7 @@ def test_elliptic_friction_turns_the_sliding_direction(method, dt, v0, stop, dur
     v = states.u[:, 0, :2]
     # The step's own law, up to its last one: the force has the direction that the end velocity
     # gives it. What the iteration leaves is eps/m in v, over g dt in the force. With BDF2 the
-    # difference is over two steps, from the second one on.
+    # difference is over two steps, from the third one on: the first has parts.
     left = particle_impulse(method)
     mu, last = np.array(ELLIPSE), np.flatnonzero(np.hypot(*v.T) > 10 * left)[-1]
     braking = (v[1 : last - 1] - v[2:last]) / (G * dt)
@@ -248,7 +248,8 @@ def test_elliptic_friction_turns_the_sliding_direction(method, dt, v0, stop, dur
     # ellipse of which the curvature is mu_x/mu_y^2 at most.
     turn = 0.25 / 0.1 * left / (MASS / 2) / np.hypot(*v[2:last].T)
     error = 4 * left / (MASS * G * dt) + turn
-    assert (np.abs(braking - direction).max(axis=1) < error).all()
+    law = np.abs(braking - direction).max(axis=1) < error
+    assert law[1:].all() if method == 'bdf2' else law.all()
     # Velocity steps are implicit Euler steps down the gradient of the norm g |D v|: at most
     # dt |a0|/sqrt(2) from the solution, |a0| <= mu_y g (error bound for convex gradient flows), so
     # that the time of rest is off by that over mu_x g and one step. BDF2 is nearer.
@@ -262,17 +263,18 @@ def bdf2_spin(omega, rate, dt, steps):
     """
     Return a perpendicular spin after some steps of BDF2, the gyroscopic torque at its prediction.
 
-    ``w_E = (4 w - w')/3 + i rate 2/3 dt (2 w - w')``; the first step is an explicit half step, and
-    one of BDF2 of half the size.
+    ``w_E = w + c (w - w') + i rate h (w + r (w - w'))`` with the ratio r of the steps, c and h as
+    in `bdf2_reference`. The first step is explicit for a quarter, and BDF2 for a quarter and a
+    half.
     """
 
-    def next_one(w, before, h):
-        return (4 * w - before) / 3 + 1j * rate * 2 / 3 * h * (2 * w - before)
+    def next_one(w, before, step, ratio):
+        c, h = ratio**2 / (1 + 2 * ratio), step * (1 + ratio) / (1 + 2 * ratio)
+        return w + c * (w - before) + 1j * rate * h * (w + ratio * (w - before))
 
-    half = omega * (1 + 1j * rate * dt / 2)
-    before, now = omega, next_one(half, omega, dt / 2)
-    for _ in range(steps - 1):
-        before, now = now, next_one(now, before, dt)
+    before, now = omega, omega * (1 + 1j * rate * dt / 4)
+    for step, ratio in [(dt / 4, 1), (dt / 2, 2), (dt, 2), *[(dt, 1)] * (steps - 2)]:
+        before, now = now, next_one(now, before, step, ratio)
     return now
 
 

@@ -317,8 +317,8 @@ def test_t1_one_link_slides_along_its_axis(method, angle):
     assert report.status is Status.CONVERGED
     share = mu * RADIUS / OFFSET
     acted = np.full((steps - 2, 1), span(scene))
-    if method == 'bdf2':
-        acted[0] /= 2  # of the second part of its first step
+    if method == 'bdf2':  # the first step ends with a part of dt/2, after parts of dt/4
+        acted[:2, 0] = 3 / 5 * dt / 2, 3 / 5 * dt  # both twice as long as the part before
     expected = MASS * G / 2 * np.array([1 + share, 1 - share]) * acted
     # Heading and contacts round; the last iterate leaves tolerance/r_T or RESIDUAL.
     assert np.abs(impulses[1 : steps - 1, :, 0] - expected).max() < 1e-10 * MASS * G * dt
@@ -375,7 +375,8 @@ def test_t7_friction_is_along_the_normal_of_its_ellipse(method):
     v = states.u[:, 0, :2] @ axes.T
     before, after = v[:-1], v[1:]
     if method == 'bdf2':  # the same from u_hat, for the time in which its impulses act
-        before, after = (4 * v[1:-1] - v[:-2]) / 3, v[2:]
+        # (in the second step from a state within the first one)
+        before, after = (4 * v[2:-1] - v[1:-2]) / 3, v[3:]
     power = np.linalg.norm(mu * after, axis=1)[:, None]
     change = before - G * span(scene) * mu**2 * after / power
     # What a residual leaves: 2/m of r_T gamma at two contacts, or of the tolerance.

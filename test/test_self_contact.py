@@ -273,7 +273,13 @@ def test_energy_of_a_slack_folded_robot_falls_by_that_of_the_jump(k, method):
     slack = 10 * scene.dt * speed * before
     pressed = scene.solver.normal_compliance * mean_delassus(robot) * (P[:, 0] ** 2).sum()
     assert jump > 0.2 * before
-    assert -slack <= before - after - jump <= pressed + slack
+    # The later parts of a step of `bdf2` take back the -c P by which the rule pressed in the first
+    # one: in place of c P^2 the energy lost is less than that of the jump by as much.
+    taken_back = 0.0
+    if method == 'bdf2':
+        _, P, _ = solved(scene, state, 0.0 * angle, 0.0 * rate, 'newton', residual_tolerance=1e-12)
+        taken_back = scene.solver.normal_compliance * mean_delassus(robot) * (P[:, 0] ** 2).sum()
+    assert -taken_back - slack <= before - after - jump <= pressed + slack
 
 
 @every_here

@@ -2,7 +2,7 @@
 Checkpoints: a simulation in a file, from which it goes on to the bit.
 
 A checkpoint is the scene, the state, and the history with the memory of the method. Every array
-has its dotted name in the file, such as ``history.memory.q_before``.
+has its dotted name in the file, such as ``history.memory.start.pose``.
 """
 
 from io import BytesIO

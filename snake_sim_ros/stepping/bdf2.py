@@ -3,78 +3,99 @@ A method of second order: two-step differences in place of the paper's midpoint.
 
 Deviation: the step of the paper takes its geometry at the middle, but friction, joint rates and
 constraints at the velocity of the end. It is therefore of first order. Here all are taken at the
-end. With ``q_hat = (4 q_n - q_(n-1))/3``, the same for u, and h = 2/3 dt (BDF2 [1]_),
+end, by BDF2 [1]_ with the steps of `parts`:
 
-    M u_E = M u_hat + h(q*, u*) h + W(q*) P,    q_E = q_hat + h F(q*) u_E,
+    M u_E = M u_hat + h(q*, u*) h + W(q*) P,    x_E = x_hat + h x'(q*, u_E).
 
-where the star marks the predicted end, ``u* = 2 u_n - u_(n-1)``. The contact laws are unchanged.
-They hold for u_E and are solved by Newton's method through the chain. Contacts that may close in
-the step take part with their gaps; see `events`.
+The star marks the predicted end. The coordinates x are those of `joint_motion`, with which joints
+are closed exactly, so that nothing drifts. The contact laws are unchanged. They hold for u_E and
+are solved by Newton's method. Contacts that may close in the step take part with their gaps; see
+`events`. What a step leaves of the gaps of loaded contacts is closed by a move of the
+configuration alone; see `contact.closing`. A part of a step that still ends in an obstacle is
+repeated, first with the contacts that faster links could reach, then with half of its length.
 
 The formula never differentiates across an event, which is any jump of the velocity: a contact that
 lands, however softly; a normal impulse beyond what forces make in a step (an impact without
 collision); or a state that is not the end of the step before (a push, another scene). The step
-after an event starts anew, in PARTS equal parts, the first with
+after an event starts anew with
 
-    u_hat = u_n, h = dt for velocities;    q_hat = q_n + dt/2 F(q_n) u_n, h = dt/2 for coordinates,
+    u_hat = u_A, h = dt for velocities;    x_hat = x_A + dt/2 x'_A, h = dt/2 for coordinates,
 
 which is exact for constant forces; for other forces each event adds an error of dt^2. If the
 velocities of a given state violate the joints, the first part is the impact that corrects them:
-backward Euler, ``q_hat = q_n`` and h = dt for both. The next part then starts anew.
+backward Euler, ``x_hat = x_A`` and h = dt for both. The next part then starts anew.
 
-.. [1] E. Hairer, G. Wanner, "Solving Ordinary Differential Equations II", 1996, ch. V.
+The same in NumPy, to be read beside these equations, is `bdf2_reference`.
+
+.. [1] E. Hairer, G. Wanner, "Solving Ordinary Differential Equations II", 1996, ch. V; for steps
+   of any ratio "... I", 1993, ch. III.5.
 """
 
-import math
 from typing import Any
+from typing import NamedTuple
 
+from snake_sim_ros.contact.closing import close_gaps
 from snake_sim_ros.contact.detection import find_contacts
 from snake_sim_ros.contact.directions import contact_velocities
-from snake_sim_ros.contact.newton import Newton
-from snake_sim_ros.contact.newton import solve_contacts
+from snake_sim_ros.contact.newton import prepare_contacts
+from snake_sim_ros.contact.newton import solve_prepared
+from snake_sim_ros.contact.penetration import gap_at
+from snake_sim_ros.contact.penetration import penetration
 from snake_sim_ros.contact.selection import apply_selection_rule
 from snake_sim_ros.contact.solver import Problem
-from snake_sim_ros.dynamics.balance import applied_torque
-from snake_sim_ros.dynamics.balance import axis_loads
 from snake_sim_ros.dynamics.balance import link_inertia
 from snake_sim_ros.dynamics.balance import smooth_momentum
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.dynamics.joint_control import implicit_pd_law
-from snake_sim_ros.dynamics.kinematics import chain_geometry
-from snake_sim_ros.dynamics.kinematics import end_velocities
-from snake_sim_ros.dynamics.kinematics import half_rotation
-from snake_sim_ros.dynamics.kinematics import joint_coordinates
-from snake_sim_ros.dynamics.kinematics import link_frames
-from snake_sim_ros.dynamics.kinematics import rates_in_inertial_frame
-from snake_sim_ros.dynamics.kinematics import twists
+from snake_sim_ros.dynamics.kinematics import chain_coordinates
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.bdf2_memory import ANEW
-from snake_sim_ros.stepping.bdf2_memory import keep
+from snake_sim_ros.stepping.bdf2_memory import keep_state
 from snake_sim_ros.stepping.bdf2_memory import recognize
-from snake_sim_ros.stepping.bdf2_memory import SMOOTH
-from snake_sim_ros.stepping.bdf2_memory import UNKNOWN
 from snake_sim_ros.stepping.events import closed_at_end
 from snake_sim_ros.stepping.events import Events
 from snake_sim_ros.stepping.events import events
+from snake_sim_ros.stepping.events import find_end_gaps
+from snake_sim_ros.stepping.events import gaps_to_close
 from snake_sim_ros.stepping.events import LANDING_SPEED
 from snake_sim_ros.stepping.events import leave_gaps
+from snake_sim_ros.stepping.joint_motion import add_velocities
+from snake_sim_ros.stepping.joint_motion import formula
+from snake_sim_ros.stepping.joint_motion import keep
+from snake_sim_ros.stepping.joint_motion import keep_velocities
+from snake_sim_ros.stepping.joint_motion import predict_end
+from snake_sim_ros.stepping.joint_motion import reach_end
 from snake_sim_ros.stepping.moreau import finish
 from snake_sim_ros.stepping.moreau import turns_are_small
+from snake_sim_ros.stepping.parts import aligned_size
+from snake_sim_ros.stepping.parts import ANEW
+from snake_sim_ros.stepping.parts import end_references
+from snake_sim_ros.stepping.parts import first_size
+from snake_sim_ros.stepping.parts import judge_part
+from snake_sim_ros.stepping.parts import keep_history
+from snake_sim_ros.stepping.parts import path_error
+from snake_sim_ros.stepping.parts import restore_history
+from snake_sim_ros.stepping.parts import SMOOTH
+from snake_sim_ros.stepping.parts import TICKS
+from snake_sim_ros.stepping.parts import UNKNOWN
 from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.state import without_memory
+from snake_sim_ros.stepping.steps import count_steps
 from snake_sim_ros.stepping.steps import note_outcome
+from snake_sim_ros.stepping.steps import noted
 
-PARTS = 2  # parts of a step that starts anew
 # Replaces `selection.PRESS_SPEED`, which is not small beside errors of second order: loads of a
 # flat robot follow the heights of its links through the stiff joints, so that these must not sink.
 PRESS_SPEED = 3e-8  # [m/s]
 
-# Where the controller may act. For both the method takes it at the end of the step, linear about
-# the predicted end.
+DEEP = 1e-6  # penetration at the end of a step with which it is repeated [m]
+FASTEST = 10.0  # up to this speed contacts may take part in a step that is repeated [m/s]
+CLOSED = 5e-7  # gap up to which a contact is closed at the end of a step [m]
+MOST_CLOSINGS = 3  # moves of the configuration in a step that close gaps
+
+# Where the controller may act. For both the method takes it at the end of the step.
 IMPLICIT_SCHEMES = ('average', 'end')
 # Where the spatial level is faster, by processor time of both levels in turn, in one process, in
 # cases A and B. At the default tolerance `bdf2` with 11 links takes 0.6 to 0.85 of the planar time
@@ -86,239 +107,219 @@ SPATIAL_STEP, SPATIAL_LINKS, SPATIAL_TOLERANCE = 1 / 300, 15, 1e-7  # [s], links
 
 
 @merged
-def formula(phase, dt, q, u, memory, own):
-    """
-    Fill q_hat, u_hat and u_star of a step from what is known of the motion before it.
-
-    Parameters
-    ----------
-    phase : float
-        UNKNOWN (backward Euler), ANEW or SMOOTH.
-    dt : float
-        Length of the step or of a part of it [s].
-    q, u : ndarray, shapes (n, 7) and (n, 6)
-        State at its start; `memory` has the one before.
-
-    Returns
-    -------
-    h, h_q : float
-        Times for which forces act on the velocity, and the velocity on the coordinates [s].
-
-    """
-    hat, u_hat, u_star = own.q_hat, own.u_hat, own.u_star
-    smooth = phase == SMOOTH
-    for i in range(len(q)):
-        for k in range(7):
-            hat[i, k] = (4.0 * q[i, k] - memory.q_before[i, k]) / 3.0 if smooth else q[i, k]
-        for k in range(6):
-            before = memory.u_before[i, k]
-            u_hat[i, k] = (4.0 * u[i, k] - before) / 3.0 if smooth else u[i, k]
-            u_star[i, k] = 2.0 * u[i, k] - before if smooth else u[i, k]
-    if smooth:
-        return 2.0 / 3.0 * dt, 2.0 / 3.0 * dt
-    if phase == UNKNOWN:
-        return dt, dt
-    for i in range(len(q)):
-        p = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
-        e0, e1, e2, e3 = half_rotation(p, (u[i, 3], u[i, 4], u[i, 5]), dt / 4)
-        hat[i, 3], hat[i, 4], hat[i, 5], hat[i, 6] = e0, e1, e2, e3
-        for k in range(3):
-            hat[i, k] += dt / 2 * u[i, k]
-    return dt, dt / 2
-
-
-@merged
-def predicted_frames(h_q, q, memory, smooth, own, work):
-    """Fill work.q_mid with the predicted end of the step, and R and omega with those of it."""
-    star = work.q_mid
-    for i in range(len(q)):
-        for k in range(7):
-            star[i, k] = 2.0 * q[i, k] - memory.q_before[i, k] if smooth else q[i, k]
-        advance_link(h_q, star, own.q_hat, own.u_star, star, i)
-    link_frames(star[:, 3:], work.R)
-    rates_in_inertial_frame(work.R, own.u_star, work.omega)
-
-
-@merged
-def begin(model, own, work, h, h_q, late, history):
+def begin(model, own, work, h, h_q, late, speed, history):
     """
     Return the contact problem for the predicted end of the step.
 
-    Its closed contacts are those that can close in the step. h and h_q are those of `formula`, and
-    `late` is as in `events.leave_gaps`.
+    Its closed contacts are those that can close in the step, at a given speed [m/s]. h and h_q are
+    those of `formula`, and `late` is as in `events.leave_gaps`.
     """
-    angle, rate = own.end_angle, own.end_rate
-    chain_geometry(model.half_length, work.R, work.center, work.chain.axis)
-    joint_coordinates(work.R, work.omega, work.coordinate[1])
-    for j in range(len(angle)):
+    chain = work.chain
+    for j in range(len(own.end_angle)):
         for k in range(2):
-            torque, damping = implicit_pd_law(
-                h_q, work.coordinate[1, j, k, 0], work.coordinate[1, j, k, 1],
-                (angle[j, k], rate[j, k]), model.stiffness[j, k], model.damping[j, k],
-            )  # fmt: skip
-            work.torque[j, k], work.damping[j, k] = torque * h, damping * h
-    axis_loads(work.chain.axis, work.torque, work.damping, work.chain.torque, work.chain.damping)
-    link_inertia(model, work.R, work.center, work.chain.bare)
-    smooth_momentum(model, h, own.u_hat, own.u_star, work.R, work.center, work.chain.momentum)
-
-    twists(own.u_star, work.omega, work.center, work.chain.twist)
-    reach = max(model.activation_tolerance, LANDING_SPEED * h_q)
+            stiffness, damping = model.stiffness[j, k], model.damping[j, k]
+            torque = stiffness * (own.end_angle[j, k] - own.hat.angle[j, k])
+            chain.torque[j, k] = h * (torque + damping * own.end_rate[j, k])
+            chain.damping[j, 2 * k] = h * (damping + h_q * stiffness)
+        chain.damping[j, 1] = 0.0
+    link_inertia(model, work.R, work.center, chain.bare)
+    smooth_momentum(model, h, own.hat.u, own.star.u, work.R, work.center, chain.momentum)
+    reach = max(model.activation_tolerance, speed * h_q)
     count = find_contacts(model.obstacles, reach, model, work, work.q_mid)
     closed, contacts = work.closed[:count], work.contacts
-    contact_velocities(closed, contacts, work.chain.frame, work.chain.twist)
+    contact_velocities(closed, contacts, chain.frame, chain.twist)
     leave_gaps(model, h_q, late, closed, contacts, history.impulse)
     laws = apply_selection_rule(
         model.laws, closed, contacts, model.mass, history.impulse, PRESS_SPEED, model.dt,
         -h * model.gravity[2],
     )  # fmt: skip
-    return Problem(laws, closed, contacts, work.chain)
+    return Problem(laws, closed, contacts, chain)
 
 
-@compiled
-def advance_link(h, frame, hat, u, q, i):
-    """Fill q of link i with ``hat + h F(frame) u``, with Euler parameters of length 1."""
-    p = frame[i, 3], frame[i, 4], frame[i, 5], frame[i, 6]
-    e = half_rotation(p, (u[i, 3], u[i, 4], u[i, 5]), h / 2)
-    for k in range(3):
-        q[i, k] = hat[i, k] + h * u[i, k]
-    e0, e1 = hat[i, 3] + e[0] - p[0], hat[i, 4] + e[1] - p[1]
-    e2, e3 = hat[i, 5] + e[2] - p[2], hat[i, 6] + e[3] - p[3]
-    s = 1.0 / math.sqrt(e0 * e0 + e1 * e1 + e2 * e2 + e3 * e3)
-    q[i, 3], q[i, 4], q[i, 5], q[i, 6] = s * e0, s * e1, s * e2, s * e3
-
-
-@merged
+@inlined
 def solve_landing(model, own, work, problem, h, h_q, history, report):
     """
     Solve the contacts and, if they land, once more without their gaps.
 
-    The velocity that moves the coordinates is then in own.u_star, and the velocity after the
-    impact in the twists of the chain.
+    The velocities that move the coordinates are then in own.moving, and those after the impact in
+    the chain.
 
     Returns
     -------
-    small : bool
+    is_small : bool
         Whether `turns_are_small`.
     found : Events
+    closed : ndarray of int, shape (k,)
+        Numbers of the contacts that are closed at the end.
 
     """
     laws, closed, contacts, chain = problem
+    prepare_contacts(work.operator, problem)
     found = Events(False, False, 0)
     for again in range(2):  # one call of the solver, which is compiled where it is called
         landing = Problem(laws, closed, contacts, chain)
-        outcome = solve_contacts(Newton(None), model, landing, history)
+        outcome = solve_prepared(work.operator, model, landing, history)
         note_outcome(outcome, report)
         if not turns_are_small(model.dt, chain.twist, report):
-            return False, found
+            return False, found, closed
         if again:
             break
-        end_velocities(chain.twist, work.R, work.center, own.u_star)
+        keep_velocities(work, own.moving)
+        find_end_gaps(h_q, closed, contacts)
         found = events(model, h, closed, contacts)
         if not found.lands:
             break
-        closed = closed[: closed_at_end(h_q, model.activation_tolerance, closed, contacts)]
-    return True, found
+        closed = closed[: closed_at_end(model.activation_tolerance, closed, contacts)]
+    return True, found, closed
 
 
-@inlined
-def end_references(dt, part, known, angle, rate, memory, own):
-    """
-    Fill the joint references at the end of part `part` of PARTS, from those at the middle.
+class Part(NamedTuple):
+    """What is known of a part of a step that may be taken; its end is in own.end and own.q."""
 
-    They are extrapolated with their mean acceleration since the step before, if that is known.
-    """
-    late = dt * (part / PARTS - 0.5)
-    for j in range(len(angle)):
-        for axis in range(2):
-            acceleration = (rate[j, axis] - memory.rate[j, axis]) / dt if known else 0.0
-            own.end_rate[j, axis] = rate[j, axis] + late * acceleration
-            mean = rate[j, axis] + 0.5 * late * acceleration
-            own.end_angle[j, axis] = angle[j, axis] + late * mean
+    is_small: bool  # whether `turns_are_small`
+    found: Events
+    h: float  # time for which impulses acted [s]
+    depth: float  # penetration at its end [m]
 
 
 @merged
-def one_part(own, model, work, dt, steps):
+def one_part(own, model, work, dt, speed, steps):
     """
-    Advance q, u and history by dt, a step or a part of it, to the references in own.end_angle.
+    Return the `Part` of length dt [s] with the references in own.end_angle.
 
-    Returns
-    -------
-    int
-        1 if there was an event, 0 if not, -1 if the part diverged; q and u are then unchanged.
-
+    Contacts take part that may close at a given speed [m/s].
     """
-    q, u, report, history = steps.q, steps.u, steps.report[0], steps.history
-    n, memory = len(q), history.memory
-    phase, span = memory.phase[0], memory.span[0]
-    h, h_q = formula(phase, dt, q, u, memory, own)
-    predicted_frames(h_q, q, memory, phase == SMOOTH, own, work)
+    report, history = steps.report[0], steps.history
+    memory, depth = history.memory, 0.0
+    span = memory.span[0]
+    h, h_q = formula(model.mass, dt, memory, own)
+    predict_end(model, h_q, memory, own, work)
     scale = h / (span if span > 0.0 else model.dt)
     for a in range(len(history.impulse)):
         for j in range(5):
             history.impulse[a, j] *= scale
         history.change[a, 0] *= scale
-
     contact_history = without_memory(history)
-    problem = begin(model, own, work, h, h_q, dt - h_q, contact_history)
-    small, found = solve_landing(model, own, work, problem, h, h_q, contact_history, report)
-    if not small:
-        return -1
-    report.contacts = found.closed
-    applied_torque(work.R, work.chain.twist, work.torque, work.damping, work.applied)
-    for j in range(n - 1):
-        for axis in range(2):
-            work.applied[j, axis] *= model.dt / h
-    if found.jumps:
+    problem = begin(model, own, work, h, h_q, dt - h_q, speed, contact_history)
+    is_small, found, closed = solve_landing(
+        model, own, work, problem, h, h_q, contact_history, report
+    )
+    if is_small:
+        keep_velocities(work, own.end)
+        for j in range(len(own.end.rate)):
+            for k in range(2):
+                rate, torque = own.end.rate[j, k], work.chain.torque[j, k]
+                work.applied[j, k] = torque - work.chain.damping[j, 2 * k] * rate
+        closing = Problem(problem.laws, closed, problem.contacts, problem.chain)
+        place_end(model, own, work, closing, h_q, memory.depth[0] > DEEP, steps.q)
+        depth = penetration(model.obstacles, model.contact_offset, model.contact_radius, own.q)
+    return Part(is_small, found, h, depth)
+
+
+@merged
+def place_end(model, own, work, problem, h_q, was_deep, q_start):
+    """
+    Fill the coordinates at the end, with the gaps of the contacts closed that carry load.
+
+    If a contact is deep in an obstacle at the start, at q_start, all return to their depths there:
+    the step undoes no more than it did.
+    """
+    _, closed, contacts, _ = problem
+    offset, radius, move = model.contact_offset, model.contact_radius, own.closing
+    for a in closed:
+        contacts.is_loaded[a] = contacts.impulse[a, 0] > 0.0
+        contacts.start_gap[a] = 0.0
+        if was_deep:
+            gap = gap_at(model.obstacles, offset, radius, q_start, contacts, a)
+            contacts.start_gap[a] = min(gap, 0.0)
+    for attempt in range(MOST_CLOSINGS + 1):
+        largest = gaps_to_close(closed, contacts)
+        if largest > CLOSED and attempt < MOST_CLOSINGS:
+            close_gaps(work.operator, problem, h_q)
+            keep_velocities(work, move)
+            add_velocities(move, own.moving)
+        elif attempt > 0:
+            break
+        reach_end(h_q, model.mass, own.star.pose, own.hat, own.moving)
+        chain_coordinates(model.half_length, model.mass, own.moving.pose, own.moving.angle, own.q)
+        for a in closed:
+            contacts.end_gap[a] = gap_at(model.obstacles, offset, radius, own.q, contacts, a)
+
+
+@merged
+def take(own, model, work, dt, part, steps):
+    """Go on to the end of a `Part` of length dt [s]."""
+    memory, history, report = steps.history.memory, steps.history, steps.report[0]
+    for j in range(len(own.end.rate)):
+        for k in range(2):
+            work.applied[j, k] *= model.dt / part.h
+            own.end.angle[j, k] = own.moving.angle[j, k]
+    for k in range(7):
+        own.end.pose[k] = own.moving.pose[k]
+    if part.found.jumps:
         for a in range(len(history.change)):
             for j in range(5):
                 history.change[a, j] = 0.0
-
-    keep(q, u, memory.q_before, memory.u_before)
-    for i in range(n):
-        advance_link(h_q, work.q_mid, own.q_hat, own.u_star, q, i)
-    end_velocities(work.chain.twist, work.R, work.center, u)
-    memory.span[0] = h
-    memory.phase[0] = ANEW if found.jumps or phase == UNKNOWN else SMOOTH
-    return 1 if found.jumps else 0
+    keep(memory.end, memory.start)
+    keep(own.end, memory.end)
+    keep_state(own.q, own.end.u, steps.q, steps.u)
+    memory.span[0], memory.dt[0], memory.depth[0] = part.h, dt, part.depth
+    memory.phase[0] = ANEW if part.found.jumps or memory.phase[0] == UNKNOWN else SMOOTH
+    report.contacts = max(report.contacts, part.found.closed)
+    report.penetration_max = max(report.penetration_max, part.depth)
 
 
 @merged
 def step(own, model, work, steps, k):
-    """Take step k; return whether the loop continues."""
-    q, u, report, memory = steps.q, steps.u, steps.report[0], steps.history.memory
+    """Take step k in parts; return whether the loop continues."""
+    report, memory = steps.report[0], steps.history.memory
     angle, rate = steps.angle[k], steps.rate[k]
-    known, smooth = memory.span[0] > 0.0, memory.phase[0] == SMOOTH
-    parts, event = 1 if smooth else PARTS, memory.phase[0] == UNKNOWN
-    unconverged, fallbacks = report.unconverged, report.fallbacks
-    keep(q, u, own.q_start, own.u_start)
-    for part in range(PARTS - parts, PARTS):
-        end_references(model.dt, part + 1, known, angle, rate, memory, own)
-        outcome = one_part(own, model, work, model.dt / parts, steps)
-        if outcome < 0:
-            keep(own.q_start, own.u_start, q, u)
+    known, before = memory.span[0] > 0.0, noted(report)
+    report.contacts = 0
+    keep_state(steps.q, steps.u, own.q_start, own.u_start)
+    done, size, speed = 0, first_size(model.path_tolerance, memory), LANDING_SPEED
+    while done < TICKS:
+        size = aligned_size(done, size)
+        dt = model.dt * size / TICKS
+        late = model.dt * ((done + size) / TICKS - 0.5)
+        end_references(model.dt, late, known, angle, rate, memory, own)
+        keep_history(steps.history, own.kept)
+        part = one_part(own, model, work, dt, speed, steps)
+        if not part.is_small:
+            keep_state(own.q_start, own.u_start, steps.q, steps.u)
             return False
-        event = event or outcome > 0
+        error = path_error(dt, 3, own.moving.u, own.star.u)
+        is_taken, next_size = judge_part(model.path_tolerance, error, size)
+        was_deep = memory.depth[0] > DEEP
+        if part.depth > (memory.depth[0] + CLOSED if was_deep else DEEP):
+            if speed < FASTEST:
+                is_taken, next_size, speed = False, size, 10.0 * speed
+            elif size > 1:
+                is_taken, next_size = False, size // 2
+        if is_taken:
+            take(own, model, work, dt, part, steps)
+            done, speed = done + size, LANDING_SPEED
+        else:
+            restore_history(own.kept, steps.history)
+        size = next_size
+    memory.ticks[0] = size
     for j in range(len(rate)):
         for axis in range(2):
-            memory.rate[j, axis] = rate[j, axis]
-    if not smooth:
-        keep(own.q_start, own.u_start, memory.q_before, memory.u_before)
-    memory.phase[0] = ANEW if event else SMOOTH
-    report.unconverged = min(report.unconverged, unconverged + 1)  # steps, not parts of them
-    report.fallbacks = min(report.fallbacks, fallbacks + 1)
-    return finish(model, work.chain.twist, q, u, steps.history.settling, report)
+            memory.reference_rate[j, axis] = rate[j, axis]
+    count_steps(before, report)
+    return finish(model, work.chain.twist, steps.q, steps.u, steps.history.settling, report)
 
 
 @compiled
 def advance(own, model, work, steps):
     """Take the steps up to the first that diverges; see `spatial.SpatialStepper`."""
-    q, u, memory = steps.q, steps.u, steps.history.memory
-    recognize(model, work, q, u, memory)
+    memory = steps.history.memory
+    recognize(model, work, steps.q, steps.u, memory)
     for k in range(len(steps.angle)):
         steps.cycles[k] = cycle_counter()
         if not step(own, model, work, steps, k):
             break
-    keep(q, u, memory.q, memory.u)
+    keep_state(steps.q, steps.u, memory.q, memory.end.u)
     steps.cycles[len(steps.angle)] = cycle_counter()
 
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from snake_sim_ros.contact.selection import IMPACT_WEIGHTS
 from snake_sim_ros.dynamics.compilation import inlined
 
-LANDING_SPEED = 0.3  # a contact takes part if this speed could close its gap in the step [m/s]
+LANDING_SPEED = 0.1  # a contact takes part if this speed could close its gap in the step [m/s]
 # By its law a contact that carries load has no gap. Its gap is the error of integration, of third
 # order in dt. Up to RESTING_GAP its law is that of velocities alone, so that the error does not
 # become a velocity. Beyond, the contact is open, and may land.
@@ -82,20 +82,45 @@ def events(model, h, closed, contacts):
 
 
 @inlined
-def closed_at_end(h_q, tolerance, closed, contacts):
+def find_end_gaps(h_q, closed, contacts):
+    """Fill the gaps to which the solution of the contacts leads, linear in the velocities."""
+    for a in closed:
+        change = contacts.gamma[a, 0] - contacts.shift[a] - contacts.approach_velocity[a]
+        contacts.end_gap[a] = contacts.gap[a] + h_q * change
+
+
+@inlined
+def closed_at_end(tolerance, closed, contacts):
     """
     Return the number of contacts that are closed after a step.
 
-    Their numbers are moved to the front of `closed`, and their shifts set to 0. `h_q` is as in
-    `leave_gaps`; `tolerance` is the gap up to which a contact is closed [m].
+    Their numbers are moved to the front of `closed`, and their shifts set to 0. `tolerance` is the
+    gap up to which a contact is closed [m].
     """
     count = 0
     for a in closed:
-        gap = contacts.gap[a] + h_q * (
-            contacts.gamma[a, 0] - contacts.shift[a] - contacts.approach_velocity[a]
-        )
-        if contacts.impulse[a, 0] > 0.0 or contacts.shift[a] == 0.0 or gap <= tolerance:
+        loaded = contacts.impulse[a, 0] > 0.0 or contacts.shift[a] == 0.0
+        if loaded or contacts.end_gap[a] <= tolerance:
             contacts.shift[a] = 0.0
             closed[count] = a
             count += 1
     return count
+
+
+@inlined
+def gaps_to_close(closed, contacts):
+    """
+    Mark the contacts whose end gaps must be closed by ``S_N = 1``; return the largest of the gaps.
+
+    They carry load and rest, or they are inside an obstacle. Their end gaps become those that are
+    to be closed, which begin at `start_gap`.
+    """
+    largest = 0.0
+    for a in closed:
+        contacts.end_gap[a] -= contacts.start_gap[a]
+        gap = contacts.end_gap[a]
+        closes = abs(gap) <= RESTING_GAP and (gap < 0.0 or contacts.is_loaded[a] == 1)
+        contacts.S_N[a] = 1.0 if closes else 0.0
+        if closes:
+            largest = max(largest, abs(gap))
+    return largest

@@ -20,6 +20,7 @@ from snake_sim_ros.stepping import levels
 from snake_sim_ros.stepping import moreau
 from snake_sim_ros.stepping.base import Method
 from snake_sim_ros.stepping.base import Stepper
+from snake_sim_ros.stepping.model import whole_operator
 from snake_sim_ros.stepping.planar import bdf2 as planar_bdf2
 from snake_sim_ros.stepping.planar import moreau as planar_moreau
 from snake_sim_ros.stepping.planar.gauss_seidel import PlanarGaussSeidel
@@ -48,19 +49,23 @@ def _planar(solver: Make) -> Callable[[Scene], PlanarStepper]:
 
 def _delassus(scene: Scene) -> Delassus:
     """Return the arrays of the Delassus operator of all contacts of a scene."""
-    return make_delassus(5 * contact_count(scene))
+    return make_delassus(5 * contact_count(scene), scene.robot.link_count)
+
+
+def _small_delassus(scene: Scene) -> Delassus:
+    return make_delassus(MOST_CONDENSED_ROWS, scene.robot.link_count)
 
 
 def _spatial_bdf2(scene: Scene) -> SpatialStepper:
     n = scene.robot.link_count
-    return SpatialStepper(
-        scene, partial(bdf2.advance, bdf2_memory.make_arrays(n)), bdf2_memory.make_memory(n)
-    )
+    own = bdf2_memory.make_arrays(n, contact_count(scene))
+    return SpatialStepper(scene, partial(bdf2.advance, own), bdf2_memory.make_memory(n))
 
 
 def _planar_bdf2(scene: Scene) -> PlanarStepper:
     n = scene.robot.link_count
-    loop = partial(planar_bdf2.advance_bdf2_in_plane, planar_bdf2.make_planar_arrays(n))
+    own = planar_bdf2.make_planar_arrays(n, contact_count(scene))
+    loop = partial(planar_bdf2.advance_bdf2_in_plane, own)
     return PlanarStepper(scene, loop, planar_bdf2.make_planar_bdf2_memory(n))
 
 
@@ -81,9 +86,9 @@ METHODS: dict[str, Method] = {
         is_faster_in_space=bdf2.is_faster_in_space,
         energy_balance=False,
     ),
-    # The same solver on the Delassus operator.
+    # The same solver on the Delassus operator of any number of contacts.
     'newton_dense': Method(
-        spatial=_spatial(lambda scene: Newton(_delassus(scene))),
+        spatial=_spatial(lambda scene: Newton(whole_operator(scene))),
         planar=_planar(lambda scene: PlanarNewton(_delassus(scene))),
         where_impulses_acted=moreau.where_impulses_acted,
     ),
@@ -95,7 +100,7 @@ METHODS: dict[str, Method] = {
     ),
     # The paper's iteration: projections of all contacts at once.
     'paper': Method(
-        spatial=_spatial(lambda scene: ProxIteration(make_delassus(MOST_CONDENSED_ROWS))),
+        spatial=_spatial(lambda scene: ProxIteration(_small_delassus(scene))),
         planar=_planar(lambda scene: PlanarProxIteration()),
         where_impulses_acted=moreau.where_impulses_acted,
     ),
@@ -116,7 +121,8 @@ def method_of(scene: Scene) -> str:
     """
     Return the name of the method for a scene: the one that it names, or the choice of `auto`.
 
-    `auto` chooses a method that can run the scene: `bdf2` has no explicit joint control.
+    `auto` chooses a method that can run the scene: `bdf2` has no explicit joint control. Only
+    `bdf2` divides steps, so that `auto` takes it for a scene with an accuracy.
 
     Raises
     ------
@@ -126,7 +132,7 @@ def method_of(scene: Scene) -> str:
     """
     if scene.method == AUTO:
         large = scene.dt > LARGE_STEP and not METHODS['bdf2'].what_is_not_possible(scene)
-        return 'bdf2' if large else 'newton'
+        return 'bdf2' if large or scene.accuracy > 0.0 else 'newton'
     if scene.method not in METHODS:
         names = ', '.join(sorted([AUTO, *METHODS]))
         raise ParameterError(f'unknown method {scene.method!r}; choose from: {names}')
@@ -151,6 +157,11 @@ def make_stepper(scene: Scene) -> Stepper:
     """
     name = method_of(scene)
     method = METHODS[name]
+    if scene.accuracy > 0.0 and name != 'bdf2':
+        raise ParameterError(
+            f'accuracy {scene.accuracy:g} needs method bdf2, which divides steps, or auto; got '
+            f'method {name}'
+        )
     if reason := method.what_is_not_possible(scene):
         raise ParameterError(reason)
     return levels.stepper_of_level(replace(scene, method=name), method)

@@ -11,10 +11,13 @@ from snake_sim_ros.contact.detection import make_other_friction
 from snake_sim_ros.contact.detection import Obstacles
 from snake_sim_ros.contact.laws import Laws
 from snake_sim_ros.contact.laws import make_disc
+from snake_sim_ros.contact.newton import make_operator
+from snake_sim_ros.contact.newton import Operator
 from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
 from snake_sim_ros.contact.table import make_table
 from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.force_directions import mean_delassus
+from snake_sim_ros.dynamics.free_chain import make_free_chain
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.obstacles import pair_contacts
@@ -22,10 +25,16 @@ from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.accuracy import path_tolerance
 
 # Compliance of the proximal point method, relative to the Delassus operator. It changes no
 # solution. A smaller one brings an iteration closer to the laws, and loses digits to rounding.
 PROXIMAL = 1e-5
+# Up to so many closed contacts Newton's method forms the Delassus operator; beyond, a sweep over
+# the chain for each iteration takes less time. In steps up to SMALL_STEP it always does: predicted
+# impulses are so near that one or two iterations suffice.
+MOST_CONDENSED = 6
+SMALL_STEP = 1 / 1500  # [s]
 
 
 class Model(NamedTuple):
@@ -51,6 +60,7 @@ class Model(NamedTuple):
     residual_tolerance: float  # [m/s]
     iteration_limit: int
     pd_scheme: int  # index in PD_SCHEMES
+    path_tolerance: float  # error that a step may make in the path [m]; 0: steps are not chosen
     drift_correction: int  # index in DRIFT_CORRECTIONS
     settle_steps: int  # steps to lie flat and still before the loop ends; 0: it does not end so
     obstacles: Obstacles | None  # None: a flat floor
@@ -69,6 +79,7 @@ class Workspace(NamedTuple):
     applied: Array  # (n-1, 2) impulse of the controller with its implicit part [N m s]
     chain: Chain
     closed: Array  # (c,) begins with the numbers of the closed contacts
+    operator: Operator  # of the contacts, for `bdf2`
     contacts: Any  # (c,) table of all contacts, see `contact.table`
 
 
@@ -104,10 +115,28 @@ def make_model(scene: Scene) -> Model:
         residual_tolerance=solver.residual_tolerance,
         iteration_limit=solver.iteration_limit,
         pd_scheme=PD_SCHEMES.index(scene.pd_scheme),
+        path_tolerance=path_tolerance(scene),
         drift_correction=DRIFT_CORRECTIONS.index(scene.drift_correction),
         settle_steps=0,
         obstacles=make_obstacles(scene),
     )
+
+
+def operator_of(scene: Scene) -> Operator:
+    """Return the operator for a scene, which condenses few contacts, of a large step."""
+    most = MOST_CONDENSED if scene.dt > SMALL_STEP else 0
+    count = min(most, contact_count(scene))
+    return make_operator(count, _width(scene), scene.robot.link_count)
+
+
+def whole_operator(scene: Scene) -> Operator:
+    """Return the operator for all contacts of a scene."""
+    return make_operator(contact_count(scene), _width(scene), scene.robot.link_count, swept=0)
+
+
+def _width(scene: Scene) -> int:
+    """Return the number of components of a contact."""
+    return 5 if scene.friction.rolling > 0.0 else 3
 
 
 def make_workspace(scene: Scene) -> Workspace:
@@ -141,10 +170,12 @@ def make_workspace(scene: Scene) -> Workspace:
             correction=zeros((n, 6)),
             no_torque=zeros((n - 1, 2)),
             frame=None if is_flat(scene) else zeros((count, 3, 3)),
-            pair_delassus=make_delassus(5 * len(pair_contacts(scene)))
+            free=make_free_chain(n),
+            pair_delassus=make_delassus(5 * len(pair_contacts(scene)), n)
             if scene.self_contact
             else None,
         ),
         closed=np.zeros(count, np.int64),
+        operator=operator_of(scene),
         contacts=make_table(count),
     )

@@ -95,6 +95,10 @@ def end_step(model, work, steps, problem, outcome):
     end_coordinates(model.dt, work.q_mid, u, q)
     note_outcome(outcome, report)
     report.contacts = len(problem.closed)
+    note_joints(model, q, report)
+    close_joints(model.drift_correction, model.half_length, model.mass, q)
+    depth = penetration(model.obstacles, model.contact_offset, model.contact_radius, q)
+    report.penetration_max = max(report.penetration_max, depth)
     return finish(model, work.chain.twist, q, u, steps.history.settling, report)
 
 
@@ -110,9 +114,17 @@ def turns_are_small(dt, twist, report):
 
 
 @inlined
+def note_joints(model, q, report):
+    """Report how far the joints are open."""
+    gap, twist = joint_violation(model.half_length, q)
+    report.joint_gap_max = max(report.joint_gap_max, gap)
+    report.joint_twist_max = max(report.joint_twist_max, twist)
+
+
+@inlined
 def finish(model, twist, q, u, settling, report):
     """
-    Close the joints at the end of a step, and report the step.
+    Report a step at its end.
 
     Returns
     -------
@@ -120,13 +132,7 @@ def finish(model, twist, q, u, settling, report):
         False if the loop ends because the robot has lain flat and still for `settle_steps`.
 
     """
-    gap, violation = joint_violation(model.half_length, q)
-    close_joints(model.drift_correction, model.half_length, model.mass, q)
     report.steps += 1
-    depth = penetration(model.obstacles, model.contact_offset, model.contact_radius, q)
-    report.penetration_max = max(report.penetration_max, depth)
-    report.joint_gap_max = max(report.joint_gap_max, gap)
-    report.joint_twist_max = max(report.joint_twist_max, violation)
     if model.settle_steps == 0:
         return True
     lies = lies_flat_and_still(model.contact_offset, model.contact_radius, q, u, twist)

@@ -69,6 +69,30 @@ def note_outcome(outcome, report):
     report.printed_residual_max = max(report.printed_residual_max, outcome.printed_residual)
 
 
+@inlined
+def noted(report):
+    """Return what `note_outcome` has added to a report."""
+    return (
+        report.iterations, report.iterations_max, report.unconverged, report.fallbacks,
+        report.residual_max, report.printed_residual_max,
+    )  # fmt: skip
+
+
+@inlined
+def take_back(before, report):
+    """Set a report back to what was `noted` before a step that is not taken."""
+    report.iterations, report.iterations_max, report.unconverged = before[0], before[1], before[2]
+    report.fallbacks, report.residual_max = before[3], before[4]
+    report.printed_residual_max = before[5]
+
+
+@inlined
+def count_steps(before, report):
+    """Count steps that do not converge, not their parts; `before` was `noted` before the step."""
+    report.unconverged = min(report.unconverged, before[2] + 1)
+    report.fallbacks = min(report.fallbacks, before[3] + 1)
+
+
 def report_of(steps: Steps, applied: Array, dt: float) -> Report:
     """Return the report of a loop whose last step, of dt [s], had joint impulses (n-1, 2)."""
     found = dict(zip(REPORT.names or (), steps.report[0].item(), strict=True))

@@ -16,32 +16,53 @@ from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.joint_control import implicit_pd_law
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.stepping.bdf2 import PARTS
-from snake_sim_ros.stepping.bdf2_memory import ANEW
 from snake_sim_ros.stepping.bdf2_memory import CONSISTENT_SPEED
-from snake_sim_ros.stepping.bdf2_memory import SMOOTH
-from snake_sim_ros.stepping.bdf2_memory import UNKNOWN
+from snake_sim_ros.stepping.parts import aligned_size
+from snake_sim_ros.stepping.parts import ANEW
+from snake_sim_ros.stepping.parts import coefficients
+from snake_sim_ros.stepping.parts import end_references
+from snake_sim_ros.stepping.parts import first_size
+from snake_sim_ros.stepping.parts import judge_part
+from snake_sim_ros.stepping.parts import keep_history
+from snake_sim_ros.stepping.parts import path_error
+from snake_sim_ros.stepping.parts import restore_history
+from snake_sim_ros.stepping.parts import SMOOTH
+from snake_sim_ros.stepping.parts import TICKS
+from snake_sim_ros.stepping.parts import UNKNOWN
 from snake_sim_ros.stepping.planar.equilibrium import fill_momentum
 from snake_sim_ros.stepping.planar.equilibrium import place_links_in_plane
 from snake_sim_ros.stepping.planar.moreau import end_planar_velocities
 from snake_sim_ros.stepping.planar.moreau import held_point
 from snake_sim_ros.stepping.planar.moreau import is_planar
-from snake_sim_ros.stepping.planar.moreau import move_in_plane
+from snake_sim_ros.stepping.planar.moreau import stop_impact
 from snake_sim_ros.stepping.planar.newton import PlanarNewton
 from snake_sim_ros.stepping.planar.newton import SECOND_CHANGE
 from snake_sim_ros.stepping.planar.newton import solve_planar_contacts
 from snake_sim_ros.stepping.state import without_memory
+from snake_sim_ros.stepping.steps import count_steps
 from snake_sim_ros.stepping.steps import note_outcome
+from snake_sim_ros.stepping.steps import noted
+from snake_sim_ros.stepping.steps import take_back
+
+
+class PlanarMotion(NamedTuple):
+    """A state in the plane, as `bdf2_memory.Motion`."""
+
+    pose: Array  # (2,) x and y of the center of mass [m]
+    heading: Array  # (n,) headings of the links [rad]
+    u: Array  # (n, 3) velocities x y of the link centers [m/s], and turning rates [rad/s]
 
 
 class PlanarBdf2Memory(NamedTuple):
-    """What the method keeps of the last step, besides `model.PlanarMemory`."""
+    """What the method keeps of the last step, besides `model.PlanarMemory`; as `Bdf2Memory`."""
 
-    q_before: Array  # (n+2,) coordinates at its start
-    u_before: Array  # (n, 3) velocities at its start
-    rate: Array  # (n-1,) rates of the yaw references [rad/s]
-    span: Array  # (1,) time for which its impulses acted [s], 0 before the first step
-    phase: Array  # (1,) as in `bdf2_memory.PlanarBdf2Memory`
+    end: PlanarMotion
+    start: PlanarMotion
+    reference_rate: Array  # (n-1, 2)
+    dt: Array  # (1,)
+    span: Array  # (1,)
+    phase: Array  # (1,)
+    ticks: Array  # (1,)
 
     def last_span(self) -> float:
         """Return the time for which the last impulses acted [s], 0 before the first step."""
@@ -51,86 +72,57 @@ class PlanarBdf2Memory(NamedTuple):
 class PlanarBdf2Arrays(NamedTuple):
     """Arrays that a step fills besides `model.PlanarWorkspace`, as `Bdf2Arrays`."""
 
-    q_hat: Array  # (n+2,)
-    u_hat: Array  # (n, 3)
-    u_star: Array  # (n, 3)
-    q_start: Array  # (n+2,) coordinates at the start of the step
-    u_start: Array  # (n, 3)
+    hat: PlanarMotion
+    star: PlanarMotion  # velocities at the predicted end; the rest is not used
+    end: PlanarMotion
+    before: PlanarMotion  # start of the step of the scene, for one that is not taken
+    end_angle: Array  # (n-1, 2)
+    end_rate: Array  # (n-1, 2)
+    kept: Array  # (3, contacts, 5)
+
+
+def make_planar_motion(n: int) -> PlanarMotion:
+    """Return arrays for a state of n links."""
+    return PlanarMotion(np.zeros(2), np.zeros(n), np.zeros((n, 3)))
 
 
 def make_planar_bdf2_memory(n: int) -> PlanarBdf2Memory:
     """Return the memory before the first step, for n links."""
     return PlanarBdf2Memory(
-        np.zeros(n + 2), np.zeros((n, 3)), np.zeros(n - 1), np.zeros(1), np.zeros(1)
-    )
+        make_planar_motion(n), make_planar_motion(n), np.zeros((n - 1, 2)),
+        np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(1),
+    )  # fmt: skip
 
 
-def make_planar_arrays(n: int) -> PlanarBdf2Arrays:
-    """Return the arrays for n links."""
-    q, u = np.zeros((2, n + 2)), np.zeros((3, n, 3))
-    return PlanarBdf2Arrays(q[0], u[0], u[1], q[1], u[2])
+def make_planar_arrays(n: int, contacts: int) -> PlanarBdf2Arrays:
+    """Return the arrays for n links and a number of contacts."""
+    hat, star, end, before = (make_planar_motion(n) for _ in range(4))
+    angle, rate = np.zeros((2, n - 1, 2))
+    return PlanarBdf2Arrays(hat, star, end, before, angle, rate, np.zeros((3, contacts, 5)))
 
 
-@merged
-def planar_formula(model, dt, phase, q, u, memory, own):
-    """
-    Fill q_hat, u_hat and u_star as `bdf2.formula`; q_hat begins with the point that is held.
-
-    Returns
-    -------
-    h, h_q : float
-        As from `bdf2.formula`.
-
-    """
-    n, hat = len(u), own.q_hat
-    smooth = phase == SMOOTH
-    for i in range(n):
+@inlined
+def keep_planar(motion, to):
+    """Copy a state."""
+    to.pose[0], to.pose[1] = motion.pose[0], motion.pose[1]
+    for i in range(len(motion.heading)):
+        to.heading[i] = motion.heading[i]
         for k in range(3):
-            before = memory.u_before[i, k]
-            own.u_hat[i, k] = (4.0 * u[i, k] - before) / 3.0 if smooth else u[i, k]
-            own.u_star[i, k] = 2.0 * u[i, k] - before if smooth else u[i, k]
-    for i in range(n + 2):
-        hat[i] = q[i]
-    held = held_point(model, q)
-    if smooth:
-        earlier = memory.q_before
-        for i in range(n):
-            hat[2 + i] = (4.0 * q[2 + i] - earlier[2 + i]) / 3.0
-        before_x, before_y = held_point(model, earlier)
-        hat[0] = (4.0 * (q[0] + held[0]) - (earlier[0] + before_x)) / 3.0
-        hat[1] = (4.0 * (q[1] + held[1]) - (earlier[1] + before_y)) / 3.0
-        return 2.0 / 3.0 * dt, 2.0 / 3.0 * dt
-    hat[0] += held[0]
-    hat[1] += held[1]
-    if phase == UNKNOWN:
-        return dt, dt
-    move_in_plane(model, dt / 2, hat, u)
-    return dt, dt / 2
+            to.u[i, k] = motion.u[i, k]
 
 
 @merged
-def begin_planar_part(model, own, work, h, h_q, late, known, angle, rate, memory):
-    """
-    Fill the workspace for the contact solver.
-
-    The joint references are those at the middle of the step; the part ends `late` [s] after it.
-    """
-    hat, u_star = own.q_hat, own.u_star
-    for i in range(len(u_star)):
-        theta = hat[2 + i] + h_q * u_star[i, 2]
-        work.heading[i, 0], work.heading[i, 1] = math.cos(theta), math.sin(theta)
-    place_links_in_plane(model, work, model.fall * (h / model.dt))
-    for j in range(len(angle)):
-        turn = u_star[j + 1, 2] - u_star[j, 2]
-        bend = hat[3 + j] - hat[2 + j] + h_q * turn
-        acceleration = (rate[j, 0] - memory.rate[j]) / model.dt if known else 0.0
-        end_angle = angle[j, 0] + late * (rate[j, 0] + 0.5 * late * acceleration)
-        torque, damping = implicit_pd_law(
-            h_q, bend, turn, (end_angle, rate[j, 0] + late * acceleration),
-            model.stiffness[j], model.damping[j],
-        )  # fmt: skip
-        work.torque[j], work.chain.damping[j] = torque * h, damping * h
-    fill_momentum(model, work, own.u_hat, u_star)
+def recognize_in_plane(model, work, q, u, memory):
+    """Take q and u as the state to go on from, as `bdf2_memory.recognize`."""
+    end = memory.end
+    held_x, held_y = held_point(model, q)
+    end.pose[0], end.pose[1] = q[0] + held_x, q[1] + held_y
+    for i in range(len(u)):
+        end.heading[i] = q[2 + i]
+        for k in range(3):
+            end.u[i, k] = u[i, k]
+    memory.phase[0] = ANEW if starts_anew(model, work, q, u) else UNKNOWN
+    memory.ticks[0] = 0.0
 
 
 @merged
@@ -152,84 +144,175 @@ def starts_anew(model, work, q, u):
 
 
 @merged
-def planar_part(own, model, work, dt, late, known, steps, k):
-    """Advance q, u and history by dt, a step or a part of it; return whether it was taken."""
-    q, u, report, history = steps.q, steps.u, steps.report[0], steps.history
-    n, memory = len(u), history.memory.scheme
-    span, phase = memory.span[0], memory.phase[0]
-    h, h_q = planar_formula(model, dt, phase, q, u, memory, own)
-    scale = h / (span if span > 0.0 else model.dt)
+def planar_formula(model, dt, memory, own):
+    """
+    Fill own.hat and the velocities of own.star as `bdf2.formula`.
+
+    Returns
+    -------
+    h, h_q : float
+        As from `bdf2.formula`.
+
+    """
+    end, start, hat, star = memory.end, memory.start, own.hat, own.star
+    w, c, h, half = coefficients(dt, memory)
+    for k in range(2):
+        hat.pose[k] = end.pose[k] + c * (end.pose[k] - start.pose[k])
+    for i in range(len(end.u)):
+        for k in range(3):
+            change = end.u[i, k] - start.u[i, k]
+            hat.u[i, k] = end.u[i, k] + c * change
+            star.u[i, k] = end.u[i, k] + w * change
+        heading = end.heading[i]
+        hat.heading[i] = heading + c * (heading - start.heading[i])
+    if half > 0.0:
+        move_planar(model, half, end.u, hat)
+    return h, h - half
+
+
+@inlined
+def move_planar(model, h, u, motion):
+    """Move center of mass and headings by a time h [s] with the velocities u (n, 3)."""
+    for i in range(len(u)):
+        motion.heading[i] += h * u[i, 2]
+        motion.pose[0] += h * model.share[i] * u[i, 0]
+        motion.pose[1] += h * model.share[i] * u[i, 1]
+
+
+@merged
+def predict_loads(h, dt, work, memory, history):
+    """Scale what the last step left of the contacts to one of dt, with impulses for a time h."""
+    span, before = memory.span[0], memory.dt[0]
+    if span == 0.0:
+        return
+    scale, ratio = h / span, dt / before
+    if scale == 1.0 and ratio == 1.0:
+        return
     for a in work.closed:
         for j in range(3):
             history.impulse[a, j] *= scale
-        history.change[a, 0] *= scale
-        history.change[a, SECOND_CHANGE] *= scale
-    begin_planar_part(model, own, work, h, h_q, late, known, steps.angle[k], steps.rate[k], memory)
+        history.change[a, 0] *= scale * ratio
+        history.change[a, SECOND_CHANGE] *= scale * ratio * ratio
+        history.change[a, 1] *= ratio
+        history.change[a, 2] *= ratio
+
+
+@merged
+def begin_planar_part(model, own, work, h, h_q):
+    """Fill the workspace for the contact solver, with the references in own.end_angle."""
+    hat, u_star = own.hat, own.star.u
+    for i in range(len(u_star)):
+        theta = hat.heading[i] + h_q * u_star[i, 2]
+        work.heading[i, 0], work.heading[i, 1] = math.cos(theta), math.sin(theta)
+    place_links_in_plane(model, work, model.fall * (h / model.dt))
+    for j in range(len(own.end_angle)):
+        reference = own.end_angle[j, 0], own.end_rate[j, 0]
+        bend = hat.heading[j + 1] - hat.heading[j]
+        torque, damping = implicit_pd_law(
+            h_q, bend, 0.0, reference, model.stiffness[j], model.damping[j]
+        )
+        work.torque[j], work.chain.damping[j] = torque * h, damping * h
+    fill_momentum(model, work, hat.u, u_star)
+
+
+@merged
+def planar_part(own, model, work, dt, steps):
+    """
+    Find the velocities after a time dt, with the references in own.end_angle; they are in own.end.
+
+    Returns
+    -------
+    outcome : Outcome
+    h, h_q : float
+        As from `planar_formula`.
+
+    """
+    history, memory = steps.history, steps.history.memory.scheme
+    h, h_q = planar_formula(model, dt, memory, own)
+    predict_loads(h, dt, work, memory, history)
+    begin_planar_part(model, own, work, h, h_q)
     outcome = solve_planar_contacts(
         PlanarNewton(None), model, work, work.closed, without_memory(history)
     )
-    memory.span[0] = h
-    if not is_planar(model, work, steps, outcome):
-        return False
-    keep_planar(q, u, memory.q_before, memory.u_before)
-    for i in range(n + 2):
-        q[i] = own.q_hat[i]
-    end_planar_velocities(model, work, u)
-    move_in_plane(model, h_q, q, u)
-    held_x, held_y = held_point(model, q)
-    q[0] -= held_x
-    q[1] -= held_y
-    for j in range(n - 1):
-        work.applied[j, 0] *= model.dt / h
-        work.applied[j, 1] *= model.dt / h
-    memory.phase[0] = ANEW if phase == UNKNOWN else SMOOTH
-    note_outcome(outcome, report)
-    return True
+    note_outcome(outcome, steps.report[0])
+    end_planar_velocities(model, work, own.end.u)
+    return outcome, h, h_q
+
+
+@merged
+def take_planar(own, model, work, dt, h, h_q, memory):
+    """Go on to the state that `planar_part` found."""
+    keep_planar(memory.end, memory.start)
+    for k in range(2):
+        memory.end.pose[k] = own.hat.pose[k]
+    for i in range(len(own.end.u)):
+        memory.end.heading[i] = own.hat.heading[i]
+        for k in range(3):
+            memory.end.u[i, k] = own.end.u[i, k]
+    move_planar(model, h_q, own.end.u, memory.end)
+    for j in range(len(work.applied)):
+        for axis in range(2):
+            work.applied[j, axis] *= model.dt / h
+    stop_impact(work)
+    memory.span[0], memory.dt[0] = h, dt
+    memory.phase[0] = ANEW if memory.phase[0] == UNKNOWN else SMOOTH
 
 
 @merged
 def planar_step(own, model, work, steps, k):
     """Take step k; return whether it was taken."""
-    q, u, report, memory = steps.q, steps.u, steps.report[0], steps.history.memory.scheme
-    n = len(u)
-    known, phase = memory.span[0] > 0.0, memory.phase[0]
-    if phase == UNKNOWN and starts_anew(model, work, q, u):
-        phase = memory.phase[0] = ANEW
-    parts = 1 if phase == SMOOTH else PARTS
-    unconverged, fallbacks = report.unconverged, report.fallbacks
-    keep_planar(q, u, own.q_start, own.u_start)
-    for part in range(parts):
-        late, dt = model.dt * ((part + 1) / parts - 0.5), model.dt / parts
-        if not planar_part(own, model, work, dt, late, known, steps, k):
-            keep_planar(own.q_start, own.u_start, q, u)
+    report, memory = steps.report[0], steps.history.memory.scheme
+    angle, rate = steps.angle[k], steps.rate[k]
+    known = memory.span[0] > 0.0
+    before = noted(report)
+    if memory.phase[0] == UNKNOWN:
+        recognize_in_plane(model, work, steps.q, steps.u, memory)
+    keep_planar(memory.end, own.before)
+    done, size = 0, first_size(model.path_tolerance, memory)
+    while done < TICKS:
+        size = aligned_size(done, size)
+        dt = model.dt * size / TICKS
+        late = model.dt * ((done + size) / TICKS - 0.5)
+        end_references(model.dt, late, known, angle, rate, memory, own)
+        if model.path_tolerance > 0.0:
+            keep_history(steps.history, own.kept)
+        outcome, h, h_q = planar_part(own, model, work, dt, steps)
+        error = path_error(dt, 2, own.end.u, own.star.u)
+        taken, next_size = judge_part(model.path_tolerance, error, size)
+        if not taken:
+            restore_history(own.kept, steps.history)
+        elif is_planar(model, work, steps, outcome):
+            take_planar(own, model, work, dt, h, h_q, memory)
+            done += size
+        else:
+            keep_planar(own.before, memory.end)
+            memory.phase[0] = UNKNOWN
+            take_back(before, report)
             return False
-    if phase != SMOOTH:
-        keep_planar(own.q_start, own.u_start, memory.q_before, memory.u_before)
-    for j in range(n - 1):
-        memory.rate[j] = steps.rate[k, j, 0]
-    memory.phase[0] = ANEW if phase == UNKNOWN else SMOOTH
-    report.unconverged = min(report.unconverged, unconverged + 1)  # steps, not parts of them
-    report.fallbacks = min(report.fallbacks, fallbacks + 1)
+        size = next_size
+    memory.ticks[0] = size
+    for j in range(len(rate)):
+        for axis in range(2):
+            memory.reference_rate[j, axis] = rate[j, axis]
+    count_steps(before, report)
     report.steps += 1
-    report.contacts = 2 * n
+    report.contacts = 2 * len(own.end.u)
     return True
-
-
-@inlined
-def keep_planar(q, u, q_to, u_to):
-    """Copy q (n+2,) and u (n, 3) to q_to and u_to."""
-    for i in range(len(q)):
-        q_to[i] = q[i]
-    for i in range(len(u)):
-        for k in range(3):
-            u_to[i, k] = u[i, k]
 
 
 @compiled
 def advance_bdf2_in_plane(own, model, work, steps):
     """Take the steps up to the first that is not planar; see `stepper.PlanarStepper`."""
+    q, u, end = steps.q, steps.u, steps.history.memory.scheme.end
     for k in range(len(steps.angle)):
         steps.cycles[k] = cycle_counter()
         if not planar_step(own, model, work, steps, k):
             break
+    if steps.report[0].steps > 0:
+        for i in range(len(u)):
+            q[2 + i] = end.heading[i]
+            for k in range(3):
+                u[i, k] = end.u[i, k]
+        held_x, held_y = held_point(model, q)
+        q[0], q[1] = end.pose[0] - held_x, end.pose[1] - held_y
     steps.cycles[len(steps.angle)] = cycle_counter()

@@ -139,6 +139,7 @@ def condense_sliding(model, work, delassus):
         contacts.impulse[a, 1] = contacts.impulse[a, 2] = 0.0
     planar_twists(model, work)
     for k, a in enumerate(closed):
+        contacts.row[a] = 3 * k
         for j in range(3):
             free[3 * k + j] = contacts.gamma[a, j]
     for k, a in enumerate(closed):

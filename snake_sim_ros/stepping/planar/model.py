@@ -91,12 +91,15 @@ class PlanarModel(NamedTuple):
     tolerance: float
     residual_tolerance: float
     iteration_limit: int
+    path_tolerance: float
     most_roll: float  # largest roll of a planar step [rad]
     most_slip: float  # share of the way of the center of mass up to which slip is neglected
     held: bool  # whether pitch joints hold the robot; if not, its roll is rounding
     patient: bool  # whether a step that does not converge is taken, and counted
     pd_scheme: int
-    keeps_center: bool  # whether section VII-C holds the center of mass, not link 1
+    keeps_center: (
+        bool  # whether section VII-C holds the center of mass, not link 1; so does `bdf2`
+    )
     pegs: Array  # (pegs, 3) x, y and radius of the pegs [m]
     first_peg: int  # number of the first contact with a peg
     activation_tolerance: float
@@ -136,7 +139,8 @@ def make_planar_model(scene: Scene) -> PlanarModel:
     pitch = stiffness[:, 1]
     stiffest = pitch.max(initial=LIMP_STIFFNESS)
     hold = HOLD * float(half.min()) ** 2
-    keeps_center = scene.drift_correction == DRIFT_CORRECTIONS[CENTER_OF_MASS]
+    held = scene.drift_correction == DRIFT_CORRECTIONS[CENTER_OF_MASS]
+    keeps_center = held or scene.method == 'bdf2'
     share = mass / mass.sum() if keeps_center else np.eye(n)[0]
     return PlanarModel(
         half_length=half,
@@ -156,6 +160,7 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         tolerance=scene.solver.tolerance,
         residual_tolerance=scene.solver.residual_tolerance,
         iteration_limit=scene.solver.iteration_limit,
+        path_tolerance=spatial.path_tolerance,
         most_roll=ROLL_LIMIT,
         most_slip=SLIP_SHARE,
         held=bool(pitch.max(initial=0.0) > LIMP_STIFFNESS),

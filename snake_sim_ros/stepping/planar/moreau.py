@@ -124,7 +124,7 @@ def slips_too_far(model, work, memory):
 
 @inlined
 def end_planar_velocities(model, work, u):
-    """Fill u (n, 3) from the twists, and the impulses of the joints; empty work.impact."""
+    """Fill u (n, 3) from the twists, and the impulses of the joints."""
     twist, n = work.twist, len(u)
     for j in range(n - 1):
         yaw_rate = twist[j + 1, 0] - twist[j, 0]
@@ -134,6 +134,12 @@ def end_planar_velocities(model, work, u):
         u[i, 0] = twist[i, 1] - twist[i, 0] * work.center[i, 1]
         u[i, 1] = twist[i, 2] + twist[i, 0] * work.center[i, 0]
         u[i, 2] = twist[i, 0]
+
+
+@inlined
+def stop_impact(work):
+    """Empty the momentum out of the plane, which the first step has stopped."""
+    for i in range(len(work.impact)):
         for k in range(3):
             work.impact[i, k] = 0.0
 
@@ -155,6 +161,7 @@ def end_planar_step(model, work, steps, count, outcome):
     before_x, before_y = held_point(model, q)
     move_in_plane(model, 0.5 * model.dt, q, u)
     end_planar_velocities(model, work, u)
+    stop_impact(work)
     move_in_plane(model, 0.5 * model.dt, q, u)
     after_x, after_y = held_point(model, q)
     q[0] += before_x - after_x

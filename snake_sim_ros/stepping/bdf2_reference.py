@@ -1,0 +1,359 @@
+"""
+A step of method `bdf2` in dense NumPy, to read beside its equations, as `reference` is for [1].
+
+The compiled step of `bdf2` is tested against this definition, which is slow and shares no algebra
+with it: W_J and P_J are eliminated in a dense system, not in sweeps over links, and contacts are
+solved on the dense Delassus operator. A step of the scene has one part or several; this is a part.
+It takes a time dt from ``_A`` (its start) to ``_E`` (its end); the part before took dt_before,
+from ``_B`` to ``_A``.
+
+Coordinates x are the center of mass, the Euler parameters p of the middle link and the joint
+angles, so that joints are closed whatever x is. Velocities u are those of all links, as in [1];
+they satisfy ``W_J^T u = 0``. With ``w = dt/dt_before`` the formula BDF2 with variable steps is
+
+    x_hat = x_A + c (x_A - x_B),  u_hat = u_A + c (u_A - u_B),  c = w^2/(1 + 2w),            (i)
+    h = dt (1 + w)/(1 + 2w),                                                                (ii)
+    x_E = x_hat + h F(x*) u_E,                                                             (iii)
+    M u_E = M u_hat + h (h(u*) + W_tau tau_E) + W_J P_J + W P,  W_J^T u_E = 0,              (iv)
+
+where all W are those of the predicted end, ``u* = u_A + w (u_A - u_B)`` and
+``x* = x_hat + h F(x_A) u*`` (v). The phase of the memory says what is known:
+
+- SMOOTH: both states before.
+- ANEW, after an event or from a given state: ``u_hat = u_A`` and h = dt for velocities,
+  ``x_hat = x_A + dt/2 F(x_A) u_A`` and h_q = dt/2 in place of h for coordinates; u* = u_A.  (vi)
+- UNKNOWN, if u_A violates the joints: backward Euler, ``u_hat = u_A``, ``x_hat = x_A``, h = dt.
+
+The joint controller acts at the end (vii), ``tau_E = K (ref_E - angle_E) + D (ref_rate_E -
+rate_E)`` with ``angle_E = angle_hat + h_q rate_E``. Contacts have the laws of `contact`, with
+``gamma_N + shift`` for gamma_N (viii): a contact that may close has the shift gap_hat/h_q, where
+``gap_hat = gap(x*) - h_q gamma_N*`` is its gap without the motion of the part; see `shifts`.
+If such a contact closes, u_E moves the coordinates, and the impact law gives the velocity
+afterwards: (iv) is solved once more, with the shifts of the closed contacts 0 (ix). Gaps of
+contacts that carry load are then closed by a move of the configuration alone: by the velocities
+that impulses nu on the normals give, ``G_NN nu = -gap/h_q`` (x), added to u_E in (iii) only.
+
+.. [1] A. A. Transeth, R. I. Leine, Ch. Glocker, K. Y. Pettersen, "3-D snake robot motion:
+   nonsmooth modeling, simulations, and experiments", IEEE T-RO 24(2), 2008.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from snake_sim_ros.contact.closing import COMPLIANCE
+from snake_sim_ros.contact.dense_laws import solve_laws
+from snake_sim_ros.contact.selection import IMPACT_WEIGHTS
+from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
+from snake_sim_ros.contact.selection import selection_center
+from snake_sim_ros.contact.selection import selection_compliance
+from snake_sim_ros.dynamics.force_directions import joint_directions
+from snake_sim_ros.dynamics.force_directions import mass_matrix
+from snake_sim_ros.dynamics.force_directions import mean_delassus
+from snake_sim_ros.dynamics.force_directions import scene_contacts
+from snake_sim_ros.dynamics.force_directions import smooth_forces
+from snake_sim_ros.dynamics.force_directions import torque_directions
+from snake_sim_ros.scene import obstacles
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.bdf2 import CLOSED
+from snake_sim_ros.stepping.bdf2 import DEEP
+from snake_sim_ros.stepping.bdf2 import MOST_CLOSINGS
+from snake_sim_ros.stepping.bdf2 import PRESS_SPEED
+from snake_sim_ros.stepping.bdf2_memory import Bdf2Memory
+from snake_sim_ros.stepping.bdf2_reference_motion import chain_velocities
+from snake_sim_ros.stepping.bdf2_reference_motion import coordinates
+from snake_sim_ros.stepping.bdf2_reference_motion import end_of
+from snake_sim_ros.stepping.bdf2_reference_motion import moved
+from snake_sim_ros.stepping.events import LANDING_SPEED
+from snake_sim_ros.stepping.events import RESTING_GAP
+from snake_sim_ros.stepping.joint_motion import Motion
+from snake_sim_ros.stepping.model import MOST_CONDENSED
+from snake_sim_ros.stepping.model import PROXIMAL
+from snake_sim_ros.stepping.parts import ANEW
+from snake_sim_ros.stepping.parts import SMOOTH
+from snake_sim_ros.stepping.parts import UNKNOWN
+from snake_sim_ros.stepping.state import History
+from snake_sim_ros.stepping.state import State
+
+
+class Formula(NamedTuple):
+    """What the states before say about a part, eqs. (i), (ii), (v), (vi)."""
+
+    h: float  # time for which forces act on velocities [s]
+    h_q: float  # time for which velocities act on coordinates [s]
+    hat: Motion  # its rates are those of the start, and are not used
+    star: Motion  # predicted end
+
+
+class Contacts(NamedTuple):
+    """The contacts of a part that may close in it."""
+
+    active: Array  # (k,) their numbers
+    W: Array  # (6n, k, 5) directions (normal, sliding x y, rolling x y) at the predicted end
+    gap: Array  # (k,) at the predicted end [m]
+    approach: Array  # (k,) normal velocities gamma_N* there [m/s]
+    last: Array  # (k,) normal impulses of the part before, for a time h [N s]
+    loaded: Array  # (k,) whether they carry load
+    shift: Array  # (k,) eq. (viii) [m/s]
+    friction: Array  # (k, 5) impulses per scaled impulse: 1, mu_x, mu_y, mu_V, mu_V
+    compliance: float  # of the selection rule [1/kg]
+    center: Array  # (k,) normal impulses about which the rule is compliant [N s]
+
+    def without_gaps(self, kept: Array) -> 'Contacts':
+        """Return some of the contacts, by a mask (k,), with shifts 0."""
+        return self._replace(
+            active=self.active[kept],
+            W=self.W[:, kept],
+            gap=self.gap[kept],
+            approach=self.approach[kept],
+            last=self.last[kept],
+            loaded=self.loaded[kept],
+            shift=np.zeros(kept.sum()),
+            friction=self.friction[kept],
+            center=self.center[kept],
+        )
+
+
+class Balance(NamedTuple):
+    """The balance (iv) with the controller (vii): ``A u_E = momentum + W_J P_J + W P``."""
+
+    A: Array  # (6n, 6n) M + h W_tau (D + h_q K) W_tau^T
+    momentum: Array  # (6n,)
+    W_J: Array  # (6n, 4(n-1))
+    W_tau: Array  # (6n, 2(n-1))
+
+    def velocities(self, loads: Array) -> Array:
+        """Return velocities (6n, m) with closed joints, ``W_J^T u = 0``, for loads (6n, m)."""
+        rows, joints = self.W_J.shape
+        K = np.block([[self.A, -self.W_J], [self.W_J.T, np.zeros((joints, joints))]])
+        return np.linalg.solve(K, np.vstack([loads, np.zeros((joints, loads.shape[1]))]))[:rows]
+
+
+class PartEnd(NamedTuple):
+    """The end of a part."""
+
+    state: State
+    motion: Motion  # the same in joint coordinates
+    impulse: Array  # (contacts, 5) impulses, of the second solution after a landing [N s]
+    h: float  # time for which they acted [s]
+    lands: bool  # whether there was a second solution
+    jumps: bool  # whether the next part starts anew
+
+
+def formula(robot: Robot, memory: Bdf2Memory, dt: float) -> Formula:
+    """Return what the states before say about a part, eqs. (i), (ii), (v), (vi)."""
+    A, B, phase = memory.end, memory.start, memory.phase[0]
+    w = dt / memory.dt[0] if phase == SMOOTH else 0.0
+    c, h = w**2 / (1 + 2 * w), dt * (1 + w) / (1 + 2 * w)
+    hat = Motion(*(a + c * (a - b) for a, b in zip(A, B, strict=True)))
+    half = dt / 2 if phase == ANEW else 0.0
+    if phase == ANEW:
+        pose = moved(robot, A.pose, half, A.pose, A.u)
+        hat = hat._replace(pose=pose, angle=A.angle + half * A.rate)
+    rate, u = A.rate + w * (A.rate - B.rate), A.u + w * (A.u - B.u)
+    return Formula(h, h - half, hat, end_of(robot, hat, h - half, A.pose, rate, u))
+
+
+def balance(scene: Scene, R: Array, terms: Formula, angle: Array, rate: Array) -> Balance:
+    """Return the balance (iv) at the predicted end, with references (n-1, 2) of the end."""
+    robot, h = scene.robot, terms.h
+    M, W_tau = mass_matrix(robot), torque_directions(R)
+    K, D = robot.per_joint('stiffness'), robot.per_joint('damping')
+    torque = K * (angle - terms.hat.angle) + D * rate  # (vii) without the rate of the end
+    resistance = D + terms.h_q * K
+    forces = smooth_forces(robot, np.array(scene.gravity), terms.star.u) + W_tau @ torque.ravel()
+    return Balance(
+        A=M + h * (W_tau * resistance.ravel()) @ W_tau.T,
+        momentum=M @ terms.hat.u.ravel() + h * forces,
+        W_J=joint_directions(robot, R),
+        W_tau=W_tau,
+    )
+
+
+def shifts(
+    gap: Array, approach: Array, last: Array, h_q: float, dt: float, tolerance: float
+) -> Array:
+    """
+    Return what gaps leave open of the normal velocities, eq. (viii), shape (k,) [m/s].
+
+    An open contact may close its gap and no more. A contact inside the floor is moved out, but by
+    no more than it has moved in before the time h_q. A contact that carries load has no gap but
+    errors of integration, up to RESTING_GAP.
+    """
+    gap_hat = gap - h_q * approach
+    inside = np.maximum(gap_hat, (dt - h_q) * np.minimum(0.0, approach))
+    shift = np.where(gap_hat > tolerance, gap_hat, np.where(gap_hat < 0.0, inside, 0.0)) / h_q
+    return np.where((last > 0.0) & (gap <= RESTING_GAP), 0.0, shift)
+
+
+def contacts_of(
+    scene: Scene, q: Array, u: Array, terms: Formula, dt: float, impulse: Array, speed: float
+) -> Contacts:
+    """Return the contacts that may close, at the predicted end q (n, 7) with velocities (n, 6)."""
+    h, h_q, solver = terms.h, terms.h_q, scene.solver
+    gap, *directions = scene_contacts(scene, q)
+    active = np.flatnonzero(gap <= max(solver.activation_tolerance, speed * h_q))
+    W = np.concatenate([W_k.reshape(u.size, len(gap), -1) for W_k in directions], axis=2)
+    W, gap, last = W[:, active], gap[active], impulse[active, 0]
+    gamma = np.einsum('rkj,r->kj', W, u.ravel())
+    approach = gamma[:, 0].copy()
+    shift = shifts(gap, approach, last, h_q, dt, solver.activation_tolerance)
+    gamma[:, 0] += shift
+    compliance, center = selection_rule(scene, active, h, gamma[:, :3], gap, last)
+    mu = np.array([obstacles.contact_friction(scene, a) for a in active.tolist()]).reshape(-1, 3)
+    friction = np.hstack([np.ones((len(mu), 1)), mu, mu[:, 2:]])
+    loaded = last > 0.0
+    return Contacts(active, W, gap, approach, last, loaded, shift, friction, compliance, center)
+
+
+def selection_rule(
+    scene: Scene, active: Array, h: float, gamma: Array, gap: Array, last: Array
+) -> tuple[float, Array]:
+    """Return compliance and centers (k,) of the selection rule, see `contact.selection`."""
+    mass, size = scene.robot.per_link('link_mass'), mean_delassus(scene.robot)
+    fall = -h * scene.gravity[2]
+    stops = mass[obstacles.contact_links(scene)[active, 0]] * (fall / 2 - 2 * gamma[:, 0])
+    most = float(np.append(last, stops).max(initial=0.0))
+    compliance = selection_compliance(
+        scene.solver.normal_compliance * size, LEAST_COMPLIANCE * size, most, PRESS_SPEED
+    )
+    weight = fall * float(mass.sum())
+    return compliance, selection_center(
+        scene.dt, last, gamma, gap, compliance, most, weight, PRESS_SPEED
+    )
+
+
+def solve_contacts(terms: Balance, contacts: Contacts) -> tuple[Array, Array]:
+    """
+    Return u_E (n, 6) and the impulses (k, 5) that satisfy the balance (iv) and the laws (viii).
+
+    Impulses are scaled with the coefficients of friction, so that the ellipses become discs of
+    radius P_N: the impulses of a contact are ``friction * P`` and the laws those of
+    ``friction * gamma``, with ``gamma = G P + gamma_free``. The selection rule adds ``compliance
+    (P_N - center)`` to gamma_N.
+    """
+    W = (contacts.W * contacts.friction).reshape(len(terms.A), -1)
+    solution = terms.velocities(np.column_stack([terms.momentum, W]))
+    free, response = solution[:, 0], solution[:, 1:]
+    G, gamma_free = W.T @ response, (W.T @ free).reshape(-1, 5)
+    normals = np.arange(0, len(G), 5)
+    G[normals, normals] += contacts.compliance
+    gamma_free[:, 0] += contacts.shift - contacts.compliance * contacts.center
+    P = solve_laws(G, gamma_free.ravel())
+    u_E = free + response @ P
+    return u_E.reshape(-1, 6), P.reshape(-1, 5) * contacts.friction
+
+
+def jumps(contacts: Contacts, P_N: Array, weight: float) -> bool:
+    """
+    Return whether velocities jump: a contact meets the floor, or an impulse is that of an impact.
+
+    `weight` is that of the robot times h [N s].
+    """
+    meets = (P_N > 0.0) & (contacts.last <= 0.0) & (contacts.approach < 0.0)
+    most = IMPACT_WEIGHTS * max(weight, float(contacts.last.max(initial=0.0)))
+    return bool((meets | (P_N > most)).any())
+
+
+def end_gaps(contacts: Contacts, u_E: Array, h_q: float) -> Array:
+    """Return the gaps (k,) that u_E leads to, linear about the predicted end [m]."""
+    gamma_N = np.einsum('rk,r->k', contacts.W[:, :, 0], u_E.ravel())
+    return np.asarray(contacts.gap + h_q * (gamma_N - contacts.approach))
+
+
+def closing_velocities(
+    scene: Scene, terms: Balance, W_N: Array, gap: Array, h_q: float, few: bool
+) -> Array:
+    """
+    Return the velocities (n, 6) that close gaps (k,) within a time h_q, eq. (x).
+
+    Normal directions W_N (6n, k) may depend on each other: a little compliance leaves the smallest
+    impulses. The compiled step has one for few contacts and one for many.
+    """
+    response = terms.velocities(W_N)
+    G = W_N.T @ response
+    little = COMPLIANCE * np.diag(G) if few else PROXIMAL * mean_delassus(scene.robot)
+    nu = np.linalg.solve(G + little * np.eye(len(gap)), -gap / h_q)
+    return np.asarray(response @ nu).reshape(-1, 6)
+
+
+def placed(
+    scene: Scene, terms: Formula, dynamics: Balance, contacts: Contacts, u_E: Array, gap: Array,
+    start_gap: Array, few: bool,
+) -> tuple[Motion, Array]:  # fmt: skip
+    """
+    Return the motion that u_E leads to, eq. (iii), and q_E (n, 7), with closed gaps, eq. (x).
+
+    `gap` is that of `end_gaps`, and `start_gap` that at the start if any contact was deep there.
+    Gaps are closed of contacts that carry load, or that are deeper than at the start.
+    """
+    robot, W_tau, u = scene.robot, dynamics.W_tau, u_E
+    for attempt in range(MOST_CLOSINGS + 1):
+        gap = gap - start_gap
+        closes = (np.abs(gap) <= RESTING_GAP) & ((gap < 0.0) | contacts.loaded)
+        if attempt < MOST_CLOSINGS and np.abs(gap[closes]).max(initial=0.0) > CLOSED:
+            W_N = contacts.W[:, closes, 0]
+            u = u + closing_velocities(scene, dynamics, W_N, gap[closes], terms.h_q, few)
+        elif attempt > 0:
+            break
+        rate = (W_tau.T @ u.ravel()).reshape(-1, 2)
+        end = end_of(robot, terms.hat, terms.h_q, terms.star.pose, rate, u)
+        q_E = coordinates(robot, end.pose, end.angle)
+        gap = scene_contacts(scene, q_E)[0][contacts.active]
+    return end, q_E
+
+
+def closed_at_end(contacts: Contacts, P_N: Array, gap: Array, tolerance: float) -> Array:
+    """Return which contacts are closed at the end of a part that lands, as a mask (k,)."""
+    return np.asarray((P_N > 0.0) | (contacts.shift == 0.0) | (gap <= tolerance))
+
+
+def problem(
+    scene: Scene, history: History, dt: float, angle: Array, rate: Array,
+    speed: float = LANDING_SPEED,
+) -> tuple[Formula, Contacts, Balance]:  # fmt: skip
+    """
+    Return what the velocities at the end of a part of length dt have to satisfy.
+
+    The history is that of the part before; its impulses count for the time h of this part. Joint
+    references (n-1, 2) are those of the end. Contacts take part that a given speed [m/s] closes.
+    """
+    robot, memory = scene.robot, history.memory
+    terms = formula(robot, memory, dt)
+    q_star = coordinates(robot, terms.star.pose, terms.star.angle)
+    R = rotation_matrices(q_star[:, 3:])
+    known = history.memory.phase[0] != UNKNOWN  # else velocities do not fit the joints
+    u_star = chain_velocities(robot, R, terms.star) if known else terms.star.u
+    last = history.impulse * (terms.h / (memory.span[0] or scene.dt))
+    contacts = contacts_of(scene, q_star, u_star, terms, dt, last, speed)
+    return terms, contacts, balance(scene, R, terms, angle, rate)
+
+
+def part(
+    scene: Scene, history: History, dt: float, angle: Array, rate: Array,
+    speed: float = LANDING_SPEED,
+) -> PartEnd:  # fmt: skip
+    """Return the end of a part of length dt; the parameters are those of `problem`."""
+    terms, contacts, dynamics = problem(scene, history, dt, angle, rate, speed)
+    u_E, P = solve_contacts(dynamics, contacts)
+    weight = -terms.h * scene.gravity[2] * float(scene.robot.per_link('link_mass').sum())
+    lands = bool((contacts.shift[P[:, 0] > 0.0] != 0.0).any())
+    anew = lands or jumps(contacts, P[:, 0], weight)
+    gap, moving, few = end_gaps(contacts, u_E, terms.h_q), u_E, len(P) <= MOST_CONDENSED
+    if lands:  # (ix)
+        closed = closed_at_end(contacts, P[:, 0], gap, scene.solver.activation_tolerance)
+        contacts, gap = contacts.without_gaps(closed), gap[closed]
+        u_E, P = solve_contacts(dynamics, contacts)
+    contacts = contacts._replace(loaded=P[:, 0] > 0.0)
+    q_A = coordinates(scene.robot, history.memory.end.pose, history.memory.end.angle)
+    start_gap = scene_contacts(scene, q_A)[0][contacts.active]
+    was_deep = history.memory.depth[0] > DEEP
+    start_gap = np.where(was_deep, np.minimum(start_gap, 0.0), 0.0)
+    end, q_E = placed(scene, terms, dynamics, contacts, moving, gap, start_gap, few)
+    end = end._replace(rate=(dynamics.W_tau.T @ u_E.ravel()).reshape(-1, 2), u=u_E)
+    impulse = np.zeros(history.impulse.shape)
+    impulse[contacts.active] = np.where(P[:, :1] > 0.0, P, 0.0)
+    return PartEnd(State(q_E, u_E), end, impulse, terms.h, lands, anew)

@@ -1,0 +1,92 @@
+"""How a step of `bdf2` in dense NumPy is divided in parts, each as in `bdf2_reference`."""
+
+import numpy as np
+
+from snake_sim_ros.dynamics.force_directions import scene_contacts
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.bdf2 import CLOSED
+from snake_sim_ros.stepping.bdf2 import DEEP
+from snake_sim_ros.stepping.bdf2 import FASTEST
+from snake_sim_ros.stepping.bdf2_memory import Bdf2Memory
+from snake_sim_ros.stepping.bdf2_reference import part
+from snake_sim_ros.stepping.bdf2_reference import PartEnd
+from snake_sim_ros.stepping.bdf2_reference_motion import recognized
+from snake_sim_ros.stepping.bdf2_reference_motion import same
+from snake_sim_ros.stepping.events import LANDING_SPEED
+from snake_sim_ros.stepping.parts import ANEW
+from snake_sim_ros.stepping.parts import SMOOTH
+from snake_sim_ros.stepping.parts import TICKS
+from snake_sim_ros.stepping.parts import UNKNOWN
+from snake_sim_ros.stepping.state import History
+from snake_sim_ros.stepping.state import State
+
+
+def remembered(history: History, dt: float, end: PartEnd) -> Bdf2Memory:
+    """Return the memory after a part of length dt."""
+    memory = history.memory
+    unsure = end.jumps or memory.phase[0] == UNKNOWN
+    return Bdf2Memory(
+        end=end.motion,
+        start=memory.end,
+        q=end.state.q,
+        reference_rate=memory.reference_rate,
+        dt=np.array([dt]),
+        span=np.array([end.h]),
+        phase=np.array([ANEW if unsure else SMOOTH]),
+        ticks=memory.ticks,
+        depth=memory.depth,
+    )
+
+
+def depth_of(scene: Scene, state: State) -> float:
+    """Return how deep the robot is inside of something [m], 0 if it is not."""
+    return max(0.0, -float(scene_contacts(scene, state.q)[0].min()))
+
+
+def references(
+    scene: Scene, known: Bdf2Memory, angle: Array, rate: Array, late: float
+) -> tuple[Array, Array]:
+    """
+    Return the joint references a time `late` [s] after the middle of a step, from those there.
+
+    They have the mean acceleration since the step before, if the memory of it is known.
+    """
+    acceleration = 0.0 * rate
+    if known.span[0] > 0.0:
+        acceleration = (rate - known.reference_rate) / scene.dt
+    return angle + late * (rate + late / 2 * acceleration), rate + late * acceleration
+
+
+def step(
+    scene: Scene, state: State, history: History, angle: Array, rate: Array, first: int
+) -> list[PartEnd]:
+    """
+    Return the ends of the parts of a step of the scene, with references (n-1, 2) of its middle.
+
+    Its first part is ``1/first`` of it. Parts double where they fit. A part with an end inside the
+    floor is repeated with contacts that are farther away, and then with half of its length.
+    """
+    memory, ends, done, size, speed = history.memory, [], 0, TICKS // first, LANDING_SPEED
+    known = memory
+    if not (memory.phase[0] != UNKNOWN and same(memory, state)):
+        history = history._replace(memory=recognized(scene.robot, state, memory))
+        inside = np.array([depth_of(scene, state)])
+        history = history._replace(memory=history.memory._replace(depth=inside))
+    while done < TICKS:
+        while done % size:
+            size //= 2
+        dt, late = scene.dt * size / TICKS, scene.dt * ((done + size) / TICKS - 0.5)
+        end = part(scene, history, dt, *references(scene, known, angle, rate, late), speed)
+        depth, before = depth_of(scene, end.state), history.memory.depth[0]
+        deep = depth > (before + CLOSED if before > DEEP else DEEP)
+        if deep and speed < FASTEST:
+            speed *= 10.0
+        elif deep and size > 1:
+            size //= 2
+        else:
+            ends.append(end)
+            memory = remembered(history, dt, end)._replace(depth=np.array([depth]))
+            history = history._replace(impulse=end.impulse, memory=memory)
+            done, size, speed = done + size, min(2 * size, TICKS), LANDING_SPEED
+    return ends

@@ -1,0 +1,179 @@
+"""
+Motions in joint coordinates, by which joints are closed exactly, and their formula of two steps.
+
+The coordinates are the center of mass, so that momentum moves it exactly, the Euler parameters of
+the middle link, and the joint angles. Velocities are those of all links, since momentum is theirs.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.kinematics import chain_coordinates
+from snake_sim_ros.dynamics.kinematics import chain_geometry
+from snake_sim_ros.dynamics.kinematics import end_velocities
+from snake_sim_ros.dynamics.kinematics import half_rotation
+from snake_sim_ros.dynamics.kinematics import link_frames
+from snake_sim_ros.dynamics.kinematics import mean_of_links
+from snake_sim_ros.dynamics.kinematics import rates_in_inertial_frame
+from snake_sim_ros.dynamics.kinematics import twists
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.stepping.parts import coefficients
+from snake_sim_ros.stepping.parts import UNKNOWN
+
+
+class Motion(NamedTuple):
+    """A state in joint coordinates, and the velocities of all links that belong to it."""
+
+    pose: Array  # (7,) center of mass, and Euler parameters of the middle link
+    angle: Array  # (n-1, 2) joint angles (yaw, pitch) [rad]
+    rate: Array  # (n-1, 2) their rates [rad/s]
+    u: Array  # (n, 6) velocities of the links
+
+
+def make_motion(n: int) -> Motion:
+    """Return arrays for a state of n links."""
+    return Motion(np.zeros(7), np.zeros((n - 1, 2)), np.zeros((n - 1, 2)), np.zeros((n, 6)))
+
+
+@inlined
+def keep(motion, to):
+    """Copy a state."""
+    for k in range(7):
+        to.pose[k] = motion.pose[k]
+    for j in range(len(motion.angle)):
+        for k in range(2):
+            to.angle[j, k] = motion.angle[j, k]
+            to.rate[j, k] = motion.rate[j, k]
+    for i in range(len(motion.u)):
+        for k in range(6):
+            to.u[i, k] = motion.u[i, k]
+
+
+@merged
+def formula(mass, dt, memory, own):
+    """
+    Fill own.hat and the velocities of own.star from the states before the step.
+
+    Returns
+    -------
+    h, h_q : float
+        Times for which forces act on the velocity, and the velocity on the coordinates [s].
+
+    """
+    end, start, hat, star = memory.end, memory.start, own.hat, own.star
+    w, c, h, half = coefficients(dt, memory)
+    for i in range(len(end.u)):
+        for k in range(6):
+            change = end.u[i, k] - start.u[i, k]
+            hat.u[i, k] = end.u[i, k] + c * change
+            star.u[i, k] = end.u[i, k] + w * change
+    for j in range(len(end.angle)):
+        for k in range(2):
+            angle, rate = end.angle[j, k], end.rate[j, k]
+            hat.angle[j, k] = angle + c * (angle - start.angle[j, k]) + half * rate
+            star.rate[j, k] = rate + w * (rate - start.rate[j, k])
+    for k in range(7):
+        hat.pose[k] = end.pose[k] + c * (end.pose[k] - start.pose[k])
+    if half > 0.0:
+        advance_pose(half, mass, end.pose, end.u, hat.pose)
+    return h, h - half
+
+
+@inlined
+def advance_pose(h, mass, at, u, pose):
+    """
+    Add ``h F u`` to a pose, with the turn of the middle link taken at the pose `at`.
+
+    A pose, shape (7,), is that of `chain_coordinates`.
+    """
+    v = mean_of_links(mass, u)
+    for k in range(3):
+        pose[k] += h * v[k]
+    root = len(u) // 2
+    p = at[3], at[4], at[5], at[6]
+    e = half_rotation(p, (u[root, 3], u[root, 4], u[root, 5]), h / 2)
+    for k in range(4):
+        pose[3 + k] += e[k] - p[k]
+
+
+@merged
+def reach_end(h_q, mass, pose, hat, motion):
+    """
+    Fill pose and angles of a motion with ``hat + h F u``, by its rates and its middle link.
+
+    `pose`, shape (7,), is where the turn of the middle link is taken.
+    """
+    for k in range(7):
+        motion.pose[k] = hat.pose[k]
+    advance_pose(h_q, mass, pose, motion.u, motion.pose)
+    e0, e1, e2, e3 = motion.pose[3], motion.pose[4], motion.pose[5], motion.pose[6]
+    s = 1.0 / math.sqrt(e0 * e0 + e1 * e1 + e2 * e2 + e3 * e3)
+    for k in range(3, 7):
+        motion.pose[k] *= s
+    for j in range(len(motion.angle)):
+        for k in range(2):
+            motion.angle[j, k] = hat.angle[j, k] + h_q * motion.rate[j, k]
+
+
+@merged
+def predict_end(model, h_q, memory, own, work):
+    """Fill own.star, and the geometry of the chain and its twists at the predicted end."""
+    star, chain = own.star, work.chain
+    reach_end(h_q, model.mass, memory.end.pose, own.hat, star)
+    chain_coordinates(model.half_length, model.mass, star.pose, star.angle, work.q_mid)
+    link_frames(work.q_mid[:, 3:], work.R)
+    chain_geometry(model.half_length, work.R, work.center, chain.axis)
+    if memory.phase[0] == UNKNOWN:  # the rates of the joints do not tell the velocities of links
+        rates_in_inertial_frame(work.R, star.u, work.omega)
+        twists(star.u, work.omega, work.center, chain.twist)
+    else:
+        consistent_twists(star, work.R, chain.axis, chain.twist)
+
+
+@inlined
+def consistent_twists(motion, R, axis, twist):
+    """Fill the twists of links from that of the middle one and from the rates of the joints."""
+    n = len(twist)
+    root, u, rate = n // 2, motion.u, motion.rate
+    for k in range(3):
+        twist[root, k] = 0.0
+        for j in range(3):
+            twist[root, k] += R[root, k, j] * u[root, 3 + j]
+        twist[root, 3 + k] = u[root, k]
+    for i in range(root + 1, n):
+        for k in range(6):
+            turn = rate[i - 1, 0] * axis[i - 1, 0, k]
+            twist[i, k] = twist[i - 1, k] + turn + rate[i - 1, 1] * axis[i - 1, 1, k]
+    for i in range(root - 1, -1, -1):
+        for k in range(6):
+            turn = rate[i, 0] * axis[i, 0, k]
+            twist[i, k] = twist[i + 1, k] + turn + rate[i, 1] * axis[i, 1, k]
+
+
+@inlined
+def keep_velocities(work, motion):
+    """Fill the velocities of a motion with the solution of the chain."""
+    R, twist = work.R, work.chain.twist
+    end_velocities(twist, R, work.center, motion.u)
+    for j in range(len(motion.rate)):
+        yaw_rate = pitch_rate = 0.0
+        for k in range(3):
+            relative = twist[j + 1, k] - twist[j, k]
+            yaw_rate += R[j, k, 1] * relative
+            pitch_rate += R[j + 1, k, 0] * relative
+        motion.rate[j, 0], motion.rate[j, 1] = yaw_rate, pitch_rate
+
+
+@inlined
+def add_velocities(motion, to):
+    """Add the velocities of a motion to those of another."""
+    for j in range(len(to.rate)):
+        for k in range(2):
+            to.rate[j, k] += motion.rate[j, k]
+    for i in range(len(to.u)):
+        for k in range(6):
+            to.u[i, k] += motion.u[i, k]

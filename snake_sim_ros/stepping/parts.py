@@ -1,0 +1,121 @@
+"""
+The two-step formula of method `bdf2` for any ratio of steps, and the parts of a step of the scene.
+
+With the ratio ``w = dt/dt_before`` of both steps, what is known of a smooth motion x gives
+
+    x_hat = x + c (x - x_before),  c = w^2/(1 + 2 w),
+    x_E = x_hat + h x'_E,          h = dt (1 + w)/(1 + 2 w),
+
+and the predicted end ``x* = x + w (x - x_before)``. A step of the scene, for which there is one
+joint reference, is taken in parts of ``TICKS/2^k`` ticks, each at a multiple of its length.
+"""
+
+import math
+
+from snake_sim_ros.dynamics.compilation import inlined
+
+# Phases: nothing is known of the motion; it starts smoothly here; the state before is known, too.
+UNKNOWN, ANEW, SMOOTH = 0.0, 1.0, 2.0
+TICKS = 1024  # a step of the scene is divided in at most this many
+# A step that starts anew begins with a part of this share of it: after an event, in a given state.
+AFTER_EVENT, AT_START = 2, 4
+GROW_SHARE = 0.15  # share of the tolerance of the path below which the next part is longer
+
+
+@inlined
+def coefficients(dt, memory):
+    """
+    Return w and c of the formula, h, and the time for which rates act on the state before it.
+
+    Without a state before, w and c are 0 and h is dt. If the motion starts smoothly, coordinates
+    move by their rates for half of it, and by those of the end for the rest of h.
+    """
+    phase = memory.phase[0]
+    w = dt / memory.dt[0] if phase == SMOOTH else 0.0
+    half = 0.5 * dt if phase == ANEW else 0.0
+    return w, w * w / (1.0 + 2.0 * w), dt * (1.0 + w) / (1.0 + 2.0 * w), half
+
+
+@inlined
+def first_size(path_tolerance, memory):
+    """Return the ticks of the first part of a step."""
+    if memory.phase[0] != SMOOTH:
+        goes_on = memory.span[0] > 0.0 and memory.ticks[0] > 0.0
+        return TICKS // (AFTER_EVENT if goes_on else AT_START)
+    chosen = path_tolerance > 0.0 and memory.ticks[0] > 0.0
+    return int(memory.ticks[0]) if chosen else TICKS
+
+
+@inlined
+def aligned_size(done, size):
+    """Return the ticks of a part of at most `size` that may begin after `done` ticks."""
+    while done % size != 0:
+        size //= 2
+    return size
+
+
+@inlined
+def judge_part(path_tolerance, error, size):
+    """
+    Return whether a part is taken that makes an error in the path [m], and the size of the next.
+
+    If path_tolerance [m] is 0, parts are not chosen: they only become longer.
+    """
+    if path_tolerance > 0.0:
+        if error > path_tolerance and size > 1:
+            return False, size // 2
+        if not error < GROW_SHARE * path_tolerance:
+            return True, size
+    return True, min(2 * size, TICKS)
+
+
+@inlined
+def path_error(dt, axes, u, u_star):
+    """
+    Return by how much a part of dt may be off the path [m].
+
+    It is estimated from the velocities at its end and the predicted ones, both with those of the
+    link centers in their first `axes` columns.
+    """
+    square = 0.0
+    for i in range(len(u)):
+        for k in range(axes):
+            difference = u[i, k] - u_star[i, k]
+            square += difference * difference
+    return 0.25 * dt * math.sqrt(square / len(u))
+
+
+@inlined
+def end_references(dt, late, known, angle, rate, memory, own):
+    """
+    Fill the joint references of a part that ends `late` [s] after the middle of a step of dt [s].
+
+    They are extrapolated with their mean acceleration since the step before, if that is known.
+    """
+    for j in range(len(angle)):
+        for axis in range(2):
+            change = rate[j, axis] - memory.reference_rate[j, axis]
+            acceleration = change / dt if known else 0.0
+            own.end_rate[j, axis] = rate[j, axis] + late * acceleration
+            mean = rate[j, axis] + 0.5 * late * acceleration
+            own.end_angle[j, axis] = angle[j, axis] + late * mean
+
+
+@inlined
+def keep_history(history, kept):
+    """Copy impulses, velocities and changes of the contacts."""
+    for a in range(len(history.impulse)):
+        for j in range(5):
+            kept[0, a, j] = history.impulse[a, j]
+            kept[1, a, j] = history.velocity[a, j]
+            kept[2, a, j] = history.change[a, j]
+
+
+@inlined
+def restore_history(kept, history):
+    """Copy back what `keep_history` kept."""
+    for a in range(len(history.impulse)):
+        for j in range(5):
+            history.impulse[a, j] = kept[0, a, j]
+            history.velocity[a, j] = kept[1, a, j]
+            history.change[a, j] = kept[2, a, j]

@@ -35,7 +35,16 @@ KEYS = {
 
 def test_run_records_and_ends_with_a_line_of_json(tmp_path, capsys):
     path = tmp_path / 'run.npz'
-    arguments = ['--duration', '0.05', '--rate', '200', '--set', 'friction.longitudinal=0.25']
+    arguments = [
+        '--duration',
+        '0.05',
+        '--rate',
+        '200',
+        '--set',
+        'friction.longitudinal=0.25',
+        '--accuracy',
+        '0',
+    ]
     assert main(['run', 'lateral_undulation', '--out', str(path), *arguments]) == 0
     lines = capsys.readouterr().out.splitlines()
     summary = json.loads(lines[-1])
@@ -52,6 +61,33 @@ def test_run_records_and_ends_with_a_line_of_json(tmp_path, capsys):
         scene = scene_from_text(str(data['scene']))
     assert scene.friction.longitudinal == 0.25
     assert scene.duration == 0.05
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'accuracy', 'dt', 'method'),
+    [
+        ([], 1e-3, 1 / 50, 'bdf2'),
+        (['--accuracy', '1e-2'], 1e-2, 1 / 50, 'bdf2'),
+        (['--set', 'accuracy=0.01'], 1e-2, 1 / 50, 'bdf2'),
+        (['--accuracy', '1e-2', '--set', 'dt=0.01'], 1e-2, 1 / 100, 'bdf2'),
+        (['--accuracy', '0'], 0.0, 1 / 4000, 'newton'),
+        (['--set', 'dt=0.001'], 0.0, 1 / 1000, 'newton'),
+        (['--set', 'dt=0.00025'], 0.0, 1 / 4000, 'newton'),
+        (['--set', 'level=spatial'], 0.0, 1 / 4000, 'newton'),
+        (['--method', 'newton'], 0.0, 1 / 4000, 'newton'),
+        (['--set', 'pd_scheme=start'], 0.0, 1 / 4000, 'newton'),
+    ],
+)
+def test_run_chooses_steps_by_accuracy_unless_told_how(
+    arguments, accuracy, dt, method, tmp_path, capsys
+):
+    path = tmp_path / 'run.npz'
+    options = ['--duration', '0.02', '--rate', '50', '--out', str(path), *arguments]
+    assert main(['run', 'lateral_undulation', *options]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])['method'] == method
+    with np.load(path) as data:
+        scene = scene_from_text(str(data['scene']))
+    assert (scene.accuracy, scene.dt, scene.method) == (accuracy, pytest.approx(dt), method)
 
 
 def test_reference_method_takes_the_same_steps(capsys):
@@ -91,9 +127,23 @@ def test_numbers_in_settings_are_written_as_usual(capsys):
             'friction.longitudinal must be at least 0, got -0.1',
         ),
         (['lateral_undulation', '--set', 'gravity=[0, 0'], 'gravity'),
+        (['lateral_undulation', '--accuracy', '-1'], 'accuracy must be at least 0, got -1'),
+        (['lateral_undulation', '--accuracy', 'nan'], 'accuracy must be finite, got nan'),
+        (['lateral_undulation', '--accuracy', '0.5'], 'accuracy must be at most 0.1, got 0.5'),
+        (
+            ['lateral_undulation', '--accuracy', '1e-3', '--method', 'newton'],
+            'accuracy 0.001 needs method bdf2, which divides steps, or auto; got method newton',
+        ),
+        (
+            ['lateral_undulation', '--accuracy', '1e-3', '--set', 'pd_scheme=start'],
+            'pd_scheme start is explicit',
+        ),
         (['nowhere.yaml'], 'no file nowhere.yaml; the scenes that come with the package: '),
-        (['lateral_undulation', '--rate', '300'], 'dt must divide the sampling period'),
-        (['lateral_undulation', '--rate', '0'], 'rate must be above 0 Hz, got 0 Hz'),
+        (
+            ['lateral_undulation', '--rate', '300', '--set', 'dt=0.00025'],
+            'dt must divide the sampling period',
+        ),
+        (['lateral_undulation', '--rate', '0'], 'rate must be above 0 Hz and finite, got 0 Hz'),
         (['lateral_undulation', '--duration', '-1'], 'duration must be above 0 s, got -1 s'),
         (['lateral_undulation', '--out', 'nowhere/run.npz'], '--out: no folder'),
         (

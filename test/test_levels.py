@@ -114,7 +114,8 @@ def test_the_command_tells_the_level(capsys):
         ('lateral_undulation', 'planar', 20),
         ('sidewinding', 'spatial', 0),
     ):
-        assert main(['run', name, '--duration', '0.005', '--rate', '200']) == 0
+        run = ['run', name, '--duration', '0.005', '--rate', '200', '--accuracy', '0']
+        assert main(run) == 0
         summary = json.loads(capsys.readouterr().out.splitlines()[-1])
         assert (summary['level'], summary['planar_steps']) == (level, planar_steps)
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextlib import ExitStack
 import json
+import math
 from pathlib import Path
 import signal
 import sys
@@ -19,9 +20,10 @@ from snake_sim_ros.commands.output_files import outputs
 from snake_sim_ros.commands.output_files import print_outputs
 from snake_sim_ros.commands.output_files import title_of
 from snake_sim_ros.commands.output_files import write
+from snake_sim_ros.commands.scene_options import add_accuracy
 from snake_sim_ros.commands.scene_options import add_method
 from snake_sim_ros.commands.scene_options import add_scene_options
-from snake_sim_ros.commands.scene_options import scene_from
+from snake_sim_ros.commands.scene_options import scene_with_accuracy
 from snake_sim_ros.recording.recorded_runs import summary
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene
@@ -43,17 +45,20 @@ def add_run(subparsers: Any) -> None:
     command.add_argument('scene', help='YAML file, or the name of a scene in config/')
     add_outputs(command, bag=True)
     command.add_argument('--rate', type=float, help='samples a second [Hz], default 100')
+    add_accuracy(command)
     add_method(command)
     add_scene_options(command)
 
 
 def _run(options: argparse.Namespace) -> int:
     """Run a scene and write what it did; the last line on standard output is JSON."""
-    scene = scene_from(options, options.scene)
     files = outputs(options)
-    make_stepper(scene)
     usual = BAG_RATE if 'bag' in files else RATE
     rate = usual if options.rate is None else options.rate
+    if not 0.0 < rate < math.inf:
+        raise ParameterError(f'rate must be above 0 Hz and finite, got {rate:g} Hz')
+    scene = scene_with_accuracy(options, options.scene, 1.0 / rate)
+    make_stepper(scene)
     trajectory = _recorded(scene, rate, files.get('bag'))
     write(trajectory, files, title_of(options.scene), options.speed)
     report, link = trajectory.report, scene.robot.middle_link

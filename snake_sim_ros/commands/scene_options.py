@@ -8,9 +8,13 @@ from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.yaml_text import parse_yaml
+from snake_sim_ros.stepping import bdf2
+from snake_sim_ros.stepping.accuracy import USUAL_ACCURACY
+from snake_sim_ros.stepping.accuracy import with_accuracy
 from snake_sim_ros.stepping.methods import AUTO
 from snake_sim_ros.stepping.methods import METHODS
 
+STEPPING = ('dt', 'method', 'level')  # with one of these, a user decides how a scene is run
 # The cases A to D of the paper.
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')
 
@@ -19,6 +23,15 @@ def add_method(command: argparse.ArgumentParser) -> None:
     """Add the option that replaces the method of the scene."""
     names = ', '.join([AUTO, *METHODS])
     command.add_argument('--method', help=f'instead of that of the scene: {names}')
+
+
+def add_accuracy(command: argparse.ArgumentParser) -> None:
+    """Add the option that chooses the steps of the scene."""
+    command.add_argument(
+        '--accuracy', type=float, metavar='ERROR',
+        help=f'relative error of the path in a gait cycle, default {USUAL_ACCURACY:g} if neither '
+        f'{" nor ".join(STEPPING)} is given here or in the scene; 0: steps as in the scene',
+    )  # fmt: skip
 
 
 def add_scene_options(command: argparse.ArgumentParser) -> None:
@@ -52,6 +65,11 @@ def scene_from(options: argparse.Namespace, source: str) -> Scene:
         If there is no such scene, or a value is not usable.
 
     """
+    return with_settings(load_scene(source), given_settings(options))
+
+
+def given_settings(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the values that the options of a command give, by their dotted names in a scene."""
     settings: dict[str, Any] = {}
     for item in options.set:
         key, separator, value = item.partition('=')
@@ -61,7 +79,36 @@ def scene_from(options: argparse.Namespace, source: str) -> Scene:
             settings[key] = parse_yaml(value)
         except ParameterError as error:
             raise ParameterError(f'--set {key}: {error}') from None
-    for key in ('duration', 'method'):
+    for key in ('duration', 'method', 'accuracy'):
         if getattr(options, key, None) is not None:
             settings[key] = getattr(options, key)
-    return with_settings(load_scene(source), settings)
+    return settings
+
+
+def scene_with_accuracy(options: argparse.Namespace, source: str, period: float) -> Scene:
+    """
+    Return the scene of `scene_from` with the steps that its accuracy asks for, if it has one.
+
+    Parameters
+    ----------
+    options : Namespace
+        Of a command with `add_accuracy`, `add_method` and `add_scene_options`.
+    source : str
+        A YAML file, or the name of a scene in config/.
+    period : float
+        Time between two samples [s].
+
+    Raises
+    ------
+    ParameterError
+        If there is no such scene, or a value is not usable.
+
+    """
+    scene, given, usual = scene_from(options, source), given_settings(options), Scene()
+    accuracy = scene.accuracy
+    is_free = all(
+        name not in given and getattr(scene, name) == getattr(usual, name) for name in STEPPING
+    )
+    if 'accuracy' not in given and is_free and not bdf2.what_is_not_possible(scene):
+        accuracy = accuracy or USUAL_ACCURACY
+    return with_accuracy(scene, accuracy, period, given) if accuracy else scene

@@ -1,5 +1,7 @@
 """ROS parameters of the nodes: the fields of a record, by dotted names, with descriptors."""
 
+from collections.abc import Callable
+from collections.abc import Container
 from collections.abc import Mapping
 import json
 import math
@@ -66,6 +68,7 @@ def settle(
     kind: type[S],
     of_scene: tuple[str, ...] = ('',),
     changeable: tuple[str, ...] = (),
+    complete: Callable[[S, Scene, Container[str]], Scene] | None = None,
 ) -> tuple[S, Scene]:
     """
     Return settings and scene with the values that the user set, and declare them as parameters.
@@ -80,6 +83,9 @@ def settle(
         Prefixes of those parameters of the scene that the node has; default: all.
     changeable : tuple of str, optional
         Parameters that may change while the node runs; all others are read-only.
+    complete : callable, optional
+        Takes settings, scene and the names of parameters that the user set, and returns the scene
+        with what follows from them.
 
     Returns
     -------
@@ -106,6 +112,8 @@ def settle(
         if isinstance(value, str) and isinstance(flat_fields(scene)[name][0], tuple):
             values[name] = parse_yaml(value)
     scene = with_settings(scene, values)
+    if complete:
+        scene = complete(settings, scene, given)
     fields = flat_fields(scene)
     for name, item in {**flat_fields(settings), **{n: fields[n] for n in names}}.items():
         declare(node, name, *item, read_only=name not in changeable)

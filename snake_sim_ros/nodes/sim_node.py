@@ -21,6 +21,7 @@ from snake_sim_ros.nodes.node_process import run_node
 from snake_sim_ros.nodes.sim_parameters import CHANGEABLE
 from snake_sim_ros.nodes.sim_parameters import changed
 from snake_sim_ros.nodes.sim_parameters import Settings
+from snake_sim_ros.nodes.sim_parameters import within_publish_period
 from snake_sim_ros.nodes.simulation_services import serve
 from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.nodes.state_publishers import StatePublishers
@@ -58,7 +59,9 @@ class SimNode(Node):
 
     def __init__(self) -> None:
         super().__init__('sim', automatically_declare_parameters_from_overrides=True)
-        self.settings, scene = settle(self, Settings, changeable=CHANGEABLE)
+        self.settings, scene = settle(
+            self, Settings, changeable=CHANGEABLE, complete=within_publish_period
+        )
         if self.get_parameter('use_sim_time').value:
             self.get_logger().warning('use_sim_time is ignored: this node makes simulated time')
 

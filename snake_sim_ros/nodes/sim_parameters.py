@@ -1,6 +1,7 @@
 """The parameters of the node `sim` besides those of its scene, and which of all may change."""
 
 from array import array
+from collections.abc import Container
 from collections.abc import Iterable
 from dataclasses import dataclass
 from dataclasses import replace
@@ -13,6 +14,7 @@ from snake_sim_ros.scene.checked_records import flat_fields
 from snake_sim_ros.scene.checked_records import quantity
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.stepping.accuracy import with_accuracy
 
 CHANGEABLE = (
     *('real_time_factor', 'command_horizon', 'command_timeout'),
@@ -48,6 +50,23 @@ class Settings(CheckedRecord):
         'auto', '', 'what the frames odom and base_link begin with; auto: namespace and a slash'
     )
     start_paused: bool = quantity(False, '', 'wait for ~/pause or ~/step')
+
+
+def within_publish_period(settings: Settings, scene: Scene, given: Container[str]) -> Scene:
+    """
+    Return the scene with the steps that its accuracy asks for; without one, the scene itself.
+
+    Parameters
+    ----------
+    settings : Settings
+    scene : Scene
+    given : container of str
+        Names of parameters that the user set. They stay.
+
+    """
+    if scene.accuracy == 0.0:
+        return scene
+    return with_accuracy(scene, scene.accuracy, 1.0 / settings.publish_rate, given)
 
 
 def changed(

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 import numpy as np
 from PIL import Image
 
-from snake_sim_ros.comparison.charts import CHART_STYLE
+from snake_sim_ros.comparison.chart_style import CHART_STYLE
 from snake_sim_ros.paper.experiments import case_scene
 from snake_sim_ros.paper.experiments import Experiment
 from snake_sim_ros.paper.experiments import isotropic_paths

@@ -8,7 +8,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 import numpy as np
 
-from snake_sim_ros.comparison.charts import PATH_COLOR
+from snake_sim_ros.comparison.chart_style import PATH_COLOR
 from snake_sim_ros.paper.assumptions import assumed_in_a
 from snake_sim_ros.paper.assumptions import assumed_in_b
 from snake_sim_ros.paper.assumptions import assumed_in_c

@@ -7,7 +7,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 import numpy as np
 
-from snake_sim_ros.comparison.charts import PATH_COLOR
+from snake_sim_ros.comparison.chart_style import PATH_COLOR
 from snake_sim_ros.paper.assumptions import assumed_in_both
 from snake_sim_ros.paper.assumptions import assumed_in_c
 from snake_sim_ros.paper.experiments import Experiment

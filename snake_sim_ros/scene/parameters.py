@@ -273,6 +273,13 @@ class Scene(CheckedRecord):
         (0.0, 0.0, -9.81), 'm/s^2', 'gravity in the inertial frame; tilt it for a slope'
     )
     dt: float = quantity(1 / 4000, 's', 'time step', above=0, maximum=0.1)
+    accuracy: float = quantity(
+        0.0,
+        '1',
+        'relative error of the path in a gait cycle, for which steps are divided; 0: they are not',
+        minimum=0,
+        maximum=0.1,
+    )
     duration: float = quantity(15.0, 's', 'length of an offline run', above=0)
     method: str = quantity('newton', '', 'time stepper, a name of methods.METHODS or auto')
     level: str = quantity(

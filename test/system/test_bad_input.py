@@ -304,6 +304,12 @@ BAD_STARTS = {
         ['method:=bdf2', 'pd_scheme:=start'],
         'pd_scheme start is explicit, and method bdf2 takes the controller at the end of a step; ',
     ),
+    'accuracy': ('sim', ['accuracy:=0.5'], 'accuracy must be at most 0.1, got 0.5'),
+    'accuracy of a method': (
+        'sim',
+        ['accuracy:=0.001', 'method:=newton'],
+        'accuracy 0.001 needs method bdf2, which divides steps, or auto; got method newton',
+    ),
     'gait': (
         'gait',
         ['gait.yaw.amplitud:=0.2'],

@@ -25,6 +25,8 @@ ros_wheels = {
 plots = ['matplotlib>=3.5,<4', 'Pillow>=9.1']
 # MuJoCo without its viewers, which need a display; it came apart from them in version 4.
 peers = 'mujoco-core>=4,<5'
+# An integrator with error control for contacts; there are wheels from Python 3.12 on.
+drake = 'drake>=1.58,<2; python_version >= "3.12"'
 # MCAP files and the messages in them, in Python alone, by those who define the format.
 bags = 'mcap-ros2-support>=0.5,<1'
 # A page with 3-D, plots and controls that call back, served from one wheel of 4 MB.
@@ -63,6 +65,7 @@ setup(
         **ros_wheels,
         'plots': plots,
         'peers': [peers],
+        'drake': [drake],
         'bags': [bags],
         'viewer': [viewer],
         'video': [video],

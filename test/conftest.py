@@ -1,6 +1,7 @@
 """The tests that run with the compiler, and their order in two processes."""
 
 import gc
+from importlib.util import find_spec
 import os
 
 # All kinds of contacts are compiled anew for every method; it takes longer than all of their tests
@@ -9,6 +10,8 @@ import os
 collect_ignore = []
 if not os.environ.get('NUMBA_DISABLE_JIT'):
     collect_ignore += ['test_change.py', 'test_self_contact.py', 'test_soft_impacts.py']
+if find_spec('pydrake') is None:  # Drake needs Python 3.12
+    collect_ignore.append('test_drake_runs.py')
 
 # Two processes take a file each (--dist loadfile). What compiles most is first, apart from what
 # compiles the same, so that the other process finds it on disk; live robots are next, when their

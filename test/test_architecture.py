@@ -54,6 +54,7 @@ OPTIONAL = {
     'mcap': ('recording/bag_reader', 'nodes/bag_writer', 'nodes/tools/*'),
     'mcap_ros2': ('recording/bag_reader', 'nodes/bag_writer', 'nodes/tools/*'),
     'mujoco': ('comparison/mujoco*',),
+    'pydrake': ('comparison/drake_runs',),
     'viser': ('view/page',),
 }
 LONGEST_MODULE, LONGEST_FUNCTION = 400, 60  # lines

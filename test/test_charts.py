@@ -10,13 +10,12 @@ from snake_sim_ros.commands.main import main
 from snake_sim_ros.comparison import artefacts
 from snake_sim_ros.comparison.bench_rows import COLUMNS
 from snake_sim_ros.comparison.bench_rows import rows_of
+from snake_sim_ros.comparison.chart_style import METHOD_STYLES
+from snake_sim_ros.comparison.chart_style import save
 from snake_sim_ros.comparison.charts import draw_artefacts
-from snake_sim_ros.comparison.charts import METHOD_STYLES
-from snake_sim_ros.comparison.charts import save
 from snake_sim_ros.comparison.contenders import all_contenders
 from snake_sim_ros.comparison.csv_tables import read_table
 from snake_sim_ros.comparison.pareto import fastest
-from snake_sim_ros.comparison.pareto import pareto_table
 from snake_sim_ros.comparison.seals import sealed
 from snake_sim_ros.comparison.stability import runs as stability
 from snake_sim_ros.stepping.methods import LARGE_STEP
@@ -47,7 +46,7 @@ def drawn(tmp_path_factory):
 
 def test_bench_is_drawn_as_svg_and_png(drawn):
     files = [drawn / f'{name}.{kind}' for name in FIGURES for kind in ('svg', 'png')]
-    assert sorted(drawn.iterdir()) == sorted([*files, drawn / 'pareto.md'])
+    assert sorted(drawn.iterdir()) == sorted(files)
     for file in files:
         assert file.read_bytes().startswith(b'\x89PNG' if file.suffix == '.png' else b'<?xml')
 
@@ -85,8 +84,7 @@ def test_every_method_has_a_style_of_its_own():
     assert len({style[:2] for style in METHOD_STYLES.values()}) == len(METHOD_STYLES)
 
 
-def test_tables_of_the_page_are_those_of_the_files(rows):
-    assert pareto_table(rows) in PAGE
+def test_artefacts_of_the_page_are_those_of_the_file():
     assert (STORED / 'artefacts.md').read_text(encoding='utf-8') in PAGE
 
 

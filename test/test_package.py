@@ -21,6 +21,7 @@ CHANGELOG = ' '.join((ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8').split(
 KEYS = {'PyYAML': 'python3-yaml', 'Pillow': 'python3-pil'}
 BUILD = {'setuptools'}  # comes with colcon
 OPTIONAL = {'bags', 'peers', 'video', 'viewer'}
+BENCH = {'drake'}  # only takes part in the bench
 # Checks of style and what only the tests of bags and of the speed of tests need.
 DEVELOPMENT = {'pytest-xdist', 'ruff', 'mypy', 'types-PyYAML', 'wheel', 'rosbags'}
 
@@ -57,8 +58,8 @@ def test_rosdep_gets_what_runs_and_pictures_need(needed):
 
 
 def test_what_rosdep_does_not_get_is_named_in_the_readme(needed):
-    assert set(needed) == {None, 'plots', 'test', 'jazzy', 'kilted'} | OPTIONAL
-    for item in set().union(*(needed[extra] for extra in OPTIONAL)):
+    assert set(needed) == {None, 'plots', 'test', 'jazzy', 'kilted'} | OPTIONAL | BENCH
+    for item in set().union(*(needed[extra] for extra in OPTIONAL | BENCH)):
         assert f'`{item}`' in README
     (asked,) = re.findall(r"pip install '\.\[([a-z,]+)\]'` in an environment", README)
     assert set(asked.split(',')) == OPTIONAL

@@ -10,14 +10,21 @@ import pytest
 from scenes import G
 from scenes import slope
 
+from snake_sim_ros.comparison.courses import Start
+from snake_sim_ros.comparison.families import perturbed
+from snake_sim_ros.comparison.mujoco_contacts import SEARCHED
 from snake_sim_ros.comparison.mujoco_model import CONTACTS
 from snake_sim_ros.comparison.mujoco_model import DRIVES
 from snake_sim_ros.comparison.mujoco_model import INTEGRATORS
 from snake_sim_ros.comparison.mujoco_model import mjcf
 from snake_sim_ros.comparison.mujoco_model import MujocoSettings
+from snake_sim_ros.comparison.mujoco_model import tree_order
+from snake_sim_ros.comparison.mujoco_rollouts import rolled_course
 from snake_sim_ros.comparison.mujoco_runs import mujoco_trajectory
+from snake_sim_ros.comparison.mujoco_runs import MujocoRobot
 from snake_sim_ros.comparison.mujoco_runs import run_mujoco
 from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
+from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Gait
@@ -30,6 +37,8 @@ from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.simulation import sample
+from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.state import State
 
@@ -58,9 +67,11 @@ def started(scene, **settings):
 def test_masses_and_inertias_are_those_of_the_robot():
     robot = Robot(link_count=3, link_mass=(0.5, 0.7, 0.9), inertia='consistent')
     model, _ = started(Scene(robot=robot))
-    assert np.array_equal(model.body_mass[1:], robot.per_link('link_mass'))
+    links, _ = tree_order(3)
+    assert np.array_equal(model.body_mass[1:], robot.per_link('link_mass')[links])
     across, along = (robot.per_link(f'inertia_{axis}') for axis in ('transversal', 'axial'))
-    assert np.array_equal(model.body_inertia[1:], np.column_stack([across, across, along]))
+    expected = np.column_stack([across, across, along])
+    assert np.array_equal(model.body_inertia[1:], expected[links])
 
 
 @pytest.mark.parametrize('name', ['lateral_undulation', 'sinus_lifting', 'slender_undulation'])
@@ -68,9 +79,37 @@ def test_links_start_where_the_scene_puts_them(name):
     scene = load_scene(name)
     scene = replace(scene, gait=replace(scene.gait, soft_start=0.0))
     q, (_, data) = initial_coordinates(scene), started(scene)
+    q = q[tree_order(scene.robot.link_count)[0]]
     assert np.abs(data.xpos[1:] - q[:, :3]).max() < 1e-9
     axes = data.xmat[1:].reshape(-1, 3, 3)
     assert np.abs(axes - rotation_matrices(q[:, 3:])).max() < 1e-9
+
+
+def test_the_tree_has_its_root_at_the_middle_link():
+    links, axes = tree_order(5)
+    assert links.tolist() == [2, 3, 4, 1, 0]
+    assert axes.tolist() == [4, 5, 6, 7, 3, 2, 1, 0]
+    model, _ = started(Scene(robot=Robot(link_count=5)))
+    assert model.body_parentid[1:].tolist() == [0, 1, 2, 1, 4]
+    names = [model.joint(j).name for j in range(1, model.njnt)]
+    assert names == ['yaw2', 'pitch2', 'yaw3', 'pitch3', 'pitch1', 'yaw1', 'pitch0', 'yaw0']
+    assert [model.actuator(a).name for a in range(model.nu)] == [''] * 8
+    assert model.actuator_trnid[:, 0].tolist() == list(range(1, model.njnt))
+
+
+def test_a_state_is_the_same_in_generalized_coordinates():
+    # Case C after 2 s of newton, all joints bent and turning: back from MuJoCo it is what it was.
+    # Joints of newton have gaps of 1e-8 m. Their velocities fit together in the middle of its last
+    # step, from where links of up to 1.2 rad/s turn on for dt/2: up to 1.2^2 dt/2 = 1.8e-4.
+    scene = replace(load_scene('sidewinding'), duration=2.0)
+    run = sample(Simulation(scene), 8000, 1)
+    state = State(run.coordinates[-1], run.velocity[-1])
+    found = MujocoRobot(scene, MujocoSettings(), state).state()
+    assert np.abs(found.q[:, :3] - state.q[:, :3]).max() < 1e-7
+    signs = np.sign((found.q[:, 3:] * state.q[:, 3:]).sum(axis=1))
+    assert np.abs(signs[:, None] * found.q[:, 3:] - state.q[:, 3:]).max() < 1e-7
+    assert np.abs(state.u).max() > 0.05
+    assert np.abs(found.u - state.u).max() < 1.8e-4
 
 
 def test_first_friction_coefficient_is_along_the_link():
@@ -104,6 +143,109 @@ def test_without_mujoco_one_sentence_says_how_to_get_it(monkeypatch):
     monkeypatch.setitem(sys.modules, 'mujoco', None)
     with pytest.raises(ParameterError, match=r'MuJoCo is not installed: pip install'):
         run_mujoco(Scene(), MujocoSettings(), LONG)
+
+
+# ---- settings -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('name', SEARCHED)
+def test_searched_settings_are_those_of_the_model(name):
+    found = SEARCHED[name].model
+    dt = 1 / SEARCHED[name].rate
+    model, _ = started(replace(load_scene('sidewinding'), dt=dt), contact=name)
+    option = model.opt
+    assert mujoco.mjtSolver(option.solver).name == f'mjSOL_{found.solver.upper()}'
+    assert (option.iterations, option.ls_iterations) == (found.iterations, found.ls_iterations)
+    assert option.tolerance == found.tolerance
+    assert mujoco.mjtCone(option.cone).name == f'mjCONE_{found.cone.upper()}'
+    assert option.impratio == found.impratio
+    assert option.noslip_iterations == found.noslip_iterations
+    assert mujoco.mjtIntegrator(option.integrator).name == 'mjINT_DISCRETE'
+    assert option.timestep == dt
+    off = mujoco.mjtDisableBit
+    assert bool(option.disableflags & off.mjDSBL_REFSAFE) != found.refsafe
+    assert bool(option.disableflags & off.mjDSBL_ISLAND) != found.islands
+    assert not found.islands
+    constant = found.time_steps * dt if found.time_constant is None else found.time_constant
+    assert model.pair_solref == pytest.approx(np.tile([constant, 1.0], (model.npair, 1)))
+    assert model.pair_solimp[:, :3] == pytest.approx(np.tile(found.solimp, (model.npair, 1)))
+    # Springs and dampers in the joints are the joint law.
+    assert (model.jnt_stiffness[1:] > 0.0).all() and (model.dof_damping[6:] > 0.0).all()
+
+
+def test_jacobians_are_sparse_where_mujoco_makes_them_so():
+    # By default from 60 degrees of freedom on, 6 + 2(n-1); dense ones are faster for the others.
+    for n, contact, sparse in (
+        (27, 'default', False), (28, 'default', True), (28, 'accurate', False),
+        (28, 'C 1 %', False),
+    ):  # fmt: skip
+        model, _ = started(Scene(robot=Robot(link_count=n)), contact=contact)
+        assert mujoco.mj_isSparse(model) == sparse
+
+
+def test_references_lead_as_a_setting_says():
+    scene = replace(load_scene('sidewinding'), dt=0.01)
+    for name, times in (('A 3 %', [2.005, 2.015]), ('A 2 %', [2.01, 2.02])):
+        robot = MujocoRobot(scene, MujocoSettings(contact=name))
+        angle, rate = robot.reference(0, 2, begin=2.0)
+        expected = gait.reference(scene.gait, np.array(times), 10)
+        assert angle == pytest.approx(expected[0].reshape(2, 20), rel=1e-12)
+        assert rate == pytest.approx(expected[1].reshape(2, 20), rel=1e-12)
+
+
+# ---- runs in one call ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('drive', 'integrator', 'contact'),
+    [('spring', 'discrete', 'accurate'), ('position', 'implicitfast', 'default')],
+)
+def test_a_rollout_takes_the_steps_of_single_calls(drive, integrator, contact):
+    scene = replace(load_scene('sidewinding'), dt=0.002, duration=0.5)
+    settings = MujocoSettings(drive=drive, integrator=integrator, contact=contact)
+    course = rolled_course(scene, settings=settings)
+    run = run_mujoco(scene, settings, LONG)
+    assert course.failure == '' and course.seconds > 0.0
+    assert course.time == pytest.approx(0.1 * np.arange(6))
+    assert np.abs(course.path - run.trajectory.path).max() < 1e-12
+
+
+def test_a_rollout_starts_where_and_when_it_is_told():
+    # From 1/3 of a period on: the gait that is so much ahead, from the same state.
+    scene = replace(load_scene('sidewinding'), dt=0.01, duration=0.5)
+    scene = replace(scene, gait=replace(scene.gait, soft_start=0.0))
+    state = initial_state(scene)
+    state.q[:, :2] += 3.0
+    state.u[:, 0] = 0.1
+    settings = MujocoSettings(contact='C 1 %')
+    course = rolled_course(scene, Start(state, 1.5), settings=settings)
+    assert np.array_equal(course.path[0], state.q[5, :3])
+    late = perturbed(scene, friction=1.0, phase=1 / 3, soft_start=0.0)
+    same = rolled_course(late, Start(state, 0.0), settings=settings)
+    assert np.abs(course.path - same.path).max() < 1e-9
+    early = rolled_course(scene, Start(state, 0.0), settings=settings)
+    assert np.abs(course.path - early.path).max() > 1e-3
+
+
+def test_a_rollout_may_have_steps_that_divide_nothing():
+    scene = replace(load_scene('sidewinding'), dt=0.03, duration=0.5)
+    course = rolled_course(scene, settings=MujocoSettings(contact='C 2 %'))
+    assert course.time == pytest.approx([0.0, 0.09, 0.18, 0.27, 0.36, 0.45, 0.48])
+    assert course.path.shape == (7, 3)
+
+
+def test_a_rollout_that_fails_has_no_time():
+    # Springs of the caller diverge at such steps with an explicit integrator.
+    scene = replace(FLIGHT, dt=1 / 50, gravity=(0.0, 0.0, -G))
+    settings = MujocoSettings(drive='position', integrator='Euler', contact='default')
+    course = rolled_course(scene, settings=settings)
+    assert re.match('MuJoCo: .*Q', course.failure)
+    assert math.isnan(course.seconds)
+
+
+def test_a_rollout_needs_a_drive_of_mujoco():
+    with pytest.raises(ParameterError, match='drive must be spring or position'):
+        rolled_course(Scene(), settings=MujocoSettings(drive='torque'))
 
 
 # ---- friction -----------------------------------------------------------------------------------

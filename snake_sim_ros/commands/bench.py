@@ -20,9 +20,15 @@ from snake_sim_ros.scene.checked_records import ParameterError
 if TYPE_CHECKING:
     from snake_sim_ros.comparison.bench_rows import Entry
     from snake_sim_ros.comparison.contenders import Contender
+    from snake_sim_ros.comparison.ensembles import Field
 
 QUICK_CASES = CASES[::2]
-PARTS = ('precision', 'links', 'iterations', 'costs', 'start_up', 'agreement', 'soak')
+PARTS = (
+    *('ensemble', 'cycle', 'robust', 'precision', 'links', 'iterations', 'costs', 'start_up'),
+    *('accuracy', 'agreement', 'soak'),
+)
+QUICK_PARTS = ('ensemble', 'cycle', 'links')
+SELECTED_PARTS = ('precision',)
 
 
 def add_bench(subparsers: Any) -> None:
@@ -42,12 +48,13 @@ def add_bench(subparsers: Any) -> None:
     )
     command.add_argument(
         '--parts', nargs='+', metavar='PART', choices=PARTS,
-        help=f'default: {", ".join(PARTS)}; with --quick the first two, with scenes, --methods or '
-        '--dt the first',
+        help=f'default: {", ".join(PARTS)}; with --quick {", ".join(QUICK_PARTS)}, with scenes, '
+        f'--methods or --dt {SELECTED_PARTS[0]}',
     )  # fmt: skip
     command.add_argument(
         '--limit', type=float, default=20.0, metavar='S',
-        help='wall time after which a run counts as too slow [s], default 20',
+        help='wall time after which a run counts as too slow [s], default 20; a run of ensemble, '
+        'cycle or robust is one call and has no limit',
     )  # fmt: skip
     add_other_sources(command)
     add_scene_options(command)
@@ -66,8 +73,8 @@ def _bench(options: argparse.Namespace) -> int:
         rates = tuple(1 / dt for dt in dict.fromkeys(options.dt))
         contenders = [c if c.adaptive else replace(c, rates=rates) for c in contenders]
     selected = options.scene or options.methods or options.dt
-    usual = PARTS[:1] if selected else PARTS[:2] if options.quick else PARTS
-    parts = bench.matrix(scenes, contenders, options.limit, quick=options.quick)
+    usual = SELECTED_PARTS if selected else QUICK_PARTS if options.quick else PARTS
+    parts = bench.matrix(scenes, contenders, _field(options), options.limit, quick=options.quick)
     entries = [entry for name in dict.fromkeys(options.parts or usual) for entry in parts[name]]
     writer = TableWriter(
         options.out, 'bench', bench_rows.COLUMNS, options.set, other_sources=options.other_sources
@@ -77,13 +84,23 @@ def _bench(options: argparse.Namespace) -> int:
     return 0
 
 
+def _field(options: argparse.Namespace) -> 'Field':
+    """Return what finds the entrants of a case, with their steps a second or those of --dt."""
+    from snake_sim_ros.comparison.entrants import attempts
+    from snake_sim_ros.comparison.entrants import entrants
+
+    rates = [1 / dt for dt in dict.fromkeys(options.dt or ())]
+    return lambda case: attempts(entrants(case, options.methods or (), quick=options.quick), rates)
+
+
 def _contenders(methods: list[str], *, quick: bool) -> 'list[Contender]':
     """Return the contenders of the matrix, or those of some methods."""
     from snake_sim_ros.comparison.contenders import all_contenders
     from snake_sim_ros.comparison.contenders import quick_contenders
+    from snake_sim_ros.comparison.entrants import JUDGED_METHODS
 
     contenders = quick_contenders() if quick else all_contenders()
-    known = sorted({contender.method for contender in contenders})
+    known = sorted({contender.method for contender in contenders} | JUDGED_METHODS)
     for method in methods:
         if method not in known:
             raise ParameterError(f'no method {method!r} in the matrix; it has: {", ".join(known)}')

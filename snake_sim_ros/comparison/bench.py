@@ -1,13 +1,16 @@
 """
 The bench: a matrix of runs, each of which makes one row of a CSV file.
 
-The parts of the matrix are: `precision`, the errors of every contender for its time steps in every
-case, against the converged solution; `links`, the cost of a step over the number of links;
-`situations`, the cost of a step depending on contacts and friction; `stages`, the times of the
-stages of a step; `iterations`, the residuals of the solvers on stored hard problems; `start_up`;
-`agreement`, the distance of the paths of other solvers from that of `newton`; and `soak`,
-penetration and memory over very many steps. A run that fails makes a row as well. The file grows
-row by row, and rows that it has are not run again, so that an interrupted bench can be continued.
+The parts of the matrix are: `ensemble`, the errors of the best methods over many perturbed scenes
+of every case; `cycle`, those after one period of the gait; `robust`, the largest of small changes
+of a case; `accuracy`, the errors of runs that were asked for one; `precision`, the error of every
+contender for its time steps in one run of every case, against the converged solution; `links`, the
+cost of a step over the number of links; `situations`, the cost of a step depending on contacts and
+friction; `stages`, the times of the stages of a step; `iterations`, the residuals of the solvers
+on stored hard problems; `start_up`; `agreement`, the distance of the paths of other solvers from
+that of `newton`; and `soak`, penetration and memory over very many steps. A run that fails makes a
+row as well. The file grows row by row, and rows that it has are not run again, so that an
+interrupted bench can be continued.
 
 The error of a run is its distance from the converged solution of the paper's model. A baseline has
 another model and therefore two errors: `error_limit` is that of its time step, the distance from
@@ -22,9 +25,21 @@ from dataclasses import replace
 from functools import partial
 import math
 
+from snake_sim_ros.comparison.accuracies import accuracies
+from snake_sim_ros.comparison.accuracies import QUICK_TRIALS
+from snake_sim_ros.comparison.accuracies import TRIALS
 from snake_sim_ros.comparison.bench_rows import Entry
 from snake_sim_ros.comparison.bench_rows import Row
 from snake_sim_ros.comparison.contenders import Contender
+from snake_sim_ros.comparison.converged_paths import ConvergedPaths
+from snake_sim_ros.comparison.cycles import cycles
+from snake_sim_ros.comparison.cycles import PHASES
+from snake_sim_ros.comparison.cycles import QUICK_PHASES
+from snake_sim_ros.comparison.ensembles import ENSEMBLE
+from snake_sim_ros.comparison.ensembles import ensemble
+from snake_sim_ros.comparison.ensembles import Field
+from snake_sim_ros.comparison.ensembles import QUICK_ENSEMBLE
+from snake_sim_ros.comparison.ensembles import robust
 from snake_sim_ros.comparison.hard_contacts import load_problems
 from snake_sim_ros.comparison.hard_contacts import reports_by_limit
 from snake_sim_ros.comparison.path_errors import extrapolated
@@ -42,6 +57,7 @@ from snake_sim_ros.comparison.timed_run import TimedRun
 from snake_sim_ros.comparison.timing import calibration
 from snake_sim_ros.comparison.timing import CASE_A_NAME
 from snake_sim_ros.comparison.timing import converged
+from snake_sim_ros.comparison.timing import REFERENCE_STEPS
 from snake_sim_ros.comparison.timing import SITUATIONS
 from snake_sim_ros.comparison.timing import situations
 from snake_sim_ros.comparison.timing import start_up_seconds
@@ -53,7 +69,9 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.stepping.base import Report
 
+QUICK_REFERENCE_STEPS = (1 / 8000, 1 / 16000)  # s, see `timing.REFERENCE_STEPS`
 LINK_COUNTS = (5, 10, 20, 40, 80, 160, 200)
+ALSO_OVER_LINKS = ('default, spring, discrete',)  # settings besides the first of a method
 LINKS_DURATION = 0.3  # s
 SITUATIONS_DURATION = 1.0  # s
 # Most links, for methods of higher cost.
@@ -324,7 +342,12 @@ def soaks(marks: Sequence[int]) -> Iterator[Entry]:
 
 
 def matrix(
-    scenes: Mapping[str, Scene], contenders: list[Contender], limit: float, *, quick: bool
+    scenes: Mapping[str, Scene],
+    contenders: list[Contender],
+    field: Field,
+    limit: float,
+    *,
+    quick: bool,
 ) -> dict[str, Iterator[Entry]]:
     """
     Return the matrix by parts; the entries of a part are made when they are iterated over.
@@ -334,20 +357,29 @@ def matrix(
     scenes : mapping
         Cases, name -> scene.
     contenders : list of Contender
+    field : callable
+        The entrants of ensembles and cycles.
     limit : float
         Wall time after which a run ends early [s].
     quick : bool
-        Whether to use only two numbers of links, and a hundredth of the steps of soaks.
+        Whether to use small ensembles, few phases, two numbers of links, and a hundredth of the
+        steps of soaks.
 
     """
     scene = load_scene(CASE_A_NAME)
     counts = LINK_COUNTS[1:4:2] if quick else LINK_COUNTS
     usual = {
-        (contender.method, contender.level): contender
+        (contender.method, contender.level, contender.setting in ALSO_OVER_LINKS): contender
         for contender in reversed(contenders)
         if not contender.adaptive
     }
+    steps = QUICK_REFERENCE_STEPS if quick else REFERENCE_STEPS
+    paths = ConvergedPaths(steps)
     return {
+        'ensemble': ensemble(scenes, field, paths, QUICK_ENSEMBLE if quick else ENSEMBLE),
+        'cycle': cycles(scenes, field, steps, QUICK_PHASES if quick else PHASES),
+        'robust': robust(scenes, field, paths),
+        'accuracy': accuracies(scenes, steps, QUICK_TRIALS if quick else TRIALS),
         'precision': precision(References(scenes), contenders, limit),
         'links': links(scene, usual.values(), counts, limit),
         'iterations': solvers(),

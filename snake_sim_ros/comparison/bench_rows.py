@@ -21,7 +21,10 @@ class Row:
     A run, identified by the columns of KEY, with its results; nan or None means no value.
 
     Times are wall times, and errors are the largest at any time. `error_path` and the other errors
-    of paths are relative to the distance of the middle link from start to end.
+    of paths are relative to the distance of the middle link from start to end. In the parts
+    `ensemble`, `cycle` and `robust`, `seconds_per_second` is the median over trials of the
+    processor time of one thread in one compiled call. The error of a `cycle` is that at its end,
+    and `error_path` of `robust` is the largest of its trials.
     """
 
     part: str
@@ -35,6 +38,12 @@ class Row:
     duration: float = math.nan  # s
     status: str = ''
     error_path: float = math.nan
+    error_rms: float = math.nan  # over trials, with the ends of its bootstrap interval
+    rms_low: float = math.nan
+    rms_high: float = math.nan
+    error_median: float = math.nan  # over trials
+    error_quantile: float = math.nan  # 90 % of trials are better
+    trials: int | None = None
     path_difference: float = math.nan  # from the path of newton at the same step
     error_angle: float = math.nan  # rad
     error_heading: float = math.nan  # rad
@@ -114,7 +123,9 @@ def outcome(entry: Entry) -> list[Row]:
 def line(row: Row) -> str:
     """Return a row as one short line, which shows the progress."""
     what = [row.part, row.case, row.method, row.level, row.setting]
-    if row.dt > 0.0:
+    if row.part == 'accuracy':
+        what.append(f'{row.tolerance:g}')
+    elif row.dt > 0.0:
         what.append(f'dt {row.dt:.2g} s')
     if row.n:
         what.append(f'n = {row.n}')
@@ -128,6 +139,11 @@ def line(row: Row) -> str:
         what.append(f'{row.steps} steps, {row.penetration_end:.1e} m deep')
     if math.isfinite(row.error_path):
         what.append(f'{100 * row.error_path:.3g} %')
+    if math.isfinite(row.error_rms):
+        what.append(f'{100 * row.error_rms:.3g} % ({100 * row.rms_low:.3g} to '
+                    f'{100 * row.rms_high:.3g} %)')  # fmt: skip
+    if row.part in ('ensemble', 'cycle', 'robust', 'accuracy') and row.seconds_per_second > 0.0:
+        what.append(f'{1 / row.seconds_per_second:.0f}x')
     return ' | '.join(part for part in [*what, row.status, row.message] if part)
 
 

@@ -1,8 +1,151 @@
-"""Tables in Markdown of the parts `agreement` and `soak` of the bench."""
+"""Tables in Markdown of the parts of the bench."""
 
+from collections.abc import Iterable
 from collections.abc import Sequence
+import math
 
 from snake_sim_ros.comparison.bench_rows import Row
+from snake_sim_ros.comparison.pareto import cost_at
+from snake_sim_ros.comparison.pareto import fastest
+from snake_sim_ros.comparison.pareto import front
+from snake_sim_ros.comparison.pareto import is_ours
+
+ROBUST_BOUNDS = (0.05, 0.02, 0.01, 0.005, 0.001)  # of the distance from start to end
+# Part, case, root mean square of the errors, and the ratio of speeds that we want there.
+TARGETS: tuple[tuple[str, str, float, float], ...] = (
+    ('ensemble', 'sidewinding', 0.022, 4.0),
+    ('ensemble', 'sidewinding', 0.013, 8.0),
+    ('ensemble', 'sidewinding', 0.0105, 15.0),
+    ('ensemble', 'sinus_lifting', 0.03, 4.0),
+    ('ensemble', 'sinus_lifting', 0.008, 12.0),
+    ('ensemble', 'lateral_undulation', 0.013, 8.0),
+    ('ensemble', 'lateral_undulation', 0.005, 100.0),
+    ('cycle', 'lateral_undulation', 0.001, math.nan),
+    ('cycle', 'lateral_undulation_isotropic', 0.001, math.nan),
+    ('cycle', 'sidewinding', 0.001, math.nan),
+    ('cycle', 'sinus_lifting', 0.001, math.nan),
+)
+
+
+def of_step(row: Row) -> str:
+    """Return method, setting and step of a row as text."""
+    setting = '' if row.setting == 'default' and is_ours(row) else f', {row.setting}'
+    return f'`{row.method}`{setting}, 1/{1 / row.dt:.4g} s'
+
+
+def speed(cost: float) -> str:
+    """Return how many times faster than real time a cost is, or none."""
+    return 'none' if math.isnan(cost) else f'{1 / cost:.0f}'
+
+
+def point(row: Row) -> tuple[float, float]:
+    """Return cost and root mean square of a row with a spread."""
+    return row.seconds_per_second, row.error_rms
+
+
+def sides(rows: Iterable[Row], part: str, case: str) -> tuple[list[Row], list[Row]]:
+    """Return the rows of a part and a case that are ours, and those of others."""
+    here = [row for row in rows if (row.part, row.case) == (part, case)]
+    return [row for row in here if is_ours(row)], [row for row in here if not is_ours(row)]
+
+
+def spread_table(rows: Sequence[Row], part: str) -> str:
+    """
+    Return a table of the fronts of `ensemble` or `cycle`: ours, and all others.
+
+    A row is there if no other one of its side is both faster and better.
+    """
+    lines = ['| case | method | RMS error | 90 % interval | median | 90 % of runs | trials '
+             '| times real time |', '|---|---|---|---|---|---|---|---|']  # fmt: skip
+    for case in dict.fromkeys(row.case for row in rows if row.part == part):
+        for side in sides(rows, part, case):
+            best = set(front(map(point, side)))
+            for row in sorted((row for row in side if point(row) in best), key=point):
+                cells = [
+                    f'`{case}`',
+                    of_step(row),
+                    percent(row.error_rms),
+                    f'{percent(row.rms_low)} to {percent(row.rms_high)}',
+                    percent(row.error_median),
+                    percent(row.error_quantile),
+                    f'{row.trials or 0}',
+                    speed(row.seconds_per_second),
+                ]
+                lines.append(f'| {" | ".join(cells)} |')
+    return '\n'.join(lines) + '\n'
+
+
+def accuracy_table(rows: Sequence[Row]) -> str:
+    """Return a table of the accuracies that were asked for, and of the errors that were made."""
+    lines = ['| case | accuracy | RMS error | 90 % interval | median | 90 % of runs '
+             '| error of the reference | trials | times real time |',
+             '|---|---|---|---|---|---|---|---|---|']  # fmt: skip
+    for row in rows:
+        if row.part == 'accuracy':
+            errors = (row.error_rms, row.error_median, row.error_quantile, row.reference_error)
+            rms, median, quantile, doubt = (f'{error:.1e}' for error in errors)
+            cells = [
+                f'`{row.case}`',
+                f'{row.tolerance:.0e}',
+                rms,
+                f'{row.rms_low:.1e} to {row.rms_high:.1e}',
+                median,
+                quantile,
+                doubt,
+                f'{row.trials or 0}',
+                speed(row.seconds_per_second),
+            ]
+            lines.append(f'| {" | ".join(cells)} |')
+    return '\n'.join(lines) + '\n'
+
+
+def percent(value: float) -> str:
+    """Return a share in percent with two digits."""
+    return f'{100 * value:.2g} %'
+
+
+def targets_table(rows: Sequence[Row]) -> str:
+    """
+    Return a table of speeds at given errors, ours and those of the best of the others.
+
+    Speeds are on the front of each side, see `pareto.cost_at`.
+    """
+    lines = ['| judged by | case | RMS error | ours, times real time | MuJoCo, times real time '
+             '| ratio | wanted |', '|---|---|---|---|---|---|---|']  # fmt: skip
+    for part, case, error, wanted in TARGETS:
+        ours, others = sides(rows, part, case)
+        if not ours and not others:
+            continue
+        mujoco = [row for row in others if row.method == 'mujoco']
+        costs = [cost_at(map(point, side), error) for side in (ours, mujoco)]
+        ratio = costs[1] / costs[0]
+        cells = [
+            part,
+            f'`{case}`',
+            f'{100 * error:g} %',
+            *map(speed, costs),
+            '' if math.isnan(ratio) else f'{ratio:.1f}',
+            '' if math.isnan(wanted) else f'{wanted:g}',
+        ]
+        lines.append(f'| {" | ".join(cells)} |')
+    return '\n'.join(lines) + '\n'
+
+
+def robust_table(rows: Sequence[Row]) -> str:
+    """Return a table of the fastest methods whose largest error stays below a bound."""
+    lines = ['| case | largest error | fastest method of ours | times real time | its error '
+             '| fastest of the others | times real time | its error |',
+             '|---|---|---|---|---|---|---|---|']  # fmt: skip
+    for case in dict.fromkeys(row.case for row in rows if row.part == 'robust'):
+        for bound in ROBUST_BOUNDS:
+            cells = [f'`{case}`', f'{100 * bound:g} %']
+            for side in sides(rows, 'robust', case):
+                best = fastest(side, bound)
+                cells += ['none', '', ''] if best is None else [
+                    of_step(best), speed(best.seconds_per_second), percent(best.error_path),
+                ]  # fmt: skip
+            lines.append(f'| {" | ".join(cells)} |')
+    return '\n'.join(lines) + '\n'
 
 
 def agreement_table(rows: Sequence[Row]) -> str:

@@ -1,15 +1,10 @@
-"""
-Charts of the bench, and of paths.
+"""Charts of the bench, and of paths."""
 
-Colors are those of Okabe and Ito, which people with any kind of color vision can tell apart. A
-method has the same color and the same mark in all charts. The planar level has hollow marks.
-"""
-
+from collections.abc import Callable
 from collections.abc import Iterable
-from collections.abc import Mapping
 from collections.abc import Sequence
+from functools import partial
 from itertools import groupby
-import math
 from pathlib import Path
 from typing import Any
 
@@ -22,32 +17,28 @@ import numpy as np
 from snake_sim_ros.comparison import artefacts
 from snake_sim_ros.comparison.bench_rows import Row
 from snake_sim_ros.comparison.bench_rows import rows_of
+from snake_sim_ros.comparison.bench_tables import accuracy_table
 from snake_sim_ros.comparison.bench_tables import agreement_table
+from snake_sim_ros.comparison.bench_tables import robust_table
 from snake_sim_ros.comparison.bench_tables import soak_table
+from snake_sim_ros.comparison.bench_tables import spread_table
+from snake_sim_ros.comparison.bench_tables import targets_table
+from snake_sim_ros.comparison.chart_of_spreads import spreads_figure
+from snake_sim_ros.comparison.chart_style import CASE_TITLES
+from snake_sim_ros.comparison.chart_style import CHART_STYLE
+from snake_sim_ros.comparison.chart_style import METHOD_STYLES
+from snake_sim_ros.comparison.chart_style import panels
+from snake_sim_ros.comparison.chart_style import PATH_COLOR
+from snake_sim_ros.comparison.chart_style import plot_line
+from snake_sim_ros.comparison.chart_style import save
 from snake_sim_ros.comparison.csv_tables import records_of
 from snake_sim_ros.comparison.csv_tables import Table
 from snake_sim_ros.comparison.pareto import fitted_order
 from snake_sim_ros.comparison.pareto import fitted_power
-from snake_sim_ros.comparison.pareto import pareto_table
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 
-PATH_COLOR = '#0072b2'
 POSTURE_COLORS = ('#999999', '#56b4e9', '#009e73', '#e69f00', '#d55e00')
-METHOD_STYLES = {  # method: color, mark, name
-    'newton': ('#0072b2', 'o', 'newton'),
-    'bdf2': ('#009e73', 's', 'bdf2'),
-    'newton_dense': ('#56b4e9', 'v', 'newton_dense'),
-    'gauss_seidel': ('#e69f00', '^', 'gauss_seidel'),
-    'paper': ('#000000', 'D', "paper's iteration"),
-    'pyramid': ('#999999', 'h', 'friction pyramid'),
-    'semi_implicit_euler': ('#cc79a7', 'P', 'regularized, semi-implicit Euler'),
-    'rk45': ('#cc79a7', '1', 'regularized, RK45'),
-    'lsoda': ('#cc79a7', '2', 'regularized, LSODA'),
-    'radau': ('#cc79a7', '3', 'regularized, Radau'),
-    'bdf': ('#cc79a7', '4', 'regularized, BDF'),
-    'mujoco': ('#d55e00', 'X', 'MuJoCo'),
-}
 MAIN_SETTINGS = {  # setting that represents a method; the other settings are drawn thin
     'newton': 'default',
     'bdf2': 'residual 1e-5 m/s',
@@ -58,13 +49,17 @@ MAIN_SETTINGS = {  # setting that represents a method; the other settings are dr
     'mujoco': 'accurate, spring, discrete',
 }
 DEFAULT_DT = 1 / 4000
-CASE_TITLES = {
-    'lateral_undulation': 'A: lateral undulation',
-    'lateral_undulation_isotropic': 'B: the same, isotropic friction',
-    'sidewinding': 'C: sidewinding',
-    'sinus_lifting': 'D: sinus-lifting',
+Write = Callable[[Sequence[Row]], str]
+# File: parts of the bench, any of which it shows, and what writes it.
+TABLES: dict[str, tuple[set[str], Write]] = {
+    'ensemble': ({'ensemble'}, partial(spread_table, part='ensemble')),
+    'cycle': ({'cycle'}, partial(spread_table, part='cycle')),
+    'targets': ({'ensemble', 'cycle'}, targets_table),
+    'robust': ({'robust'}, robust_table),
+    'accuracy': ({'accuracy'}, accuracy_table),
+    'agreement': ({'agreement'}, agreement_table),
+    'soak': ({'soak'}, soak_table),
 }
-CHART_STYLE = {'font.size': 8.5, 'svg.hashsalt': 'snake_sim_ros', 'svg.fonttype': 'none'}
 
 
 def draw_bench(table: Table, folder: Path) -> list[Path]:
@@ -90,6 +85,8 @@ def draw_bench(table: Table, folder: Path) -> list[Path]:
         parts.pop('precision', None)
     drawn: list[Path] = []
     figures = {
+        'ensemble': ('ensemble', spreads_figure),
+        'cycle': ('cycle', spreads_figure),
         'work_precision': ('precision', work_precision),
         'error_over_dt': ('precision', error_over_dt),
         'cost_over_links': ('links', cost_over_links),
@@ -102,13 +99,8 @@ def draw_bench(table: Table, folder: Path) -> list[Path]:
         with rc_context(CHART_STYLE):
             figure = draw(parts[part] + parts.get('situations', []) * (part == 'stages'))
             drawn += save(figure, folder / name, table.header)
-    tables = {
-        'pareto': ('precision', pareto_table),
-        'agreement': ('agreement', agreement_table),
-        'soak': ('soak', soak_table),
-    }
-    for name, (part, write) in tables.items():
-        if part in parts:
+    for name, (of, write) in TABLES.items():
+        if parts.keys() & of:
             path = folder / f'{name}.md'
             path.write_text(write(rows), encoding='utf-8')
             drawn.append(path)
@@ -135,28 +127,6 @@ def draw_artefacts(table: Table, folder: Path) -> list[Path]:
     return [path]
 
 
-def save(figure: Figure, path: Path, header: Mapping[str, str]) -> list[Path]:
-    """Write a figure as SVG and PNG, with processor, date and commit of the data at its top."""
-    where = ', '.join(header[key] for key in ('processor', 'date') if key in header)
-    commit = header.get('commit', 'unknown')
-    doubt = 'provenance unknown; says of itself: ' * ('provenance' in header)
-    figure.suptitle(
-        f'{doubt}commit {commit}, {where}', fontsize=6.5, x=0.99, ha='right', color='#555555'
-    )
-    FigureCanvasAgg(figure)
-    files = [path.with_suffix(suffix) for suffix in ('.svg', '.png')]
-    figure.savefig(files[0], dpi=220, metadata={'Date': None})
-    figure.savefig(files[1], dpi=110)
-    return files
-
-
-def panels(count: int, columns: int, height: float) -> tuple[Figure, list[Axes]]:
-    """Return a figure as wide as a page on GitHub, and its axes, each of this height [inch]."""
-    rows = math.ceil(count / columns)
-    figure = Figure(figsize=(9.0, rows * height + 0.8), layout='constrained')
-    return figure, [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
-
-
 def lines(rows: Iterable[Row]) -> dict[tuple[str, str, str], list[Row]]:
     """Return the rows of every line: (method, level, setting) -> rows, small steps first."""
     found: dict[tuple[str, str, str], list[Row]] = {}
@@ -166,15 +136,6 @@ def lines(rows: Iterable[Row]) -> dict[tuple[str, str, str], list[Row]]:
     for line in found.values():
         line.sort(key=lambda row: row.dt)
     return dict(sorted(found.items(), key=lambda item: list(METHOD_STYLES).index(item[0][0])))
-
-
-def plot_line(axes: Axes, x: Any, y: Any, method: str, level: str, *, main: bool) -> Any:
-    """Draw the line of a method; it is thin if the setting is not the main one."""
-    color, mark, _ = METHOD_STYLES[method]
-    fill = 'white' if level == 'planar' and mark not in '1234' else color
-    look: dict[str, Any] = {'lw': 1.5, 'ms': 5.0} if main else {'lw': 0.6, 'ms': 2.5, 'alpha': 0.5}
-    (line,) = axes.plot(x, y, '-', marker=mark, color=color, mfc=fill, zorder=2 + main, **look)
-    return line
 
 
 def is_main(method: str, setting: str, rows: Iterable[Row]) -> bool:
@@ -290,19 +251,16 @@ def cost_over_links(rows: Sequence[Row]) -> Figure:
     """Draw the median step over the number of links, with the exponents of fitted power laws."""
     figure, (axes,) = panels(1, 1, 3.6)
     rows = [row for row in rows if row.median_us > 0.0]
-    for method in METHOD_STYLES:
-        for level in ('spatial', 'planar'):
-            line = [
-                row
-                for row in rows
-                if (row.method, row.level) == (method, level)
-                and is_main(method, row.setting, rows)
-            ]
-            if not line:
-                continue
-            n, cost = [row.n or 0 for row in line], [row.median_us for row in line]
-            handle = plot_line(axes, n, cost, method, level, main=True)
-            exponent = f', n^{fitted_power(n, cost):.2f}' * (len(line) > 1)
+    found: dict[tuple[str, str, str], list[Row]] = {}
+    order = list(METHOD_STYLES)
+    for row in sorted(rows, key=lambda row: (order.index(row.method), row.level == 'planar')):
+        found.setdefault((row.method, row.level, row.setting), []).append(row)
+    for (method, level, setting), line in found.items():
+        n, cost = [row.n or 0 for row in line], [row.median_us for row in line]
+        main = is_main(method, setting, rows)
+        handle = plot_line(axes, n, cost, method, level, main=main)
+        exponent = f', n^{fitted_power(n, cost):.2f}' * (len(line) > 1)
+        if main:
             handle.set_label(
                 METHOD_STYLES[method][2] + ', planar' * (level == 'planar') + exponent
             )

@@ -34,7 +34,7 @@ from snake_sim_ros.comparison.seals import sealed
 from snake_sim_ros.comparison.seals import unsealed
 from snake_sim_ros.scene.checked_records import ParameterError
 
-LIBRARIES = ('numpy', 'scipy', 'numba', 'mujoco')
+LIBRARIES = ('numpy', 'scipy', 'numba', 'mujoco-core', 'drake')
 HEAD_OF_ALL_ROWS = ('table', 'provenance', 'processor', 'settings')  # equal in all heads
 HEAD_OF_SOURCES = ('commit', 'sources')  # equal as well, unless other sources are allowed
 

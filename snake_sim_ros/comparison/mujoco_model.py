@@ -15,10 +15,15 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from snake_sim_ros.comparison.mujoco_contacts import BY_HAND
+from snake_sim_ros.comparison.mujoco_contacts import CONTACT_MODELS
+from snake_sim_ros.comparison.mujoco_contacts import ContactModel
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.checked_records import CheckedRecord
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.checked_records import quantity
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.posture import joint_angles
@@ -27,7 +32,7 @@ from snake_sim_ros.scene.robot_description import element
 DRIVES = ('torque', 'position', 'spring')
 INTEGRATORS = ('Euler', 'implicit', 'implicitfast', 'RK4', 'discrete')
 CONES = ('elliptic', 'pyramidal')
-CONTACTS = ('default', 'accurate', 'fast')
+CONTACTS = tuple(BY_HAND)
 GAINS = ('stiffness', 'damping')
 
 
@@ -46,8 +51,16 @@ class MujocoSettings(CheckedRecord):
     integrator: str = quantity('discrete', '', "MuJoCo's integrator", choices=INTEGRATORS)
     cone: str = quantity('elliptic', '', 'shape of the friction cone', choices=CONES)
     contact: str = quantity(
-        'accurate', '', "MuJoCo's own contacts and solver, or chosen ones", choices=CONTACTS
+        'accurate',
+        '',
+        "MuJoCo's own contacts and solver, or chosen ones",
+        choices=tuple(CONTACT_MODELS),
     )
+
+    @property
+    def contact_model(self) -> ContactModel:
+        """The contact model of this name."""
+        return CONTACT_MODELS[self.contact]
 
 
 def import_mujoco() -> Any:
@@ -61,14 +74,38 @@ def import_mujoco() -> Any:
     return mujoco
 
 
+def tree_order(link_count: int) -> tuple[Array, Array]:
+    """
+    Return links and joint axes in the order in which MuJoCo has their coordinates.
+
+    The tree has its root at the middle link, from which one arm goes to the last link and then one
+    to the first. This makes it half as deep as one with its root at an end.
+
+    Returns
+    -------
+    links : ndarray of int, shape (n,)
+        Counted along the robot.
+    axes : ndarray of int, shape (2(n-1),)
+        Counted along the robot, yaw before pitch; the arm to the first link has pitch first.
+
+    """
+    middle = Robot(link_count=link_count).middle_link
+    ahead, behind = np.arange(middle, link_count - 1), np.arange(middle)[::-1]
+    links = np.concatenate([[middle], ahead + 1, behind])
+    forward = np.column_stack([2 * ahead, 2 * ahead + 1])
+    backward = np.column_stack([2 * behind + 1, 2 * behind])
+    return links, np.concatenate([forward.ravel(), backward.ravel()])
+
+
 def mjcf(scene: Scene, settings: MujocoSettings) -> str:
     """
     Return the robot of a scene on its floor as an MJCF model, with the start as its key frame.
 
-    Bodies have the frames B of the links. The hinges of a joint are yaw and pitch as in
-    `posture.joint_angles`: about e_y of a link, then about e_x of the next one. The floor is a
-    plane and the links are capsules, which touch at the contact points of the paper. MuJoCo puts
-    the first tangent of such a contact along the capsule.
+    Bodies have the frames B of the links, in the order of `tree_order`. The hinges of a joint are
+    yaw and pitch as in `posture.joint_angles`: about e_y of a link, then about e_x of the next
+    one; from the middle to the first link it is the other way round, with axes reversed. The floor
+    is a plane and the links are capsules, which touch at the contact points of the paper. MuJoCo
+    puts the first tangent of such a contact along the capsule.
 
     Raises
     ------
@@ -77,97 +114,84 @@ def mjcf(scene: Scene, settings: MujocoSettings) -> str:
         in other units, or if a link has no contact radius.
 
     """
+    _refuse_what_mujoco_has_not(scene)
+    root = ElementTree.Element('mujoco')
+    element(root, 'compiler', angle='radian', autolimits='true')
+    contacts = settings.contact_model
+    options = element(root, 'option', gravity=scene.gravity, timestep=scene.dt,
+                      integrator=settings.integrator,
+                      **contacts.options(settings.cone))  # fmt: skip
+    if flags := contacts.flags():
+        element(options, 'flag', **flags)
+    shortest = 1.0 if settings.integrator == 'discrete' else 2.0
+    pair = contacts.pair(scene.dt, shortest)
+    world = element(root, 'worldbody')
+    element(world, 'geom', name='floor', type='plane', size=(0, 0, 1), contype=0, conaffinity=0)
+    contact, actuator = element(root, 'contact'), element(root, 'actuator')
+    q, (links, axes) = initial_coordinates(scene), tree_order(scene.robot.link_count)
+    middle, bodies = links[0], dict[int, ElementTree.Element]()
+    for i in links:
+        if i == middle:
+            body = element(world, 'body', pos=q[i, :3], quat=q[i, 3:])
+            element(body, 'freejoint')
+        else:
+            parent = i - 1 if i > middle else i + 1
+            body = _jointed_body(bodies[parent], actuator, scene, settings.drive, i, parent)
+        bodies[i] = body
+        _add_link(body, scene.robot, i)
+        element(contact, 'pair', geom1='floor', geom2=f'link{i}', condim=3,
+                 friction=(scene.friction.longitudinal, scene.friction.transversal),
+                 **pair)  # fmt: skip
+    start = np.concatenate([q[middle], joint_angles(q).ravel()[axes]])
+    element(element(root, 'keyframe'), 'key', name='start', qpos=start)
+    return ElementTree.tostring(root, encoding='unicode')
+
+
+def _refuse_what_mujoco_has_not(scene: Scene) -> None:
+    """Raise an error for a scene with more than a flat floor, or with links that are points."""
     if not obstacles.is_flat(scene) or scene.friction.rolling:
         got = (
             f'friction.rolling={scene.friction.rolling:g}' if obstacles.is_flat(scene) else 'more'
         )
         raise ParameterError(f'MuJoCo gets a flat floor without rolling friction only, got {got}')
-    robot = scene.robot
-    lengths = [
-        robot.per_link(name) for name in ('link_length', 'contact_radius', 'contact_offset')
-    ]
-    if not min(lengths[1].min(), lengths[2].min()) > 0:
+    radius, offset = (scene.robot.per_link(name) for name in ('contact_radius', 'contact_offset'))
+    if not min(radius.min(), offset.min()) > 0:
         raise ParameterError(
             f'contact_radius and contact_offset must be above 0 m for MuJoCo, got '
-            f'{lengths[1].min():g} m and {lengths[2].min():g} m'
+            f'{radius.min():g} m and {offset.min():g} m'
         )
-    root = ElementTree.Element('mujoco')
-    element(root, 'compiler', angle='radian', autolimits='true')
-    option, pair = _contact_model(scene, settings)
-    element(root, 'option', gravity=scene.gravity, timestep=scene.dt, cone=settings.cone,
-             integrator=settings.integrator, **option)  # fmt: skip
-    world = element(root, 'worldbody')
-    element(world, 'geom', name='floor', type='plane', size=(0, 0, 1), contype=0, conaffinity=0)
-    contact, actuator = element(root, 'contact'), element(root, 'actuator')
-    q, parent = initial_coordinates(scene), world
-    inertia = np.column_stack(
-        [robot.per_link(f'inertia_{axis}') for axis in ('transversal', 'transversal', 'axial')]
-    )
-    for i, (length, radius, offset) in enumerate(zip(*lengths, strict=True)):
-        if i == 0:
-            parent = element(parent, 'body', pos=q[0, :3], quat=q[0, 3:])
-            element(parent, 'freejoint')
-        else:
-            parent = element(parent, 'body', pos=(0, 0, (lengths[0][i - 1] + length) / 2))
-            _joints(parent, actuator, scene, settings.drive, i - 1)
-        element(parent, 'inertial', pos=(0, 0, 0), mass=robot.per_link('link_mass')[i],
-                 diaginertia=inertia[i])  # fmt: skip
-        element(parent, 'geom', name=f'link{i}', type='capsule', size=(radius, offset),
-                 contype=0, conaffinity=0)  # fmt: skip
-        element(contact, 'pair', geom1='floor', geom2=f'link{i}', condim=3,
-                 friction=(scene.friction.longitudinal, scene.friction.transversal),
-                 **pair)  # fmt: skip
-    start = np.concatenate([q[0], joint_angles(q).ravel()])
-    element(element(root, 'keyframe'), 'key', name='start', qpos=start)
-    return ElementTree.tostring(root, encoding='unicode')
 
 
-def _joints(
-    body: ElementTree.Element, actuator: ElementTree.Element, scene: Scene, drive: str, i: int
-) -> None:
-    """Append the two hinges of joint i to the body of link i+1, and their drives."""
-    half = scene.robot.per_link('link_length')[i + 1] / 2
-    gains = zip(*(scene.robot.per_joint(name)[i] for name in GAINS), strict=True)
-    for axis, vector, (K_p, K_d) in zip(
-        ('yaw', 'pitch'), ((0, 1, 0), (1, 0, 0)), gains, strict=True
-    ):
-        name = f'{axis}{i}'
+def _add_link(body: ElementTree.Element, robot: Robot, i: int) -> None:
+    """Append mass and shape of link i to its body."""
+    across, along, mass, radius, offset = (
+        robot.per_link(name)[i]
+        for name in ('inertia_transversal', 'inertia_axial', 'link_mass', 'contact_radius',
+                     'contact_offset')
+    )  # fmt: skip
+    element(body, 'inertial', pos=(0, 0, 0), mass=mass, diaginertia=(across, across, along))
+    element(body, 'geom', name=f'link{i}', type='capsule', size=(radius, offset),
+             contype=0, conaffinity=0)  # fmt: skip
+
+
+def _jointed_body(
+    parent: ElementTree.Element,
+    actuator: ElementTree.Element,
+    scene: Scene,
+    drive: str,
+    i: int,
+    other: int,
+) -> ElementTree.Element:
+    """Append link i to its parent, link `other`: a body with two hinges and their drives."""
+    half, side, joint = scene.robot.per_link('link_length') / 2, i - other, min(i, other)
+    body = element(parent, 'body', pos=(0, 0, side * (half[other] + half[i])))
+    gains = zip(*(scene.robot.per_joint(name)[joint] for name in GAINS), strict=True)
+    hinges = list(zip(('yaw', 'pitch'), ((0, side, 0), (side, 0, 0)), gains, strict=True))
+    for axis, vector, (K_p, K_d) in hinges[::side]:
+        name = f'{axis}{joint}'
         passive = {'stiffness': K_p, 'damping': K_d} if drive == 'spring' else {}
-        element(body, 'joint', name=name, type='hinge', pos=(0, 0, -half), axis=vector, **passive)
+        element(body, 'joint', name=name, type='hinge', pos=(0, 0, -side * half[i]), axis=vector,
+                **passive)  # fmt: skip
         affine = {'biastype': 'affine', 'biasprm': (0, -K_p, -K_d)} if drive == 'position' else {}
         element(actuator, 'general', joint=name, **affine)
-
-
-def _contact_model(
-    scene: Scene, settings: MujocoSettings
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """
-    Return attributes of the options and of the contact pairs.
-
-    They were chosen by trying some hundred settings on cases A, B and C with 60 to 4000 steps a
-    second, the integrator `discrete` and springs as drives. The cone of MuJoCo lifts sliding
-    contacts, so that the load moves to contacts that slide less. `fast` accepts this: in case A
-    its error rises and falls with the step by chance, and in case B it is large. `accurate` does
-    not lift: its errors decrease slowly with the step in cases A and B, and stay at 1 % in case C.
-    """
-    if settings.contact == 'default':
-        return {}, {}
-    options: dict[str, dict[str, Any]] = {
-        # Friction is so soft that it does not affect the normal forces, which therefore do not
-        # lift. Then friction is solved again without softness, within the cones of these forces.
-        'accurate': {
-            'impratio': 1e-4, 'noslip_iterations': 3, 'solver': 'PGS', 'iterations': 5,
-            'tolerance': 1e-5,
-        },
-        # Friction is harder than the normal force, which makes creep smaller by the same factor.
-        'fast': {'impratio': 30, 'solver': 'PGS', 'iterations': 5, 'tolerance': 1e-5},
-    }  # fmt: skip
-    pair = {
-        # Time in which penetration decays, and damping ratio. The time is the shortest that
-        # MuJoCo accepts without change; longer times are softer.
-        'solref': (scene.dt if settings.integrator == 'discrete' else 2 * scene.dt, 1),
-        # Soft at the surface, which spreads the load, and hard from a depth of 0.1 mm on.
-        'solimp': (0.1, 0.99, 1e-4),
-    }
-    # Dense Jacobians give the same results and are faster at this size.
-    return {'jacobian': 'dense', **options[settings.contact]}, pair
+    return body

@@ -15,6 +15,7 @@ from snake_sim_ros.comparison.mujoco_model import GAINS
 from snake_sim_ros.comparison.mujoco_model import import_mujoco
 from snake_sim_ros.comparison.mujoco_model import mjcf
 from snake_sim_ros.comparison.mujoco_model import MujocoSettings
+from snake_sim_ros.comparison.mujoco_model import tree_order
 from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
 from snake_sim_ros.comparison.timed_run import TimedRun
 from snake_sim_ros.comparison.timed_run import timing_of
@@ -32,7 +33,7 @@ from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 START_KEY_FRAME = 0
-# Coordinates and velocities of the free first link, which come before those of the joints.
+# Coordinates and velocities of the free middle link, which come before those of the joints.
 FREE_COORDINATES, FREE_VELOCITIES = 7, 6
 ITERATION_LIMIT = 100  # MuJoCo's own limit of the iterations of its solver
 
@@ -68,9 +69,9 @@ def run_mujoco(scene: Scene, settings: MujocoSettings, limit: float) -> TimedRun
     samples = steps_in(scene.duration, SAMPLING_PERIOD, 'duration')
     robot = MujocoRobot(scene, settings)
     kept = _Kept(robot, robot.state(), round(BALANCE_TIME / scene.dt))
-    with _warnings() as warnings:
+    with collected_warnings() as warnings:
         for k in range(samples):
-            kept.sample(_reference(scene, k * steps, steps), warnings)
+            kept.sample(robot.reference(k * steps, steps), warnings)
             if kept.failure or kept.seconds > limit:
                 break
     report = kept.report()
@@ -112,7 +113,7 @@ def mujoco_trajectory(
     kept = _Kept(robot, start, 0)
     angle = joint_angles(start.q).ravel()
     held = np.tile(angle, (every, 1)), np.zeros((every, len(angle)))
-    with _warnings() as warnings:
+    with collected_warnings() as warnings:
         for _ in range(steps // every):
             kept.sample(held, warnings)
             if kept.failure:
@@ -140,22 +141,22 @@ class MujocoRobot:
         self.mujoco, self.scene, self.settings = import_mujoco(), scene, settings
         begin = time.perf_counter()
         self.model = self.mujoco.MjModel.from_xml_string(mjcf(scene, settings))
+        self.links, self.axes = tree_order(scene.robot.link_count)
         self.build_seconds = time.perf_counter() - begin
         self.data, self.judge = (self.mujoco.MjData(self.model) for _ in range(2))
         if start is None:
             self.mujoco.mj_resetDataKeyframe(self.model, self.data, START_KEY_FRAME)
             return
         # The free joint has the velocities of u: that of the center in I, the angular one in B.
-        angle, rate = joint_angles(start.q).ravel(), joint_rates(start.q, start.u).ravel()
-        self.data.qpos[:] = np.concatenate([start.q[0], angle])
-        self.data.qvel[:] = np.concatenate([start.u[0], rate])
+        self.data.qpos[:], self.data.qvel[:] = generalized(start)
 
     def steps(self, reference: tuple[Array, Array]) -> Iterator[int]:
         """Take a step for each angle and rate, shapes (steps, 2(n-1)); yield its time [ns]."""
         step, clock = self.mujoco.mj_step, time.perf_counter_ns
         model, data, control = self.model, self.data, self.data.ctrl
         angle, rate = data.qpos[FREE_COORDINATES:], data.qvel[FREE_VELOCITIES:]
-        K_p, K_d = (self.scene.robot.per_joint(name).ravel() for name in GAINS)
+        K_p, K_d = self.gains()
+        reference = reference[0][:, self.axes], reference[1][:, self.axes]
         feed = K_p * reference[0] + K_d * reference[1]
         if self.settings.drive == 'torque':
             for angle_ref, rate_ref in zip(*reference, strict=True):
@@ -170,6 +171,28 @@ class MujocoRobot:
             step(model, data)
             yield clock() - begin
 
+    def reference(self, first: int, steps: int, begin: float = 0.0) -> tuple[Array, Array]:
+        """
+        Return angles and rates of the gait for some steps, shapes (steps, 2(n-1)).
+
+        Parameters
+        ----------
+        first, steps : int
+            Number of the first step, and how many there are.
+        begin : float, optional
+            Time of the gait at the start of step 0 [s].
+
+        """
+        scene, lead = self.scene, 0.5 if self.settings.contact_model.lead == 'mid' else 1.0
+        times = begin + (first + lead + np.arange(steps)) * scene.dt
+        angle, rate = gait.reference(scene.gait, times, scene.robot.link_count - 1)
+        return angle.reshape(steps, angle[0].size), rate.reshape(steps, rate[0].size)
+
+    def gains(self) -> tuple[Array, Array]:
+        """Return stiffness [N m/rad] and damping [N m s/rad] of the axes in MuJoCo's order."""
+        K_p, K_d = (self.scene.robot.per_joint(name).ravel()[self.axes] for name in GAINS)
+        return K_p, K_d
+
     def state(self) -> State:
         """Return coordinates and velocities of all links."""
         mujoco, judge = self.mujoco, self.judge
@@ -180,8 +203,9 @@ class MujocoRobot:
         omega, velocity = judge.cvel[1:, :3], judge.cvel[1:, 3:]
         velocity = velocity + np.cross(omega, judge.xpos[1:] - judge.subtree_com[1])
         omega_B = np.einsum('iab,ia->ib', judge.xmat[1:].reshape(-1, 3, 3), omega)
+        order = np.argsort(self.links)
         q = np.concatenate([judge.xpos[1:], judge.xquat[1:]], axis=1)
-        return State(q, np.concatenate([velocity, omega_B], axis=1))
+        return State(q[order], np.concatenate([velocity, omega_B], axis=1)[order])
 
     def energy(self, q: Array, u: Array) -> float:
         """Return kinetic and potential energy of the links, without that of springs [J]."""
@@ -252,15 +276,21 @@ class _Kept:
         )
 
 
-def _reference(scene: Scene, first: int, steps: int) -> tuple[Array, Array]:
-    """Return angles and rates of all axes at the middle of steps, shapes (steps, 2(n-1))."""
-    times = (first + 0.5 + np.arange(steps)) * scene.dt
-    angle, rate = gait.reference(scene.gait, times, scene.robot.link_count - 1)
-    return angle.reshape(steps, angle[0].size), rate.reshape(steps, rate[0].size)
+def generalized(state: State) -> tuple[Array, Array]:
+    """
+    Return coordinates and velocities of MuJoCo for a state with closed joints.
+
+    The free joint has those of the middle link: the velocity of its center in I, the angular one
+    in B.
+    """
+    links, axes = tree_order(len(state.q))
+    angle, rate = joint_angles(state.q).ravel(), joint_rates(state.q, state.u).ravel()
+    q = np.concatenate([state.q[links[0]], angle[axes]])
+    return q, np.concatenate([state.u[links[0]], rate[axes]])
 
 
 @contextmanager
-def _warnings() -> Iterator[list[str]]:
+def collected_warnings() -> Iterator[list[str]]:
     """Collect the warnings of MuJoCo, which otherwise go to the screen and to a file."""
     mujoco = import_mujoco()
     before = mujoco.get_mju_user_warning()
@@ -283,9 +313,9 @@ def _balance_error(robot: MujocoRobot, steps: list[tuple[Array, Array, Array]]) 
     scene = robot.scene
     q, u, force = map(np.array, zip(*steps, strict=True))
     energy = np.array([robot.energy(*state) for state in zip(q, u, strict=True)])
-    angle, rate = _reference(scene, 0, len(steps) - 1)
+    angle, rate = (values[:, robot.axes] for values in robot.reference(0, len(steps) - 1))
     mean = (u[1:] + u[:-1]) / 2
-    K_p, K_d = (scene.robot.per_joint(name).ravel() for name in GAINS)
+    K_p, K_d = robot.gains()
     joint_rate = mean[:, FREE_VELOCITIES:]
     joint_angle = (q[1:, FREE_COORDINATES:] + q[:-1, FREE_COORDINATES:]) / 2
     torque = K_p * (angle - joint_angle) + K_d * (rate - joint_rate)

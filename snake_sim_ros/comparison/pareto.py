@@ -1,4 +1,4 @@
-"""The fastest method for an accuracy, and orders of convergence."""
+"""The fastest method for an accuracy, fronts of cost and error, and orders of convergence."""
 
 from collections.abc import Iterable
 from collections.abc import Sequence
@@ -8,8 +8,6 @@ import numpy as np
 
 from snake_sim_ros.comparison.bench_rows import Row
 from snake_sim_ros.stepping.methods import METHODS
-
-ERROR_TARGETS = (0.05, 0.01, 0.001)  # of the distance from start to end
 
 
 def is_ours(row: Row) -> bool:
@@ -46,32 +44,29 @@ def fitted_power(x: Sequence[float], y: Sequence[float]) -> float:
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
-def pareto_table(rows: Sequence[Row]) -> str:
-    """Return a table in Markdown of the fastest methods, ours and others, for each error."""
-    rows = [row for row in rows if row.part == 'precision']
-    lines = [
-        '| case | error | fastest method of ours | times real time | its error '
-        '| fastest of the others | times real time | its error |',
-        '|---|---|---|---|---|---|---|---|',
-    ]
-    for case in dict.fromkeys(row.case for row in rows):
-        here = [row for row in rows if row.case == case]
-        for target in ERROR_TARGETS:
-            cells = [f'`{case}`', f'{100 * target:g} %']
-            for ours in (True, False):
-                best = fastest((row for row in here if is_ours(row) == ours), target)
-                cells += ['none', '', ''] if best is None else _cells(best)
-            lines.append(f'| {" | ".join(cells)} |')
-    return '\n'.join(lines) + '\n'
+def front(points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+    """
+    Return the (cost, error) that nobody beats in both, cheapest first.
+
+    Points without a cost or an error, or with one that is not finite, are left out.
+    """
+    found: list[tuple[float, float]] = []
+    for cost, error in sorted(points):
+        known = 0.0 < cost < math.inf and 0.0 < error < math.inf
+        if known and (not found or error < found[-1][1]):
+            found.append((cost, error))
+    return found
 
 
-def _cells(row: Row) -> list[str]:
-    step = f'tolerance {row.tolerance:g}' if row.tolerance > 0.0 else f'1/{1 / row.dt:.0f} s'
-    level = f'{row.level}, ' if is_ours(row) else ''
-    setting = '' if row.setting == 'default' else f', {row.setting}'
-    unconverged = f', {row.unconverged} steps unconverged' if row.unconverged else ''
-    return [
-        f'`{row.method}`, {level}{step}{setting}{unconverged}',
-        f'{1 / row.seconds_per_second:.0f}',
-        f'{100 * row.error_path:.2g} %',
-    ]
+def cost_at(points: Iterable[tuple[float, float]], error: float) -> float:
+    """
+    Return the cost of an error on the front of some points (cost, error).
+
+    Between two points it is interpolated with logarithms of both. For an error above that of the
+    cheapest point it is the cost of that point, and nan below the least error of all.
+    """
+    best = front(points)
+    if not best or error < best[-1][1]:
+        return math.nan
+    costs, errors = np.log(best).T
+    return float(np.exp(np.interp(-math.log(error), -errors, costs)))

@@ -16,8 +16,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 import numpy as np
 
-from snake_sim_ros.comparison.charts import CHART_STYLE
-from snake_sim_ros.comparison.charts import save
+from snake_sim_ros.comparison.chart_style import CHART_STYLE
+from snake_sim_ros.comparison.chart_style import save
 from snake_sim_ros.comparison.csv_tables import Table
 from snake_sim_ros.comparison.stability.maps import MAPS
 from snake_sim_ros.comparison.stability.runs import Cell

@@ -96,6 +96,16 @@ def condensed_twists(closed, width, contacts, chain, delassus):
 
 
 @inlined
+def fill_free_velocities(closed, width, contacts, delassus):
+    """Fill delassus.packed with ``gamma_free + shift``."""
+    for a in closed:
+        row = contacts.row[a]
+        for i in range(width):
+            delassus.packed[row + i] = delassus.free_velocity[row + i]
+        delassus.packed[row] += contacts.shift[a]
+
+
+@inlined
 def condensed_velocities(closed, width, contacts, delassus):
     """
     Fill the relative velocities with ``G P + gamma_free + shift``.
@@ -103,11 +113,7 @@ def condensed_velocities(closed, width, contacts, delassus):
     ``delassus.packed`` is filled with the velocities, too.
     """
     G, packed = delassus.operator, delassus.packed
-    for a in closed:
-        row = contacts.row[a]
-        for i in range(width):
-            packed[row + i] = delassus.free_velocity[row + i]
-        packed[row] += contacts.shift[a]
+    fill_free_velocities(closed, width, contacts, delassus)
     for b in closed:
         for j in range(width):
             P = contacts.impulse[b, j]

@@ -65,7 +65,7 @@ def linear_step(problem, operator):
 
 @merged
 def solve_linear(problem):
-    """Solve the chain together with linear laws; return whether the solution is finite."""
+    """Solve the chain together with linear laws; return what `linear_step` returns."""
     laws, closed, contacts, chain = problem
     rolling = laws.rolling.mu_x > 0.0
     reset_chain(chain)

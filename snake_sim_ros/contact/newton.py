@@ -357,12 +357,6 @@ def solve_prepared(operator, model, problem, history):
 
 
 @inlined
-def has_contacts(operator):
-    """Return whether the operator has the contacts of this step."""
-    return operator is not None and operator.is_condensed[0] > 0
-
-
-@inlined
 def attempts_with_sweeps(operator):
     """Return how often sweeps over the contacts are tried in this step."""
     if operator is not None and operator.is_condensed[0] > 0:

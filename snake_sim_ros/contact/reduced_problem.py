@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.delassus import condensed_velocities
+from snake_sim_ros.contact.delassus import fill_free_velocities
 from snake_sim_ros.contact.laws import rolling_disc
 from snake_sim_ros.contact.laws import sliding_disc
 from snake_sim_ros.contact.linear_laws import disc_law
@@ -185,11 +186,7 @@ def reduce_disc(disc, contacts, a, radius, normal, count, reduced):
 def held_velocities(closed, width, contacts, delassus, reduced):
     """Fill delassus.packed with the velocities that the held impulses leave."""
     G, packed = delassus.operator, delassus.packed
-    for a in closed:
-        row = contacts.row[a]
-        for i in range(width):
-            packed[row + i] = delassus.free_velocity[row + i]
-        packed[row] += contacts.shift[a]
+    fill_free_velocities(closed, width, contacts, delassus)
     for b in closed:
         for column in range(contacts.row[b] + 1, contacts.row[b] + width):
             P = reduced.impulse[column]

@@ -70,8 +70,7 @@ def close_joints(rule, half_length, mass, q):
     Parameters
     ----------
     rule : int
-        SMALL_SQUARE = 1e-6  # of a sine; its third power is below rounding
-    PAPER, CENTER_OF_MASS or NONE.
+        PAPER, CENTER_OF_MASS or NONE.
     half_length, mass : ndarray, shape (n,)
         Half of the link lengths [m], and masses of the links [kg].
     q : ndarray, shape (n, 7)

@@ -75,6 +75,7 @@ from snake_sim_ros.stepping.parts import end_references
 from snake_sim_ros.stepping.parts import first_size
 from snake_sim_ros.stepping.parts import judge_part
 from snake_sim_ros.stepping.parts import keep_history
+from snake_sim_ros.stepping.parts import keep_references
 from snake_sim_ros.stepping.parts import path_error
 from snake_sim_ros.stepping.parts import restore_history
 from snake_sim_ros.stepping.parts import SMOOTH
@@ -302,10 +303,7 @@ def step(own, model, work, steps, k):
         else:
             restore_history(own.kept, steps.history)
         size = next_size
-    memory.ticks[0] = size
-    for j in range(len(rate)):
-        for axis in range(2):
-            memory.reference_rate[j, axis] = rate[j, axis]
+    keep_references(size, rate, memory)
     count_steps(before, report)
     return finish(model, work.chain.twist, steps.q, steps.u, steps.history.settling, report)
 

@@ -102,6 +102,15 @@ def end_references(dt, late, known, angle, rate, memory, own):
 
 
 @inlined
+def keep_references(size, rate, memory):
+    """Keep the ticks of the next part, and the rates of the references of the step that ends."""
+    memory.ticks[0] = size
+    for j in range(len(rate)):
+        for axis in range(2):
+            memory.reference_rate[j, axis] = rate[j, axis]
+
+
+@inlined
 def keep_history(history, kept):
     """Copy impulses, velocities and changes of the contacts."""
     for a in range(len(history.impulse)):

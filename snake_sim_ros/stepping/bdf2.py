@@ -140,7 +140,7 @@ def begin(model, own, work, h, h_q, late, speed, history):
 @inlined
 def solve_landing(model, own, work, problem, h, h_q, history, report):
     """
-    Solve the contacts and, if they land, once more without their gaps.
+    Solve the contacts and, if they land, the impact.
 
     The velocities that move the coordinates are then in own.moving, and those after the impact in
     the chain.
@@ -155,22 +155,29 @@ def solve_landing(model, own, work, problem, h, h_q, history, report):
 
     """
     laws, closed, contacts, chain = problem
-    prepare_contacts(work.operator, problem)
     found = Events(False, False, 0)
-    for again in range(2):  # one call of the solver, which is compiled where it is called
+    for impact in range(2):  # one call of the solver, which is compiled where it is called
         landing = Problem(laws, closed, contacts, chain)
+        prepare_contacts(work.operator, landing)
         outcome = solve_prepared(work.operator, model, landing, history)
         note_outcome(outcome, report)
         if not turns_are_small(model.dt, chain.twist, report):
             return False, found, closed
-        if again:
+        if impact:
             break
         keep_velocities(work, own.moving)
+        for j in range(len(own.moving.rate)):
+            for k in range(2):
+                resistance = chain.damping[j, 2 * k] * own.moving.rate[j, k]
+                work.applied[j, k] = chain.torque[j, k] - resistance
         find_end_gaps(h_q, closed, contacts)
         found = events(model, h, closed, contacts)
         if not found.lands:
             break
         closed = closed[: closed_at_end(model.activation_tolerance, closed, contacts)]
+        for j in range(len(own.moving.rate)):  # in an impact the torques stay what they are
+            for k in range(2):
+                chain.torque[j, k], chain.damping[j, 2 * k] = work.applied[j, k], 0.0
     return True, found, closed
 
 
@@ -207,10 +214,6 @@ def one_part(own, model, work, dt, speed, steps):
     )
     if is_small:
         keep_velocities(work, own.end)
-        for j in range(len(own.end.rate)):
-            for k in range(2):
-                rate, torque = own.end.rate[j, k], work.chain.torque[j, k]
-                work.applied[j, k] = torque - work.chain.damping[j, 2 * k] * rate
         closing = Problem(problem.laws, closed, problem.contacts, problem.chain)
         place_end(model, own, work, closing, h_q, memory.depth[0] > DEEP, steps.q)
         depth = penetration(model.obstacles, model.contact_offset, model.contact_radius, own.q)

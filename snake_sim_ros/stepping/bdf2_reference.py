@@ -28,8 +28,12 @@ The joint controller acts at the end (vii), ``tau_E = K (ref_E - angle_E) + D (r
 rate_E)`` with ``angle_E = angle_hat + h_q rate_E``. Contacts have the laws of `contact`, with
 ``gamma_N + shift`` for gamma_N (viii): a contact that may close has the shift gap_hat/h_q, where
 ``gap_hat = gap(x*) - h_q gamma_N*`` is its gap without the motion of the part; see `shifts`.
-If such a contact closes, u_E moves the coordinates, and the impact law gives the velocity
-afterwards: (iv) is solved once more, with the shifts of the closed contacts 0 (ix). Gaps of
+If such a contact closes, u_E moves the coordinates, and an impact gives the velocity afterwards:
+
+    M u+ = M u_hat + h (h(u*) + W_tau tau_E) + W_J P_J + W P,  W_J^T u+ = 0,                (ix)
+
+with the shifts of the closed contacts 0. That is (iv) with torques that are known: no spring or
+damper acts in an impact, so that the joints are free in it. Gaps of
 contacts that carry load are then closed by a move of the configuration alone: by the velocities
 that impulses nu on the normals give, ``G_NN nu = -gap/h_q`` (x), added to u_E in (iii) only.
 
@@ -120,7 +124,8 @@ class Contacts(NamedTuple):
 class Balance(NamedTuple):
     """The balance (iv) with the controller (vii): ``A u_E = momentum + W_J P_J + W P``."""
 
-    A: Array  # (6n, 6n) M + h W_tau (D + h_q K) W_tau^T
+    A: Array  # (6n, 6n) M + W_tau R W_tau^T
+    resistance: Array  # (2(n-1),) R, which is h (D + h_q K)
     momentum: Array  # (6n,)
     W_J: Array  # (6n, 4(n-1))
     W_tau: Array  # (6n, 2(n-1))
@@ -130,6 +135,11 @@ class Balance(NamedTuple):
         rows, joints = self.W_J.shape
         K = np.block([[self.A, -self.W_J], [self.W_J.T, np.zeros((joints, joints))]])
         return np.linalg.solve(K, np.vstack([loads, np.zeros((joints, loads.shape[1]))]))[:rows]
+
+    def with_torques(self, M: Array, u_E: Array) -> 'Balance':
+        """Return the balance (ix) with the torques of the solution u_E (n, 6) of (iv)."""
+        torque = self.W_tau @ (self.resistance * (self.W_tau.T @ u_E.ravel()))
+        return self._replace(A=M, momentum=self.momentum - torque)
 
 
 class PartEnd(NamedTuple):
@@ -163,10 +173,11 @@ def balance(scene: Scene, R: Array, terms: Formula, angle: Array, rate: Array) -
     M, W_tau = mass_matrix(robot), torque_directions(R)
     K, D = robot.per_joint('stiffness'), robot.per_joint('damping')
     torque = K * (angle - terms.hat.angle) + D * rate  # (vii) without the rate of the end
-    resistance = D + terms.h_q * K
+    resistance = h * (D + terms.h_q * K).ravel()
     forces = smooth_forces(robot, np.array(scene.gravity), terms.star.u) + W_tau @ torque.ravel()
     return Balance(
-        A=M + h * (W_tau * resistance.ravel()) @ W_tau.T,
+        A=M + (W_tau * resistance) @ W_tau.T,
+        resistance=resistance,
         momentum=M @ terms.hat.u.ravel() + h * forces,
         W_J=joint_directions(robot, R),
         W_tau=W_tau,
@@ -342,16 +353,18 @@ def part(
     weight = -terms.h * scene.gravity[2] * float(scene.robot.per_link('link_mass').sum())
     lands = bool((contacts.shift[P[:, 0] > 0.0] != 0.0).any())
     anew = lands or jumps(contacts, P[:, 0], weight)
-    gap, moving, few = end_gaps(contacts, u_E, terms.h_q), u_E, len(P) <= MOST_CONDENSED
+    gap, moving = end_gaps(contacts, u_E, terms.h_q), u_E
     if lands:  # (ix)
         closed = closed_at_end(contacts, P[:, 0], gap, scene.solver.activation_tolerance)
         contacts, gap = contacts.without_gaps(closed), gap[closed]
+        dynamics = dynamics.with_torques(mass_matrix(scene.robot), u_E)
         u_E, P = solve_contacts(dynamics, contacts)
     contacts = contacts._replace(loaded=P[:, 0] > 0.0)
     q_A = coordinates(scene.robot, history.memory.end.pose, history.memory.end.angle)
     start_gap = scene_contacts(scene, q_A)[0][contacts.active]
     was_deep = history.memory.depth[0] > DEEP
     start_gap = np.where(was_deep, np.minimum(start_gap, 0.0), 0.0)
+    few = len(P) <= MOST_CONDENSED
     end, q_E = placed(scene, terms, dynamics, contacts, moving, gap, start_gap, few)
     end = end._replace(rate=(dynamics.W_tau.T @ u_E.ravel()).reshape(-1, 2), u=u_E)
     impulse = np.zeros(history.impulse.shape)

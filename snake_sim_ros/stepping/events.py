@@ -6,8 +6,9 @@ Deviation: a contact with a gap takes part when it may close in the step, with t
 open nor inside the floor. An inelastic impact in the step leads to the same configuration up to
 dt^2, since the impulse closes the gap whenever in the step it acts. A contact that sticks as it
 lands is taken to stick for the whole step, which is off by dt times the jump of the sliding
-velocity. The velocity afterwards is that of the impact law, ``gamma_N >= 0``: the contacts that
-closed are solved once more without their gaps.
+velocity. An impact gives the velocity afterwards: the contacts that closed are solved once more
+without their gaps, with joints that are free, since no spring or damper acts in no time. With
+forces of a whole step instead, its stiff controller would stop a robot with the link that lands.
 """
 
 from typing import NamedTuple

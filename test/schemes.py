@@ -91,29 +91,30 @@ class Bdf2Step(DenseStep):
     contacts: bdf2_reference.Contacts
     dynamics: bdf2_reference.Balance
 
-    def last_solved(self, history: History, u: Array, residual: float) -> 'Bdf2Step':
+    def last_solved(self, torque: Array) -> 'Bdf2Step':
         """
         Return the step as it was solved last, after an event.
 
-        It is this one, up to a residual, after an impact without a landing, else `landed`.
+        It is this one, after an impact without a landing, or the impact of the contacts that are
+        closed at its end, with the torques (n-1, 2) that the joints had in the step [N m].
         """
-        P = history.impulse[self.active]
-        once = self.residual(P, self.gamma(u), self.compliance) <= residual
-        return self if once else self.landed()
-
-    def landed(self) -> 'Bdf2Step':
-        """Return the step solved once more for the contacts that are closed at its end."""
         u, P = bdf2_reference.solve_contacts(self.dynamics, self.contacts)
+        if not self.shift[P[:, 0] > 0.0].any():
+            return self
         gap = bdf2_reference.end_gaps(self.contacts, u, self.terms.h_q)
         kept = bdf2_reference.closed_at_end(
             self.contacts, P[:, 0], gap, self.scene.solver.activation_tolerance
         )
+        impact = self.dynamics.with_torques(self.terms.h * torque.ravel())
         return replace(
             self,
             active=self.active[kept],
             W=self.W[:, kept],
+            M=impact.A,
+            momentum=impact.momentum,
             center=self.center[kept],
             shift=np.zeros(kept.sum()),
+            dynamics=impact,
         )
 
 

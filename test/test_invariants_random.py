@@ -117,7 +117,7 @@ def check_report(step, end, history, report):
         assert converged == (report.residual_max <= RESIDUAL)
     assert converged or report.iterations >= limit
     if method == 'bdf2' and not of_two_states(history):
-        step = step.landed()
+        step = step.last_solved(report.joint_torque)
     P = history.impulse[step.active]
     if not len(P):
         return converged

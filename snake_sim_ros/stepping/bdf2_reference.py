@@ -124,11 +124,22 @@ class Contacts(NamedTuple):
 class Balance(NamedTuple):
     """The balance (iv) with the controller (vii): ``A u_E = momentum + W_J P_J + W P``."""
 
-    A: Array  # (6n, 6n) M + W_tau R W_tau^T
-    resistance: Array  # (2(n-1),) R, which is h (D + h_q K)
-    momentum: Array  # (6n,)
+    M: Array  # (6n, 6n)
+    resistance: Array  # (2(n-1),) R = h (D + h_q K), with which A = M + W_tau R W_tau^T
+    torque: Array  # (2(n-1),) impulses of the controller without the rates of the end [N m s]
+    smooth: Array  # (6n,) M u_hat + h h(u*)
     W_J: Array  # (6n, 4(n-1))
     W_tau: Array  # (6n, 2(n-1))
+
+    @property
+    def A(self) -> Array:
+        """The mass matrix with the implicit part of the controller."""
+        return np.asarray(self.M + (self.W_tau * self.resistance) @ self.W_tau.T)
+
+    @property
+    def momentum(self) -> Array:
+        """What u_E follows from, but for impulses of joints and contacts."""
+        return np.asarray(self.smooth + self.W_tau @ self.torque)
 
     def velocities(self, loads: Array) -> Array:
         """Return velocities (6n, m) with closed joints, ``W_J^T u = 0``, for loads (6n, m)."""
@@ -136,10 +147,13 @@ class Balance(NamedTuple):
         K = np.block([[self.A, -self.W_J], [self.W_J.T, np.zeros((joints, joints))]])
         return np.linalg.solve(K, np.vstack([loads, np.zeros((joints, loads.shape[1]))]))[:rows]
 
-    def with_torques(self, M: Array, u_E: Array) -> 'Balance':
-        """Return the balance (ix) with the torques of the solution u_E (n, 6) of (iv)."""
-        torque = self.W_tau @ (self.resistance * (self.W_tau.T @ u_E.ravel()))
-        return self._replace(A=M, momentum=self.momentum - torque)
+    def with_torques(self, torque: Array) -> 'Balance':
+        """Return the balance (ix), with impulses (2(n-1),) of the controller that are known."""
+        return self._replace(resistance=np.zeros(torque.shape), torque=torque)
+
+    def torques(self, u_E: Array) -> Array:
+        """Return the impulses of the controller (2(n-1),) in the solution u_E (n, 6) of (iv)."""
+        return np.asarray(self.torque - self.resistance * (self.W_tau.T @ u_E.ravel()))
 
 
 class PartEnd(NamedTuple):
@@ -173,12 +187,12 @@ def balance(scene: Scene, R: Array, terms: Formula, angle: Array, rate: Array) -
     M, W_tau = mass_matrix(robot), torque_directions(R)
     K, D = robot.per_joint('stiffness'), robot.per_joint('damping')
     torque = K * (angle - terms.hat.angle) + D * rate  # (vii) without the rate of the end
-    resistance = h * (D + terms.h_q * K).ravel()
-    forces = smooth_forces(robot, np.array(scene.gravity), terms.star.u) + W_tau @ torque.ravel()
     return Balance(
-        A=M + (W_tau * resistance) @ W_tau.T,
-        resistance=resistance,
-        momentum=M @ terms.hat.u.ravel() + h * forces,
+        M=M,
+        resistance=h * (D + terms.h_q * K).ravel(),
+        torque=h * torque.ravel(),
+        smooth=M @ terms.hat.u.ravel()
+        + h * smooth_forces(robot, np.array(scene.gravity), terms.star.u),
         W_J=joint_directions(robot, R),
         W_tau=W_tau,
     )
@@ -246,7 +260,7 @@ def solve_contacts(terms: Balance, contacts: Contacts) -> tuple[Array, Array]:
     ``friction * gamma``, with ``gamma = G P + gamma_free``. The selection rule adds ``compliance
     (P_N - center)`` to gamma_N.
     """
-    W = (contacts.W * contacts.friction).reshape(len(terms.A), -1)
+    W = (contacts.W * contacts.friction).reshape(len(terms.M), -1)
     solution = terms.velocities(np.column_stack([terms.momentum, W]))
     free, response = solution[:, 0], solution[:, 1:]
     G, gamma_free = W.T @ response, (W.T @ free).reshape(-1, 5)
@@ -357,7 +371,7 @@ def part(
     if lands:  # (ix)
         closed = closed_at_end(contacts, P[:, 0], gap, scene.solver.activation_tolerance)
         contacts, gap = contacts.without_gaps(closed), gap[closed]
-        dynamics = dynamics.with_torques(mass_matrix(scene.robot), u_E)
+        dynamics = dynamics.with_torques(dynamics.torques(u_E))
         u_E, P = solve_contacts(dynamics, contacts)
     contacts = contacts._replace(loaded=P[:, 0] > 0.0)
     q_A = coordinates(scene.robot, history.memory.end.pose, history.memory.end.angle)

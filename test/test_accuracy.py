@@ -62,7 +62,9 @@ def test_the_usual_accuracy_is_reached_in_a_cycle(scene):
 
 
 def test_a_smaller_accuracy_makes_a_smaller_error():
-    errors = [error(CASE_A, accuracy) for accuracy in (1e-2, 1e-3, 1e-4)]
+    # In space, where the converged path is: without roll the plane's own ends 7e-5 beside it.
+    scene = replace(CASE_A, level='spatial')
+    errors = [error(scene, accuracy) for accuracy in (1e-2, 1e-3, 1e-4)]
     assert errors[0] < 1e-2 and errors[2] < 1e-4
     assert errors[0] > 3 * errors[1] and errors[1] > 2 * errors[2]
 

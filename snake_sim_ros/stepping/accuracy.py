@@ -10,17 +10,8 @@ with the mean length L of a link: after an event the formula has the first order
 estimate of the second, whereby the error of the path falls with the square root of the tolerance.
 In smooth motion it falls faster, and the error is smaller than what was asked for.
 
-Root mean squares of the errors after one cycle, over the distance gone, in 8 scenes of each case
-of the paper with other friction, phase and soft start (part `accuracy` of the bench):
-
-    accuracy   A      B      C      D
-    1e-2       9e-4   1e-3   6e-3   2e-4
-    1e-3       4e-5   3e-4   4e-4   7e-5
-    1e-4       2e-5   2e-4   4e-4   5e-5
-
-Events set a limit in case C, where the order in which contacts land decides: the reference itself
-has an error of 5e-4. At any time of a cycle instead of its end errors there are 1e-2, 9e-4 and
-5e-4, so that half of the scenes hold 1e-2 and 1e-3, and none 1e-4. B moves 3 cm in a cycle.
+Part `accuracy` of the bench measures the errors that are made, see docs/speed_accuracy.md. Events
+set a limit in case C, where the order in which contacts land decides.
 """
 
 from collections.abc import Container

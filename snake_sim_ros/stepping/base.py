@@ -176,10 +176,6 @@ def _everything(scene: Scene) -> str:
     return ''
 
 
-def _nowhere(scene: Scene) -> bool:
-    return False
-
-
 @dataclass(frozen=True)
 class Method:
     """
@@ -195,8 +191,6 @@ class Method:
         impulses of the last step acted, and for how long they did [s].
     what_is_not_possible : callable
         Returns why the method cannot run a scene, as a sentence; empty if it can.
-    is_faster_in_space : callable
-        Returns whether the spatial level takes less time for a scene that is planar.
     planar_pegs : bool
         Whether the planar level has contacts with pegs.
     energy_balance : bool
@@ -210,7 +204,6 @@ class Method:
     planar: Callable[[Scene], Any]
     where_impulses_acted: Callable[[Scene, State, Any], tuple[Array, float]]
     what_is_not_possible: Callable[[Scene], str] = _everything
-    is_faster_in_space: Callable[[Scene], bool] = _nowhere
     planar_pegs: bool = False
     energy_balance: bool = True
     compiled: bool = True

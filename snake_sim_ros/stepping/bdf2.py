@@ -98,13 +98,6 @@ MOST_CLOSINGS = 3  # moves of the configuration in a step that close gaps
 
 # Where the controller may act. For both the method takes it at the end of the step.
 IMPLICIT_SCHEMES = ('average', 'end')
-# Where the spatial level is faster, by processor time of both levels in turn, in one process, in
-# cases A and B. At the default tolerance `bdf2` with 11 links takes 0.6 to 0.85 of the planar time
-# from 1/200 s to 1/20 s (5 links: 0.6 to 1.2), 1.1 at 1/500 s, and 1.3 and more at 1/1000 s. With
-# 20 and 40 links it takes 1.05 to 14 times as long; with residual_tolerance 1e-5 m/s it takes 1.6
-# to 1.9 times as long at 1/200 s, and 0.85 at 1/20 s. `newton` gains at most a quarter in space,
-# and loses from 1/20 s on.
-SPATIAL_STEP, SPATIAL_LINKS, SPATIAL_TOLERANCE = 1 / 300, 15, 1e-7  # [s], links, [m/s]
 
 
 @merged
@@ -331,15 +324,6 @@ def what_is_not_possible(scene: Scene) -> str:
     return (
         f'pd_scheme {scene.pd_scheme} is explicit, and method bdf2 takes the controller at the '
         f'end of a step; choose pd_scheme {" or ".join(IMPLICIT_SCHEMES)}, or method newton'
-    )
-
-
-def is_faster_in_space(scene: Scene) -> bool:
-    """Return whether the spatial level takes less time for a planar scene; see SPATIAL_STEP."""
-    return (
-        scene.dt > SPATIAL_STEP
-        and scene.robot.link_count <= SPATIAL_LINKS
-        and scene.solver.residual_tolerance < SPATIAL_TOLERANCE
     )
 
 

@@ -83,7 +83,6 @@ METHODS: dict[str, Method] = {
         planar=_planar_bdf2,
         where_impulses_acted=bdf2.where_impulses_acted,
         what_is_not_possible=bdf2.what_is_not_possible,
-        is_faster_in_space=bdf2.is_faster_in_space,
         energy_balance=False,
     ),
     # The same solver on the Delassus operator of any number of contacts.

@@ -109,7 +109,9 @@ def test_a_rod_jams_at_painleves_threshold():
     for factor in (0.98, 1.02):
         found = cell('painleve', 'newton', factor * limit, 1e-3)
         assert found.outcome == 'converged', found
-        assert found.value < 1e-6
+        # The rod turns at 1.2 rad/s in half a step beyond the middle, where its end has no slip:
+        # 0.5 m times 1.2^2 dt/2. Slip that is left beside the threshold is 0.15 m/s.
+        assert found.value < 0.5 * 1.2**2 * 1e-3 / 2
 
 
 # ---- what fails without a formula ---------------------------------------------------------------

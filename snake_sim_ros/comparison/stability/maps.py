@@ -41,6 +41,7 @@ from snake_sim_ros.comparison.stability.runs import simulate
 from snake_sim_ros.comparison.stability.runs import StabilityMap
 from snake_sim_ros.comparison.stability.scenes import AIKO
 from snake_sim_ros.comparison.stability.scenes import angle_error
+from snake_sim_ros.comparison.stability.scenes import CASE_A
 from snake_sim_ros.comparison.stability.scenes import position_error
 from snake_sim_ros.comparison.stability.scenes import speed
 from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
@@ -98,6 +99,18 @@ def control_map(
     )  # fmt: skip
 
 
+def with_default_tolerances(
+    case: Callable[[str, float, float], Case],
+) -> Callable[[str, float, float], Case]:
+    """Return cases that are solved as a scene is for which nobody chose a tolerance."""
+
+    def found(method: str, x: float, y: float) -> Case:
+        chosen = case(method, x, y)
+        return replace(chosen, scene=replace(chosen.scene, solver=CASE_A.solver))
+
+    return found
+
+
 STIFFNESS = spaced('robot.pitch_stiffness', 'N m/rad', 50, 3200, 7)
 MAPS = (
     control_map(
@@ -121,6 +134,12 @@ MAPS = (
         undulating, position_error, 'path, relative', 0.02, no_limit, 'newton', FINE_DT,
     ),
     StabilityMap(
+        'friction_default', 'The same with default tolerances',
+        time_steps(2.5e-4, 5e-2, 10), spaced('friction.transversal', '1', 0.05, 3.2, 7), SOLVERS,
+        with_default_tolerances(undulating), position_error, 'path, relative', 0.02, no_limit,
+        'newton', FINE_DT,
+    ),
+    StabilityMap(
         'prox_parameters', 'Prox parameters, sticking on a slope',
         spaced('factor on r', '1', 0.25, 16, 19),
         Axis('inertia radius/link radius', '1', (0.5, 0.6, 0.7, 0.85, 1.0)),
@@ -130,8 +149,8 @@ MAPS = (
     StabilityMap(
         'painleve', "Painlevé's rod in its first step: it jams beyond the line",
         spaced('mu', '1', 0.8, 2.0, 16),
-        spaced('dt', 's', 1e-6, 1e-2, 5), SOLVERS[:-1],
-        rod, rod_error, 'normal impulse, relative', 1e-3, rod_limit,
+        spaced('dt', 's', 1e-6, 1e-2, 5), SOLVERS,
+        rod, rod_error, 'sliding speed, m/s', 5e-3, rod_limit,
     ),
     StabilityMap(
         'mass_ratio', 'A heavy middle link at rest',
@@ -159,6 +178,11 @@ MAPS = (
         time_steps(1e-4, 2.5e-2, 12), spaced('height', 'm', 1e-3, 1, 7),
         (*SOLVERS, 'regularized'),
         dropped_tilted, landing_error, 'gap over radius', 0.01, no_limit,
+    ),
+    StabilityMap(
+        'drop_default', 'The same with default tolerances',
+        time_steps(1e-4, 2.5e-2, 12), spaced('height', 'm', 1e-3, 1, 7), SOLVERS,
+        with_default_tolerances(dropped_tilted), landing_error, 'gap over radius', 0.01, no_limit,
     ),
     StabilityMap(
         'residual_tolerance', 'Dropped, tilted: what the solvers reach, 1/4000 s',

@@ -26,7 +26,7 @@ from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.contact_forces import where_impulses_acted
+from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import METHODS
@@ -184,7 +184,7 @@ def pushed(scene: Scene, state: State, steps: int) -> tuple[State, Array]:
     angle, rate = references(scene, steps)
     for k in range(steps):
         state, history, _ = stepper.advance(state, history, angle[k : k + 1], rate[k : k + 1])
-        _, span = where_impulses_acted(scene, state, history)
+        span = last_span(scene, history)
         states.append(state)
         forces.append(history.impulse[:, 0] / span)
     q, u = (np.array([getattr(entry, name) for entry in states]) for name in 'qu')

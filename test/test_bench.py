@@ -87,7 +87,7 @@ class Sliding:
     def empty_history(self):
         return empty_history(self.contacts)
 
-    def advance(self, state, history, angle, rate):
+    def advance(self, state, history, angle, rate, samples=None):
         steps = len(angle)
         self.cycles = 2000 * np.arange(steps + 1)
         q = state.q.copy()
@@ -95,6 +95,9 @@ class Sliding:
         report = Report(steps=steps, iterations=2 * steps, joint_torque=np.zeros((10, 2)))
         if q[0, 0] > self.failing:
             report.failure = 'too far'
+        for k in range(steps if samples else 0):
+            at = state.q + (k + 1) / steps * (q - state.q)
+            samples.add(k, State(at, state.u), history, report.joint_torque, self.dt)
         return State(q, state.u), history, report
 
 
@@ -470,9 +473,9 @@ def test_soak_among_pegs_begins_anew_after_every_duration(monkeypatch):
     class Counting(Sliding):
         calls = []  # noqa: RUF012
 
-        def advance(self, state, history, angle, rate):
+        def advance(self, state, history, angle, rate, samples=None):
             self.calls.append((len(angle), state.q[0, 0] == start))
-            return super().advance(state, history, angle, rate)
+            return super().advance(state, history, angle, rate, samples)
 
     start = Simulation(SCENE, Sliding(SCENE)).state.q[0, 0]
     monkeypatch.setattr(soak, 'LAST_PERIOD', 500 * SCENE.dt)

@@ -41,6 +41,7 @@ from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.state import named_arrays
 from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.steps import make_steps
+from snake_sim_ros.stepping.steps import Record
 
 # Nothing of it is in reach of a robot that lies at the origin. The first peg of the one scene is
 # the second of the other.
@@ -511,7 +512,8 @@ if __name__ == '__main__':
     still = np.zeros((1, 2, 2))
     history = empty_contacts(2, stepper.empty_history().memory)
     try:
-        steps = make_steps(state.q.copy(), state.u.copy(), history, still, still)
+        record = Record(*stepper.no_samples[:-1])
+        steps = make_steps(state.q.copy(), state.u.copy(), history, still, still, record)
         stepper.loop(stepper.model, stepper.work, steps)
     except IndexError:
         print('all in bounds')

@@ -33,8 +33,10 @@ from snake_sim_ros.stepping.model import make_model
 from snake_sim_ros.stepping.model import make_workspace
 from snake_sim_ros.stepping.model import whole_operator
 from snake_sim_ros.stepping.moreau import begin_step
+from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.steps import make_steps
+from snake_sim_ros.stepping.steps import Record
 
 ROLLING = Friction(longitudinal=0.2, transversal=0.4, rolling=0.05)
 SLIDING = Friction(longitudinal=0.2, transversal=0.4, rolling=0.0)
@@ -125,7 +127,8 @@ def started(name):
     history = empty_history(scene)
     still = np.zeros((1, scene.robot.link_count - 1, 2))
     model, work = make_model(scene), make_workspace(scene)
-    steps = make_steps(state.q.copy(), state.u.copy(), history, still, still)
+    record = Record(*make_samples(scene, 0, 0)[:-1])
+    steps = make_steps(state.q.copy(), state.u.copy(), history, still, still, record)
     closed = work.closed[: shifted_problem(model, work, steps)]
     problem = Problem(model.laws, closed, work.contacts, work.chain)
     return scene, model, problem, history, whole_operator(scene)

@@ -146,7 +146,7 @@ class Sliding:
     def empty_history(self):
         return empty_history(self.contacts)
 
-    def advance(self, state, history, angle, rate):
+    def advance(self, state, history, angle, rate, samples=None):
         steps = len(angle)
         self.calls.append(steps)
         self.clock[0] += 1000 * steps + 7 * len(self.calls)

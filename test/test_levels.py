@@ -316,7 +316,7 @@ def test_calls_of_any_length_are_the_same_bits(method, chunk):
     settings = {'method': method, 'dt': DT, 'settling_time': 0.03}
     scene = with_settings(CASE_A, {**settings, 'solver.iteration_limit': 50})
     steps = 240
-    angle, rate = burst(scene, 0, steps, [(40, 43), (130, 131)], 0.005)
+    angle, rate = burst(scene, 0, steps, [(40, 43), (130, 131)], 0.003)
     start = initial_state(scene), empty_history(scene)
     whole = make_stepper(scene).advance(*start, angle, rate)
     stepper, (state, history), total = make_stepper(scene), start, Report()

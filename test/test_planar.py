@@ -32,7 +32,7 @@ from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.contact_forces import where_impulses_acted
+from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import METHODS
@@ -174,7 +174,7 @@ def test_one_link_agrees_with_the_dense_step(method):
         end, history, report = advance(scene, state, *held(state, 1))
         assert report.status is Status.CONVERGED
         mu, dt = scene.friction.longitudinal, scene.dt
-        _, acted = where_impulses_acted(scene, end, history)
+        acted = last_span(scene, history)
         share = mu * RADIUS / OFFSET * np.array([1, -1])
         load = MASS * G / 2 * (1 + share) * acted
         assert np.abs(history.impulse[:, 0] - load).max() < 1e-13
@@ -270,7 +270,7 @@ def test_loads_are_those_of_least_norm(method):
         acted = scene.dt
         if method == 'bdf2':  # at the end, of which the prediction is off by the acceleration
             theta = headings(end.q)
-            _, acted = where_impulses_acted(scene, end, history)
+            acted = last_span(scene, history)
         middle = lying_flat(robot, np.diff(theta), theta[0])
         motions, vertical = upright_motions(robot, middle)
         load = load_of_friction(scene, middle, history.impulse[:, 1:3], acted)
@@ -295,10 +295,10 @@ def test_loads_are_those_of_least_norm(method):
 def test_a_straight_robot_at_rest_carries_half_a_link_with_each_contact(method):
     robot = Robot()
     state = in_plane(robot, lying_flat(robot, np.zeros(10)), np.zeros(2), np.zeros(11))
-    end, history, report = advance(flat_scene(method), state, *held(state, 3))
+    _, history, report = advance(flat_scene(method), state, *held(state, 3))
     assert report.status is Status.CONVERGED
     # Out of the plane the chain of springs has a condition of some (n L/L_GS)^2 n = 1e4.
-    _, acted = where_impulses_acted(flat_scene(method), end, history)
+    acted = last_span(flat_scene(method), history)
     assert history.impulse[:, 0] / acted == pytest.approx(MASS * G / 2, rel=1e-10)
     assert not history.impulse[:, 1:].any()
 

@@ -56,7 +56,7 @@ from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.contact_forces import where_impulses_acted
+from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.state import initial_state
@@ -229,7 +229,7 @@ def test_robot_at_rest_stays_there(method, delta):
         sinking = c * (P - last)
         depth += dt / 2 * (before + sinking)
     if method == 'bdf2':  # the impulse is the weight for the time it acts, see contact_forces
-        _, acted = where_impulses_acted(scene, end, history)
+        acted = last_span(scene, history)
         assert acted == pytest.approx(span(scene), rel=4 * EPS)
         P, depth = G * acted * MASS / 2, 0.0
         residual += press_of(scene) if delta else 0.0  # it sinks in the first step

@@ -87,10 +87,12 @@ def _recorded(scene: Scene, rate: float, bag: Path | None) -> Trajectory:
             if keep:
                 with _later_interruption():
                     keep(simulation)
-            # Rounding may exceed the total, and tqdm would warn of that.
-            bar.update(min(simulation.time, bar.total) - bar.n)
 
-        return run(scene, rate=rate, observe=observe)
+        def progress(seconds: float) -> None:
+            # Rounding may exceed the total, and tqdm would warn of that.
+            bar.update(min(seconds, bar.total) - bar.n)
+
+        return run(scene, rate=rate, observe=observe if keep else None, progress=progress)
 
 
 def _bag(stack: ExitStack, path: Path, scene: Scene) -> Callable[['Simulation'], None]:

@@ -36,8 +36,10 @@ def reference(gait: Gait, time: float | Array, joint_count: int) -> tuple[Array,
     """
     t = np.asarray(time, dtype=float)[..., None]
     fade, joint = soft_start(t, gait.soft_start), np.arange(joint_count)
-    waves = [wave(astuple(numbers), fade, t, joint) for numbers in (gait.yaw, gait.pitch)]
-    angle, rate = (np.stack(values, axis=-1) for values in zip(*waves, strict=True))
+    angle, rate = np.zeros((2, *t.shape[:-1], joint_count, 2))
+    for axis, numbers in enumerate((gait.yaw, gait.pitch)):
+        if numbers.amplitude != 0.0 or numbers.offset != 0.0:
+            angle[..., axis], rate[..., axis] = wave(astuple(numbers), fade, t, joint)
     return angle, rate
 
 
@@ -82,7 +84,9 @@ def wave(
     """
     amplitude, angular_frequency, phase_lag, phase, offset = numbers
     s, s_dot = fade
-    argument = angular_frequency * t + joint * phase_lag + phase
-    angle = amplitude * np.sin(argument) + offset
-    rate = amplitude * angular_frequency * np.cos(argument)
-    return s * angle, s * rate + s_dot * angle
+    # sin and cos of a sum: of each time and of each joint once, not of all pairs.
+    sine, cosine = np.sin(angular_frequency * t + phase), np.cos(angular_frequency * t + phase)
+    s_joint, c_joint = amplitude * np.sin(joint * phase_lag), amplitude * np.cos(joint * phase_lag)
+    angle = sine * c_joint + (cosine * s_joint + offset)
+    rate = (s * angular_frequency * cosine) * c_joint - (s * angular_frequency * sine) * s_joint
+    return s * angle, rate + s_dot * angle

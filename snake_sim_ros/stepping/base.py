@@ -17,6 +17,7 @@ import numpy as np
 
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import State
 
@@ -108,11 +109,11 @@ ADDED = ('steps', 'iterations', 'unconverged', 'fallbacks', 'planar_steps')
 LARGEST = tuple(item.name for item in fields(Report) if item.name.endswith('_max'))
 
 
-def divergence(link: int, turn: float, dt: float, steps: int) -> str:
+def divergence(link: int, turn: float, dt: float) -> str:
     """Return the failure of a step [s] in which a link, counted from 1, turns too far [rad]."""
     return (
-        f'link {link} would turn by {turn:.3g} rad in one step of {dt:g} s after {steps} good '
-        f'steps; less than pi/2 is resolved'
+        f'link {link} would turn by {turn:.3g} rad in one step of {dt:g} s; less than pi/2 is '
+        f'resolved'
     )
 
 
@@ -139,8 +140,9 @@ class Stepper(Protocol):
         ...
 
     def advance(
-        self, state: State, history: History, angle: Array, rate: Array
-    ) -> tuple[State, History, Report]:
+        self, state: State, history: History, angle: Array, rate: Array,
+        samples: Samples | None = None,
+    ) -> tuple[State, History, Report]:  # fmt: skip
         """
         Return state, history and report after as many steps as there are references.
 
@@ -152,6 +154,8 @@ class Stepper(Protocol):
             after a step of another scene, method or level `state.carried`. It is not changed.
         angle, rate : ndarray, shape (steps, n-1, 2)
             Joint references [rad], [rad/s] at the middle of every step.
+        samples : Samples, optional
+            Filled with the samples that the steps reach.
 
         Returns
         -------
@@ -187,8 +191,8 @@ class Method:
         Make the stepper of a scene, as `spatial.SpatialStepper` and `planar.stepper.PlanarStepper`
         do.
     where_impulses_acted : callable
-        ``where_impulses_acted(scene, state, memory)`` returns the coordinates (n, 7) at which the
-        impulses of the last step acted, and for how long they did [s].
+        ``where_impulses_acted(scene, q, u)`` returns the coordinates (m, n, 7) at which the
+        impulses acted in the steps before m states, with their q (m, n, 7) and u (m, n, 6).
     what_is_not_possible : callable
         Returns why the method cannot run a scene, as a sentence; empty if it can.
     planar_pegs : bool
@@ -202,7 +206,7 @@ class Method:
 
     spatial: Callable[[Scene], Any]
     planar: Callable[[Scene], Any]
-    where_impulses_acted: Callable[[Scene, State, Any], tuple[Array, float]]
+    where_impulses_acted: Callable[[Scene, Array, Array], Array]
     what_is_not_possible: Callable[[Scene], str] = _everything
     planar_pegs: bool = False
     energy_balance: bool = True

@@ -31,7 +31,6 @@ The same in NumPy, to be read beside these equations, is `bdf2_reference`.
    of any ratio "... I", 1993, ch. III.5.
 """
 
-from typing import Any
 from typing import NamedTuple
 
 from snake_sim_ros.contact.closing import close_gaps
@@ -81,9 +80,9 @@ from snake_sim_ros.stepping.parts import restore_history
 from snake_sim_ros.stepping.parts import SMOOTH
 from snake_sim_ros.stepping.parts import TICKS
 from snake_sim_ros.stepping.parts import UNKNOWN
-from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import count_steps
+from snake_sim_ros.stepping.steps import keep_sample
 from snake_sim_ros.stepping.steps import note_outcome
 from snake_sim_ros.stepping.steps import noted
 
@@ -311,7 +310,10 @@ def advance(own, model, work, steps):
     recognize(model, work, steps.q, steps.u, memory)
     for k in range(len(steps.angle)):
         steps.cycles[k] = cycle_counter()
-        if not step(own, model, work, steps, k):
+        goes_on = step(own, model, work, steps, k)
+        if steps.report[0].steps > k:
+            keep_sample(k, model.dt, memory.span[0], work.applied, steps)
+        if not goes_on:
             break
     keep_state(steps.q, steps.u, memory.q, memory.end.u)
     steps.cycles[len(steps.angle)] = cycle_counter()
@@ -327,12 +329,10 @@ def what_is_not_possible(scene: Scene) -> str:
     )
 
 
-def where_impulses_acted(scene: Scene, state: State, memory: Any) -> tuple[Array, float]:
+def where_impulses_acted(scene: Scene, q: Array, u: Array) -> Array:
     """
-    Return the coordinates (n, 7) at which the last impulses acted, and for how long [s].
+    Return the coordinates (m, n, 7) at which the impulses before some states acted.
 
-    They acted at the end of the step, up to the error of its prediction. The memory of either
-    level keeps the time; if it is empty, as after a change of the scene, it is the whole step.
+    They acted at the end of the step, up to the error of its prediction.
     """
-    span = memory.last_span() if memory else 0.0  # None: of another method
-    return state.q, span or scene.dt
+    return q

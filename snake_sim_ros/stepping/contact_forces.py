@@ -1,13 +1,16 @@
 """Points and forces of the contacts of a robot, from the state and history of the last step."""
 
+import math
+
 import numpy as np
 
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.kinematics import axis_z
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.obstacles import contact_geometry
 from snake_sim_ros.scene.obstacles import contact_links
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.methods import method_of
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.state import check_state
@@ -41,49 +44,86 @@ def contact_forces(scene: Scene, state: State, history: History) -> tuple[Array,
 
     """
     check_state(scene.robot.link_count, contact_count(scene), state, history)
-    loaded = loaded_contacts(history)
-    q, span = where_impulses_acted(scene, state, history)
-    ground = loaded[loaded < 2 * scene.robot.link_count]
-    others = loaded[len(ground) :]
-    points, frames = contacts_below(scene, q, ground)
-    if len(others):
-        wanted = np.isin(np.arange(contact_count(scene)), others)
-        _, lever, frame = contact_geometry(scene, q, wanted)
-        centers = q[contact_links(scene)[others, 0], :3]
-        points = np.concatenate([points, centers + lever[others]])
-        frames = np.concatenate([frames, frame[others]])
-    impulses = history.impulse[loaded, :3]
-    return points, np.einsum('ak,aki->ai', impulses, frames) / span
+    span = np.array([last_span(scene, history)])
+    _, _, points, forces = sampled_forces(
+        scene, state.q[None], state.u[None], history.impulse[None], span
+    )
+    return points, forces
 
 
-def loaded_contacts(history: History) -> Array:
-    """Return the numbers of the contacts that carried load, in the order of `contact_forces`."""
-    return np.flatnonzero(history.impulse[:, 0] > 0.0)
-
-
-def where_impulses_acted(scene: Scene, state: State, history: History) -> tuple[Array, float]:
-    """Return coordinates and time of the last impulses, by the method; see `base.Method`."""
-    return METHODS[method_of(scene)].where_impulses_acted(scene, state, history.memory)
-
-
-def contacts_below(scene: Scene, q: Array, contacts: Array) -> tuple[Array, Array]:
+def sampled_forces(
+    scene: Scene, q: Array, u: Array, impulse: Array, span: Array
+) -> tuple[Array, Array, Array, Array]:
     """
-    Return points (k, 3) [m, frame I] and frames (k, 3, 3) of spheres on the ground below them.
+    Return the contacts that carried load in the steps before m samples; see `contact_forces`.
 
-    These are those of `obstacles.contact_geometry`, computed for all contacts at once, since most
-    contacts are of this kind. `contacts` (k,) are their numbers.
+    Parameters
+    ----------
+    scene : Scene
+    q, u, impulse, span : ndarray, shapes (m, n, 7), (m, n, 6), (m, contacts, 5), (m,)
+        As in `samples.Samples`.
+
+    Returns
+    -------
+    sample, number : ndarray of int, shape (k,)
+        Of every contact that carried load.
+    points, forces : ndarray, shape (k, 3)
+        [m, frame I], [N, frame I]
+
     """
-    robot = scene.robot
-    side, i = np.divmod(contacts, robot.link_count)
-    axis = rotation_matrices(q[i, 3:])[:, :, 2]
-    arm = np.where(side, -1.0, 1.0) * robot.per_link('contact_offset')[i]
-    points = q[i, :3] + arm[:, None] * axis
-    points[:, 2] -= robot.per_link('contact_radius')[i]
-    vertical = np.hypot(axis[:, 0], axis[:, 1]) <= 1e-6
-    heading = np.where(vertical[:, None], [1.0, 0.0], axis[:, :2])
-    heading /= np.linalg.norm(heading, axis=1)[:, None]
-    frames = np.zeros((len(i), 3, 3))
-    frames[:, 0, 2] = 1.0
-    frames[:, 1, :2] = heading
-    frames[:, 2, 0], frames[:, 2, 1] = -heading[:, 1], heading[:, 0]
-    return points, frames
+    sample, number = np.nonzero(impulse[:, :, 0] > 0.0)
+    acted = METHODS[method_of(scene)].where_impulses_acted(scene, q, u)
+    points, forces = np.empty((2, len(sample), 3))
+    offset, radius = scene.robot.per_link('contact_offset'), scene.robot.per_link('contact_radius')
+    forces_of_ground(offset, radius, acted, impulse, span, sample, number, points, forces)
+    others = number >= 2 * scene.robot.link_count
+    for m in np.unique(sample[others]):
+        here = np.flatnonzero(others & (sample == m))
+        touching = number[here]
+        wanted = np.isin(np.arange(contact_count(scene)), touching)
+        _, lever, frame = contact_geometry(scene, acted[m], wanted)
+        points[here] = acted[m, contact_links(scene)[touching, 0], :3] + lever[touching]
+        loads = impulse[m, touching, :3] / span[m]
+        forces[here] = np.einsum('ak,aki->ai', loads, frame[touching])
+    return sample, number, points, forces
+
+
+@compiled
+def forces_of_ground(offset, radius, q, impulse, span, sample, number, points, forces):
+    """
+    Fill points and forces (k, 3) of the contacts that are spheres on the ground below them.
+
+    The others of the k contacts are left out. Points and frames are those of
+    `obstacles.contact_geometry`.
+
+    Parameters
+    ----------
+    offset, radius : ndarray, shape (n,)
+        `contact_offset` and `contact_radius` of the robot [m].
+    q : ndarray, shape (m, n, 7)
+        Coordinates at which the impulses acted.
+    impulse, span, sample, number, points, forces : ndarray
+        As in `sampled_forces`; points and forces are filled.
+
+    """
+    n = len(offset)
+    for k in range(len(sample)):
+        m, a = sample[k], number[k]
+        if a >= 2 * n:
+            continue
+        i, arm = a % n, offset[a % n] if a < n else -offset[a % n]
+        x, y, z = axis_z(q[m], i)
+        points[k, 0], points[k, 1] = q[m, i, 0] + arm * x, q[m, i, 1] + arm * y
+        points[k, 2] = q[m, i, 2] + arm * z - radius[i]
+        length = math.sqrt(x * x + y * y)
+        c, s = (x / length, y / length) if length > 1e-6 else (1.0, 0.0)
+        P_N, P_x, P_y = impulse[m, a, 0], impulse[m, a, 1], impulse[m, a, 2]
+        forces[k, 0] = (c * P_x - s * P_y) / span[m]
+        forces[k, 1] = (s * P_x + c * P_y) / span[m]
+        forces[k, 2] = P_N / span[m]
+
+
+def last_span(scene: Scene, history: History) -> float:
+    """Return the time for which the impulses of a history acted [s]."""
+    span = history.memory.last_span() if history.memory else 0.0
+    return span or scene.dt

@@ -28,6 +28,7 @@ from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.planar.model import forget
 from snake_sim_ros.stepping.planar.model import PlanarMemory
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
+from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.state import check_arguments
 from snake_sim_ros.stepping.state import copied
@@ -155,8 +156,9 @@ class LevelStepper:
         return copied(self.empty)
 
     def advance(
-        self, state: State, history: History, angle: Array, rate: Array
-    ) -> tuple[State, History, Report]:
+        self, state: State, history: History, angle: Array, rate: Array,
+        samples: Samples | None = None,
+    ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after as many steps as there are references."""
         check_arguments(self.scene.robot.link_count, self.empty, state, history, angle, rate)
         history, report = copied(history), Report(level=self.level)
@@ -183,7 +185,9 @@ class LevelStepper:
                     part = slice(start, min(start + pause, part.stop or len(vertical)))
             if stepper not in self.used:
                 self.compile(stepper, state, history, angle, rate)
-            state, history, news = self.take(stepper, state, history, angle[part], rate[part])
+            kept = samples.after(start) if samples else None
+            told = angle[part], rate[part]
+            state, history, news = self.take(stepper, state, history, *told, kept)
             history.settling[0] -= min(pause, news.steps)
             if news.left:
                 if not is_finite(history):
@@ -199,17 +203,18 @@ class LevelStepper:
         return state, history, report
 
     def take(
-        self, stepper: Any, state: State, history: History, angle: Array, rate: Array
-    ) -> tuple[State, History, Report]:
+        self, stepper: Any, state: State, history: History, angle: Array, rate: Array,
+        samples: Samples | None = None,
+    ) -> tuple[State, History, Report]:  # fmt: skip
         """Advance one level with its own memory, and empty the memory of the other one."""
         memory, empty = history.memory, self.empty.memory
         if stepper is self.planar:
             history = history._replace(memory=memory.planar)
-            state, history, report = stepper.advance(state, history, angle, rate)
+            state, history, report = stepper.advance(state, history, angle, rate, samples)
             memory = LevelMemory(history.memory, copied(empty.spatial))
         else:
             history = history._replace(memory=memory.spatial)
-            state, history, report = stepper.advance(state, history, angle, rate)
+            state, history, report = stepper.advance(state, history, angle, rate, samples)
             memory = LevelMemory(memory.planar, history.memory)
         return state, history._replace(memory=memory), report
 
@@ -267,8 +272,9 @@ class FlatStepper:
         return self.planar.empty_history()
 
     def advance(
-        self, state: State, history: History, angle: Array, rate: Array
-    ) -> tuple[State, History, Report]:
+        self, state: State, history: History, angle: Array, rate: Array,
+        samples: Samples | None = None,
+    ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after as many steps as there are references."""
         links, empty = self.scene.robot.link_count, self.planar.empty
         check_arguments(links, empty, state, history, angle, rate)
@@ -277,7 +283,8 @@ class FlatStepper:
         report = Report(level=self.level)
         reason = what_does_not_lie(self.planar, self.scene, state, history.memory)
         if not reason:
-            state, history, report = self.planar.advance(state, history, angle[:stop], rate[:stop])
+            told = angle[:stop], rate[:stop]
+            state, history, report = self.planar.advance(state, history, *told, samples)
             self.cycles, reason, report.left = self.planar.cycles, report.left, ''
             if not reason and not report.failure and stop < len(vertical):
                 reason = what_is_told(angle[stop], rate[stop])

@@ -50,7 +50,7 @@ from snake_sim_ros.dynamics.kinematics import twists
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.steps import keep_sample
 from snake_sim_ros.stepping.steps import note_outcome
 
 
@@ -152,20 +152,23 @@ def advance(solver, model, work, steps):
         steps.cycles[k] = cycle_counter()
         problem = begin_step(model, work, steps, k)
         outcome = solve(solver, model, problem, steps.history)
-        if not end_step(model, work, steps, problem, outcome):
+        goes_on = end_step(model, work, steps, problem, outcome)
+        if steps.report[0].steps > k:
+            keep_sample(k, model.dt, model.dt, work.applied, steps)
+        if not goes_on:
             break
     steps.cycles[len(steps.angle)] = cycle_counter()
 
 
-def where_impulses_acted(scene: Scene, state: State, memory: None) -> tuple[Array, float]:
+def where_impulses_acted(scene: Scene, q: Array, u: Array) -> Array:
     """
-    Return the coordinates (n, 7) at which the last impulses acted, and for how long [s].
+    Return the coordinates (m, n, 7) at which the impulses before some states acted.
 
-    They acted at the middle of the step, for the whole step. The method keeps no memory.
+    They acted at the middle of the step. q and u are those of m states; see `state.State`.
     """
-    q = state.q.copy()
-    q[:, :3] -= scene.dt / 2 * state.u[:, :3]
-    spin = np.column_stack([np.zeros(len(q)), state.u[:, 3:]])
-    q[:, 3:] -= scene.dt / 4 * product(q[:, 3:], spin)
-    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1)[:, None]
-    return q, scene.dt
+    acted = q.copy()
+    acted[..., :3] -= scene.dt / 2 * u[..., :3]
+    spin = np.concatenate([np.zeros_like(u[..., :1]), u[..., 3:]], axis=-1)
+    acted[..., 3:] -= scene.dt / 4 * product(q[..., 3:], spin)
+    acted[..., 3:] /= np.linalg.norm(acted[..., 3:], axis=-1, keepdims=True)
+    return acted

@@ -43,6 +43,7 @@ from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import divergence
 from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.state import check_arguments
 from snake_sim_ros.stepping.state import copied
 from snake_sim_ros.stepping.state import empty_history
@@ -185,8 +186,9 @@ class ReferenceStepper:
         return empty_history(obstacles.contact_count(self.scene))
 
     def advance(
-        self, state: State, history: History, angle: Array, rate: Array
-    ) -> tuple[State, History, Report]:
+        self, state: State, history: History, angle: Array, rate: Array,
+        samples: Samples | None = None,
+    ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after as many steps as there are references."""
         links = self.scene.robot.link_count
         check_arguments(links, self.empty_history(), state, history, angle, rate)
@@ -198,9 +200,12 @@ class ReferenceStepper:
             if not (turn * self.scene.dt < math.pi / 2).all():
                 link = int(turn.argmax())
                 turned = float(turn[link] * self.scene.dt)
-                report.failure = divergence(link + 1, turned, self.scene.dt, report.steps)
+                report.failure = divergence(link + 1, turned, self.scene.dt)
                 return state, self.empty_history(), report
             state, history, report = end, end_history, report + step_report
+            if samples:
+                kept = state, history, step_report.joint_torque, self.scene.dt
+                samples.add(report.steps - 1, *kept)
         return state, history, report
 
     def step(

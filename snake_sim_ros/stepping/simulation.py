@@ -6,6 +6,7 @@ A step that diverges ends a run. The samples before it are kept.
 
 from collections.abc import Callable
 from collections.abc import Sequence
+from dataclasses import replace
 import math
 import time
 from typing import NamedTuple
@@ -19,18 +20,21 @@ from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import Stepper
-from snake_sim_ros.stepping.contact_forces import where_impulses_acted
+from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.samples import make_samples
+from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.sampling import Samples
+from snake_sim_ros.stepping.sampling import trajectory_of
 from snake_sim_ros.stepping.state import carried
 from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.trajectory import Trajectory
 
-REFERENCES = 200  # least number of steps for which references are computed together
 FIRST_PORTION = 25  # steps of a call if unconverged ones are limited; doubles while all converge
+LEAST_STEPS, MOST_STEPS = 100, 20_000  # of a call, whose references are in memory
+PORTION_SECONDS = 0.1  # wall time up to which the next call takes more steps [s]
 
 
 def steps_in(period: float, dt: float, name: str) -> int:
@@ -135,8 +139,8 @@ class Simulation:
                 raise ParameterError(f'{name} cannot change while a scene runs: {old} to {new}')
         stepper = make_stepper(scene)
         if scene != self.scene:
-            _, span = where_impulses_acted(self.scene, self.state, self.history)
-            scale, empty = self.scene.dt / span, stepper.empty_history()
+            scale = self.scene.dt / last_span(self.scene, self.history)
+            empty = stepper.empty_history()
             self.history = carried(self.history, self.scene, scene, scale, empty)
         self.stepper, self.scene = stepper, scene
 
@@ -185,7 +189,7 @@ class Simulation:
         axes = self.scene.robot.link_count - 1
         return gait.reference(self.scene.gait, self.midpoints(steps), axes)
 
-    def advance(self, angle: Array, rate: Array) -> Report:
+    def advance(self, angle: Array, rate: Array, samples: Samples | None = None) -> Report:
         """
         Take as many steps as there are references, but none between a divergence and `reset`.
 
@@ -193,12 +197,14 @@ class Simulation:
         ----------
         angle, rate : ndarray, shape (steps, n-1, 2)
             Joint references at `midpoints` [rad], [rad/s].
+        samples : Samples, optional
+            Filled with the samples that the steps reach.
 
         """
         if self.report.failure:
             return self.report
         self.state, self.history, self.last = self.stepper.advance(
-            self.state, self.history, angle, rate
+            self.state, self.history, angle, rate, samples
         )
         self.step_count += self.last.steps
         if self.last.failure:
@@ -228,47 +234,38 @@ NO_LIMITS = Limits()
 STATES = Keep()
 
 
-class _References:
-    """References of the gait for the next steps, computed for many steps together."""
-
-    def __init__(self, simulation: Simulation) -> None:
-        self.simulation, self.scene, self.first = simulation, simulation.scene, 0
-        self.angle = self.rate = np.zeros((0, simulation.scene.robot.link_count - 1, 2))
-
-    def take(self, count: int) -> tuple[Array, Array]:
-        """Return what `Simulation.gait_reference` returns."""
-        simulation = self.simulation
-        begin = simulation.step_count - self.first
-        if begin + count > len(self.angle) or simulation.scene is not self.scene:
-            self.scene, self.first, begin = simulation.scene, simulation.step_count, 0
-            self.angle, self.rate = simulation.gait_reference(max(count, REFERENCES))
-        steps = slice(begin, begin + count)
-        return self.angle[steps], self.rate[steps]
-
-
 class _Advance:
-    """The steps between two samples, in calls of `Simulation.advance`, and their wall time."""
+    """Calls of `Simulation.advance` with the gait of the scene, and their wall time."""
 
     def __init__(
-        self, simulation: Simulation, limits: Limits, *, time_references: bool = False
+        self, simulation: Simulation, samples: Samples, limits: Limits, *, time_references: bool
     ) -> None:
-        self.simulation, self.limits, self.seconds = simulation, limits, 0.0
-        self.portion, self.time_references = FIRST_PORTION, time_references
-        self.references = _References(simulation)
+        self.simulation, self.samples, self.limits = simulation, samples, limits
+        self.time_references, self.seconds = time_references, 0.0
+        self.is_cautious = not math.isinf(limits.unconverged)
+        self.begin, self.portion = simulation.step_count, max(LEAST_STEPS, samples.every)
+        if self.is_cautious:
+            self.portion = FIRST_PORTION
 
-    def __call__(self, steps: int) -> bool:
-        """Take steps; return whether a sample follows: all were taken, and in time."""
-        simulation, left = self.simulation, steps
-        while left and not self.over():
-            count = left if math.isinf(self.limits.unconverged) else min(self.portion, left)
-            begin = time.perf_counter() if self.time_references else math.nan
-            reference, compiled = self.references.take(count), simulation.compile_seconds
-            begin = begin if self.time_references else time.perf_counter()
-            left -= simulation.advance(*reference).steps
-            compiled = simulation.compile_seconds - compiled
-            self.seconds += time.perf_counter() - begin - compiled
-            self.portion = FIRST_PORTION if simulation.report.unconverged else 2 * self.portion
-        return not left and self.seconds <= self.limits.seconds
+    @property
+    def done(self) -> int:
+        """Number of steps taken."""
+        return self.simulation.step_count - self.begin
+
+    def __call__(self, most: int) -> None:
+        """Take a portion of steps, at most so many; the next one is longer while that is quick."""
+        simulation, count = self.simulation, min(self.portion, most)
+        begin = time.perf_counter() if self.time_references else math.nan
+        reference, compiled = simulation.gait_reference(count), simulation.compile_seconds
+        begin = begin if self.time_references else time.perf_counter()
+        simulation.advance(*reference, self.samples.after(self.done))
+        compiled = simulation.compile_seconds - compiled
+        seconds = time.perf_counter() - begin - compiled
+        self.seconds += seconds
+        if self.is_cautious and simulation.report.unconverged:
+            self.portion = FIRST_PORTION
+        elif seconds < PORTION_SECONDS:
+            self.portion = min(2 * self.portion, MOST_STEPS)
 
     def over(self) -> bool:
         """Return whether no further step is taken."""
@@ -285,6 +282,7 @@ def sample(
     keep: Keep = STATES,
     limits: Limits = NO_LIMITS,
     observe: Callable[[Simulation], object] | None = None,
+    progress: Callable[[float], object] | None = None,
     time_references: bool = False,
     interruptible: bool = False,
 ) -> Trajectory:
@@ -304,7 +302,10 @@ def sample(
         Default: states, joint torques and levels only.
     limits : Limits, optional
     observe : callable, optional
-        Called at every sample, the first one included.
+        Called at every sample, the first one included. Steps are then taken in calls from one
+        sample to the next, which costs 0.1 ms a sample.
+    progress : callable, optional
+        Called with the simulated time that has passed [s], some times a second.
     time_references : bool, optional
         Whether the wall time of the steps includes the computation of the joint references.
     interruptible : bool, optional
@@ -312,29 +313,37 @@ def sample(
         Otherwise it is raised.
 
     """
-    found = Samples(simulation.scene, samples + 1, keep)
-    advance = _Advance(simulation, limits, time_references=time_references)
-    found.add(simulation.state, simulation.history, simulation.last)
-    interrupted = False
+    found = make_samples(simulation.scene, steps, samples + 1)._replace(first=0)
+    span = last_span(simulation.scene, simulation.history)
+    found.add(-1, simulation.state, simulation.history, simulation.last.joint_torque, span)
+    found.is_planar[0] = simulation.last.level == 'planar'
+    advance = _Advance(simulation, found.after(0), limits, time_references=time_references)
+    interrupted, total = False, steps * samples
     try:
         if observe:
             observe(simulation)
-        while found.count <= samples and advance(steps):
-            found.add(simulation.state, simulation.history, simulation.last)
-            if observe:
+        while advance.done < total and not advance.over():
+            advance(steps - advance.done % steps if observe else total - advance.done)
+            if observe and advance.done % steps == 0 and not advance.over():
                 observe(simulation)
+            if progress:
+                progress(advance.done * simulation.scene.dt)
     except KeyboardInterrupt:
         if not interruptible:
             raise
         interrupted = True
-    return found.trajectory(
-        (steps, simulation.scene.dt), simulation.report, advance.seconds, interrupted=interrupted
+    late = advance.seconds > limits.seconds
+    count = 1 + (advance.done - late) // steps
+    kept = Samples(*found[:2], *(array[:count] for array in found[2:]))
+    return trajectory_of(
+        simulation.scene, kept, keep, simulation.report, advance.seconds, interrupted=interrupted
     )
 
 
 def run(
-    scene: Scene, *, rate: float = 100.0, observe: Callable[[Simulation], object] | None = None
-) -> Trajectory:
+    scene: Scene, *, rate: float = 100.0, observe: Callable[[Simulation], object] | None = None,
+    progress: Callable[[float], object] | None = None,
+) -> Trajectory:  # fmt: skip
     """
     Run a scene with its gait and return the record of its motion.
 
@@ -346,6 +355,8 @@ def run(
     observe : callable, optional
         Called at every sample, including the start. An interruption from the keyboard ends the
         run early, and the samples so far are returned.
+    progress : callable, optional
+        Called with the simulated time that has passed [s], some times a second.
 
     Raises
     ------
@@ -364,12 +375,15 @@ def run(
         )
     simulation = Simulation(scene)
     simulation.compile(scene.gait)
-    return sample(
+    begin, compiled = time.perf_counter(), simulation.compile_seconds
+    trajectory = sample(
         simulation,
         steps,
         samples,
         keep=Keep(contacts=True),
         observe=observe,
-        time_references=True,
+        progress=progress,
         interruptible=True,
     )
+    compiled = simulation.compile_seconds - compiled
+    return replace(trajectory, seconds=time.perf_counter() - begin - compiled)

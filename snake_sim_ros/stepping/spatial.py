@@ -11,12 +11,15 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.model import make_model
 from snake_sim_ros.stepping.model import make_workspace
+from snake_sim_ros.stepping.samples import make_samples
+from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.state import check_arguments
 from snake_sim_ros.stepping.state import copied
 from snake_sim_ros.stepping.state import empty_history
 from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.steps import make_steps
+from snake_sim_ros.stepping.steps import Record
 from snake_sim_ros.stepping.steps import report_of
 
 
@@ -43,6 +46,7 @@ class SpatialStepper:
         self.work = make_workspace(scene)
         self.loop = loop
         self.empty = empty_history(contact_count(scene), memory)
+        self.no_samples = make_samples(scene, 0, 0)
         self.cycles = np.zeros(1, np.int64)
 
     def empty_history(self) -> History:
@@ -54,11 +58,13 @@ class SpatialStepper:
         self.model = self.model._replace(settle_steps=settle_steps)
 
     def advance(
-        self, state: State, history: History, angle: Array, rate: Array
-    ) -> tuple[State, History, Report]:
+        self, state: State, history: History, angle: Array, rate: Array,
+        samples: Samples | None = None,
+    ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after as many steps as there are references."""
         check_arguments(len(self.model.mass), self.empty, state, history, angle, rate)
-        steps = make_steps(state.q.copy(), state.u.copy(), copied(history), angle, rate)
+        record = Record(*(samples or self.no_samples)[:-1])
+        steps = make_steps(state.q.copy(), state.u.copy(), copied(history), angle, rate, record)
         self.loop(self.model, self.work, steps)
         self.cycles = steps.cycles
         report = report_of(steps, self.work.applied, self.model.dt)

@@ -33,9 +33,25 @@ REPORT = np.dtype(
 )
 
 
+class Record(NamedTuple):
+    """
+    What a loop keeps after every so many steps, a row for each sample; see `samples.Samples`.
+
+    Rows of q and u are those of `Steps`.
+    """
+
+    every: int  # steps from one sample to the next; 0: nothing is kept
+    first: int  # steps up to the first sample
+    q: Array
+    u: Array
+    torque: Array  # (m, n-1, 2) of the step before a sample [N m]
+    impulse: Array  # (m, contacts, 5) of the step before a sample [N s]
+    span: Array  # (m,) time for which these acted [s]
+
+
 class Steps(NamedTuple):
     """
-    The steps that a loop takes: their start, the joint references, and the report.
+    The steps that a loop takes: their start, the joint references, the report, and samples.
 
     A loop advances q, u and history in place, by one step for each reference. Compiled functions
     of this package take this record as `steps`, or its q, u and history by these names.
@@ -48,14 +64,52 @@ class Steps(NamedTuple):
     rate: Array  # (steps, n-1, 2) [rad/s]
     report: Any  # (1,) a record of REPORT
     cycles: Array  # (steps+1,) time stamps before and after every step
+    record: Record
 
 
-def make_steps(q: Array, u: Array, history: History, angle: Array, rate: Array) -> Steps:
+def make_steps(
+    q: Array, u: Array, history: History, angle: Array, rate: Array, record: Record
+) -> Steps:
     """Return the steps for some references. They change q, u and history in place."""
     report = record_array(1, REPORT)
     cycles = np.zeros(len(angle) + 1, np.int64)
     angle, rate = np.ascontiguousarray(angle), np.ascontiguousarray(rate)
-    return Steps(q, u, history, angle, rate, report, cycles)
+    return Steps(q, u, history, angle, rate, report, cycles, record)
+
+
+@inlined
+def sampled_row(k, record):
+    """Return the row of a sample after step k; -1 if there is none."""
+    if record.every == 0:
+        return -1
+    since = k + 1 - record.first
+    return since // record.every if since >= 0 and since % record.every == 0 else -1
+
+
+@inlined
+def keep_forces(row, applied, dt, span, history, record):
+    """Fill a row with the torques of joint impulses (n-1, 2) of a step of dt, and the impulses."""
+    for j in range(len(applied)):
+        for k in range(2):
+            record.torque[row, j, k] = applied[j, k] / dt
+    for a in range(len(history.impulse)):
+        for k in range(5):
+            record.impulse[row, a, k] = history.impulse[a, k]
+    record.span[row] = span
+
+
+@inlined
+def keep_sample(k, dt, span, applied, steps):
+    """Keep the state after step k of dt [s], if it is a sample; impulses acted for a span [s]."""
+    record = steps.record
+    row = sampled_row(k, record)
+    if row >= 0:
+        for i in range(len(steps.u)):
+            for j in range(7):
+                record.q[row, i, j] = steps.q[i, j]
+            for j in range(6):
+                record.u[row, i, j] = steps.u[i, j]
+        keep_forces(row, applied, dt, span, steps.history, record)
 
 
 @inlined
@@ -100,5 +154,5 @@ def report_of(steps: Steps, applied: Array, dt: float) -> Report:
     link, turn = found.pop('failed_link'), found.pop('failed_turn')
     report = Report(**found, joint_torque=applied / dt)
     if link:
-        report.failure = divergence(link, turn, dt, report.steps)
+        report.failure = divergence(link, turn, dt)
     return report

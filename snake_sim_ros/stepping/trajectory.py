@@ -43,8 +43,8 @@ class Trajectory:
     report : Report
         Report of all steps, including those after the last sample.
     seconds : float
-        Wall time of all steps, without recording and compiling [s]. For `simulation.run` it
-        includes the computation of the joint references.
+        Wall time of all steps, without recording and compiling [s]. For `simulation.run` it is
+        all that passes from the first step to the record, but for compiling.
     interrupted : bool
         Whether the run was ended from the keyboard.
     velocity : ndarray, shape (m, n, 6)

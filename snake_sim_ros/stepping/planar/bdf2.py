@@ -35,6 +35,7 @@ from snake_sim_ros.stepping.planar.equilibrium import place_links_in_plane
 from snake_sim_ros.stepping.planar.moreau import end_planar_velocities
 from snake_sim_ros.stepping.planar.moreau import held_point
 from snake_sim_ros.stepping.planar.moreau import is_planar
+from snake_sim_ros.stepping.planar.moreau import keep_planar_sample
 from snake_sim_ros.stepping.planar.moreau import stop_impact
 from snake_sim_ros.stepping.planar.newton import PlanarNewton
 from snake_sim_ros.stepping.planar.newton import SECOND_CHANGE
@@ -43,6 +44,7 @@ from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import count_steps
 from snake_sim_ros.stepping.steps import note_outcome
 from snake_sim_ros.stepping.steps import noted
+from snake_sim_ros.stepping.steps import sampled_row
 from snake_sim_ros.stepping.steps import take_back
 
 
@@ -298,19 +300,29 @@ def planar_step(own, model, work, steps, k):
     return True
 
 
+@inlined
+def fill_state(model, end, steps):
+    """Fill q and u of the steps from a `PlanarMotion`."""
+    q, u = steps.q, steps.u
+    for i in range(len(u)):
+        q[2 + i] = end.heading[i]
+        for k in range(3):
+            u[i, k] = end.u[i, k]
+    held_x, held_y = held_point(model, q)
+    q[0], q[1] = end.pose[0] - held_x, end.pose[1] - held_y
+
+
 @compiled
 def advance_bdf2_in_plane(own, model, work, steps):
     """Take the steps up to the first that is not planar; see `stepper.PlanarStepper`."""
-    q, u, end = steps.q, steps.u, steps.history.memory.scheme.end
+    memory = steps.history.memory.scheme
     for k in range(len(steps.angle)):
         steps.cycles[k] = cycle_counter()
         if not planar_step(own, model, work, steps, k):
             break
+        if sampled_row(k, steps.record) >= 0:
+            fill_state(model, memory.end, steps)
+            keep_planar_sample(k, model.dt, memory.span[0], work.applied, steps)
     if steps.report[0].steps > 0:
-        for i in range(len(u)):
-            q[2 + i] = end.heading[i]
-            for k in range(3):
-                u[i, k] = end.u[i, k]
-        held_x, held_y = held_point(model, q)
-        q[0], q[1] = end.pose[0] - held_x, end.pose[1] - held_y
+        fill_state(model, memory.end, steps)
     steps.cycles[len(steps.angle)] = cycle_counter()

@@ -37,7 +37,9 @@ from snake_sim_ros.stepping.planar.pegs import find_peg_contacts
 from snake_sim_ros.stepping.planar.pegs import peg_depth
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
 from snake_sim_ros.stepping.state import without_memory
+from snake_sim_ros.stepping.steps import keep_forces
 from snake_sim_ros.stepping.steps import note_outcome
+from snake_sim_ros.stepping.steps import sampled_row
 
 SLIP_MEMORY = 3.0  # time constant with which slip and way are forgotten [s]
 
@@ -198,6 +200,20 @@ def held_point(model, q):
     return held_x, held_y
 
 
+@inlined
+def keep_planar_sample(k, dt, span, applied, steps):
+    """Keep the planar state after step k, if it is a sample, as `steps.keep_sample`."""
+    record = steps.record
+    row = sampled_row(k, record)
+    if row >= 0:
+        for i in range(len(steps.q)):
+            record.q[row, i] = steps.q[i]
+        for i in range(len(steps.u)):
+            for j in range(3):
+                record.u[row, i, j] = steps.u[i, j]
+        keep_forces(row, applied, dt, span, steps.history, record)
+
+
 @compiled
 def advance_in_plane(solver, model, work, steps):
     """
@@ -212,4 +228,5 @@ def advance_in_plane(solver, model, work, steps):
         outcome = solve_in_plane(solver, model, work, work.closed[:count], history)
         if not end_planar_step(model, work, steps, count, outcome):
             break
+        keep_planar_sample(k, model.dt, model.dt, work.applied, steps)
     steps.cycles[len(steps.angle)] = cycle_counter()

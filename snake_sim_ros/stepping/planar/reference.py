@@ -166,13 +166,19 @@ class DenseLoop:
 
     def __call__(self, model: PlanarModel, work: PlanarWorkspace, steps: Steps) -> None:
         """Take the steps up to the first that is not planar."""
-        for angle, rate in zip(steps.angle, steps.rate, strict=True):
+        record = steps.record
+        for k, (angle, rate) in enumerate(zip(steps.angle, steps.rate, strict=True)):
             terms = self.terms(model, steps.q, steps.u, angle[:, 0], rate[:, 0])
             impulse = steps.history.impulse
             solution = self.iterate(model, terms, impulse[:, 0], impulse[:, 1:3])
             if not self.finish(model, work, steps, terms, solution):
                 steps.report['not_planar'][:] = 1
                 break
+            row, rest = divmod(k + 1 - record.first, record.every or 1)
+            if record.every and row >= 0 and rest == 0:
+                record.q[row], record.u[row] = steps.q, steps.u
+                record.torque[row] = work.applied / self.scene.dt
+                record.impulse[row], record.span[row] = steps.history.impulse, self.scene.dt
 
     def terms(self, model: PlanarModel, q: Array, u: Array, angle: Array, rate: Array) -> Terms:
         """Return the terms of the balance at the middle of a step, for yaw references (n-1,)."""

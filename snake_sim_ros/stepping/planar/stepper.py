@@ -19,12 +19,15 @@ from snake_sim_ros.stepping.planar.model import make_planar_memory
 from snake_sim_ros.stepping.planar.model import make_planar_model
 from snake_sim_ros.stepping.planar.model import make_planar_workspace
 from snake_sim_ros.stepping.planar.model import PlanarMemory
+from snake_sim_ros.stepping.samples import make_samples
+from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.state import check_arguments
 from snake_sim_ros.stepping.state import copied
 from snake_sim_ros.stepping.state import empty_history
 from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.steps import make_steps
+from snake_sim_ros.stepping.steps import Record
 from snake_sim_ros.stepping.steps import report_of
 
 ROUNDING = 1e-13  # tilts that differ from FLAT by less are FLAT
@@ -63,6 +66,13 @@ def to_space(half_length, q, u, tilt, height, links, velocities):
         velocities[i, 3] = u[i, 2] * (2.0 * (e1 * e3 - e0 * e2))
         velocities[i, 4] = u[i, 2] * (2.0 * (e2 * e3 + e0 * e1))
         velocities[i, 5] = u[i, 2] * (e0 * e0 - e1 * e1 - e2 * e2 + e3 * e3)
+
+
+@compiled
+def samples_to_space(half_length, q, u, tilt, height, count, links, velocities):
+    """Fill a number of samples in space from planar ones, with what `to_space` takes."""
+    for m in range(count):
+        to_space(half_length, q[m], u[m], tilt, height, links[m], velocities[m])
 
 
 @compiled
@@ -108,6 +118,7 @@ class PlanarStepper:
         n = scene.robot.link_count
         self.empty = empty_history(contact_count(scene), make_planar_memory(n, scheme))
         self.made = np.empty((n, 7)), np.empty((n, 6))  # see is_recalled
+        self.no_samples = make_samples(scene, 0, 0)
         self.cycles = np.zeros(1, np.int64)
 
     def empty_history(self) -> History:
@@ -115,13 +126,20 @@ class PlanarStepper:
         return copied(self.empty)
 
     def advance(
-        self, state: State, history: History, angle: Array, rate: Array
-    ) -> tuple[State, History, Report]:
+        self, state: State, history: History, angle: Array, rate: Array,
+        samples: Samples | None = None,
+    ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after as many steps as there are references."""
         check_arguments(len(self.model.mass), self.empty, state, history, angle, rate)
         history = copied(history)
         q, u, tilt = self.coordinates(state, history.memory)
-        steps = make_steps(q, u, history, angle, rate)
+        kept = samples or self.no_samples
+        count = kept.reached_by(len(angle))
+        record = Record(
+            kept.every, kept.first, np.empty((count, len(q))), np.empty((count, *u.shape)),
+            *kept[4:-1],
+        )  # fmt: skip
+        steps = make_steps(q, u, history, angle, rate, record)
         self.loop(self.model, self.work, steps)
         self.cycles = steps.cycles
         report = report_of(steps, self.work.applied, self.model.dt)
@@ -133,7 +151,12 @@ class PlanarStepper:
         if report.steps == 0:
             return state, history, report
         end = State(np.empty_like(state.q), np.empty_like(state.u))
-        to_space(self.model.half_length, q, u, tilt, state.q[:, 2], end.q, end.u)
+        half, height = self.model.half_length, state.q[:, 2]
+        to_space(half, q, u, tilt, height, end.q, end.u)
+        if count:
+            reached = kept.reached_by(report.steps)
+            samples_to_space(half, record.q, record.u, tilt, height, reached, kept.q, kept.u)
+            kept.is_planar[:reached] = True
         self.remember(history.memory, q, u, tilt)
         return end, history, report
 

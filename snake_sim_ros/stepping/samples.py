@@ -1,0 +1,63 @@
+"""Samples of a motion: arrays that steppers fill as they go, made before the first step."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from snake_sim_ros.scene.obstacles import contact_count
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.state import History
+from snake_sim_ros.stepping.state import State
+
+
+class Samples(NamedTuple):
+    """
+    Arrays for m samples, one after every so many steps.
+
+    A stepper fills those that its steps reach. Torques and impulses are those of the step before
+    a sample.
+    """
+
+    every: int  # steps from one sample to the next
+    first: int  # steps up to the first one
+    q: Array  # (m, n, 7) as in `state.State`
+    u: Array  # (m, n, 6)
+    torque: Array  # (m, n-1, 2) (yaw, pitch) [N m]
+    impulse: Array  # (m, contacts, 5) [N s]
+    span: Array  # (m,) time for which impulses acted [s]
+    is_planar: Array  # (m,) whether the step was taken in the plane
+
+    def reached_by(self, steps: int) -> int:
+        """Return the number of samples in the next steps."""
+        if steps < self.first or not len(self.q):
+            return 0
+        return min(len(self.q), 1 + (steps - self.first) // self.every)
+
+    def after(self, steps: int) -> 'Samples':
+        """Return the samples that follow after some steps, in the same memory."""
+        done = self.reached_by(steps)
+        arrays = (array[done:] for array in self[2:])
+        return Samples(self.every, self.first + done * self.every - steps, *arrays)
+
+    def add(self, step: int, state: State, history: History, torque: Array, span: float) -> None:
+        """Fill the sample after a step, counted from 0, if there is one."""
+        row, rest = divmod(step + 1 - self.first, self.every)
+        if row >= 0 and rest == 0:
+            self.q[row], self.u[row], self.torque[row] = state.q, state.u, torque
+            self.impulse[row], self.span[row] = history.impulse, span
+
+
+def make_samples(scene: Scene, every: int, count: int) -> Samples:
+    """Return arrays for a number of samples of a scene, one after every so many steps."""
+    n = scene.robot.link_count
+    return Samples(
+        every=every,
+        first=every,
+        q=np.zeros((count, n, 7)),
+        u=np.zeros((count, n, 6)),
+        torque=np.zeros((count, n - 1, 2)),
+        impulse=np.zeros((count, contact_count(scene), 5)),
+        span=np.zeros(count),
+        is_planar=np.zeros(count, dtype=bool),
+    )

@@ -138,6 +138,14 @@ def test_numbers_in_settings_are_written_as_usual(capsys):
             ['lateral_undulation', '--accuracy', '1e-3', '--set', 'pd_scheme=start'],
             'pd_scheme start is explicit',
         ),
+        (
+            ['lateral_undulation', '--set', 'gait.yaw.amplitude=30'],
+            'amplitude plus offset of gait.yaw must be within the joint limit, 0.7854 rad, got 30 '
+            'rad; for degrees say gait.yaw.amplitude_deg',
+        ),
+        (['lateral_undulation', '--set', 'friction.rolling_deg=3'], 'friction.rolling_deg: rol'),
+        (['aiko'], 'aiko is a robot, not a scene; a scene takes it as "robot: aiko"'),
+        (['sidewindin'], "no file sidewindin; did you mean 'sidewinding'? the scenes that come"),
         (['nowhere.yaml'], 'no file nowhere.yaml; the scenes that come with the package: '),
         (
             ['lateral_undulation', '--rate', '300', '--set', 'dt=0.00025'],

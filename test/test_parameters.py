@@ -358,6 +358,15 @@ def test_settings_replace_values():
     assert with_settings(scene, {}) == scene
 
 
+def test_angles_may_be_set_in_degrees_as_in_files():
+    scene = with_settings(Scene(), {'gait.yaw.amplitude_deg': 30, 'robot.joint_limit_deg': 60})
+    assert scene.gait.yaw.amplitude == math.radians(30)
+    assert scene.robot.joint_limit == math.radians(60)
+    twice = {'gait.yaw.phase': 0.1, 'gait.yaw.phase_deg': 10}
+    expected = 'gait.yaw.phase is given twice, as phase and as phase_deg'
+    assert refusal(with_settings, Scene(), twice) == expected
+
+
 @pytest.mark.parametrize(
     ('name', 'value', 'expected'),
     [
@@ -371,6 +380,9 @@ def test_settings_replace_values():
         ('friction.rolling', -1, 'friction.rolling must be at least 0, got -1'),
         ('gait.yaw.phase', math.inf, 'gait.yaw.phase must be finite, got inf rad'),
         ('dt', 'fast', "dt must be a number, got 'fast'"),
+        ('gait.yaw.phase_deg', 'half', "phase_deg must be a number, got 'half'"),
+        ('gait.yaw.fase_deg', 1, "unknown name 'gait.yaw.fase_deg'; did you mean 'phase'?"),
+        ('dt_deg', 1, 'dt_deg: dt is not an angle'),
     ],
 )
 def test_settings_that_are_refused(name, value, expected):

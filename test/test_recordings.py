@@ -63,7 +63,10 @@ def test_rate_of_a_run_with_a_bag_may_be_another_one(tmp_path):
         (['view', 'run.npz'], 'no file run.npz'),
         (['view', 'run.mcap'], 'no file run.mcap'),
         (['view', 'run.db3'], 'ends in .npz or .mcap, or is the folder of a bag; got run.db3'),
-        (['view', 'sidewnding'], 'no file sidewnding; the scenes that come with the package: '),
+        (
+            ['view', 'sidewnding'],
+            "no file sidewnding; did you mean 'sidewinding'? the scenes that come with the ",
+        ),
         (['view', '--port', '70000'], 'port must be 0 (any free one) to 65535, got 70000'),
         (['view', '--host', '192.0.2.1'], "host must be an address of this machine, got '192.0"),
         (['figures', '--duration', '0'], 'duration must be above 0 s, got 0 s'),

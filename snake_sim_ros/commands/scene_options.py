@@ -3,6 +3,7 @@
 import argparse
 from typing import Any
 
+from snake_sim_ros.gaits.blending import check_reach
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
@@ -39,7 +40,8 @@ def add_scene_options(command: argparse.ArgumentParser) -> None:
     command.add_argument('--duration', type=float, help='instead of that of the scene [s]')
     command.add_argument(
         '--set', action='append', default=[], metavar='KEY=VALUE',
-        help='any value of the scene, such as friction.longitudinal=0.2; may be given often',
+        help='any value of the scene, such as friction.longitudinal=0.2 or '
+        'gait.yaw.amplitude_deg=30; may be given often',
     )  # fmt: skip
 
 
@@ -62,10 +64,12 @@ def scene_from(options: argparse.Namespace, source: str) -> Scene:
     Raises
     ------
     ParameterError
-        If there is no such scene, or a value is not usable.
+        If there is no such scene, a value is not usable, or the gait is beyond the joint limit.
 
     """
-    return with_settings(load_scene(source), given_settings(options))
+    scene = with_settings(load_scene(source), given_settings(options))
+    check_reach(scene.gait, scene.robot)
+    return scene
 
 
 def given_settings(options: argparse.Namespace) -> dict[str, Any]:

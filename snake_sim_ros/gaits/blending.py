@@ -201,11 +201,26 @@ def check_limits(gait: Gait, robot: Robot) -> None:
                     f'gait.{axis}.{name} must be within +-{largest:.4g} {unit}, '
                     f'got {value:.4g} {unit}'
                 )
+    check_reach(gait, robot)
+
+
+def check_reach(gait: Gait, robot: Robot) -> None:
+    """
+    Check that the angles of a gait are within the joint limit.
+
+    Raises
+    ------
+    ParameterError
+        If amplitude plus offset is too large.
+
+    """
+    for axis, wave in (('yaw', gait.yaw), ('pitch', gait.pitch)):
         reach = abs(wave.amplitude) + abs(wave.offset)
         if reach > robot.joint_limit:
+            degrees = f'; for degrees say gait.{axis}.amplitude_deg' if reach > math.pi else ''
             raise ParameterError(
                 f'amplitude plus offset of gait.{axis} must be within the joint limit, '
-                f'{robot.joint_limit:.4g} rad, got {reach:.4g} rad'
+                f'{robot.joint_limit:.4g} rad, got {reach:.4g} rad{degrees}'
             )
 
 

@@ -185,7 +185,7 @@ def from_mapping(cls: type, mapping: Any, where: str) -> Any:
         if name in values:
             raise ParameterError(f'{where}: {name} is given twice, as {name} and as {name}_deg')
         if name != key:
-            value = _radians(key, value, cls, where)
+            value = _radians(key, value, cls, f'{where}: ')
         elif is_dataclass(hints[name]):
             value = from_mapping(hints[name], value, f'{where}: {name}')  # type: ignore[arg-type]
         values[name] = value
@@ -216,7 +216,7 @@ def with_values(record: Any, path: list[str], values: dict[str, Any], prefix: st
     path : list of str
         Names that lead to the inner record; empty for the record itself.
     values : dict
-        Names to values.
+        Names to values. A name may end in ``_deg``.
     prefix : str
         Names before the path, for error messages.
 
@@ -227,16 +227,23 @@ def with_values(record: Any, path: list[str], values: dict[str, Any], prefix: st
 
     """
     names = {item.name for item in fields(record)}
-    for name in path[:1] or values:
+    for key in path[:1] or values:
+        name = key.removesuffix('_deg')
         if name not in names:
-            raise ParameterError(f'unknown name {prefix + name!r}; {nearest(name, names)}')
+            raise ParameterError(f'unknown name {prefix + key!r}; {nearest(name, names)}')
     if path:
         inner = getattr(record, path[0])
         if not is_dataclass(inner):
             raise ParameterError(f'{prefix}{path[0]} is a value, it has no parts')
         values = {path[0]: with_values(inner, path[1:], values, f'{prefix}{path[0]}.')}
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        name = key.removesuffix('_deg')
+        if name in found:
+            raise ParameterError(f'{prefix}{name} is given twice, as {name} and as {name}_deg')
+        found[name] = value if name == key else _radians(key, value, type(record), prefix)
     try:
-        return replace(record, **values)
+        return replace(record, **found)
     except ParameterError as error:
         raise ParameterError(f'{prefix}{error}' if not path else str(error)) from None
 
@@ -247,9 +254,9 @@ def nearest(name: Any, names: Any) -> str:
     return f'did you mean {close[0]!r}?' if close else f'choose from: {", ".join(sorted(names))}'
 
 
-def _radians(key: str, value: Any, cls: type, where: str) -> Any:
+def _radians(key: str, value: Any, cls: type, prefix: str) -> Any:
     name = key.removesuffix('_deg')
     unit = {item.name: item.metadata.get('unit', '') for item in fields(cls)}[name]
     if not unit.startswith('rad'):
-        raise ParameterError(f'{where}: {key}: {name} is not an angle')
+        raise ParameterError(f'{prefix}{key}: {name} is not an angle')
     return math.radians(_converted(key, value, float))

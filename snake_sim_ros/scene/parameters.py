@@ -12,6 +12,7 @@ units and radians; in YAML a key may end in ``_deg`` and is then converted.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import fields
+import difflib
 import math
 from pathlib import Path
 from typing import Any
@@ -326,6 +327,11 @@ def load_scene(source: str | Path) -> Scene:
     """
     path = _find(source, Path())
     mapping = _read(path)
+    names = {str(key).removesuffix('_deg') for key in mapping}
+    if names and names <= {item.name for item in fields(Robot)}:
+        raise ParameterError(
+            f'{source} is a robot, not a scene; a scene takes it as "robot: {source}"'
+        )
     if isinstance(mapping.get('robot'), str):
         mapping['robot'] = _read(_find(mapping['robot'], path.parent))
     scene: Scene = from_mapping(Scene, mapping, str(path.name))
@@ -375,8 +381,12 @@ def _find(source: str | Path, folder: Path) -> Path:
     for candidate in [folder / name for name in names] + packaged:
         if candidate.is_file():
             return candidate
-    scenes = ', '.join(sorted(path.stem for path in CONFIG.glob('*.yaml')))
-    raise ParameterError(f'no file {source}; the scenes that come with the package: {scenes}')
+    scenes = sorted(path.stem for path in CONFIG.glob('*.yaml'))
+    close = difflib.get_close_matches(str(source), scenes, n=1)
+    hint = f'did you mean {close[0]!r}? ' if close else ''
+    raise ParameterError(
+        f'no file {source}; {hint}the scenes that come with the package: {", ".join(scenes)}'
+    )
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -81,6 +81,14 @@ def test_what_is_refused(arguments, sentence, tmp_path, monkeypatch, capsys):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_bag_is_not_overwritten(tmp_path, capsys):
+    path = tmp_path / 'kept.mcap'
+    path.write_bytes(b'kept')
+    assert main(['run', 'step', '--bag', str(path)]) == 2
+    assert f'--bag: {path} exists; name another file' in capsys.readouterr().err
+    assert path.read_bytes() == b'kept'
+
+
 def test_bags_and_runs_that_are_not_usable_are_not_shown(recorded, tmp_path, capsys):
     half, old = tmp_path / 'half.mcap', tmp_path / 'old.npz'
     half.write_bytes((recorded / 'run.mcap').read_bytes()[:5000])

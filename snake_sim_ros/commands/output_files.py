@@ -38,8 +38,8 @@ def outputs(options: argparse.Namespace) -> dict[str, Path]:
     Raises
     ------
     ParameterError
-        If a file has another suffix or its folder does not exist, if the speed is not usable, or
-        if the package that draws animations is not installed.
+        If a file has another suffix or its folder does not exist, if a bag exists already, if the
+        speed is not usable, or if what an animation needs is not installed.
 
     """
     files = {name: path for name in FORMATS if (path := getattr(options, name, None))}
@@ -48,10 +48,16 @@ def outputs(options: argparse.Namespace) -> dict[str, Path]:
             raise ParameterError(f'--{name} must end in {FORMATS[name]}, got {path}')
         if not path.absolute().parent.is_dir():
             raise ParameterError(f'--{name}: no folder {path.absolute().parent}')
+        if name == 'bag' and path.exists():
+            raise ParameterError(f'--bag: {path} exists; name another file, or delete this one')
     if not 0 < options.speed < math.inf:
         raise ParameterError(f'--speed must be above 0 and finite, got {options.speed:g}')
     if {'gif', 'mp4'} & files.keys():
         _animator()
+    if 'mp4' in files:
+        from snake_sim_ros.view.animation import ffmpeg
+
+        ffmpeg()
     return files
 
 

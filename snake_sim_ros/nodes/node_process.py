@@ -21,14 +21,14 @@ from rclpy.utilities import remove_ros_args
 from snake_sim_ros.scene.checked_records import ParameterError
 
 N = TypeVar('N', bound=Node)
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # the last one: the terminal closes
 
 
 def run_node(
     make: Callable[[], N], run: Callable[[N, Event], None], args: list[str] | None = None
 ) -> int:
     """
-    Start rclpy, make a node, run it, and end cleanly on SIGINT and SIGTERM.
+    Start rclpy, make a node, run it, and end cleanly on SIGINT, SIGTERM and SIGHUP.
 
     While the node is being made, a signal ends the process at once. Once the node runs, a signal
     sets the event that `run` takes. The handlers of rclpy would shut down the context while the
@@ -110,7 +110,8 @@ def _interrupt_on_signals(stop: Event) -> None:
 
 def _on_signals(handler: Callable[[int, FrameType | None], None]) -> None:
     for number in SIGNALS:
-        signal.signal(number, handler)
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # as with nohup
+            signal.signal(number, handler)
 
 
 def _initialize(args: list[str] | None) -> None:

@@ -54,6 +54,8 @@ class SimNode(Node):
         Real-time factor and processor time.
     paused : bool
         Set by the services.
+    level_changes : int
+        How often the model level changed.
 
     """
 
@@ -73,6 +75,7 @@ class SimNode(Node):
         self.get_logger().info(f'physics ready after {self.simulation.compile():.1f} s')
         self.paused = self.settings.start_paused
         self.stop = Event()
+        self.level_changes = 0
         self.warn = ThrottledWarnings(self)
         self.load = LoadMeter()
         overrides = self.get_parameters_by_prefix('qos_overrides')
@@ -115,7 +118,8 @@ class SimNode(Node):
         report = simulation.advance(*self.inbox.sample(simulation.midpoints(self.steps)))
         if report.level != level:
             why = f': {report.left}' if report.left else ': the robot lies flat'
-            self.get_logger().info(f'level {report.level} from t = {simulation.time:g} s on{why}')
+            self.get_logger().debug(f'level {report.level} from t = {simulation.time:g} s on{why}')
+            self.level_changes += 1
         if report.failure:
             self.get_logger().error(
                 f'diverged, paused at the last good state; call ~/reset: {report.failure}'
@@ -156,6 +160,7 @@ class SimNode(Node):
             'real_time_factor': f'{self.load.real_time_factor:.4g}',
             'processor': f'{self.load.processor:.3f}',
             'overruns': self.load.overruns,
+            'level_changes': self.level_changes,
             'rejected_commands': self.inbox.rejected,
             'clamped_commands': self.inbox.clamped,
             **values_of(self.simulation),

@@ -290,6 +290,17 @@ def test_node_ends_well_while_it_imports(make_graph, number):
     assert not process.output
 
 
+def test_node_ends_well_when_its_terminal_closes(make_graph):
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup may have this test ignore it
+    try:
+        sim = SimClient(make_graph())
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    sim.wait_until_connected()
+    assert sim.process.stop(signal.SIGHUP) == 0, sim.process.output
+    assert 'Traceback' not in sim.process.output
+
+
 def test_node_as_fast_as_it_can_ends_well_on_sigterm(make_graph):
     sim = SimClient(make_graph(), 'real_time_factor:=0.0')
     sim.wait_until_connected()

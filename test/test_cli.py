@@ -144,7 +144,7 @@ def test_numbers_in_settings_are_written_as_usual(capsys):
             'rad; for degrees say gait.yaw.amplitude_deg',
         ),
         (['lateral_undulation', '--set', 'friction.rolling_deg=3'], 'friction.rolling_deg: rol'),
-        (['aiko'], 'aiko is a robot, not a scene; a scene takes it as "robot: aiko"'),
+        (['aiko'], 'aiko is a robot, not a scene; scenes say "robot: aiko"'),
         (['sidewindin'], "no file sidewindin; did you mean 'sidewinding'? the scenes that come"),
         (['nowhere.yaml'], 'no file nowhere.yaml; the scenes that come with the package: '),
         (

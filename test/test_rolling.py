@@ -244,21 +244,18 @@ def test_auto_on_random_ice_is_where_the_spatial_level_is(seed):
     assert distance(auto, space) <= promised(way) + 2.0 * error
 
 
-# ---- the faster of two exact levels -------------------------------------------------------------
+# ---- the smaller of two exact levels ------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ('settings', 'level'),
+    'settings',
     [
-        ({'method': 'bdf2', 'dt': 1 / 100}, 'spatial'),
-        ({'method': 'auto', 'dt': 1 / 100}, 'spatial'),
-        ({'method': 'newton', 'dt': 1 / 100}, 'planar'),
-        ({'method': 'bdf2', 'dt': 1 / 500}, 'planar'),
-        ({'method': 'bdf2', 'dt': 1 / 100, 'robot.link_count': 20}, 'planar'),
-        ({'method': 'bdf2', 'dt': 1 / 100, 'solver.residual_tolerance': 1e-5}, 'planar'),
-        ({'method': 'bdf2', 'dt': 1 / 100, 'level': 'planar'}, 'planar'),
+        {'method': 'bdf2', 'dt': 1 / 20},
+        {'method': 'auto', 'dt': 1 / 100},
+        {'method': 'newton', 'dt': 1 / 100},
+        {'method': 'bdf2', 'dt': 1 / 500, 'robot.link_count': 20},
     ],
 )
-def test_auto_takes_the_faster_level(settings, level):
+def test_auto_takes_the_plane_whatever_the_step(settings):
     scene = with_settings(load_scene('lateral_undulation'), settings)
-    assert make_stepper(scene).level == level
+    assert make_stepper(scene).level == 'planar'

@@ -329,9 +329,7 @@ def load_scene(source: str | Path) -> Scene:
     mapping = _read(path)
     names = {str(key).removesuffix('_deg') for key in mapping}
     if names and names <= {item.name for item in fields(Robot)}:
-        raise ParameterError(
-            f'{source} is a robot, not a scene; a scene takes it as "robot: {source}"'
-        )
+        raise ParameterError(f'{source} is a robot, not a scene; scenes say "robot: {source}"')
     if isinstance(mapping.get('robot'), str):
         mapping['robot'] = _read(_find(mapping['robot'], path.parent))
     scene: Scene = from_mapping(Scene, mapping, str(path.name))

@@ -40,6 +40,11 @@ class Samples(NamedTuple):
         arrays = (array[done:] for array in self[2:])
         return Samples(self.every, self.first + done * self.every - steps, *arrays)
 
+    def until(self, steps: int) -> 'Samples':
+        """Return the samples that are reached by some steps, in the same memory."""
+        count = self.reached_by(steps)
+        return Samples(self.every, self.first, *(array[:count] for array in self[2:]))
+
     def add(self, step: int, state: State, history: History, torque: Array, span: float) -> None:
         """Fill the sample after a step, counted from 0, if there is one."""
         row, rest = divmod(step + 1 - self.first, self.every)

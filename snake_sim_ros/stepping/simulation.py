@@ -243,6 +243,7 @@ class _Advance:
         self.simulation, self.samples, self.limits = simulation, samples, limits
         self.time_references, self.seconds = time_references, 0.0
         self.is_cautious = not math.isinf(limits.unconverged)
+        self.in_time = 0  # steps taken before the limit of the wall time
         self.begin, self.portion = simulation.step_count, max(LEAST_STEPS, samples.every)
         if self.is_cautious:
             self.portion = FIRST_PORTION
@@ -262,6 +263,8 @@ class _Advance:
         compiled = simulation.compile_seconds - compiled
         seconds = time.perf_counter() - begin - compiled
         self.seconds += seconds
+        if self.seconds <= self.limits.seconds:
+            self.in_time = self.done
         if self.is_cautious and simulation.report.unconverged:
             self.portion = FIRST_PORTION
         elif seconds < PORTION_SECONDS:
@@ -313,17 +316,14 @@ def sample(
         Otherwise it is raised.
 
     """
-    found = make_samples(simulation.scene, steps, samples + 1)._replace(first=0)
-    span = last_span(simulation.scene, simulation.history)
-    found.add(-1, simulation.state, simulation.history, simulation.last.joint_torque, span)
-    found.is_planar[0] = simulation.last.level == 'planar'
+    found = _begun(simulation, steps, samples)
     advance = _Advance(simulation, found.after(0), limits, time_references=time_references)
-    interrupted, total = False, steps * samples
+    interrupted = False
     try:
         if observe:
             observe(simulation)
-        while advance.done < total and not advance.over():
-            advance(steps - advance.done % steps if observe else total - advance.done)
+        while advance.done < steps * samples and not advance.over():
+            advance(steps - advance.done % steps if observe else steps * samples - advance.done)
             if observe and advance.done % steps == 0 and not advance.over():
                 observe(simulation)
             if progress:
@@ -332,12 +332,19 @@ def sample(
         if not interruptible:
             raise
         interrupted = True
-    late = advance.seconds > limits.seconds
-    count = 1 + (advance.done - late) // steps
-    kept = Samples(*found[:2], *(array[:count] for array in found[2:]))
     return trajectory_of(
-        simulation.scene, kept, keep, simulation.report, advance.seconds, interrupted=interrupted
-    )
+        simulation.scene, found.until(advance.in_time), keep, simulation.report, advance.seconds,
+        interrupted=interrupted,
+    )  # fmt: skip
+
+
+def _begun(simulation: Simulation, steps: int, samples: int) -> Samples:
+    """Return arrays for samples after the present state, which is the first of them."""
+    found = make_samples(simulation.scene, steps, samples + 1)._replace(first=0)
+    span = last_span(simulation.scene, simulation.history)
+    found.add(-1, simulation.state, simulation.history, simulation.last.joint_torque, span)
+    found.is_planar[0] = simulation.last.level == 'planar'
+    return found
 
 
 def run(

@@ -308,7 +308,10 @@ def test_changes_that_joints_cannot_follow_are_refused_whole(follower):
         ({'gait__pitch__phase': math.nan}, 'out of range'),
         ({'gait__yaw__offset': 0.5}, 'amplitude plus offset of gait.yaw must be within the joint'),
         ({'gait__yaw__phase': 'left'}, "phase must be a number, got 'left'"),
-        ({'scene': 'sinus_liftin'}, 'no file sinus_liftin; the scenes that come with'),
+        (
+            {'scene': 'sinus_liftin'},
+            "no file sinus_liftin; did you mean 'sinus_lifting'? the scenes that come",
+        ),
         ({'blend_time': 2.0}, 'read-only'),
     ):
         result = follower.set(gait__yaw__amplitude=0.4, **values)

@@ -143,7 +143,7 @@ MAPS = (
         'prox_parameters', 'Prox parameters, sticking on a slope',
         spaced('factor on r', '1', 0.25, 16, 19),
         Axis('inertia radius/link radius', '1', (0.5, 0.6, 0.7, 0.85, 1.0)),
-        ('paper', 'gauss_seidel', 'newton'),
+        ('paper', 'gauss_seidel', 'newton', 'bdf2'),
         sticking, speed, 'speed, m/s', 1e-3, prox_limit,
     ),
     StabilityMap(

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Pegs
 from snake_sim_ros.scene.parameters import Scene
@@ -12,6 +13,7 @@ from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.samples import make_samples
+from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.simulation import Simulation
@@ -99,6 +101,29 @@ def test_samples_after_some_steps_are_the_rest_in_the_same_memory():
     rest.q[0] = 1.0
     assert (samples.q[1] == 1.0).all()
     assert len(samples.after(20).q) == 0
+
+
+@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('level', ['planar', 'spatial'])
+def test_steps_beyond_the_last_sample_write_nowhere(method, level):
+    scene = replace(CASE_A, method=method, level=level, dt=1 / 1000)
+    simulation = Simulation(scene)
+    behind = make_samples(scene, 2, 5)
+    samples = Samples(2, 2, *(array[:2] for array in behind[2:]))
+    simulation.advance(*simulation.gait_reference(12), samples)
+    assert (samples.span > 0.0).all() and samples.q[:, :, 3:].any(axis=-1).all()
+    for array in behind[2:]:
+        assert not array[2:].any()
+
+
+def test_samples_of_another_scene_are_refused():
+    simulation = Simulation(CASE_A)
+    reference = simulation.gait_reference(2)
+    wrong = make_samples(with_settings(CASE_A, {'robot.link_count': 5}), 1, 2)
+    with pytest.raises(ParameterError, match=r'samples\.q must be an array \(2, 11, 7\)'):
+        simulation.advance(*reference, wrong)
+    with pytest.raises(ParameterError, match='samples must be one step apart or more'):
+        simulation.advance(*reference, make_samples(CASE_A, 0, 2))
 
 
 def test_a_run_that_diverges_keeps_the_samples_before():

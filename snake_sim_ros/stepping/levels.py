@@ -28,6 +28,7 @@ from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.planar.model import forget
 from snake_sim_ros.stepping.planar.model import PlanarMemory
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
+from snake_sim_ros.stepping.samples import checked
 from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.state import check_arguments
@@ -161,6 +162,7 @@ class LevelStepper:
     ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after as many steps as there are references."""
         check_arguments(self.scene.robot.link_count, self.empty, state, history, angle, rate)
+        samples = checked(samples, self.spatial.no_samples)
         history, report = copied(history), Report(level=self.level)
         vertical = is_vertical(angle, rate)
         start, self.ticks = 0, []
@@ -185,8 +187,7 @@ class LevelStepper:
                     part = slice(start, min(start + pause, part.stop or len(vertical)))
             if stepper not in self.used:
                 self.compile(stepper, state, history, angle, rate)
-            kept = samples.after(start) if samples else None
-            told = angle[part], rate[part]
+            told, kept = (angle[part], rate[part]), samples.after(start)
             state, history, news = self.take(stepper, state, history, *told, kept)
             history.settling[0] -= min(pause, news.steps)
             if news.left:
@@ -204,7 +205,7 @@ class LevelStepper:
 
     def take(
         self, stepper: Any, state: State, history: History, angle: Array, rate: Array,
-        samples: Samples | None = None,
+        samples: Samples,
     ) -> tuple[State, History, Report]:  # fmt: skip
         """Advance one level with its own memory, and empty the memory of the other one."""
         memory, empty = history.memory, self.empty.memory
@@ -241,7 +242,7 @@ class LevelStepper:
     ) -> None:
         """Compile a level at its first use, by a call without steps; note the time it takes."""
         begin = time.perf_counter()
-        self.take(stepper, state, history, angle[:0], rate[:0])
+        self.take(stepper, state, history, angle[:0], rate[:0], self.spatial.no_samples)
         self.compile_seconds += time.perf_counter() - begin
         self.used.append(stepper)
 

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
@@ -48,9 +49,38 @@ class Samples(NamedTuple):
     def add(self, step: int, state: State, history: History, torque: Array, span: float) -> None:
         """Fill the sample after a step, counted from 0, if there is one."""
         row, rest = divmod(step + 1 - self.first, self.every)
-        if row >= 0 and rest == 0:
+        if 0 <= row < len(self.q) and rest == 0:
             self.q[row], self.u[row], self.torque[row] = state.q, state.u, torque
             self.impulse[row], self.span[row] = history.impulse, span
+
+
+def checked(samples: Samples | None, none: Samples) -> Samples:
+    """
+    Return samples that a compiled loop may fill, or `none`, which has no rows, in place of None.
+
+    Raises
+    ------
+    ParameterError
+        If their arrays are not those of `make_samples` for the scene of `none`.
+
+    """
+    if samples is None or (samples.every == 0 and not len(samples.span)):
+        return none
+    count = len(samples.span)
+    for name, array, wanted in zip(samples._fields[2:], samples[2:], none[2:], strict=True):
+        shape = (count, *wanted.shape[1:])
+        usable = array.dtype == wanted.dtype and array.flags.c_contiguous and array.flags.writeable
+        if array.shape != shape or not usable:
+            raise ParameterError(
+                f'samples.{name} must be an array {shape} of make_samples for this scene, got '
+                f'{array.shape} of {array.dtype}'
+            )
+    if samples.every < 1 or samples.first < 0:
+        raise ParameterError(
+            f'samples must be one step apart or more, got every={samples.every}, '
+            f'first={samples.first}'
+        )
+    return samples
 
 
 def make_samples(scene: Scene, every: int, count: int) -> Samples:

@@ -11,6 +11,7 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.model import make_model
 from snake_sim_ros.stepping.model import make_workspace
+from snake_sim_ros.stepping.samples import checked
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.state import check_arguments
@@ -63,7 +64,7 @@ class SpatialStepper:
     ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after as many steps as there are references."""
         check_arguments(len(self.model.mass), self.empty, state, history, angle, rate)
-        record = Record(*(samples or self.no_samples)[:-1])
+        record = Record(*checked(samples, self.no_samples)[:-1])
         steps = make_steps(state.q.copy(), state.u.copy(), copied(history), angle, rate, record)
         self.loop(self.model, self.work, steps)
         self.cycles = steps.cycles

@@ -80,10 +80,11 @@ def make_steps(
 @inlined
 def sampled_row(k, record):
     """Return the row of a sample after step k; -1 if there is none."""
-    if record.every == 0:
-        return -1
     since = k + 1 - record.first
-    return since // record.every if since >= 0 and since % record.every == 0 else -1
+    if record.every == 0 or since < 0 or since % record.every != 0:
+        return -1
+    row = since // record.every
+    return row if row < len(record.span) else -1
 
 
 @inlined

@@ -175,7 +175,7 @@ class DenseLoop:
                 steps.report['not_planar'][:] = 1
                 break
             row, rest = divmod(k + 1 - record.first, record.every or 1)
-            if record.every and row >= 0 and rest == 0:
+            if record.every and 0 <= row < len(record.span) and rest == 0:
                 record.q[row], record.u[row] = steps.q, steps.u
                 record.torque[row] = work.applied / self.scene.dt
                 record.impulse[row], record.span[row] = steps.history.impulse, self.scene.dt

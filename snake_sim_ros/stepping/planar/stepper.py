@@ -19,6 +19,7 @@ from snake_sim_ros.stepping.planar.model import make_planar_memory
 from snake_sim_ros.stepping.planar.model import make_planar_model
 from snake_sim_ros.stepping.planar.model import make_planar_workspace
 from snake_sim_ros.stepping.planar.model import PlanarMemory
+from snake_sim_ros.stepping.samples import checked
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.state import check_arguments
@@ -133,7 +134,7 @@ class PlanarStepper:
         check_arguments(len(self.model.mass), self.empty, state, history, angle, rate)
         history = copied(history)
         q, u, tilt = self.coordinates(state, history.memory)
-        kept = samples or self.no_samples
+        kept = checked(samples, self.no_samples)
         count = kept.reached_by(len(angle))
         record = Record(
             kept.every, kept.first, np.empty((count, len(q))), np.empty((count, *u.shape)),

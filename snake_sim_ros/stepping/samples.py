@@ -12,6 +12,19 @@ from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import State
 
 
+def row_after(step: int, every: int, first: int, count: int) -> int:
+    """
+    Return the row of the sample after a step, counted from 0; -1 if there is none.
+
+    There are `count` samples, the first one after `first` steps, and none if `every` is 0.
+    """
+    since = step + 1 - first
+    if every == 0 or since < 0 or since % every != 0:
+        return -1
+    row = since // every
+    return row if row < count else -1
+
+
 class Samples(NamedTuple):
     """
     Arrays for m samples, one after every so many steps.
@@ -48,8 +61,8 @@ class Samples(NamedTuple):
 
     def add(self, step: int, state: State, history: History, torque: Array, span: float) -> None:
         """Fill the sample after a step, counted from 0, if there is one."""
-        row, rest = divmod(step + 1 - self.first, self.every)
-        if 0 <= row < len(self.q) and rest == 0:
+        row = row_after(step, self.every, self.first, len(self.q))
+        if row >= 0:
             self.q[row], self.u[row], self.torque[row] = state.q, state.u, torque
             self.impulse[row], self.span[row] = history.impulse, span
 

@@ -10,6 +10,7 @@ from snake_sim_ros.dynamics.compilation import record_array
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.base import divergence
 from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.samples import row_after
 from snake_sim_ros.stepping.state import History
 
 # Fields of `base.Report` that a loop adds up, and the reason why it ended early.
@@ -31,6 +32,8 @@ REPORT = np.dtype(
         ('not_planar', np.int64),  # whether the next step is not planar
     ]
 )
+
+row_at = inlined(row_after)
 
 
 class Record(NamedTuple):
@@ -80,11 +83,7 @@ def make_steps(
 @inlined
 def sampled_row(k, record):
     """Return the row of a sample after step k; -1 if there is none."""
-    since = k + 1 - record.first
-    if record.every == 0 or since < 0 or since % record.every != 0:
-        return -1
-    row = since // record.every
-    return row if row < len(record.span) else -1
+    return row_at(k, record.every, record.first, len(record.span))
 
 
 @inlined

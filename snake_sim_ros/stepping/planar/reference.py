@@ -22,6 +22,7 @@ from snake_sim_ros.stepping.planar.model import PlanarModel
 from snake_sim_ros.stepping.planar.model import PlanarWorkspace
 from snake_sim_ros.stepping.planar.model import ROLL_LIMIT
 from snake_sim_ros.stepping.planar.moreau import SLIP_MEMORY
+from snake_sim_ros.stepping.samples import row_after
 from snake_sim_ros.stepping.steps import Steps
 
 BALANCE = 1e-9  # largest error of the balance by rounding, as a share of the load
@@ -174,8 +175,8 @@ class DenseLoop:
             if not self.finish(model, work, steps, terms, solution):
                 steps.report['not_planar'][:] = 1
                 break
-            row, rest = divmod(k + 1 - record.first, record.every or 1)
-            if record.every and 0 <= row < len(record.span) and rest == 0:
+            row = row_after(k, record.every, record.first, len(record.span))
+            if row >= 0:
                 record.q[row], record.u[row] = steps.q, steps.u
                 record.torque[row] = work.applied / self.scene.dt
                 record.impulse[row], record.span[row] = steps.history.impulse, self.scene.dt

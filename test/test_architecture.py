@@ -18,7 +18,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from short_run import short_run
 
-from snake_sim_ros.dynamics import compilation
+from snake_sim_ros.dynamics import code_cache
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import Dispatched
 from snake_sim_ros.stepping.state import named_arrays
@@ -269,10 +269,8 @@ def test_what_is_tested_without_compiler(files, passed):
 
 
 def test_a_scene_that_changes_stays_in_bounds():
-    # A compiler that looks at every index compiles something else: it has a cache of its own.
     program = str(ROOT / 'test' / 'test_change.py')
-    cache = f'{numba.config.CACHE_DIR}_in_bounds'
-    printed = python(program, folder=ROOT, NUMBA_BOUNDSCHECK='1', NUMBA_CACHE_DIR=cache)
+    printed = python(program, folder=ROOT, NUMBA_BOUNDSCHECK='1')
     assert printed == 'all in bounds\n'
 
 
@@ -289,19 +287,24 @@ def test_the_cache_is_named_after_all_that_is_compiled():
         name = users.pop()
         found.add(name)
         users |= modules[name].modules() - found
-    assert {modules[name].room for name in found} <= {*compilation.ROOMS}
+    assert {modules[name].room for name in found} <= {*code_cache.ROOMS}
 
 
-def test_the_cache_is_another_one_for_other_sources(monkeypatch, tmp_path):
-    monkeypatch.setattr(compilation, 'PACKAGE', tmp_path)
-    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'cache'))
-    found = [compilation._cache_folder()]
+def test_the_cache_is_another_one_for_other_sources_and_settings(monkeypatch, tmp_path):
+    monkeypatch.setattr(code_cache, 'PACKAGE', tmp_path)
+    found = [code_cache.identity()]
     for name in ('contact/a.py', 'stepping/planar/a.py', 'stepping/b.py', 'nodes/a.py'):
         (tmp_path / name).parent.mkdir(exist_ok=True, parents=True)
         (tmp_path / name).write_text('# the same\n')
-        found.append(compilation._cache_folder())
+        found.append(code_cache.identity())
     assert len(set(found[:4])) == 4  # places count as much as contents
     assert found[4] == found[3]  # nodes are not compiled
+    # A compiler that looks at every index compiles something else.
+    monkeypatch.setenv('NUMBA_BOUNDSCHECK', '1')
+    assert code_cache.identity() not in found
+    monkeypatch.delenv('NUMBA_BOUNDSCHECK')
+    monkeypatch.setattr(code_cache, 'version', lambda name: '0.1')
+    assert code_cache.identity() not in found
 
 
 @each_module
@@ -321,7 +324,8 @@ def test_functions_are_compiled_or_typed(module):
 def test_nothing_is_compiled_in_another_way(module):
     # `compiled` is the only place that knows how: options would differ from function to function.
     text = module.path.read_text(encoding='utf-8')
-    assert ('numba' in module.packages()) == (module.place == 'dynamics/compilation')
+    places = ('dynamics/compilation', 'dynamics/code_cache')
+    assert ('numba' in module.packages()) == (module.place in places)
     assert not re.search(r'\bn?jit\(', text) or module.place == 'dynamics/compilation'
 
 

@@ -1,23 +1,18 @@
-"""
-How functions are compiled: with Numba, without the interpreter lock, cached on disk.
-
-The cache of Numba notices a change in the file of a function, but not in a function that it calls
-from another file. Therefore the cache folder is named after the contents of all modules in ROOMS.
-"""
+"""How functions are compiled: with Numba, without the interpreter lock, cached on disk."""
 
 from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import update_wrapper
-import hashlib
 import operator
 import os
-from pathlib import Path
-import tempfile
 from typing import Any
 
 try:
     from llvmlite import ir
     import numba
     from numba.core import cgutils
+    from numba.core import event
     from numba.core import types
     from numba.core.imputils import lower_builtin
     from numba.core.imputils import lower_constant
@@ -36,37 +31,12 @@ except ImportError as error:
 
 import numpy as np
 
-from snake_sim_ros import PACKAGE
-
-# Folders of all modules with compiled functions, and of the modules that these import.
-ROOMS = ('scene', 'dynamics', 'gaits', 'contact', 'stepping', 'comparison')
-
-
-def _cache_folder() -> str:
-    """Return a folder that belongs to exactly these sources and can be written."""
-    digest = hashlib.sha256()
-    for path in sorted(path for room in ROOMS for path in (PACKAGE / room).rglob('*.py')):
-        content = hashlib.sha256(path.read_bytes()).hexdigest()
-        digest.update(f'{path.relative_to(PACKAGE)} {content}\n'.encode())
-    name = f'snake_sim_ros/{digest.hexdigest()[:16]}'
-    home = os.environ.get('XDG_CACHE_HOME') or os.path.expanduser('~/.cache')
-    for root in (home, os.path.join(tempfile.gettempdir(), f'cache-{os.getuid()}')):
-        folder = Path(root) / name
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError:
-            continue
-        if os.access(folder, os.W_OK):
-            return str(folder)
-    return ''
-
+from snake_sim_ros.dynamics import code_cache
 
 COMPILES = not numba.config.DISABLE_JIT  # whether anything is compiled, see `compiled`
 OPTIONS = {'nogil': True, '_nrt': False, 'error_model': 'numpy'}  # of every compiled function
 
 
-if 'NUMBA_CACHE_DIR' not in os.environ:
-    numba.config.CACHE_DIR = _cache_folder()
 if 'NUMBA_SLP_VECTORIZE' not in os.environ:
     # Operations on several numbers in one instruction make steps 5 to 15 percent faster. Each is
     # rounded as before, and none changes places: results are the same to the last bit.
@@ -106,7 +76,7 @@ def merged(function: Callable[..., Any]) -> Callable[..., Any]:
     `solve_contacts` and similar functions were merged. Functions with branches for None must be
     `inlined`, because branches are not left out of merged ones.
     """
-    return _compiled(function, inline='always', cache=False)
+    return _compiled(function, inline='always')
 
 
 class Dispatched:
@@ -187,9 +157,32 @@ def _constant_of_dispatched(context: Any, builder: Any, kind: Any, function: Any
 
 
 def _compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
-    options = {'cache': True, 'no_cfunc_wrapper': True, **OPTIONS, **options}
-    wrapper: Callable[..., Any] = numba.njit(**options)(function)
+    wrapper: Any = numba.njit(no_cfunc_wrapper=True, **OPTIONS, **options)(function)
+    if COMPILES and code_cache.FOLDER and 'inline' not in options:
+        wrapper._cache = code_cache.CodeCache(function)  # as its enable_caching does
     return wrapper
+
+
+class _Teller(event.Listener):  # type: ignore[misc]
+    def __init__(self, tell: Callable[[str], object]) -> None:
+        self.tell = tell
+
+    def on_start(self, started: Any) -> None:
+        self.tell(started.data['dispatcher'].py_func.__name__)
+
+    def on_end(self, ended: Any) -> None:
+        pass
+
+
+@contextmanager
+def watched(tell: Callable[[str], object]) -> Iterator[None]:
+    """
+    Tell the name of every function that is not in the cache, before it is compiled.
+
+    It is not compiled if `tell` raises an error.
+    """
+    with event.install_listener('numba:compile', _Teller(tell)):
+        yield
 
 
 class Columns:

@@ -67,6 +67,8 @@ class CommandInbox:
         self._topics: set[str] = set()  # on which commands came since the last diagnostics
         self._limited: JointReference | None = None  # the last one reported to exceed the limit
         self._others = OtherPublishers(node)
+        self._is_open = False
+        self._waiting: dict[str, tuple[Any, ...]] = {}  # arguments of _take, the last of a topic
         self._subscribe(node)
 
     def _subscribe(self, node: Node) -> None:
@@ -114,6 +116,13 @@ class CommandInbox:
         self._watch_limit(times[-1])
         return self._sampled(times, self.settings.command_horizon)
 
+    def open(self) -> None:
+        """Take commands from now on, first those that came while the physics was compiled."""
+        self._is_open = True
+        for arguments in self._waiting.values():
+            self._take(*arguments)
+        self._waiting.clear()
+
     def commanded_angle(self) -> Array:
         """Return the commanded joint angles at the simulated time [rad], shape (n-1, 2)."""
         angle, _ = self._sampled(np.array([self._simulation.time]), 0.0)
@@ -146,7 +155,11 @@ class CommandInbox:
     def _take(
         self, topic: str, read: Callable[..., ReceivedCommand], message: Any, *more: float
     ) -> None:
-        """Take a command, or warn why it is rejected."""
+        """Take a command, or warn why it is rejected; keep it for later if it is too early."""
+        if not self._is_open:
+            self._waiting.pop(topic, None)
+            self._waiting[topic] = (topic, read, message, *more)
+            return
         scene, now = self._simulation.scene, self._simulation.time
         self._topics.add(topic)
         if not self.settings.publish_clock and hasattr(message, 'header'):

@@ -1,16 +1,21 @@
 """The `sim` node: a virtual Aiko that follows joint commands and publishes its state."""
 
+import gc
 import sys
 from threading import Event
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from snake_sim_ros.gaits.joint_reference import compile_sampling
+from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.nodes.command_inbox import CommandInbox
+from snake_sim_ros.nodes.compiling import Compiler
+from snake_sim_ros.nodes.compiling import is_loaded
 from snake_sim_ros.nodes.diagnostics import status_of
 from snake_sim_ros.nodes.diagnostics import values_of
 from snake_sim_ros.nodes.executors import make_executor
@@ -33,6 +38,7 @@ from snake_sim_ros.stepping.simulation import steps_in
 
 BACKLOG = 0.2  # s of wall time that the node may lag before it stops trying to catch up
 WAIT = 0.1  # s, the longest wait for a message in one go
+LOOK, TOLD = 1.0, 5.0  # s between two diagnostics, and two lines in the log, while it compiles
 SERVICE = 5e-3  # s of wall time between two looks for messages if it runs as fast as possible
 
 
@@ -56,6 +62,8 @@ class SimNode(Node):
         Set by the services.
     level_changes : int
         How often the model level changed.
+    compiler : Compiler, optional
+        What compiles the physics beside the node; None when that is ready.
 
     """
 
@@ -70,9 +78,6 @@ class SimNode(Node):
         self.period = 1.0 / self.settings.publish_rate
         self.steps = steps_in(self.period, scene.dt, 'publish period')
         self.simulation = Simulation(scene)
-        self.get_logger().info('compiling the physics (half a minute at the first start ever) ...')
-        compile_sampling(scene)
-        self.get_logger().info(f'physics ready after {self.simulation.compile():.1f} s')
         self.paused = self.settings.start_paused
         self.stop = Event()
         self.level_changes = 0
@@ -90,7 +95,38 @@ class SimNode(Node):
             raise ParameterError(f'qos_overrides of {", ".join(overrides)}: {reason}') from None
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._on_parameters_set)
+        begin = time.perf_counter()
+        self.compiler: Compiler | None = None
+        if is_loaded(self._load):
+            self._begin(time.perf_counter() - begin)
+        else:
+            self.compiler = Compiler(scene, self._load)
         serve(self)
+
+    def _load(self) -> None:
+        compile_sampling(self.simulation.scene)
+        self.simulation.compile()
+
+    def _begin(self, seconds: float) -> None:
+        self.get_logger().info(f'physics ready after {seconds:.1f} s')
+        self.inbox.open()
+
+    def look_at_compiler(self) -> None:
+        """Begin if the compiler is done; publish diagnostics and the state, which stands still."""
+        assert self.compiler
+        if self.compiler.is_done:
+            compiler, self.compiler = self.compiler, None
+            if compiler.error:
+                raise compiler.error
+            self._begin(compiler.seconds)
+        else:
+            self.publish_diagnostics()
+            self.publish_state()
+
+    @property
+    def compiling(self) -> str:
+        """A sentence on what the compiler does; empty if the physics is ready."""
+        return str(self.compiler) if self.compiler else ''
 
     @property
     def failure(self) -> str:
@@ -100,7 +136,7 @@ class SimNode(Node):
     @property
     def halted(self) -> bool:
         """Whether simulated time stands still."""
-        return self.paused or bool(self.failure)
+        return self.paused or bool(self.failure or self.compiling)
 
     @property
     def seconds(self) -> float:
@@ -147,12 +183,15 @@ class SimNode(Node):
 
     def publish_state(self) -> None:
         """Publish the state, then the clock."""
-        self.state_publishers.publish(self.nanoseconds)
+        start = start_posture(self.simulation.scene) if self.compiler else None
+        self.state_publishers.publish(self.nanoseconds, start)
 
     def publish_diagnostics(self) -> None:
         """Publish the state of the simulation and of its commands on /diagnostics."""
         factor, warnings = self.settings.real_time_factor, []
         # The node advances by whole periods, so it may reach one of them less.
+        if self.compiling:
+            warnings.append(self.compiling)
         if not self.halted and self.load.real_time_factor + self.period < 0.95 * factor:
             warnings.append(f'real-time factor {self.load.real_time_factor:.2f} of {factor:g}')
         warnings += self.inbox.remarks()
@@ -171,7 +210,7 @@ class SimNode(Node):
         message = DiagnosticArray(status=[status])
         message.header.stamp = stamp_from(self.nanoseconds)
         self.diagnostics.publish(message)
-        if self.halted:
+        if self.halted and not self.compiling:
             self.state_publishers.publish_markers(self.nanoseconds)
         self.inbox.end_interval()
 
@@ -190,11 +229,35 @@ class SimNode(Node):
             self.simulation.change(scene)
 
 
+def wait_for_compiler(node: SimNode, compiler: Compiler, executor: SingleThreadedExecutor) -> None:
+    """Serve messages until the physics is compiled or the node must end; tell about it."""
+    compiler.start()
+    node.get_logger().info(
+        'compiling the physics, which takes up to a minute at the first start ever; '
+        'commands are kept, and services answer'
+    )
+    looked, told = 0.0, TOLD
+    try:
+        while node.compiler and not node.stop.is_set():
+            executor.spin_once(timeout_sec=WAIT)
+            if compiler.is_done or compiler.seconds >= looked + LOOK:
+                looked = compiler.seconds
+                node.look_at_compiler()
+            if compiler.seconds >= told:
+                told += TOLD
+                node.get_logger().info(f'{compiler}, {compiler.functions} functions')
+    finally:
+        compiler.end()
+    gc.freeze()
+
+
 def run(node: SimNode, stop: Event) -> None:
     """Make simulated time follow the wall clock; serve messages in the time that is left."""
     executor, load = make_executor(node), node.load
     node.stop = stop
     node.publish_state()
+    if node.compiler:
+        wait_for_compiler(node, node.compiler, executor)
     due = served = time.perf_counter()
     load.restart(due)
     factor = node.settings.real_time_factor

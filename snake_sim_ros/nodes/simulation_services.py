@@ -31,6 +31,7 @@ class Controllable(Protocol):
 
     paused: bool
     failure: str
+    compiling: str
     seconds: float
 
     def create_service(self, kind: Any, name: str, callback: Any) -> Any:
@@ -53,6 +54,9 @@ class SimulationServices:
         node.create_service(Trigger, '~/step', self._on_step)
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self.node.compiling:
+            response.message = self.node.compiling
+            return response
         self.node.reset()
         response.success = True
         response.message = f'robot is at the start of the scene at t = {self.node.seconds:g} s'
@@ -67,8 +71,9 @@ class SimulationServices:
         return response
 
     def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if not self.node.paused:
-            response.message = DIVERGED if self.node.failure else STILL_RUNNING
+        if self.node.compiling or not self.node.paused:
+            why = DIVERGED if self.node.failure else STILL_RUNNING
+            response.message = self.node.compiling or why
             return response
         self.node.step()
         response.success = not self.node.failure
@@ -119,6 +124,9 @@ class StandardServices:
         elif wanted == states.STATE_PLAYING and self.node.failure:
             result.result = type(response).STATE_TRANSITION_ERROR
             result.error_message = f'diverged, reset first: {self.node.failure}'
+        elif wanted == states.STATE_STOPPED and self.node.compiling:
+            result.result = type(response).STATE_TRANSITION_ERROR
+            result.error_message = self.node.compiling
         elif wanted in (states.STATE_PLAYING, states.STATE_PAUSED):
             self.node.paused, self.stopped = wanted == states.STATE_PAUSED, False
         elif wanted == states.STATE_STOPPED:
@@ -137,6 +145,9 @@ class StandardServices:
         if not time and not state:
             response.result.result = standard.Result.RESULT_FEATURE_UNSUPPORTED
             response.result.error_message = f'scope must have bit 1 or 2, got {scope}'
+        elif self.node.compiling:
+            response.result.result = standard.Result.RESULT_OPERATION_FAILED
+            response.result.error_message = self.node.compiling
         else:
             self.node.reset(state=state, time=time)
         return response
@@ -144,9 +155,9 @@ class StandardServices:
     def _on_step(self, request: Any, response: Any) -> Any:
         result = standard.Result
         response.result.result = result.RESULT_OK
-        if not self.node.paused:
+        if self.node.compiling or not self.node.paused:
             response.result.result = result.RESULT_OPERATION_FAILED
-            response.result.error_message = STILL_RUNNING
+            response.result.error_message = self.node.compiling or STILL_RUNNING
             return response
         self.node.step(request.steps)
         if self.node.failure:

@@ -112,7 +112,10 @@ class StateMessages:
 
         self.clock = SerializedMessage(Clock())
 
-    def fill(self, nanoseconds: int, state: State, torque: Array) -> None:
+    def fill(
+        self, nanoseconds: int, state: State, torque: Array,
+        motion: tuple[Array, Array] | None = None,
+    ) -> None:  # fmt: skip
         """
         Write a state into all messages.
 
@@ -123,11 +126,13 @@ class StateMessages:
         state : State
         torque : ndarray, shape (n-1, 2)
             Joint torque (yaw, pitch) [N m].
+        motion : tuple of ndarray, shapes (n-1, 2), optional
+            Joint angles [rad] and rates [rad/s], if they are known. Default: those of the state.
 
         """
         for serialized in (self.joint_states, self.link_poses, self.odom, self.clock):
             serialized.stamp[:] = divmod(nanoseconds, 1_000_000_000)
-        self.angle[:], self.rate[:] = joint_motion(state.q[None], state.u[None])
+        self.angle[:], self.rate[:] = motion or joint_motion(state.q[None], state.u[None])
         self.torque[:] = torque
 
         quaternion = state.q[:, 3:] @ TO_WIRE

@@ -12,6 +12,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
+from snake_sim_ros.gaits.joint_reference import JointReference
 from snake_sim_ros.nodes.markers import MARKER_PERIOD
 from snake_sim_ros.nodes.markers import SceneMarkers
 from snake_sim_ros.nodes.sim_parameters import Settings
@@ -58,16 +59,28 @@ class StatePublishers:
         elif settings.publish_tf:
             node.get_logger().info('no /tf: the package tf2_msgs is not installed')
 
-    def publish(self, nanoseconds: int) -> None:
-        """Publish the state at a simulated time, then the clock."""
+    def publish(self, nanoseconds: int, held: JointReference | None = None) -> None:
+        """
+        Publish the state at a simulated time, then the clock.
+
+        Parameters
+        ----------
+        nanoseconds : int
+        held : JointReference, optional
+            Angles and rates of the joints where they are known. Default: from the state, by
+            compiled functions.
+
+        """
         messages, simulation = self._messages, self._simulation
-        messages.fill(nanoseconds, simulation.state, simulation.last.joint_torque)
+        motion = (held.angle, held.rate) if held else None
+        messages.fill(nanoseconds, simulation.state, simulation.last.joint_torque, motion)
         self._joint_states.publish(bytes(messages.joint_states))
         self._link_poses.publish(bytes(messages.link_poses))
         self._odom.publish(bytes(messages.odom))
         if self._transforms:
             self._transforms.publish(stamp_from(nanoseconds), messages.base.tolist())
-        self.publish_markers(nanoseconds)
+        if not held:
+            self.publish_markers(nanoseconds)
         if self._clock:
             self._clock.publish(bytes(messages.clock))
 

@@ -185,8 +185,7 @@ class LevelStepper:
                 stepper.watch(0 if vertical[start] or pause else self.settle_steps)
                 if pause:
                     part = slice(start, min(start + pause, part.stop or len(vertical)))
-            if stepper not in self.used:
-                self.compile(stepper, state, history, angle, rate)
+            self.prepare(stepper.level, state)
             told, kept = (angle[part], rate[part]), samples.after(start)
             state, history, news = self.take(stepper, state, history, *told, kept)
             history.settling[0] -= min(pause, news.steps)
@@ -237,14 +236,15 @@ class LevelStepper:
         elif self.planar.rolls_or_lifts and not self.scene.pegs.x:
             memory.slip[0] += 2.0 * self.planar.model.radius * AUTO_ROLL
 
-    def compile(
-        self, stepper: Any, state: State, history: History, angle: Array, rate: Array
-    ) -> None:
-        """Compile a level at its first use, by a call without steps; note the time it takes."""
-        begin = time.perf_counter()
-        self.take(stepper, state, history, angle[:0], rate[:0], self.spatial.no_samples)
-        self.compile_seconds += time.perf_counter() - begin
-        self.used.append(stepper)
+    def prepare(self, level: str, state: State) -> None:
+        """Compile a level that is not used yet, by a call without steps."""
+        stepper = {'planar': self.planar, 'spatial': self.spatial}[level]
+        if stepper not in self.used:
+            begin = time.perf_counter()
+            none = np.zeros((0, self.scene.robot.link_count - 1, 2))
+            self.take(stepper, state, self.empty_history(), none, none, self.spatial.no_samples)
+            self.compile_seconds += time.perf_counter() - begin
+            self.used.append(stepper)
 
 
 def what_is_told(angle: Array, rate: Array) -> str:

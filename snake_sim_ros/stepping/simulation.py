@@ -20,7 +20,9 @@ from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import Stepper
+from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.contact_forces import last_span
+from snake_sim_ros.stepping.levels import LevelStepper
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.samples import Samples
@@ -32,6 +34,7 @@ from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.trajectory import Trajectory
 
+LEVELS = ('planar', 'spatial')
 FIRST_PORTION = 25  # steps of a call if unconverged ones are limited; doubles while all converge
 LEAST_STEPS, MOST_STEPS = 100, 20_000  # of a call, whose references are in memory
 PORTION_SECONDS = 0.1  # wall time up to which the next call takes more steps [s]
@@ -89,27 +92,31 @@ class Simulation:
         axes = (self.scene.robot.link_count - 1, 2)
         self.report = self.last = Report(joint_torque=np.zeros(axes))
 
-    def compile(self, wave: Gait | None = None) -> float:
+    def compile(self, wave: Gait | None = None, levels: Sequence[str] = LEVELS) -> float:
         """
-        Compile all that steps need, and return the time it took [s].
-
-        Steps are taken for that, but the state does not change.
+        Compile what steps and records need, by steps that leave the state; return the time [s].
 
         Parameters
         ----------
         wave : Gait, optional
-            If given, only the level for its first step is compiled. Default: all levels.
+            If given, only the level for its first step is compiled, whatever `levels` are.
+        levels : sequence of str, optional
+            Those that are compiled, if the scene may have them.
 
         """
-        begin = time.perf_counter()
-        axes = self.scene.robot.link_count - 1
-        angles = [np.zeros((1, axes, 2)), np.full((1, axes, 2), 1e-3)]
-        steps = [(angle, np.zeros_like(angle)) for angle in angles]
+        begin, axes = time.perf_counter(), self.scene.robot.link_count - 1
+        pitch = {'planar': 0.0, 'spatial': 1e-3}
+        steps = [(np.full((1, axes, 2), pitch[level]), np.zeros((1, axes, 2))) for level in levels]
         if wave:
             steps = [gait.reference(wave, self.midpoints(1), axes)]
         for angle, rate in steps:
             self.stepper.advance(self.state, self.history, angle, rate)
+        if not wave and isinstance(self.stepper, LevelStepper):
+            for level in levels:  # also if the robot does not lie now
+                self.stepper.prepare(level, self.state)
         joint_motion(self.state.q[None], self.state.u[None])
+        if not self.given:
+            contact_forces(self.scene, self.state, self.history)
         return time.perf_counter() - begin
 
     def change(self, scene: Scene) -> None:
@@ -214,20 +221,10 @@ class Simulation:
 
 
 class Limits(NamedTuple):
-    """
-    Limits that end a run before its last sample, as a step that diverges does.
+    """Limits that end a run before its last sample, as a step that diverges does."""
 
-    Attributes
-    ----------
-    seconds : float
-        Wall time of all steps [s].
-    unconverged : float
-        Number of steps that did not converge.
-
-    """
-
-    seconds: float = math.inf
-    unconverged: float = math.inf
+    seconds: float = math.inf  # wall time of all steps [s]
+    unconverged: float = math.inf  # number of steps that did not converge
 
 
 NO_LIMITS = Limits()
@@ -254,7 +251,7 @@ class _Advance:
         return self.simulation.step_count - self.begin
 
     def __call__(self, most: int) -> None:
-        """Take a portion of steps, at most so many; the next one is longer while that is quick."""
+        """Take a portion of steps, at most so many."""
         simulation, count = self.simulation, min(self.portion, most)
         begin = time.perf_counter() if self.time_references else math.nan
         reference, compiled = simulation.gait_reference(count), simulation.compile_seconds

@@ -1,0 +1,151 @@
+"""
+The cache of compiled functions on disk, which belongs to exactly these sources and libraries.
+
+Numba notices a change in the file of a function, but not in a function that it calls from another
+file, and it keeps the code of every installation apart. Here a folder is named after the contents
+of all modules in ROOMS and the versions of the compiler. Every installation of the same sources
+finds it, and whatever is in it is up to date.
+"""
+
+from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
+import fcntl
+import hashlib
+from importlib.metadata import version
+import os
+from pathlib import Path
+import shutil
+import stat
+import sys
+import tempfile
+from typing import Any
+
+from numba.core import config
+from numba.core.caching import _CacheLocator
+from numba.core.caching import CompileResultCacheImpl
+from numba.core.caching import FunctionCache
+
+from snake_sim_ros import PACKAGE
+
+# Folders of all modules with compiled functions, and of the modules that these import.
+ROOMS = ('scene', 'dynamics', 'gaits', 'contact', 'stepping', 'comparison')
+COMPILERS = ('numba', 'llvmlite', 'numpy')  # libraries that determine the code
+GENERATIONS = 4  # folders of other sources that are kept, those that were used last
+
+
+def identity() -> str:
+    """Return a name for the contents of all modules in ROOMS, the compiler and its settings."""
+    digest = hashlib.sha256(f'{sys.implementation.cache_tag}\n'.encode())
+    for name in sorted(name for name in os.environ if name.startswith('NUMBA_')):
+        if name != 'NUMBA_CACHE_DIR':
+            digest.update(f'{name} {os.environ[name]}\n'.encode())
+    for name in COMPILERS:
+        digest.update(f'{name} {version(name)}\n'.encode())
+    for path in sorted(path for room in ROOMS for path in (PACKAGE / room).rglob('*.py')):
+        content = hashlib.sha256(path.read_bytes()).hexdigest()
+        digest.update(f'{path.relative_to(PACKAGE)} {content}\n'.encode())
+    return digest.hexdigest()[:16]
+
+
+def cache_folder() -> Path | None:
+    """
+    Return the folder of these sources, which can be written; None if there is no such place.
+
+    It is below NUMBA_CACHE_DIR or, without that, the user's cache folder. If that cannot be
+    written, it is below a folder for temporary files, and belongs to this user alone.
+    """
+    home = os.environ.get('XDG_CACHE_HOME') or os.path.expanduser('~/.cache')
+    private = Path(tempfile.gettempdir()) / f'cache-{os.getuid()}'
+    for root in (Path(os.environ.get('NUMBA_CACHE_DIR') or home), private):
+        folder = root / 'snake_sim_ros' / identity()
+        try:
+            if root == private:
+                root.mkdir(mode=0o700, exist_ok=True)
+                if not is_private(root):
+                    continue
+            is_new = not folder.exists()
+            folder.mkdir(parents=True, exist_ok=True)
+            os.utime(folder)  # It is used now, see `remove_old`.
+        except OSError:
+            continue
+        if os.access(folder, os.W_OK):
+            if is_new:
+                remove_old(folder)
+            return folder
+    return None
+
+
+def is_private(folder: Path) -> bool:
+    """Return whether a folder is this user's, and nobody else can read or write it."""
+    found = folder.lstat()
+    others = stat.S_IRWXG | stat.S_IRWXO
+    return (
+        stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & others
+    )
+
+
+def remove_old(folder: Path) -> None:
+    """Remove the folders of other sources beside this one, but those that were used last."""
+    times = {}
+    for path in folder.parent.iterdir():
+        try:
+            times[path] = path.stat().st_mtime
+        except OSError:  # Another process removed it.
+            continue
+    newest = sorted(times, key=lambda path: times[path], reverse=True)
+    for path in newest[GENERATIONS:]:
+        if path != folder:
+            shutil.rmtree(path, ignore_errors=True)
+
+
+FOLDER = None if config.DISABLE_JIT else cache_folder()
+
+
+class Locator(_CacheLocator):  # type: ignore[misc]
+    """Says where the code of a function is: with its module, wherever that is installed."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.module = function.__module__
+        self.line = function.__code__.co_firstlineno
+
+    def get_cache_path(self) -> str:
+        """Return the folder of the module."""
+        return str(FOLDER / self.module.rpartition('.')[0]) if FOLDER else ''
+
+    def get_source_stamp(self) -> str:
+        """Return nothing: the name of the folder says what the sources are."""
+        return ''
+
+    def get_disambiguator(self) -> str:
+        """Return what tells functions of the same name in one module apart."""
+        return str(self.line)
+
+    @classmethod
+    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> 'Locator':
+        """Return the locator of a function."""
+        return cls(py_func)
+
+
+class _Form(CompileResultCacheImpl):  # type: ignore[misc]
+    _locator_classes = [Locator]
+
+
+class CodeCache(FunctionCache):  # type: ignore[misc]
+    """The cache of one function. Several processes may fill it at the same time."""
+
+    _impl_class = _Form
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Save the code for some types of arguments."""
+        with locked():  # Numba reads the index of a function, and then writes it with one more.
+            super().save_overload(sig, data)
+
+
+@contextmanager
+def locked() -> Iterator[None]:
+    """Let other processes wait that write to the folder."""
+    assert FOLDER
+    with (FOLDER / 'lock').open('w') as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield

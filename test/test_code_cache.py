@@ -1,0 +1,118 @@
+"""The cache of compiled functions: one for all installations, private, and not growing."""
+
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from snake_sim_ros import PACKAGE
+from snake_sim_ros.dynamics import code_cache
+from snake_sim_ros.dynamics.compilation import watched
+
+PROGRAM = """
+from snake_sim_ros.dynamics.compilation import watched
+from snake_sim_ros.dynamics import kinematics
+import numpy as np
+names = []
+with watched(names.append):
+    kinematics.joint_motions(np.zeros((1, 2, 7)), np.zeros((1, 2, 6)), np.zeros((2, 3, 3)),
+                             np.zeros((2, 3)), np.zeros((1, 1, 2, 2)))
+print(len(names))
+"""
+
+
+def compiled_functions(cache: Path, sources: Path) -> int:
+    """Return how many functions a process of an installation compiles."""
+    done = subprocess.run(
+        [sys.executable, '-c', PROGRAM],
+        env={**os.environ, 'XDG_CACHE_HOME': str(cache), 'PYTHONPATH': str(sources)},
+        cwd=sources,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return int(done.stdout)
+
+
+def test_installations_of_the_same_sources_share_it(tmp_path):
+    copy, link = tmp_path / 'copy', tmp_path / 'link'
+    for folder in (copy, link):
+        folder.mkdir()
+    shutil.copytree(PACKAGE, copy / PACKAGE.name, symlinks=False)
+    (link / PACKAGE.name).symlink_to(PACKAGE)
+    cache = tmp_path / 'cache'
+    assert compiled_functions(cache, PACKAGE.parent) > 3
+    assert compiled_functions(cache, copy) == 0
+    assert compiled_functions(cache, link) == 0
+    (copy / PACKAGE.name / 'contact' / 'closing.py').write_text('# nothing any more\n')
+    assert compiled_functions(cache, copy) > 3
+
+
+def test_what_was_not_used_for_long_is_removed(tmp_path, monkeypatch):
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    monkeypatch.delenv('NUMBA_CACHE_DIR', raising=False)
+    parent = tmp_path / 'snake_sim_ros'
+    for k in range(7):
+        (parent / f'other_{k}').mkdir(parents=True)
+        (parent / f'other_{k}' / 'code').write_text('old')
+        os.utime(parent / f'other_{k}', (1000 * k, 1000 * k))
+    folder = code_cache.cache_folder()
+    assert folder == parent / code_cache.identity()
+    left = {path.name for path in parent.iterdir()}
+    assert left == {folder.name, 'other_4', 'other_5', 'other_6'}
+
+
+@pytest.mark.parametrize('trouble', ['open to all', 'a link', 'a file'])
+def test_a_folder_for_temporary_files_must_be_private(tmp_path, monkeypatch, trouble):
+    # Who can write it decides what runs.
+    home = tmp_path / 'home'
+    home.write_text('not a folder')
+    monkeypatch.setenv('XDG_CACHE_HOME', str(home))
+    monkeypatch.delenv('NUMBA_CACHE_DIR', raising=False)
+    monkeypatch.setattr(code_cache.tempfile, 'gettempdir', lambda: str(tmp_path))
+    private = tmp_path / f'cache-{os.getuid()}'
+    found = code_cache.cache_folder()
+    assert found == private / 'snake_sim_ros' / code_cache.identity()
+    assert private.stat().st_mode & 0o777 == 0o700
+    shutil.rmtree(private)
+    if trouble == 'open to all':
+        private.mkdir()
+        private.chmod(0o777)
+    elif trouble == 'a link':
+        (tmp_path / 'elsewhere').mkdir(mode=0o700)
+        private.symlink_to(tmp_path / 'elsewhere')
+    else:
+        private.write_text('')
+    assert code_cache.cache_folder() is None
+
+
+def test_a_folder_of_somebody_else_is_not_taken(tmp_path, monkeypatch):
+    tmp_path.chmod(0o700)
+    assert code_cache.is_private(tmp_path)
+    monkeypatch.setattr(code_cache.os, 'getuid', lambda: 12345)
+    assert not code_cache.is_private(tmp_path)
+
+
+def test_what_refuses_to_compile_leaves_the_function_as_it_is():
+    from snake_sim_ros.dynamics.compilation import COMPILES
+    from snake_sim_ros.dynamics.compilation import compiled
+
+    if not COMPILES:
+        pytest.skip('nothing is compiled')
+
+    class Refused(Exception):
+        pass
+
+    def refuse(name):
+        raise Refused(name)
+
+    def twice(x):
+        return 2 * x
+
+    function = compiled(twice)
+    with pytest.raises(Refused, match='twice'), watched(refuse):
+        function(1.0)
+    assert function(1.0) == 2.0

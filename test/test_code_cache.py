@@ -97,8 +97,8 @@ def test_a_folder_of_somebody_else_is_not_taken(tmp_path, monkeypatch):
 
 
 def test_what_refuses_to_compile_leaves_the_function_as_it_is():
-    from snake_sim_ros.dynamics.compilation import COMPILES
     from snake_sim_ros.dynamics.compilation import compiled
+    from snake_sim_ros.dynamics.compilation import COMPILES
 
     if not COMPILES:
         pytest.skip('nothing is compiled')

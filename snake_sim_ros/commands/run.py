@@ -75,9 +75,10 @@ def _run(options: argparse.Namespace) -> int:
 
 def _recorded(scene: Scene, rate: float, bag: Path | None) -> Trajectory:
     """Return what a scene does, sampled at a rate [Hz]; show its progress, and write a bag."""
+    from snake_sim_ros.commands.compiling import compile_first
     from snake_sim_ros.stepping.simulation import run
 
-    print('compiling ...', end='\r', file=sys.stderr, flush=True)
+    compile_first(scene)
     layout = '{percentage:3.0f} %|{bar}| {n:.2f} of {total:g} s, {remaining} left'
     with ExitStack() as stack:
         keep = _bag(stack, bag, scene) if bag else None

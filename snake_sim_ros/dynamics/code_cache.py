@@ -20,6 +20,8 @@ import stat
 import sys
 import tempfile
 from typing import Any
+from typing import ClassVar
+from typing import IO
 
 from numba.core import config
 from numba.core.caching import _CacheLocator
@@ -128,18 +130,51 @@ class Locator(_CacheLocator):  # type: ignore[misc]
 
 
 class _Form(CompileResultCacheImpl):  # type: ignore[misc]
-    _locator_classes = [Locator]
+    _locator_classes: ClassVar = [Locator]
 
 
 class CodeCache(FunctionCache):  # type: ignore[misc]
-    """The cache of one function. Several processes may fill it at the same time."""
+    """
+    The cache of one function. Several processes may fill it at the same time.
+
+    Attributes
+    ----------
+    shares_work : bool
+        Whether this process waits for functions that another one of these processes compiles at
+        the moment. That cannot last for ever, because no function calls itself.
+
+    """
 
     _impl_class = _Form
+    shares_work = False
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._lock: IO[str] | None = None
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the code for some types of arguments, or None: this process compiles it."""
+        found = super().load_overload(sig, target_context)
+        if found is None and self.shares_work and self._lock is None:
+            path = Path(self.cache_path) / f'{self._impl.filename_base}.lock'
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._lock = path.open('w')
+            fcntl.flock(self._lock, fcntl.LOCK_EX)
+            found = super().load_overload(sig, target_context)
+            if found is not None:
+                self._unlock()
+        return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save the code for some types of arguments."""
         with locked():  # Numba reads the index of a function, and then writes it with one more.
             super().save_overload(sig, data)
+        self._unlock()
+
+    def _unlock(self) -> None:
+        if self._lock:
+            self._lock.close()
+            self._lock = None
 
 
 @contextmanager

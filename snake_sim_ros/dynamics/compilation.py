@@ -157,10 +157,18 @@ def _constant_of_dispatched(context: Any, builder: Any, kind: Any, function: Any
 
 
 def _compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
-    wrapper: Any = numba.njit(no_cfunc_wrapper=True, **OPTIONS, **options)(function)
+    wrapper: Callable[..., Any] = numba.njit(no_cfunc_wrapper=True, **OPTIONS, **options)(function)
     if COMPILES and code_cache.FOLDER and 'inline' not in options:
-        wrapper._cache = code_cache.CodeCache(function)  # as its enable_caching does
+        # As `enable_caching` of the wrapper does with the cache of Numba.
+        vars(wrapper)['_cache'] = code_cache.CodeCache(function)
     return wrapper
+
+
+def compile_call(function: Any, *arguments: Any) -> None:
+    """Compile a compiled or `Dispatched` function for a call from compiled code."""
+    if isinstance(function, Dispatched):
+        function = function.implementations[type(arguments[0])]
+    function.compile(tuple(map(numba.typeof, arguments)))
 
 
 class _Teller(event.Listener):  # type: ignore[misc]

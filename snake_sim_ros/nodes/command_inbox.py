@@ -50,6 +50,8 @@ class CommandInbox:
         The node replaces them when its parameters change.
     rejected, clamped : int
         How many commands were rejected, and how many were clamped to the joint limit.
+    is_open : bool
+        Whether commands are taken, see `open`.
 
     """
 
@@ -67,7 +69,7 @@ class CommandInbox:
         self._topics: set[str] = set()  # on which commands came since the last diagnostics
         self._limited: JointReference | None = None  # the last one reported to exceed the limit
         self._others = OtherPublishers(node)
-        self._is_open = False
+        self.is_open = False
         self._waiting: dict[str, tuple[Any, ...]] = {}  # arguments of _take, the last of a topic
         self._subscribe(node)
 
@@ -118,7 +120,7 @@ class CommandInbox:
 
     def open(self) -> None:
         """Take commands from now on, first those that came while the physics was compiled."""
-        self._is_open = True
+        self.is_open = True
         for arguments in self._waiting.values():
             self._take(*arguments)
         self._waiting.clear()
@@ -156,7 +158,7 @@ class CommandInbox:
         self, topic: str, read: Callable[..., ReceivedCommand], message: Any, *more: float
     ) -> None:
         """Take a command, or warn why it is rejected; keep it for later if it is too early."""
-        if not self._is_open:
+        if not self.is_open:
             self._waiting.pop(topic, None)
             self._waiting[topic] = (topic, read, message, *more)
             return

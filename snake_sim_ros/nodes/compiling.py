@@ -1,11 +1,15 @@
 """
 The compiler beside a program that goes on, since a first start compiles for half a minute.
 
-Child processes fill the cache on disk, one for each level, while a thread waits for them and then
-loads what they compiled. The program itself compiles nothing, which would stop it for that time.
+Child processes fill the cache on disk, while a thread waits for them and then loads what they
+compiled. The program itself compiles nothing, which would stop it for that time. Two processes
+share a level: one compiles the contact solver, the other one what is around it.
 """
 
 from collections.abc import Callable
+from collections.abc import Sequence
+from contextlib import suppress
+import gc
 import os
 import pickle
 import subprocess
@@ -13,34 +17,69 @@ import sys
 from threading import Event
 from threading import Thread
 import time
+from typing import NamedTuple
 
+from snake_sim_ros.dynamics.code_cache import CodeCache
 from snake_sim_ros.dynamics.compilation import watched
 from snake_sim_ros.gaits.joint_reference import compile_sampling
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.apart import compile_solver
+from snake_sim_ros.stepping.levels import FlatStepper
+from snake_sim_ros.stepping.levels import is_vertical
 from snake_sim_ros.stepping.levels import LevelStepper
-from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.simulation import LEVELS
 from snake_sim_ros.stepping.simulation import Simulation
 
 CHECK = 0.05  # s between two looks whether the program ends
+BESIDE = 10  # by how much children are nicer when the program works already
 
 
 class NotCompiledError(Exception):
     """A function is not in the cache."""
 
 
+def refuse(name: str) -> None:
+    """Raise NotCompiledError, see `watched`."""
+    raise NotCompiledError(name)
+
+
 def is_loaded(load: Callable[[], object]) -> bool:
     """Call a function that compiles; return whether everything was in the cache, or stop there."""
-
-    def refuse(name: str) -> None:
-        raise NotCompiledError(name)
-
     try:
         with watched(refuse):
             load()
     except NotCompiledError:
         return False
     return True
+
+
+def levels_of(scene: Scene) -> tuple[str, ...]:
+    """Return the levels that a scene may have, first the one that its gait begins with."""
+    simulation = Simulation(scene)
+    if isinstance(simulation.stepper, LevelStepper):
+        return LEVELS[::-1] if is_vertical(*simulation.gait_reference(1))[0] else LEVELS
+    return ('planar',) if isinstance(simulation.stepper, FlatStepper) else ('spatial',)
+
+
+class Job(NamedTuple):
+    """What a child process compiles."""
+
+    scene: Scene
+    level: str
+    solver: bool  # only the contact solver
+    niceness: int
+
+    def do(self, tell: Callable[[str], object]) -> None:
+        """Fill the cache; tell the name of every function."""
+        os.nice(self.niceness)
+        gc.disable()  # The compiler makes millions of objects that stay: a tenth of its time.
+        CodeCache.shares_work = True
+        with watched(tell):
+            if self.solver:
+                compile_solver(self.scene, self.level)
+            else:
+                compile_sampling(self.scene)
+                Simulation(self.scene).compile(levels=[self.level])
 
 
 class Compiler:
@@ -51,31 +90,32 @@ class Compiler:
     ----------
     scene : Scene
     load : callable
-        Calls all that is compiled, when it is on disk. It is called in another thread.
+        Takes a level, and calls all that is compiled for it. It is called in another thread.
+    levels : sequence of str
+        What is compiled, one after the other.
 
     Attributes
     ----------
     functions : int
         How many functions are compiled so far.
+    loaded : int
+        How many levels are loaded.
     error : Exception, optional
         What `load` raised.
 
     """
 
-    def __init__(self, scene: Scene, load: Callable[[], object]) -> None:
-        self.functions = 0
+    def __init__(self, scene: Scene, load: Callable[[str], object], levels: Sequence[str]) -> None:
+        self.scene, self.load, self.levels = scene, load, levels
+        self.functions = self.loaded = 0
         self.error: Exception | None = None
-        self._scene, self._load, self._end = scene, load, Event()
-        self._begin = time.perf_counter()
+        self._begin, self._end = time.perf_counter(), Event()
         self._children: list[subprocess.Popen[bytes]] = []
-        self._thread = Thread(target=self._wait_and_load, daemon=True)
+        self._thread = Thread(target=self._work, daemon=True)
 
     def start(self) -> None:
         """Begin to compile."""
-        levels = LEVELS if isinstance(make_stepper(self._scene), LevelStepper) else LEVELS[1:]
-        self._children = [self._child(level) for level in levels]
-        for child in self._children:
-            Thread(target=self._count, args=[child], daemon=True).start()
+        self._begin = time.perf_counter()
         self._thread.start()
 
     @property
@@ -86,7 +126,7 @@ class Compiler:
     @property
     def is_done(self) -> bool:
         """Whether all is loaded, or an error came."""
-        return not self._thread.is_alive()
+        return self.loaded == len(self.levels) or self.error is not None
 
     def __str__(self) -> str:
         """Return what it does, as a clause."""
@@ -101,7 +141,23 @@ class Compiler:
         for child in self._children:
             child.wait()
 
-    def _child(self, level: str) -> 'subprocess.Popen[bytes]':
+    def _work(self) -> None:
+        """Let children compile one level after the other, and load it."""
+        try:
+            for number, level in enumerate(self.levels):
+                jobs = [
+                    Job(self.scene, level, solver, BESIDE * number) for solver in (True, False)
+                ]
+                children = [self._child(job) for job in jobs]
+                while any(child.poll() is None for child in children):
+                    if self._end.wait(CHECK):
+                        return
+                self.load(level)  # It compiles what is still missing, if a child failed.
+                self.loaded += 1
+        except Exception as error:
+            self.error = error
+
+    def _child(self, job: Job) -> 'subprocess.Popen[bytes]':
         # A signal from the terminal reaches the program alone, which ends its children.
         child = subprocess.Popen(
             [sys.executable, '-m', 'snake_sim_ros.nodes.compiling'],
@@ -110,9 +166,11 @@ class Compiler:
             env={**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))},
             start_new_session=True,
         )
+        self._children.append(child)
         assert child.stdin
         with child.stdin:
-            pickle.dump((self._scene, level), child.stdin)
+            pickle.dump(job, child.stdin)
+        Thread(target=self._count, args=[child], daemon=True).start()
         return child
 
     def _count(self, child: 'subprocess.Popen[bytes]') -> None:
@@ -120,28 +178,15 @@ class Compiler:
         for _ in child.stdout:
             self.functions += 1
 
-    def _wait_and_load(self) -> None:
-        while any(child.poll() is None for child in self._children):
-            if self._end.wait(CHECK):
-                return
-        try:
-            self._load()  # It compiles what is still missing, if a child failed.
-        except Exception as error:  # noqa: BLE001  The program decides what to do.
-            self.error = error
-
-
-def compile_level(scene: Scene, level: str, tell: Callable[[str], object]) -> None:
-    """Fill the cache with what a level of a scene needs; tell the name of every function."""
-    with watched(tell):
-        compile_sampling(scene)
-        Simulation(scene).compile(levels=[level])
-
 
 def main() -> None:
-    """Compile the level of the scene that stand on standard input."""
-    scene, level = pickle.load(sys.stdin.buffer)
-    compile_level(scene, level, lambda name: print(name, flush=True))
+    """Do the job on standard input; end with the program that waits for it."""
+    job: Job = pickle.load(sys.stdin.buffer)
+    with suppress(BrokenPipeError):
+        job.do(lambda name: print(name, flush=True))
 
 
 if __name__ == '__main__':
-    main()
+    from snake_sim_ros.nodes.compiling import main as do_job  # not of __main__: see pickle
+
+    do_job()

@@ -1,5 +1,7 @@
 """The `sim` node: a virtual Aiko that follows joint commands and publishes its state."""
 
+from contextlib import nullcontext
+from functools import partial
 import gc
 import sys
 from threading import Event
@@ -7,15 +9,18 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from snake_sim_ros.dynamics.compilation import watched
 from snake_sim_ros.gaits.joint_reference import compile_sampling
 from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.nodes.command_inbox import CommandInbox
 from snake_sim_ros.nodes.compiling import Compiler
 from snake_sim_ros.nodes.compiling import is_loaded
+from snake_sim_ros.nodes.compiling import levels_of
+from snake_sim_ros.nodes.compiling import NotCompiledError
+from snake_sim_ros.nodes.compiling import refuse
 from snake_sim_ros.nodes.diagnostics import status_of
 from snake_sim_ros.nodes.diagnostics import values_of
 from snake_sim_ros.nodes.executors import make_executor
@@ -38,7 +43,7 @@ from snake_sim_ros.stepping.simulation import steps_in
 
 BACKLOG = 0.2  # s of wall time that the node may lag before it stops trying to catch up
 WAIT = 0.1  # s, the longest wait for a message in one go
-LOOK, TOLD = 1.0, 5.0  # s between two diagnostics, and two lines in the log, while it compiles
+TOLD = 5.0  # s between two lines in the log while the node waits for the compiler
 SERVICE = 5e-3  # s of wall time between two looks for messages if it runs as fast as possible
 
 
@@ -63,7 +68,9 @@ class SimNode(Node):
     level_changes : int
         How often the model level changed.
     compiler : Compiler, optional
-        What compiles the physics beside the node; None when that is ready.
+        What compiles the physics beside the node; None when all of it is ready.
+    needed : int
+        How many levels must be loaded for the next step.
 
     """
 
@@ -95,38 +102,33 @@ class SimNode(Node):
             raise ParameterError(f'qos_overrides of {", ".join(overrides)}: {reason}') from None
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._on_parameters_set)
-        begin = time.perf_counter()
         self.compiler: Compiler | None = None
-        if is_loaded(self._load):
-            self._begin(time.perf_counter() - begin)
+        self.needed = 0
+        begin = time.perf_counter()
+        levels = levels_of(scene)
+        missing = [level for level in levels if not is_loaded(partial(self._load, level))]
+        if missing:
+            self.compiler = Compiler(scene, self._load, missing)
+        if levels[0] in missing:
+            self.needed = 1
         else:
-            self.compiler = Compiler(scene, self._load)
+            self.begin(time.perf_counter() - begin)
         serve(self)
 
-    def _load(self) -> None:
+    def _load(self, level: str) -> None:
         compile_sampling(self.simulation.scene)
-        self.simulation.compile()
+        self.simulation.compile(levels=[level])
 
-    def _begin(self, seconds: float) -> None:
+    def begin(self, seconds: float) -> None:
+        """Take commands, since the physics is ready after some time [s]."""
         self.get_logger().info(f'physics ready after {seconds:.1f} s')
         self.inbox.open()
 
-    def look_at_compiler(self) -> None:
-        """Begin if the compiler is done; publish diagnostics and the state, which stands still."""
-        assert self.compiler
-        if self.compiler.is_done:
-            compiler, self.compiler = self.compiler, None
-            if compiler.error:
-                raise compiler.error
-            self._begin(compiler.seconds)
-        else:
-            self.publish_diagnostics()
-            self.publish_state()
-
     @property
     def compiling(self) -> str:
-        """A sentence on what the compiler does; empty if the physics is ready."""
-        return str(self.compiler) if self.compiler else ''
+        """A sentence on the compiler while the node waits for it, else empty."""
+        compiler = self.compiler
+        return str(compiler) if compiler and compiler.loaded < self.needed else ''
 
     @property
     def failure(self) -> str:
@@ -148,10 +150,24 @@ class SimNode(Node):
         """Simulated time [ns]."""
         return round(self.simulation.step_count * self.simulation.scene.dt * 1e9)
 
-    def advance(self) -> None:
-        """Advance by one publish period and publish the state, then the clock."""
+    def advance(self) -> bool:
+        """
+        Advance by one publish period and publish the state, then the clock.
+
+        Returns
+        -------
+        bool
+            False if nothing happened, because the level of the next step is still to be compiled.
+
+        """
         simulation, level = self.simulation, self.simulation.last.level
-        report = simulation.advance(*self.inbox.sample(simulation.midpoints(self.steps)))
+        reference = self.inbox.sample(simulation.midpoints(self.steps))
+        try:
+            with watched(refuse) if self.compiler else nullcontext():
+                report = simulation.advance(*reference)
+        except NotCompiledError:
+            self.needed = len(self.compiler.levels) if self.compiler else 0
+            return False
         if report.level != level:
             why = f': {report.left}' if report.left else ': the robot lies flat'
             self.get_logger().debug(f'level {report.level} from t = {simulation.time:g} s on{why}')
@@ -161,13 +177,13 @@ class SimNode(Node):
                 f'diverged, paused at the last good state; call ~/reset: {report.failure}'
             )
         self.publish_state()
+        return True
 
     def step(self, count: int = 1) -> None:
         """Advance by some publish periods, or fewer if a step diverges or the node must end."""
         for _ in range(count):
-            if self.failure or self.stop.is_set():
+            if self.failure or self.stop.is_set() or not self.advance():
                 break
-            self.advance()
 
     def reset(self, *, state: bool = True, time: bool = False) -> None:
         """Put the robot back to its start, or set time to zero, or both; make commands void."""
@@ -183,7 +199,7 @@ class SimNode(Node):
 
     def publish_state(self) -> None:
         """Publish the state, then the clock."""
-        start = start_posture(self.simulation.scene) if self.compiler else None
+        start = None if self.inbox.is_open else start_posture(self.simulation.scene)
         self.state_publishers.publish(self.nanoseconds, start)
 
     def publish_diagnostics(self) -> None:
@@ -210,7 +226,9 @@ class SimNode(Node):
         message = DiagnosticArray(status=[status])
         message.header.stamp = stamp_from(self.nanoseconds)
         self.diagnostics.publish(message)
-        if self.halted and not self.compiling:
+        if self.compiling:
+            self.publish_state()
+        elif self.halted:
             self.state_publishers.publish_markers(self.nanoseconds)
         self.inbox.end_interval()
 
@@ -229,39 +247,52 @@ class SimNode(Node):
             self.simulation.change(scene)
 
 
-def wait_for_compiler(node: SimNode, compiler: Compiler, executor: SingleThreadedExecutor) -> None:
-    """Serve messages until the physics is compiled or the node must end; tell about it."""
-    compiler.start()
-    node.get_logger().info(
-        'compiling the physics, which takes up to a minute at the first start ever; '
-        'commands are kept, and services answer'
-    )
-    looked, told = 0.0, TOLD
-    try:
-        while node.compiler and not node.stop.is_set():
-            executor.spin_once(timeout_sec=WAIT)
-            if compiler.is_done or compiler.seconds >= looked + LOOK:
-                looked = compiler.seconds
-                node.look_at_compiler()
-            if compiler.seconds >= told:
-                told += TOLD
-                node.get_logger().info(f'{compiler}, {compiler.functions} functions')
-    finally:
+def look_at_compiler(node: SimNode, compiler: Compiler, told: float) -> float:
+    """Let the node begin when it can, and tell of the compiler; return when it was told last."""
+    log = node.get_logger()
+    if compiler.error:
+        raise compiler.error
+    if compiler.loaded and not node.inbox.is_open:
+        node.begin(compiler.seconds)
+    if compiler.is_done:
         compiler.end()
-    gc.freeze()
+        node.compiler = None
+        gc.freeze()  # as `run_node` does where nothing is to be compiled
+        log.info(f'compiled {", ".join(compiler.levels)} level in {compiler.seconds:.1f} s')
+    elif node.compiling and compiler.seconds >= told + TOLD:
+        log.info(f'{compiler}, {compiler.functions} functions')
+        return told + TOLD
+    return told
 
 
 def run(node: SimNode, stop: Event) -> None:
+    """Run the node until the event is set; the compiler does not outlive it."""
+    node.stop = stop
+    try:
+        keep_time(node, stop)
+    finally:
+        if node.compiler:
+            node.compiler.end()
+
+
+def keep_time(node: SimNode, stop: Event) -> None:
     """Make simulated time follow the wall clock; serve messages in the time that is left."""
     executor, load = make_executor(node), node.load
-    node.stop = stop
     node.publish_state()
+    told = 0.0
     if node.compiler:
-        wait_for_compiler(node, node.compiler, executor)
+        node.compiler.start()
+        if node.compiling:
+            node.get_logger().info(
+                'compiling the physics, which takes up to a minute at the first start ever; '
+                'commands are kept, and services answer'
+            )
     due = served = time.perf_counter()
     load.restart(due)
     factor = node.settings.real_time_factor
     while not stop.is_set():
+        if node.compiler:
+            told = look_at_compiler(node, node.compiler, told)
         now = time.perf_counter()
         if load.complete(now):
             node.publish_diagnostics()
@@ -276,7 +307,8 @@ def run(node: SimNode, stop: Event) -> None:
         if now < due:
             executor.spin_once(timeout_sec=min(due - now, WAIT))
             continue
-        node.advance()
+        if not node.advance():
+            continue
         load.advanced += node.period
         if factor == 0.0:
             if now - served >= SERVICE:

@@ -76,8 +76,9 @@ class SimulationServices:
             response.message = self.node.compiling or why
             return response
         self.node.step()
-        response.success = not self.node.failure
-        response.message = self.node.failure or f't = {self.node.seconds:g} s'
+        why = self.node.failure or self.node.compiling
+        response.success = not why
+        response.message = why or f't = {self.node.seconds:g} s'
         return response
 
 
@@ -160,9 +161,9 @@ class StandardServices:
             response.result.error_message = self.node.compiling or STILL_RUNNING
             return response
         self.node.step(request.steps)
-        if self.node.failure:
+        if why := self.node.failure or self.node.compiling:
             response.result.result = result.RESULT_OPERATION_FAILED
-            response.result.error_message = self.node.failure
+            response.result.error_message = why
         return response
 
 

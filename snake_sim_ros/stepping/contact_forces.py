@@ -71,7 +71,8 @@ def sampled_forces(
         [m, frame I], [N, frame I]
 
     """
-    sample, number = np.nonzero(impulse[:, :, 0] > 0.0)
+    # NumPy returns columns of a table if there are two contacts or more: other types to compile.
+    sample, number = map(np.ascontiguousarray, np.nonzero(impulse[:, :, 0] > 0.0))
     acted = METHODS[method_of(scene)].where_impulses_acted(scene, q, u)
     points, forces = np.empty((2, len(sample), 3))
     offset, radius = scene.robot.per_link('contact_offset'), scene.robot.per_link('contact_radius')

@@ -243,6 +243,8 @@ class LevelStepper:
             begin = time.perf_counter()
             none = np.zeros((0, self.scene.robot.link_count - 1, 2))
             self.take(stepper, state, self.empty_history(), none, none, self.spatial.no_samples)
+            if stepper is self.planar:
+                self.planar.prepare(state)
             self.compile_seconds += time.perf_counter() - begin
             self.used.append(stepper)
 

@@ -104,16 +104,16 @@ class Simulation:
             Those that are compiled, if the scene may have them.
 
         """
-        begin, axes = time.perf_counter(), self.scene.robot.link_count - 1
-        pitch = {'planar': 0.0, 'spatial': 1e-3}
-        steps = [(np.full((1, axes, 2), pitch[level]), np.zeros((1, axes, 2))) for level in levels]
-        if wave:
-            steps = [gait.reference(wave, self.midpoints(1), axes)]
-        for angle, rate in steps:
-            self.stepper.advance(self.state, self.history, angle, rate)
-        if not wave and isinstance(self.stepper, LevelStepper):
-            for level in levels:  # also if the robot does not lie now
+        begin = time.perf_counter()
+        if isinstance(self.stepper, LevelStepper) and not wave:
+            for level in levels:
                 self.stepper.prepare(level, self.state)
+        else:
+            reference = gait.reference(
+                wave or self.scene.gait, self.midpoints(1), self.scene.robot.link_count - 1
+            )
+            kept = make_samples(self.scene, 1, 1)
+            self.stepper.advance(self.state, self.history, *reference, kept)
         joint_motion(self.state.q[None], self.state.u[None])
         if not self.given:
             contact_forces(self.scene, self.state, self.history)

@@ -7,6 +7,7 @@ from pathlib import Path
 from graph import Graph
 import pytest
 
+from snake_sim_ros.gaits.joint_reference import compile_sampling
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.simulation import Simulation
 
@@ -30,6 +31,7 @@ def environment(tmp_path_factory):
 @pytest.fixture(scope='session', autouse=True)
 def compiled(environment):
     """Compile the physics into the cache on disk, so that no node has to."""
+    compile_sampling(Scene())
     Simulation(Scene()).compile()
 
 

@@ -38,8 +38,9 @@ class SimClient:
         return f'{self.namespace}/sim/{name}'
 
     def wait_until_connected(self):
-        """Wait until messages pass in both directions."""
+        """Wait until the physics is compiled and messages pass in both directions."""
         graph = self.graph
+        graph.until(lambda: self.process.count('physics ready'), 'the physics')
         graph.until(lambda: self.commands.get_subscription_count(), 'a reader of joint_command')
         graph.until(lambda: self.states_heard(), 'all state messages')
 

@@ -161,6 +161,14 @@ class PlanarStepper:
         self.remember(history.memory, q, u, tilt)
         return end, history, report
 
+    def prepare(self, state: State) -> None:
+        """Compile what is around the loop."""
+        half, height = self.model.half_length, state.q[:, 2]
+        q, u, tilt = self.coordinates(state, self.empty_history().memory)
+        end = State(np.empty((1, *state.q.shape)), np.empty((1, *state.u.shape)))
+        to_space(half, q, u, tilt, height, end.q[0], end.u[0])
+        samples_to_space(half, q[None], u[None], tilt, height, 1, end.q, end.u)
+
     def reason(self) -> str:
         """Return why the next step is not planar, as a clause."""
         n = len(self.model.mass)

@@ -1,0 +1,34 @@
+"""The bar of the compiler, where a command has to compile before it can begin."""
+
+import time
+
+from tqdm import tqdm
+
+from snake_sim_ros.nodes.compiling import Compiler
+from snake_sim_ros.nodes.compiling import is_loaded
+from snake_sim_ros.nodes.compiling import levels_of
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.apart import function_count
+from snake_sim_ros.stepping.simulation import Simulation
+
+LAYOUT = 'compiling |{bar}| {n:.0f} of at most {total} functions, {elapsed}'
+LOOK = 0.1  # s between two looks at the compiler
+
+
+def compile_first(scene: Scene) -> None:
+    """Compile the level that the gait of a scene begins with, with a bar unless it is there."""
+    simulation = Simulation(scene)
+    if is_loaded(lambda: simulation.compile(scene.gait)):
+        return
+    level = levels_of(scene)[0]
+    compiler = Compiler(scene, lambda _: simulation.compile(scene.gait), [level])
+    with tqdm(total=function_count(scene, level), bar_format=LAYOUT, leave=False) as bar:
+        try:
+            compiler.start()
+            while not compiler.is_done:
+                time.sleep(LOOK)
+                bar.update(min(compiler.functions, bar.total) - bar.n)
+        finally:
+            compiler.end()
+    if compiler.error:
+        raise compiler.error

@@ -8,9 +8,9 @@ contender for its time steps in one run of every case, against the converged sol
 cost of a step over the number of links; `situations`, the cost of a step depending on contacts and
 friction; `stages`, the times of the stages of a step; `iterations`, the residuals of the solvers
 on stored hard problems; `start_up`; `agreement`, the distance of the paths of other solvers from
-that of `newton`; and `soak`, penetration and memory over very many steps. A run that fails makes a
-row as well. The file grows row by row, and rows that it has are not run again, so that an
-interrupted bench can be continued.
+that of `newton`; `user`, what a user sees; and `soak`, penetration and memory over very many
+steps. A run that fails makes a row as well. The file grows row by row, and rows that it has are
+not run again, so that an interrupted bench can be continued.
 
 The error of a run is its distance from the converged solution of the paper's model. A baseline has
 another model and therefore two errors: `error_limit` is that of its time step, the distance from
@@ -63,6 +63,7 @@ from snake_sim_ros.comparison.timing import situations
 from snake_sim_ros.comparison.timing import start_up_seconds
 from snake_sim_ros.comparison.timing import timed
 from snake_sim_ros.comparison.timing import with_links
+from snake_sim_ros.comparison.user_times import user
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
@@ -386,5 +387,6 @@ def matrix(
         'costs': costs(scene),
         'start_up': start_up(scene),
         'agreement': agreement(scenes, {contender.method for contender in contenders}),
+        'user': user(scenes),
         'soak': soaks(QUICK_MARKS if quick else MARKS),
     }

@@ -10,6 +10,11 @@ from snake_sim_ros.comparison.pareto import fastest
 from snake_sim_ros.comparison.pareto import front
 from snake_sim_ros.comparison.pareto import is_ours
 
+# Settings of the part `user`.
+LOOP, RUN, CALL = 'compiled loop', 'run() at 100 Hz', 'run() at 100 Hz, whole call'
+ADVANCE, REFERENCE = 'advance() by one step', 'gait_reference() of one step'
+COMMAND = 'snake-sim run, everything compiled before'
+
 ROBUST_BOUNDS = (0.05, 0.02, 0.01, 0.005, 0.001)  # of the distance from start to end
 # Part, case, root mean square of the errors, and the ratio of speeds that we want there.
 TARGETS: tuple[tuple[str, str, float, float], ...] = (
@@ -164,6 +169,35 @@ def agreement_table(rows: Sequence[Row]) -> str:
                 f'{row.unconverged or 0}',
             ]
             lines.append(f'| {" | ".join(cells)} |')
+    return '\n'.join(lines) + '\n'
+
+
+def user_table(rows: Sequence[Row]) -> str:
+    """Return a table of what is left of the speed of the compiled loop for a user."""
+    lines = ['| scene | method | step [s] | compiled loop [x real time] | `run` at 100 Hz | '
+             'ratio | `advance` by one step [us] | `gait_reference` of one step [us] '
+             '| `snake-sim run` from the shell [s] |',
+             '|---|---|---|---|---|---|---|---|---|']  # fmt: skip
+    found = [row for row in rows if row.part == 'user']
+    shells = {row.case: f'{row.seconds:.2f}' for row in found if row.setting == COMMAND}
+    for loop in (row for row in found if row.setting == LOOP):
+        same = {
+            row.setting: row
+            for row in found
+            if (row.case, row.method, row.dt) == (loop.case, loop.method, loop.dt)
+        }
+        cells = [
+            f'`{loop.case}`',
+            f'`{loop.method}`',
+            f'1/{1 / loop.dt:.0f}',
+            f'{1 / loop.seconds_per_second:.0f}',
+            f'{1 / same[RUN].seconds_per_second:.0f}',
+            f'{same[RUN].seconds_per_second / loop.seconds_per_second:.2f}',
+            f'{same[ADVANCE].median_us:.0f}',
+            f'{same[REFERENCE].median_us:.0f}',
+            shells.pop(loop.case, ''),
+        ]
+        lines.append(f'| {" | ".join(cells)} |')
     return '\n'.join(lines) + '\n'
 
 

@@ -122,13 +122,11 @@ def timed(
     compile_seconds = simulation.compile(scene.gait)
     cycles: list[Array] = []
 
-    def note(simulation: Simulation) -> None:
+    def note(seconds: float) -> None:
         cycles.append(np.diff(simulation.stepper.cycles[: simulation.last.steps + 1]))
 
     start = time.perf_counter(), cycle_counter()
-    trajectory = sample(simulation, steps, samples, limits=Limits(seconds=limit), observe=note)
-    if len(trajectory.time) <= samples:
-        note(simulation)  # the steps after the last sample
+    trajectory = sample(simulation, steps, samples, limits=Limits(seconds=limit), progress=note)
     wall, ticks = time.perf_counter() - start[0], cycle_counter() - start[1]
     microseconds = 1e6 * wall / max(ticks, 1) * np.concatenate(cycles)
     return TimedRun(

@@ -8,7 +8,6 @@ the report and raises no error. Only misuse raises one.
 from collections.abc import Callable
 from dataclasses import dataclass
 from dataclasses import field
-from dataclasses import fields
 from enum import Enum
 from typing import Any
 from typing import Protocol
@@ -92,21 +91,24 @@ class Report:
 
     def __add__(self, later: 'Report') -> 'Report':
         """Return the report of these steps and of `later` ones."""
-        added = {name: getattr(self, name) + getattr(later, name) for name in ADDED}
-        largest = {name: max(getattr(self, name), getattr(later, name)) for name in LARGEST}
         return Report(
-            **added,
-            **largest,
-            contacts=later.contacts,
-            joint_torque=later.joint_torque,
-            level=later.level,
-            left=later.left,
-            failure=self.failure or later.failure,
+            self.steps + later.steps,
+            self.iterations + later.iterations,
+            max(self.iterations_max, later.iterations_max),
+            self.unconverged + later.unconverged,
+            self.fallbacks + later.fallbacks,
+            max(self.residual_max, later.residual_max),
+            max(self.printed_residual_max, later.printed_residual_max),
+            max(self.penetration_max, later.penetration_max),
+            max(self.joint_gap_max, later.joint_gap_max),
+            max(self.joint_twist_max, later.joint_twist_max),
+            later.contacts,
+            later.joint_torque,
+            later.level,
+            self.planar_steps + later.planar_steps,
+            later.left,
+            self.failure or later.failure,
         )
-
-
-ADDED = ('steps', 'iterations', 'unconverged', 'fallbacks', 'planar_steps')
-LARGEST = tuple(item.name for item in fields(Report) if item.name.endswith('_max'))
 
 
 def divergence(link: int, turn: float, dt: float) -> str:

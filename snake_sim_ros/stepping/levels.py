@@ -31,10 +31,10 @@ from snake_sim_ros.stepping.planar.stepper import PlanarStepper
 from snake_sim_ros.stepping.samples import checked
 from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.spatial import SpatialStepper
-from snake_sim_ros.stepping.state import check_arguments
 from snake_sim_ros.stepping.state import copied
 from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import is_finite
+from snake_sim_ros.stepping.state import Returned
 from snake_sim_ros.stepping.state import State
 
 AUTO_ROLL = 3e-4  # largest roll that `auto` neglects [rad]
@@ -88,12 +88,8 @@ def is_vertical(angle: Array, rate: Array) -> Array:
     return np.asarray(np.abs(pitch).max(axis=(0, -1), initial=0.0) > PITCH_ROUNDING)
 
 
-def what_does_not_lie(
-    planar: PlanarStepper, scene: Scene, state: State, memory: PlanarMemory
-) -> str:
+def what_does_not_lie(scene: Scene, state: State) -> str:
     """Return why a robot does not lie flat and still in a state, as a clause; empty if it does."""
-    if planar.goes_on(state, memory):
-        return ''
     n = scene.robot.link_count
     gap = gaps(scene.robot, state.q)
     R = rotation_matrices(state.q[:, 3:])
@@ -151,6 +147,7 @@ class LevelStepper:
         self.empty = self.planar.empty_history()
         memory = LevelMemory(self.empty.memory, self.spatial.empty_history().memory)
         self.empty = self.empty._replace(memory=memory)
+        self.returned = Returned(scene.robot.link_count, self.empty)
 
     def empty_history(self) -> History:
         """Return the history before the first step."""
@@ -161,7 +158,7 @@ class LevelStepper:
         samples: Samples | None = None,
     ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after as many steps as there are references."""
-        check_arguments(self.scene.robot.link_count, self.empty, state, history, angle, rate)
+        self.returned.check(state, history, angle, rate)
         samples = checked(samples, self.spatial.no_samples)
         history, report = copied(history), Report(level=self.level)
         vertical = is_vertical(angle, rate)
@@ -169,11 +166,12 @@ class LevelStepper:
         while start < len(vertical) and not report.failure:
             changes = vertical[start:] != vertical[start]
             part = slice(start, start + int(changes.argmax()) if changes.any() else None)
-            reason = ''
+            reason, goes_on = '', False
             if vertical[start]:
                 reason = what_is_told(angle[start], rate[start])
             elif history.settling[0] <= 0:
-                reason = what_does_not_lie(self.planar, self.scene, state, history.memory.planar)
+                goes_on = self.planar.goes_on(state, history.memory.planar)
+                reason = '' if goes_on else what_does_not_lie(self.scene, state)
             if reason:
                 history.settling[0] = max(history.settling[0], self.settle_steps)
                 self.reason = reason
@@ -187,7 +185,7 @@ class LevelStepper:
                     part = slice(start, min(start + pause, part.stop or len(vertical)))
             self.prepare(stepper.level, state)
             told, kept = (angle[part], rate[part]), samples.after(start)
-            state, history, news = self.take(stepper, state, history, *told, kept)
+            state, history, news = self.take(stepper, state, history, *told, kept, goes_on)
             history.settling[0] -= min(pause, news.steps)
             if news.left:
                 if not is_finite(history):
@@ -199,22 +197,23 @@ class LevelStepper:
             self.ticks.append(stepper.cycles[: news.steps + 1])
             report = report + news if report.steps else news
             start += news.steps
-        self.level = report.level
+        self.level, self.returned.last = report.level, (state, history)
         return state, history, report
 
     def take(
         self, stepper: Any, state: State, history: History, angle: Array, rate: Array,
-        samples: Samples,
+        samples: Samples, goes_on: bool,
     ) -> tuple[State, History, Report]:  # fmt: skip
         """Advance one level with its own memory, and empty the memory of the other one."""
         memory, empty = history.memory, self.empty.memory
         if stepper is self.planar:
-            history = history._replace(memory=memory.planar)
-            state, history, report = stepper.advance(state, history, angle, rate, samples)
-            memory = LevelMemory(history.memory, copied(empty.spatial))
+            history, was_planar = history._replace(memory=memory.planar), memory.planar.known[0]
+            state, history, report = stepper.take(state, history, angle, rate, samples, goes_on)
+            other = memory.spatial if was_planar else copied(empty.spatial)
+            memory = LevelMemory(history.memory, other)
         else:
             history = history._replace(memory=memory.spatial)
-            state, history, report = stepper.advance(state, history, angle, rate, samples)
+            state, history, report = stepper.take(state, history, angle, rate, samples)
             memory = LevelMemory(memory.planar, history.memory)
         return state, history._replace(memory=memory), report
 
@@ -242,7 +241,8 @@ class LevelStepper:
         if stepper not in self.used:
             begin = time.perf_counter()
             none = np.zeros((0, self.scene.robot.link_count - 1, 2))
-            self.take(stepper, state, self.empty_history(), none, none, self.spatial.no_samples)
+            history, samples = self.empty_history(), self.spatial.no_samples
+            self.take(stepper, state, history, none, none, samples, goes_on=False)
             if stepper is self.planar:
                 self.planar.prepare(state)
             self.compile_seconds += time.perf_counter() - begin
@@ -279,12 +279,12 @@ class FlatStepper:
         samples: Samples | None = None,
     ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after as many steps as there are references."""
-        links, empty = self.scene.robot.link_count, self.planar.empty
-        check_arguments(links, empty, state, history, angle, rate)
+        self.planar.returned.check(state, history, angle, rate)
         vertical = is_vertical(angle, rate)
         stop = int(vertical.argmax()) if vertical.any() else len(vertical)
         report = Report(level=self.level)
-        reason = what_does_not_lie(self.planar, self.scene, state, history.memory)
+        goes_on = self.planar.goes_on(state, history.memory)
+        reason = '' if goes_on else what_does_not_lie(self.scene, state)
         if not reason:
             told = angle[:stop], rate[:stop]
             state, history, report = self.planar.advance(state, history, *told, samples)

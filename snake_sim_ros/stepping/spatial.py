@@ -14,10 +14,10 @@ from snake_sim_ros.stepping.model import make_workspace
 from snake_sim_ros.stepping.samples import checked
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.samples import Samples
-from snake_sim_ros.stepping.state import check_arguments
 from snake_sim_ros.stepping.state import copied
 from snake_sim_ros.stepping.state import empty_history
 from snake_sim_ros.stepping.state import History
+from snake_sim_ros.stepping.state import Returned
 from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.steps import make_steps
 from snake_sim_ros.stepping.steps import Record
@@ -47,6 +47,7 @@ class SpatialStepper:
         self.work = make_workspace(scene)
         self.loop = loop
         self.empty = empty_history(contact_count(scene), memory)
+        self.returned = Returned(scene.robot.link_count, self.empty)
         self.no_samples = make_samples(scene, 0, 0)
         self.cycles = np.zeros(1, np.int64)
 
@@ -63,9 +64,18 @@ class SpatialStepper:
         samples: Samples | None = None,
     ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after as many steps as there are references."""
-        check_arguments(len(self.model.mass), self.empty, state, history, angle, rate)
-        record = Record(*checked(samples, self.no_samples)[:-1])
-        steps = make_steps(state.q.copy(), state.u.copy(), copied(history), angle, rate, record)
+        self.returned.check(state, history, angle, rate)
+        samples = checked(samples, self.no_samples)
+        state, history, report = self.take(state, copied(history), angle, rate, samples)
+        self.returned.last = state, history
+        return state, history, report
+
+    def take(
+        self, state: State, history: History, angle: Array, rate: Array, samples: Samples
+    ) -> tuple[State, History, Report]:
+        """Advance with checked arguments, of which the history is changed in place."""
+        record = Record(*samples[:-1])
+        steps = make_steps(state.q.copy(), state.u.copy(), history, angle, rate, record)
         self.loop(self.model, self.work, steps)
         self.cycles = steps.cycles
         report = report_of(steps, self.work.applied, self.model.dt)

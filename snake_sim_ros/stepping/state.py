@@ -174,10 +174,33 @@ def check_arguments(
         As `base.Stepper.advance` raises it.
 
     """
-    check_history(links, empty, state, history)
-    steps = len(angle) if np.ndim(angle) else 0
-    _check_array('angle', angle, (steps, links - 1, 2))
-    _check_array('rate', rate, (steps, links - 1, 2))
+    Returned(links, empty).check(state, history, angle, rate)
+
+
+class Returned:
+    """
+    What a stepper returned last, which it need not check when it comes back.
+
+    Parameters
+    ----------
+    links : int
+    empty : History
+        As of `check_arguments`.
+
+    """
+
+    def __init__(self, links: int, empty: History) -> None:
+        self.links, self.empty = links, empty
+        self.last: tuple[Any, Any] = None, None
+
+    def check(self, state: State, history: History, angle: Array, rate: Array) -> None:
+        """Check the arguments of `base.Stepper.advance`, see `check_arguments`."""
+        is_known = self.last[0] is state and self.last[1] is history
+        if not is_known or not (is_finite(state.q) and is_finite(state.u)):
+            check_history(self.links, self.empty, state, history)
+        steps = len(angle) if np.ndim(angle) else 0
+        _check_array('angle', angle, (steps, self.links - 1, 2))
+        _check_array('rate', rate, (steps, self.links - 1, 2))
 
 
 def _check_array(name: str, array: Any, shape: tuple[int, ...]) -> None:

@@ -22,10 +22,10 @@ from snake_sim_ros.stepping.planar.model import PlanarMemory
 from snake_sim_ros.stepping.samples import checked
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.samples import Samples
-from snake_sim_ros.stepping.state import check_arguments
 from snake_sim_ros.stepping.state import copied
 from snake_sim_ros.stepping.state import empty_history
 from snake_sim_ros.stepping.state import History
+from snake_sim_ros.stepping.state import Returned
 from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.steps import make_steps
 from snake_sim_ros.stepping.steps import Record
@@ -119,6 +119,7 @@ class PlanarStepper:
         n = scene.robot.link_count
         self.empty = empty_history(contact_count(scene), make_planar_memory(n, scheme))
         self.made = np.empty((n, 7)), np.empty((n, 6))  # see is_recalled
+        self.returned = Returned(n, self.empty)
         self.no_samples = make_samples(scene, 0, 0)
         self.cycles = np.zeros(1, np.int64)
 
@@ -131,10 +132,19 @@ class PlanarStepper:
         samples: Samples | None = None,
     ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after as many steps as there are references."""
-        check_arguments(len(self.model.mass), self.empty, state, history, angle, rate)
-        history = copied(history)
-        q, u, tilt = self.coordinates(state, history.memory)
-        kept = checked(samples, self.no_samples)
+        self.returned.check(state, history, angle, rate)
+        samples, history = checked(samples, self.no_samples), copied(history)
+        goes_on = self.goes_on(state, history.memory)
+        state, history, report = self.take(state, history, angle, rate, samples, goes_on)
+        self.returned.last = state, history
+        return state, history, report
+
+    def take(
+        self, state: State, history: History, angle: Array, rate: Array, kept: Samples,
+        goes_on: bool,
+    ) -> tuple[State, History, Report]:  # fmt: skip
+        """Advance with checked arguments, of which the history is changed in place."""
+        q, u, tilt = self.coordinates(state, history.memory, goes_on)
         count = kept.reached_by(len(angle))
         record = Record(
             kept.every, kept.first, np.empty((count, len(q))), np.empty((count, *u.shape)),
@@ -164,7 +174,8 @@ class PlanarStepper:
     def prepare(self, state: State) -> None:
         """Compile what is around the loop."""
         half, height = self.model.half_length, state.q[:, 2]
-        q, u, tilt = self.coordinates(state, self.empty_history().memory)
+        memory = self.empty_history().memory
+        q, u, tilt = self.coordinates(state, memory, self.goes_on(state, memory))
         end = State(np.empty((1, *state.q.shape)), np.empty((1, *state.u.shape)))
         to_space(half, q, u, tilt, height, end.q[0], end.u[0])
         samples_to_space(half, q[None], u[None], tilt, height, 1, end.q, end.u)
@@ -197,7 +208,9 @@ class PlanarStepper:
         rolls = not abs(standing['roll']) <= self.model.most_roll
         return bool(not standing['least_load'] > 0.0 or rolls)
 
-    def coordinates(self, state: State, memory: PlanarMemory) -> tuple[Array, Array, Array]:
+    def coordinates(
+        self, state: State, memory: PlanarMemory, goes_on: bool
+    ) -> tuple[Array, Array, Array]:
         """
         Return q, u and tilt of a state, as in `model.PlanarMemory`.
 
@@ -206,7 +219,7 @@ class PlanarStepper:
         n = len(self.model.mass)
         q, u, tilt = np.empty(n + 2), np.empty((n, 3)), np.empty((n, 4))
         self.work.impact.fill(0.0)
-        if self.goes_on(state, memory):
+        if goes_on:
             return memory.q.copy(), memory.u.copy(), memory.tilt.copy()
         forget(memory)
         R = rotation_matrices(state.q[:, 3:])

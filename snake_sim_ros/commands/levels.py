@@ -3,6 +3,8 @@
 import argparse
 from typing import Any
 
+from tqdm import tqdm
+
 from snake_sim_ros.commands.scene_options import add_method
 from snake_sim_ros.commands.scene_options import add_scene_options
 from snake_sim_ros.commands.scene_options import CASES
@@ -30,12 +32,11 @@ def _levels(options: argparse.Namespace) -> int:
     scenes = {source: scene_from(options, source) for source in options.scene}
     print(f'{"scene":29} {"level":11} {"step":>8} {"spatial":>8} {"faster":>7} {"error":>9} '
           f'{"spatial":>9} {"converged":>9}')  # fmt: skip
-    for source, scene in scenes.items():
+    for source, scene in tqdm(scenes.items(), desc='levels', unit=' scenes', leave=False):
         row = timing.level_row(scene)
-        print(f'{source:29} {row.level:11} {row.median:5.2f} us {row.spatial_median:5.2f} us '
+        tqdm.write(f'{source:29} {row.level:11} {row.median:5.2f} us {row.spatial_median:5.2f} us '
               f'{row.spatial_median / row.median:5.2f} x {100 * row.error:7.4f} % '
-              f'{100 * row.spatial_error:7.4f} % {100 * row.doubt:7.4f} %  {row.why}',
-              flush=True)  # fmt: skip
+              f'{100 * row.spatial_error:7.4f} % {100 * row.doubt:7.4f} %  {row.why}')  # fmt: skip
     print(
         'step: median at the level that auto takes, and at the spatial one; error: of the path of '
         'the\nmiddle link against the converged path of the spatial level, over the distance '

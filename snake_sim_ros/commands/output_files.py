@@ -2,8 +2,11 @@
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 import math
 from pathlib import Path
+
+from tqdm import tqdm
 
 from snake_sim_ros.recording import csv_table
 from snake_sim_ros.recording import npz
@@ -82,7 +85,8 @@ def write(trajectory: Trajectory, files: dict[str, Path], title: str, speed: flo
         csv_table.write(trajectory, files['csv'])
     for name in ('gif', 'mp4'):
         if name in files:
-            _animator()(trajectory, files[name], title, speed)
+            frames = partial(tqdm, desc=files[name].name, unit=' frames', leave=False)
+            _animator()(trajectory, files[name], title, speed, frames)
 
 
 def print_outputs(trajectory: Trajectory, files: dict[str, Path]) -> None:
@@ -96,7 +100,7 @@ def title_of(source: str | Path) -> str:
     return Path(source).stem.replace('_', ' ')
 
 
-def _animator() -> Callable[[Trajectory, Path, str, float], None]:
+def _animator() -> Callable[..., None]:
     """Return the function that draws animations; raise if matplotlib is not installed."""
     try:
         from snake_sim_ros.view.animation import animate

@@ -5,6 +5,8 @@ The projection is parallel, so that a link looks like a thick line with round en
 an upright one. Nearer bodies are drawn later. The ground is drawn before everything on it.
 """
 
+from collections.abc import Callable
+from collections.abc import Iterable
 import math
 from pathlib import Path
 import shutil
@@ -33,6 +35,7 @@ from snake_sim_ros.scene.robot_description import COLORS
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.trajectory import Trajectory
 
+Bar = Callable[[Array], Iterable[int]]  # returns the samples, and shows how many are left
 SIZE = np.array([640, 360])  # pixels; both are even, since four pixels of an MP4 share a color
 DPI = 100
 BAND, GAP = 28, 12  # pixels: height of the text at the lower edge, margin of texts
@@ -53,7 +56,13 @@ MOST_ARROWS = 24  # of more contacts, every second, third, ... has an arrow
 SHORTEST_ARROW = 8  # pixels
 
 
-def animate(trajectory: Trajectory, path: Path, title: str = '', speed: float = 1.0) -> None:
+def animate(
+    trajectory: Trajectory,
+    path: Path,
+    title: str = '',
+    speed: float = 1.0,
+    bar: Bar = iter,
+) -> None:
     """
     Write a run as a GIF or an MP4, whole or not at all.
 
@@ -66,6 +75,8 @@ def animate(trajectory: Trajectory, path: Path, title: str = '', speed: float = 
         Text beside the time.
     speed : float, optional
         Seconds of the run in a second of the animation.
+    bar : callable, optional
+        Returns the samples that become frames, one after the other, and shows that.
 
     Raises
     ------
@@ -82,21 +93,23 @@ def animate(trajectory: Trajectory, path: Path, title: str = '', speed: float = 
     write = _write_gif if path.suffix == '.gif' else _write_mp4
     with TemporaryDirectory() as folder:
         whole = Path(folder) / path.name
-        write(whole, Film(trajectory, title, speed), samples)
+        write(whole, Film(trajectory, title, speed), samples, bar)
         shutil.move(whole, path)
 
 
-def _write_gif(path: Path, film: 'Film', samples: Array) -> None:
+def _write_gif(path: Path, film: 'Film', samples: Array, bar: Bar) -> None:
     """Write an endless GIF whose frames share one palette, which halves its size."""
     some = samples[np.unique(np.linspace(0, len(samples) - 1, 5).astype(int))]
     sheet = Image.fromarray(np.concatenate([np.asarray(film.frame(k)) for k in some]))
     palette = sheet.quantize(PALETTE, method=Image.Quantize.MAXCOVERAGE, kmeans=1)
-    frames = (film.frame(k).quantize(palette=palette, dither=Image.Dither.NONE) for k in samples)
+    frames = (
+        film.frame(k).quantize(palette=palette, dither=Image.Dither.NONE) for k in bar(samples)
+    )
     rest: dict[str, Any] = {'append_images': frames, 'duration': DELAYS['.gif'], 'loop': 0}
     next(frames).save(path, save_all=True, disposal=1, **rest)
 
 
-def _write_mp4(path: Path, film: 'Film', samples: Array) -> None:
+def _write_mp4(path: Path, film: 'Film', samples: Array, bar: Bar) -> None:
     """Write an MP4 that all browsers can play."""
     options = ['-crf', '20', '-movflags', '+faststart']
     writer = FFMpegWriter(1000 // DELAYS['.mp4'], codec='h264', extra_args=options)
@@ -106,7 +119,7 @@ def _write_mp4(path: Path, film: 'Film', samples: Array) -> None:
             rc_context({'animation.ffmpeg_path': program}),
             writer.saving(film.canvas.figure, str(path), DPI),
         ):
-            for k in samples:
+            for k in bar(samples):
                 film.draw(k)
                 writer.grab_frame()
     except CalledProcessError as error:

@@ -4,12 +4,14 @@ from pathlib import Path
 import sys
 from threading import Event
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray
 import numpy as np
 import rclpy
 from rclpy.node import Node
+from tqdm import tqdm
 
 from snake_sim_ros.nodes.executors import make_executor
 from snake_sim_ros.nodes.stamps import seconds_from
@@ -24,6 +26,8 @@ from snake_sim_ros.scene.parameters import load_scene
 
 START_TIMEOUT = 90.0  # s, for compiling and discovery
 STALL_TIMEOUT = 10.0  # s without a message
+PICTURE = 0.1  # s between two pictures of the bar
+LAYOUT = '{percentage:3.0f} %|{bar:10}| {desc}'
 SUMMARY = (
     'method', 'real_time_factor', 'residual_max', 'iterations_per_step', 'unconverged_steps',
     'penetration_max', 'rejected_commands', 'overruns',
@@ -39,6 +43,7 @@ class StateListener(Node):
         self.times: list[float] = []
         self.positions: list[list[tuple[float, float, float]]] = []
         self.values: dict[str, str] = {}
+        self.doing = ''  # what sim says of itself
         self.create_subscription(PoseArray, 'link_poses', self._on_link_poses, 10)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
 
@@ -49,6 +54,7 @@ class StateListener(Node):
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == 'sim: physics':
+                self.doing = status.message
                 self.values = {item.key: item.value for item in status.values}
 
 
@@ -105,31 +111,47 @@ def _follow(
 ) -> None:
     """Start the nodes and print the progress until the gait has run for the duration."""
     executor = make_executor(listener)
+    print(
+        f'a live run of {duration:g} s with a few s to start; the first one ever compiles before'
+    )
     nodes.append(start('sim', f'scene:={source}'))
-    print('compiling the physics (half a minute at the first start ever) ...')
     started = heard = shown = time.monotonic()
     count = 0
-    while listener.begin is None or listener.times[-1] < listener.begin + duration - 1e-9:
-        executor.spin_once(timeout_sec=0.1)
-        if stop.is_set():
-            raise Interrupted
-        for node in nodes:
-            node.check()
-        now = time.monotonic()
-        if len(listener.times) > count:
-            count, heard = len(listener.times), now
-        if count and len(nodes) == 1:  # The gait starts once its beginning can be seen.
-            nodes.append(start('gait', f'scene:={source}', 'use_sim_time:=true'))
-        if said := nodes[-1].said(r'the gait begins at t = (\S+) s'):
-            listener.begin = float(said[1])
-        if listener.begin is None and now - started > START_TIMEOUT:
-            raise NodeDied(f'the gait did not begin within {START_TIMEOUT:g} s')
-        if count and now - heard > STALL_TIMEOUT:
-            raise NodeDied(f'no state from sim for {STALL_TIMEOUT:g} s')
-        if listener.begin is not None and now - shown > 0.1:
-            shown = now
-            print('\r' + _progress(listener, middle), end='', flush=True)
-    print('\r' + _progress(listener, middle))
+    with tqdm(total=duration, bar_format=LAYOUT, file=sys.stdout, dynamic_ncols=True) as bar:
+        while listener.begin is None or listener.times[-1] < listener.begin + duration - 1e-9:
+            executor.spin_once(timeout_sec=0.1)
+            if stop.is_set():
+                raise Interrupted
+            for node in nodes:
+                node.check()
+            now = time.monotonic()
+            if len(listener.times) > count:
+                count, heard = len(listener.times), now
+            if listener.doing.startswith('compiling'):
+                started = now
+            if count and len(nodes) == 1:  # The gait starts once its beginning can be seen.
+                nodes.append(start('gait', f'scene:={source}', 'use_sim_time:=true'))
+            if said := nodes[-1].said(r'the gait begins at t = (\S+) s'):
+                listener.begin = float(said[1])
+            if listener.begin is None and now - started > START_TIMEOUT:
+                raise NodeDied(f'the gait did not begin within {START_TIMEOUT:g} s')
+            if count and now - heard > STALL_TIMEOUT:
+                raise NodeDied(f'no state from sim for {STALL_TIMEOUT:g} s')
+            if now - shown > PICTURE:
+                shown = now
+                _show(bar, listener, middle)
+        _show(bar, listener, middle)
+
+
+def _show(bar: 'tqdm[Any]', listener: StateListener, middle: int) -> None:
+    """Show what the compiler does and, once the gait has begun, how far it is."""
+    if listener.begin is None:
+        what = listener.doing if listener.doing.startswith('compiling') else 'starting'
+        bar.set_description_str(f'{what} ', refresh=False)
+    else:
+        bar.set_description_str(_progress(listener, middle), refresh=False)
+        bar.n = min(bar.total, max(0.0, listener.times[-1] - listener.begin))
+    bar.refresh()
 
 
 def _progress(listener: StateListener, middle: int) -> str:

@@ -48,11 +48,24 @@ def random_gait(rng):
     return made
 
 
+def random_posture(rng):
+    """Return angles within the limits, often at their edge."""
+    return ROBOT.joint_limit * np.clip(rng.uniform(-1.5, 1.5, (JOINTS, 2)), -1.0, 1.0)
+
+
 def random_changes(seed):
-    """Return the blends of some changes at random times, as [(time it holds from, blend)]."""
+    """
+    Return the blends of some changes at random times, as [(time it holds from, blend)].
+
+    Every other one starts from a posture, and half of these gaits have a soft start.
+    """
     rng = np.random.default_rng(seed)
     duration = shortest_blend(ROBOT) * rng.choice([1.0, 2.0])
-    blends = [(0.0, Blend.of(random_gait(rng), JOINTS, duration))]
+    first, posture = random_gait(rng), None
+    if seed % 2:
+        posture = random_posture(rng)
+        first = replace(first, soft_start=duration * rng.choice([0.0, 0.0, 0.1, 1.0]))
+    blends = [(0.0, Blend.of(first, JOINTS, duration, posture))]
     for _ in range(8):
         time = blends[-1][0] + duration * rng.choice([0.0, 0.05, 0.4, 1.0, 1.7])
         blends.append((time, blends[-1][1].changed(time, random_gait(rng))))
@@ -90,9 +103,9 @@ def test_rates_are_the_derivatives_of_the_angles(seed):
         if end == begin:
             continue
         times = np.linspace(begin + h, end - h, 200)
-        T, m = blend.duration, len(blend.begins)
+        T, m = blend.duration, len(blend.begins) + bool(blend.entry)
         # The second derivative jumps where a blend ends.
-        kinks = np.append(blend.begins + T, blend.begins)
+        kinks = np.concatenate([[T, blend.fade_in], blend.begins + T, blend.begins])
         times = times[(np.abs(times[:, None] - kinks) > 2 * h).all(axis=1)]
         (later, _), (sooner, _) = (blend.reference(times + sign * h) for sign in (1, -1))
         _, rate = blend.reference(times)
@@ -107,6 +120,9 @@ def test_rates_are_the_derivatives_of_the_angles(seed):
             omega[0] ** 2 + omega[1],
             omega[0] ** 3 + 3 * omega[0] * omega[1] + omega[2],
         ]
+        if 0.0 < blend.fade_in and begin < blend.fade_in:  # a factor with the derivatives of s
+            f = [1.0, *(value / blend.fade_in**k for k, value in ((1, 1.5), (2, 6), (3, 12)))]
+            w = [sum(math.comb(k, i) * f[i] * w[k - i] for i in range(k + 1)) for k in range(4)]
         third = L * sum(math.comb(3, i) * w[i] * c[3 - i] for i in range(4))
         bound = h**2 / 6 * third + ROUNDING / h
         assert np.abs(rate - (later - sooner) / (2 * h)).max(initial=0.0) < bound
@@ -118,6 +134,52 @@ def test_blends_stay_within_the_limits_of_the_joints(seed):
         angle, rate = blend.reference(np.linspace(begin, begin + 3.0, 500))
         assert np.abs(angle).max() < ROBOT.joint_limit + ROUNDING
         assert np.abs(rate).max() < ROBOT.joint_rate_limit + 10 * ROUNDING
+
+
+@pytest.mark.parametrize('name', SCENES)
+def test_a_posture_blends_into_the_gait(name):
+    posture, T = random_posture(np.random.default_rng(1)), 1.5
+    target = load_scene(name).gait
+    blend, full = Blend.of(target, JOINTS, T, posture), Blend.of(target, JOINTS, T)
+    # It starts there, at rest.
+    angle, rate = blend.reference(0.0)
+    assert (angle == posture).all()
+    assert not rate.any()
+    # In between, both count with their weights.
+    times = np.linspace(0.0, T, 100)
+    s, s_dot = (value[:, None, None] for value in gait.soft_start(times, T))
+    (angle, rate), (g, g_dot) = blend.reference(times), full.reference(times)
+    assert np.abs(angle - ((1 - s) * posture + s * g)).max() < ROUNDING
+    assert np.abs(rate - (s * g_dot + s_dot * (g - posture))).max() < 4 * ROUNDING
+    # From its end on, it is the gait to the bit.
+    for time in (T, 1.1 * T, 60.0):
+        for value, expected in zip(blend.reference(time), full.reference(time), strict=True):
+            assert value.tobytes() == expected.tobytes()
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_a_posture_is_left_within_the_limits_of_the_joints(seed):
+    rng = np.random.default_rng(seed)
+    T = shortest_blend(ROBOT)
+    target = replace(random_gait(rng), soft_start=T * rng.choice([0.0, 0.01, 0.3, 1.0, 3.0]))
+    blend = Blend.of(target, JOINTS, T, random_posture(rng))
+    angle, rate = blend.reference(np.linspace(0.0, 2 * T, 2000))
+    assert np.abs(angle).max() < ROBOT.joint_limit + ROUNDING
+    assert np.abs(rate).max() < ROBOT.joint_rate_limit + 10 * ROUNDING
+
+
+def test_a_posture_goes_on_through_a_change():
+    posture, T, time = random_posture(np.random.default_rng(2)), 1.0, 0.7
+    later = Gait(yaw=replace(UNDULATION.yaw, offset=0.2))
+    blend = Blend.of(UNDULATION, JOINTS, T, posture).changed(0.4, later)
+    s, s_dot = gait.soft_start(np.array(time), T)
+    w, w_dot = gait.soft_start(np.array(time - 0.4), T)
+    offset = np.array([0.2, 0.0])
+    angle, rate = gait.reference(UNDULATION, time, JOINTS)
+    expected = (1 - s) * posture + s * angle + w * offset
+    assert np.abs(blend.reference(time)[0] - expected).max() < ROUNDING
+    expected = s_dot * (angle - posture) + s * rate + w_dot * offset
+    assert np.abs(blend.reference(time)[1] - expected).max() < 4 * ROUNDING
 
 
 @pytest.mark.parametrize(

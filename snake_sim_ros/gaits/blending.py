@@ -8,6 +8,9 @@ new one, with the weight s of `gait.soft_start` over a fixed time. phi is the ex
 frequency, so a new frequency keeps the phase. Changes may come at any time, also during a blend:
 the weights of all gaits remain positive and sum to 1. Every convex condition that holds for each
 gait therefore holds in between. The limits of the joints are such conditions, see `check_limits`.
+
+A robot that does not stand where its gait begins blends from its posture into the gait in the same
+way: the posture is one more term of the sum, with the first weight, and has no phase.
 """
 
 from dataclasses import dataclass
@@ -41,6 +44,10 @@ class Blend:
         Time of every blend [s].
     fade_in : float
         Time of the soft start of the very first gait [s].
+    posture : ndarray, shape (n-1, 2)
+        Angles (yaw, pitch) at rest at time 0 [rad].
+    entry : float
+        Time of the blend from the posture into the very first gait [s]; 0 if there is none.
     begins : ndarray, shape (m,)
         Times at which each gait but the first begins to replace the one before [s].
     frequency, offset : ndarray, shape (m+1, 2)
@@ -59,6 +66,8 @@ class Blend:
     joint_count: int
     duration: float
     fade_in: float
+    posture: Array
+    entry: float
     begins: Array
     frequency: Array
     offset: Array
@@ -67,13 +76,31 @@ class Blend:
     shift: float
 
     @classmethod
-    def of(cls, gait: Gait, joint_count: int, duration: float) -> 'Blend':
-        """Return the reference of one gait from its time 0 on, that of `gait.reference`."""
+    def of(
+        cls, gait: Gait, joint_count: int, duration: float, posture: Array | None = None
+    ) -> 'Blend':
+        """
+        Return the reference of one gait from its time 0 on, that of `gait.reference`.
+
+        Parameters
+        ----------
+        gait : Gait
+        joint_count : int
+            Number of cardan joints, n-1.
+        duration : float
+            Time of every blend [s].
+        posture : ndarray, shape (n-1, 2), optional
+            Angles (yaw, pitch) from which the reference starts at rest and blends into the gait,
+            within the joint limit [rad]. By default it is in the gait at once.
+
+        """
         return cls(
             gait=gait,
             joint_count=joint_count,
             duration=duration,
             fade_in=gait.soft_start,
+            posture=np.zeros((joint_count, 2)) if posture is None else posture,
+            entry=0.0 if posture is None else duration,
             begins=np.zeros(0),
             frequency=_frequency(gait)[None],
             offset=_offset(gait)[None],
@@ -136,19 +163,24 @@ class Blend:
         t = np.asarray(time, dtype=float)[..., None]
         age = t - self.begins
         s, s_dot = soft_start(age, self.duration)
-        weight, weight_dot = _weights(s, 1.0), _weights(s_dot, 0.0)
+        entered, entered_dot = soft_start(t, self.entry)
+        weight, weight_dot = _weights(s, entered), _weights(s_dot, entered_dot)
         # The integral of s is T (x^3 - x^4/2) up to x = age/T = 1, then age - T/2.
         x = np.clip(age / self.duration, 0.0, 1.0)
         area = self.duration * x**3 * (1.0 - x / 2.0) + np.maximum(age - self.duration, 0.0)
         phase = self.phase + self.frequency[0] * t + area @ np.diff(self.frequency, axis=0)
         carrier = np.exp(1j * phase)[..., None, :]
-        omega = (weight @ self.frequency)[..., None, :]
+        omega = (_weights(s, 1.0) @ self.frequency)[..., None, :]
         z, z_dot = (np.tensordot(w, self.amplitude, 1) for w in (weight, weight_dot))
         angle = (z * carrier).imag + (weight @ self.offset)[..., None, :]
         rate = ((z_dot + 1j * omega * z) * carrier).imag
         rate += (weight_dot @ self.offset)[..., None, :]
         fade, fade_dot = (value[..., None] for value in soft_start(t, self.fade_in))
-        return fade * angle, fade * rate + fade_dot * angle
+        angle, rate = fade * angle, fade * rate + fade_dot * angle
+        if self.entry:
+            angle += (1.0 - entered)[..., None] * self.posture
+            rate -= entered_dot[..., None] * self.posture
+        return angle, rate
 
     @property
     def _delays(self) -> Array:
@@ -242,7 +274,12 @@ def _amplitude(gait: Gait, joint_count: int, shift: float) -> Array:
     return np.column_stack([yaw, pitch])
 
 
-def _weights(s: Array, first: float) -> Array:
-    """Return the weights of the gaits from the progress of the changes, shape (..., m+1)."""
+def _weights(s: Array, first: float | Array) -> Array:
+    """
+    Return the weights of the gaits from the progress of the changes, shape (..., m+1).
+
+    `first` is the progress into the first gait, shape (..., 1); with rates of s and `first` it
+    returns those of the weights.
+    """
     edge = np.zeros((*s.shape[:-1], 1))
     return -np.diff(np.concatenate([edge + first, s, edge], axis=-1), axis=-1)

@@ -8,15 +8,18 @@ Every number of the gait may change while the node runs, and `cmd_vel` steers it
 the commands. A change of the soft start takes effect when the gait begins again. From the first
 cmd_vel until ~/restart, `steering` determines the frequency and the yaw offset; of a cmd_vel only
 linear.x and angular.z count.
+
+The gait begins where the robot is: it blends from the joint angles that joint_states report. It
+does so too after ~/restart, when time went back, and when the robot was put back.
 """
 
 from dataclasses import dataclass
 from dataclasses import replace
-import math
 import sys
 from threading import Event
 
 from geometry_msgs.msg import Twist
+from geometry_msgs.msg import TwistStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -29,16 +32,22 @@ from snake_sim_ros.gaits.blending import check_limits
 from snake_sim_ros.gaits.blending import largest_values
 from snake_sim_ros.gaits.blending import shortest_blend
 from snake_sim_ros.gaits.steering import Steering
+from snake_sim_ros.nodes.clock_watch import ClockWatch
 from snake_sim_ros.nodes.joint_names import joint_names
+from snake_sim_ros.nodes.jumps import Jumps
+from snake_sim_ros.nodes.measured_start import MeasuredStart
 from snake_sim_ros.nodes.node_parameters import declare
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import run_node
 from snake_sim_ros.nodes.sent_commands import COMMAND_FORMS
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
+from snake_sim_ros.nodes.velocity_commands import steering_from
+from snake_sim_ros.nodes.velocity_commands import time_of
 from snake_sim_ros.scene.checked_records import CheckedRecord
 from snake_sim_ros.scene.checked_records import flat_fields
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.checked_records import quantity
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
@@ -66,6 +75,13 @@ class Settings(CheckedRecord):
     blend_time: float = quantity(
         1.0, 's', 'how long a change of the gait takes', above=0, maximum=60
     )
+    start_from: str = quantity(
+        'measured',
+        '',
+        'where the gait starts: at the angles of joint_states, from which it blends over '
+        'blend_time, or in its own posture now',
+        choices=('measured', 'now'),
+    )
     stride: float = quantity(
         0.546,
         'm',
@@ -76,6 +92,9 @@ class Settings(CheckedRecord):
     )
     cmd_vel_timeout: float = quantity(
         0.0, 's', 'stop when no cmd_vel comes for so long; 0 is never', minimum=0, maximum=3600
+    )
+    use_stamped_vel: bool = quantity(
+        False, '', 'whether cmd_vel is a TwistStamped in place of a Twist'
     )
 
 
@@ -95,7 +114,7 @@ class GaitNode(Node):
         self.names = joint_names(self.robot.link_count)
         self.period = 1.0 / self.settings.publish_rate
         self.begin: int | None = None  # time of the clock [ns]
-        self.latest = 0  # time of the last command [ns]
+        self.why = ''  # why the gait starts over
         self.target = self.gait
         self.blend = self._beginning()
         self.steering: Steering | None = None
@@ -103,7 +122,15 @@ class GaitNode(Node):
         self.warn = ThrottledWarnings(self)
         self.form = COMMAND_FORMS[self.settings.command_type]
         self.commands = self.create_publisher(self.form.kind, self.form.topic, QoSProfile(depth=1))
-        self.create_subscription(Twist, 'cmd_vel', self._on_twist, QoSProfile(depth=1))
+        if self.settings.use_stamped_vel:
+            kind, take = TwistStamped, self._on_twist_stamped
+        else:
+            kind, take = Twist, self._on_twist
+        self.create_subscription(kind, 'cmd_vel', take, QoSProfile(depth=1))
+        self.jumps = Jumps(self)
+        self.watch = ClockWatch(self, self.jumps, self.warn)
+        measured = self.settings.start_from == 'measured'
+        self.start = MeasuredStart(self, self.robot, self.watch, self.jumps, used=measured)
         self.create_service(Trigger, '~/restart', self._on_restart)
         self.create_timer(self.period, self.publish)
         self.get_logger().info(f'waiting for a robot that listens to {self.form.topic}')
@@ -111,17 +138,11 @@ class GaitNode(Node):
     def publish(self) -> None:
         """Publish the present command, once there is a clock and a robot that subscribed."""
         now = self.get_clock().now()
-        if now.nanoseconds == 0:
+        if now.nanoseconds == 0 or not self._goes_on(now.nanoseconds):
             return
-        if self.begin is None and self.commands.get_subscription_count() == 0:
-            return
-        if self.begin is None or now.nanoseconds < self.latest:
-            self.begin = now.nanoseconds
-            self.heard = min(self.heard, self.begin)
-            self.blend = self._beginning()
-            self.get_logger().info(f'the gait begins at t = {1e-9 * self.begin:.9f} s')
-        self.latest = now.nanoseconds
-        self._stop_unsteered(self.latest)
+        if self.begin is None:
+            self._begin(now.nanoseconds)
+        self._stop_unsteered(now.nanoseconds)
         seconds = 1e-9 * (now.nanoseconds - self.begin)
         if self.target != self.blend.gait:
             self.blend = self.blend.changed(seconds, self.target)
@@ -129,8 +150,34 @@ class GaitNode(Node):
         period = round(1e9 * self.period)
         self.commands.publish(self.form.message(self.names, now.to_msg(), angle, rate, period))
 
-    def _beginning(self) -> Blend:
-        return Blend.of(self.target, self.robot.link_count - 1, self.settings.blend_time)
+    def _goes_on(self, now: int) -> bool:
+        """Return whether to command the robot now [ns]; if the gait starts over, begin is None."""
+        back, put_back = self.watch.went_back(now), self.start.was_put_back()
+        if back:
+            self.start.forget(now)
+        if back or put_back:
+            self.begin, self.why = None, f', since {back or "the robot was put back"}'
+        if self.jumps.many:
+            return False
+        if self.begin is not None:
+            return True
+        return self.commands.get_subscription_count() > 0 and self.start.settled(now)
+
+    def _begin(self, now: int) -> None:
+        self.begin = now
+        self.heard = min(self.heard, now)
+        self.blend = self._beginning()
+        start, _ = self.blend.reference(0.0)
+        posture = self.start.posture(now, start)
+        if posture is not None:
+            self.blend = self._beginning(posture)
+        where = '' if posture is None else ', from the measured angles'
+        self.get_logger().info(f'the gait begins at t = {1e-9 * now:.9f} s{where}{self.why}')
+        self.why = ''
+
+    def _beginning(self, posture: Array | None = None) -> Blend:
+        joint_count, duration = self.robot.link_count - 1, self.settings.blend_time
+        return Blend.of(self.target, joint_count, duration, posture)
 
     def _stop_unsteered(self, now: int) -> None:
         timeout = self.settings.cmd_vel_timeout
@@ -151,21 +198,20 @@ class GaitNode(Node):
                 self.warn(kind, sentence)
 
     def _on_twist(self, message: Twist) -> None:
-        for part in ('linear', 'angular'):
-            for axis in ('x', 'y', 'z'):
-                value = getattr(getattr(message, part), axis)
-                if not math.isfinite(value):
-                    self.warn(
-                        'not finite',
-                        f'cmd_vel: {part}.{axis} must be finite, got {value}; '
-                        f'the last good cmd_vel holds',
-                    )
-                    return
-        unused = message.linear.y, message.linear.z, message.angular.x, message.angular.y
-        if any(unused):
-            self.warn('unused', 'cmd_vel: only linear.x and angular.z steer; the rest is not used')
-        self.heard = self.get_clock().now().nanoseconds
-        steering = Steering(message.linear.x, message.angular.z)
+        self._steer(message, self.get_clock().now().nanoseconds)
+
+    def _on_twist_stamped(self, message: TwistStamped) -> None:
+        now = self.get_clock().now().nanoseconds
+        time = time_of(message, now, self.settings.cmd_vel_timeout, self.warn)
+        if time is not None:
+            self._steer(message.twist, time)
+
+    def _steer(self, message: Twist, time: int) -> None:
+        """Follow a cmd_vel of some time [ns]."""
+        steering = steering_from(message, self.warn)
+        if steering is None:
+            return
+        self.heard = time
         if steering != self.steering:
             self.steering = steering
             self._aim()

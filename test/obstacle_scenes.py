@@ -30,8 +30,8 @@ from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.periods import steps_in
 from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.simulation import steps_in
 from snake_sim_ros.stepping.state import State
 
 CELL = 0.15  # m

@@ -16,6 +16,7 @@ from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.posture import joint_rates
 from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.periods import steps_in
 from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.simulation import LEAST_STEPS
@@ -23,7 +24,6 @@ from snake_sim_ros.stepping.simulation import Limits
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.simulation import steps_in
 from snake_sim_ros.stepping.state import initial_state
 
 

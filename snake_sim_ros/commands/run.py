@@ -29,6 +29,7 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.periods import samples_of
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -59,6 +60,7 @@ def _run(options: argparse.Namespace) -> int:
         raise ParameterError(f'rate must be above 0 Hz and finite, got {rate:g} Hz')
     scene = scene_with_accuracy(options, options.scene, 1.0 / rate)
     make_stepper(scene)
+    samples_of(scene, rate)
     trajectory = _recorded(scene, rate, files.get('bag'))
     write(trajectory, files, title_of(options.scene), options.speed)
     report, link = trajectory.report, scene.robot.middle_link

@@ -1,6 +1,7 @@
 """Arguments with which several commands choose a scene and change it, and the scene they mean."""
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from snake_sim_ros.gaits.blending import check_reach
@@ -67,8 +68,14 @@ def scene_from(options: argparse.Namespace, source: str) -> Scene:
         If there is no such scene, a value is not usable, or the gait is beyond the joint limit.
 
     """
-    scene = with_settings(load_scene(source), given_settings(options))
-    check_reach(scene.gait, scene.robot)
+    loaded = load_scene(source)
+    scene = with_settings(loaded, given_settings(options))
+    try:
+        check_reach(scene.gait, scene.robot)
+    except ParameterError as error:
+        if scene.gait != loaded.gait or scene.robot != loaded.robot:
+            raise
+        raise ParameterError(f'{Path(source).name}: {error}') from None
     return scene
 
 

@@ -28,7 +28,7 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.posture import joint_rates
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.simulation import steps_in
+from snake_sim_ros.stepping.periods import steps_in
 from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.trajectory import Trajectory
 

@@ -43,11 +43,11 @@ from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import method_of
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.methods import what_is_not_planar
+from snake_sim_ros.stepping.periods import steps_in
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.simulation import Limits
 from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.simulation import steps_in
 
 REFERENCE_STEPS = (1 / 16000, 1 / 32000)  # s, of the two runs that are extrapolated
 LIFTED_HEIGHT = 10.0  # m, out of reach of the floor for more than a second

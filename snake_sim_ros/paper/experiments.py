@@ -20,11 +20,11 @@ from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.stepping.periods import steps_in
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.simulation import steps_in
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 RATE = 100.0  # Hz, samples of an experiment

@@ -331,7 +331,8 @@ def load_scene(source: str | Path) -> Scene:
     if names and names <= {item.name for item in fields(Robot)}:
         raise ParameterError(f'{source} is a robot, not a scene; scenes say "robot: {source}"')
     if isinstance(mapping.get('robot'), str):
-        mapping['robot'] = _read(_find(mapping['robot'], path.parent))
+        robot = _find(mapping['robot'], path.parent)
+        mapping['robot'] = to_mapping(from_mapping(Robot, _read(robot), robot.name))
     scene: Scene = from_mapping(Scene, mapping, str(path.name))
     return scene
 

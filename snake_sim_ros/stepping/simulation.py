@@ -24,6 +24,7 @@ from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.levels import LevelStepper
 from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.periods import samples_of
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.sampling import joint_motion
@@ -38,22 +39,6 @@ LEVELS = ('planar', 'spatial')
 FIRST_PORTION = 25  # steps of a call if unconverged ones are limited; doubles while all converge
 LEAST_STEPS, MOST_STEPS = 100, 20_000  # of a call, whose references are in memory
 PORTION_SECONDS = 0.1  # wall time up to which the next call takes more steps [s]
-
-
-def steps_in(period: float, dt: float, name: str) -> int:
-    """
-    Return the number of steps in a period [s]; `name` is that of the period in the message.
-
-    Raises
-    ------
-    ParameterError
-        If the time step dt [s] does not divide the period.
-
-    """
-    steps = round(period / dt)
-    if steps < 1 or abs(steps * dt - period) > 1e-9 * period:
-        raise ParameterError(f'dt must divide the {name}: got dt={dt:g} s, period={period:g} s')
-    return steps
 
 
 class Simulation:
@@ -368,15 +353,7 @@ def run(
         If dt does not divide the sampling period, or the sampling period the duration.
 
     """
-    if not rate > 0:
-        raise ParameterError(f'rate must be above 0 Hz, got {rate:g} Hz')
-    steps = steps_in(1.0 / rate, scene.dt, 'sampling period')
-    samples, rest = divmod(steps_in(scene.duration, scene.dt, 'duration'), steps)
-    if rest:
-        raise ParameterError(
-            f'duration must be a multiple of the sampling period, 1/{rate:g} s; '
-            f'got {scene.duration:g} s'
-        )
+    steps, samples = samples_of(scene, rate)
     simulation = Simulation(scene)
     simulation.compile(scene.gait)
     begin, compiled = time.perf_counter(), simulation.compile_seconds

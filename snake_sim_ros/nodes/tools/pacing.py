@@ -41,8 +41,8 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.periods import steps_in
 from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.simulation import steps_in
 
 SCENE = 'lateral_undulation'
 RATE = 200.0  # Hz, the publish rate at real-time factor 1

@@ -3,6 +3,8 @@
 import json
 import os
 from pathlib import Path
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,6 +21,7 @@ from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.robot_description import robot_description
+from snake_sim_ros.stepping import simulation
 
 ROOT = Path(__file__).parents[1]
 ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT)}
@@ -294,3 +297,43 @@ def test_missing_scene_ends_the_launchers_with_a_sentence():
         assert process.returncode == 2, told
         assert told.startswith('error: no file nowhere; the scenes that come with the package: ')
         assert 'Traceback' not in told
+
+
+# Python without ROS 2: it is not found, whatever is installed.
+WITHOUT_ROS = """
+import sys
+
+class Nothing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition('.')[0] in ('rclpy', 'std_srvs', 'sensor_msgs'):
+            raise ModuleNotFoundError(f'No module named {name!r}', name=name)
+
+sys.meta_path.insert(0, Nothing())
+"""
+AS_MODULE = "import runpy; runpy.run_module('snake_sim_ros.nodes', run_name='__main__')"
+AS_SCRIPT = 'from snake_sim_ros.nodes.__main__ import {0}; sys.exit({0}())'
+
+
+@pytest.mark.parametrize('name', ['sim', 'gait', 'viewer'])
+@pytest.mark.parametrize('start', [AS_MODULE, AS_SCRIPT])
+def test_nodes_say_that_they_need_ros(name, start):
+    done = subprocess.run(
+        [sys.executable, '-c', WITHOUT_ROS + start.format(name), name],
+        env=ENVIRONMENT, capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert re.fullmatch(
+        rf"error: {name} needs ROS 2 \(No module named '[\w.]+'\): source a ROS 2 installation, "
+        rf'or ./run {name}',
+        line,
+    )
+
+
+def test_without_ffmpeg_no_run_begins(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, 'imageio_ffmpeg', None)
+    monkeypatch.setattr(shutil, 'which', lambda name: None)
+    monkeypatch.setattr(simulation, 'run', None)  # it would be called
+    file = str(tmp_path / 'run.mp4')
+    assert main(['run', 'lateral_undulation', '--mp4', file]) == 2
+    assert 'an .mp4 needs ffmpeg' in capsys.readouterr().err

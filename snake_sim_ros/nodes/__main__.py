@@ -9,6 +9,8 @@ import os
 import signal
 import sys
 
+from snake_sim_ros.nodes.missing_ros import missing_ros
+
 
 def sim() -> int:
     """Run the simulated robot."""
@@ -30,7 +32,15 @@ def _run(name: str) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, frame: os._exit(0))
     sys.argv[0] = name
-    return int(import_module(f'snake_sim_ros.nodes.{name}_node').main())
+    try:
+        node = import_module(f'snake_sim_ros.nodes.{name}_node')
+    except ImportError as error:
+        package = (error.name or '').partition('.')[0]
+        of_ros = package == 'rclpy' or package.endswith(('_msgs', '_srvs', '_interfaces'))
+        why = missing_ros(name, name, error) if of_ros else error
+        print(f'error: {why}', file=sys.stderr)
+        return 2
+    return int(node.main())
 
 
 if __name__ == '__main__':

@@ -1,4 +1,4 @@
-"""What a command says that needs ROS 2 where it is not installed."""
+"""What a program says that needs ROS 2 where it is not installed; it imports nothing of it."""
 
 from snake_sim_ros.scene.checked_records import ParameterError
 

@@ -183,6 +183,16 @@ def test_recorded_run(page, tmp_path):
     assert 'Traceback' not in process.output
 
 
+def test_error_of_a_live_view_is_told_once(tmp_path, monkeypatch):
+    (tmp_path / 'viser').mkdir()
+    (tmp_path / 'viser' / '__init__.py').write_text('raise ImportError\n')
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path))
+    process = Process(VIEW, next_domain())
+    assert process.wait(60) == 1
+    assert process.count('the viewer needs viser, which is not installed') == 1, process.output
+    assert process.lines[-1] == 'snake-sim view: viewer ended with status 2'
+
+
 def test_port_in_use():
     with socket.create_server(('127.0.0.1', 0)) as server:
         port = server.getsockname()[1]

@@ -34,6 +34,7 @@ class Child:
 
     name: str
     process: subprocess.Popen[str]
+    echo: bool = False  # whether the user sees all that it prints
     lines: deque[str] = field(default_factory=lambda: deque(maxlen=LINES))
 
     def said(self, pattern: str) -> re.Match[str] | None:
@@ -53,8 +54,8 @@ class Child:
         status = self.process.poll()
         if status is not None:
             time.sleep(0.1)  # It may still print its last words.
-            words = ' / '.join(list(self.lines)[-LAST_WORDS:])
-            raise NodeDied(f'{self.name} ended with status {status}: {words}')
+            words = '' if self.echo else ': ' + ' / '.join(list(self.lines)[-LAST_WORDS:])
+            raise NodeDied(f'{self.name} ended with status {status}{words}')
 
     def end(self) -> None:
         """Ask the process to end; kill it if it does not."""
@@ -91,17 +92,17 @@ def start(name: str, *parameters: str, echo: bool = False) -> Child:
         text=True,
         start_new_session=True,
     )
-    node = Child(name, process)
-    Thread(target=_listen, args=(node, echo), daemon=True).start()
+    node = Child(name, process, echo)
+    Thread(target=_listen, args=(node,), daemon=True).start()
     print(f'started {name}, process {process.pid}')
     return node
 
 
-def _listen(node: Child, echo: bool) -> None:
+def _listen(node: Child) -> None:
     assert node.process.stdout is not None
     for line in node.process.stdout:
         node.lines.append(line.rstrip())
-        if echo:
+        if node.echo:
             print(line, end='', flush=True)
 
 

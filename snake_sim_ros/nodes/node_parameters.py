@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from collections.abc import Container
+from collections.abc import Iterable
 from collections.abc import Mapping
 import json
 import math
@@ -11,6 +12,7 @@ from typing import TypeVar
 from rcl_interfaces.msg import FloatingPointRange
 from rcl_interfaces.msg import IntegerRange
 from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -121,11 +123,33 @@ def settle(
     return settings, scene
 
 
+class UnknownParameter(ParameterNotDeclaredException):
+    """A parameter that the node does not have; the sentence of rclpy does not say which."""
+
+    def __init__(self, name: str, known: Iterable[str]) -> None:
+        super().__init__(name)
+        self._sentence = f'unknown parameter {name!r}; {nearest(name, sorted(known))}'
+
+    def __str__(self) -> str:
+        """Return the sentence that is the reason of the refusal."""
+        return self._sentence
+
+
 def keep_types(node: Node, parameters: list[Parameter]) -> list[Parameter]:
-    """Return parameters with integers as floating-point numbers where the node declared those."""
+    """
+    Return parameters with integers as floating-point numbers where the node declared those.
+
+    Raises
+    ------
+    UnknownParameter
+        If the node does not have one of them.
+
+    """
     kept = []
     for item in parameters:
-        wanted = node.get_parameter(item.name).type_ if node.has_parameter(item.name) else None
+        if not node.has_parameter(item.name):
+            raise UnknownParameter(item.name, node.get_parameters_by_prefix(''))
+        wanted = node.get_parameter(item.name).type_
         if (item.type_, wanted) == (Parameter.Type.INTEGER, Parameter.Type.DOUBLE):
             item = Parameter(item.name, wanted, float(item.value))
         elif (item.type_, wanted) == (Parameter.Type.INTEGER_ARRAY, Parameter.Type.DOUBLE_ARRAY):

@@ -45,10 +45,10 @@ def sample_motion(times, axes, knots, coefficients, angle, rate):
     times : ndarray, shape (m,)
         Times to sample at, increasing [s].
     axes : ndarray of int, shape (k,)
-        Columns to fill.
+        Columns to fill; negative where none is.
     knots : ndarray, shape (points,)
         Times of the points of the motion [s].
-    coefficients : ndarray, shape (4, points-1, k)
+    coefficients : ndarray, shape (points-1, 4, k)
         Coefficients of its pieces.
     angle, rate : ndarray, shape (m, all axes)
         Filled in part.
@@ -63,8 +63,10 @@ def sample_motion(times, axes, knots, coefficients, angle, rate):
         moving = times[i] < knots[last]
         s = min(times[i], knots[last]) - knots[piece]
         for k in range(len(axes)):
-            a, b = coefficients[0, piece, k], coefficients[1, piece, k]
-            c, d = coefficients[2, piece, k], coefficients[3, piece, k]
+            if axes[k] < 0:
+                continue
+            a, b = coefficients[piece, 0, k], coefficients[piece, 1, k]
+            c, d = coefficients[piece, 2, k], coefficients[piece, 3, k]
             angle[i, axes[k]] = a + s * (b + s * (c + s * d))
             rate[i, axes[k]] = b + s * (2.0 * c + s * (3.0 * d)) if moving else 0.0
 

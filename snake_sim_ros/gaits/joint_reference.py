@@ -8,12 +8,14 @@ import numpy as np
 from snake_sim_ros.gaits.interpolation import hold_at_limit
 from snake_sim_ros.gaits.interpolation import sample_command
 from snake_sim_ros.gaits.interpolation import sample_motion
+from snake_sim_ros.gaits.point_bytes import compile_reading
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.posture import joint_angles
 
 SINGLE_POINT_DURATION = 1e-3  # length of a motion that has only one point [s]
+NONE = -1  # in place of an axis
 
 
 @dataclass(frozen=True)
@@ -24,10 +26,10 @@ class Motion:
     Attributes
     ----------
     axes : ndarray of int, shape (k,)
-        Joint axes, counted along the robot, yaw before pitch.
+        Joint axes, counted along the robot, yaw before pitch; NONE where the motion lost one.
     times : ndarray, shape (points,)
         Times of the points [s].
-    coefficients : ndarray, shape (4, points-1, k)
+    coefficients : ndarray, shape (points-1, 4, k)
         Coefficients of the powers 0 to 3 of the time since the begin of a piece.
 
     """
@@ -48,27 +50,26 @@ class Motion:
 
     def extremes(self) -> tuple[Array, Array]:
         """Return largest magnitudes of angle [rad] and rate [rad/s], shape (points-1, k)."""
-        a, b, c, d = self.coefficients
+        a, b, c, d = np.moveaxis(self.coefficients, 1, 0)
         span = np.diff(self.times)[:, None]
-        with np.errstate(divide='ignore', invalid='ignore'):
-            root = np.sqrt(c * c - 3 * b * d)
-            # Roots of the rate, in the form that takes no difference of near numbers.
-            half = -(c + np.copysign(root, c))
-            turns = half / (3 * d), b / half
-            bends = -c / (3 * d)
-        moments = [np.zeros_like(a), span + 0.0 * a]
-        for s in (*turns, bends):
-            moments.append(np.where((s > 0) & (s < span), s, 0.0))
-        s = np.array(moments)
-        angle = a + s * (b + s * (c + s * d))
-        rate = b + s * (2.0 * c + s * (3.0 * d))
-        return np.abs(angle).max(axis=0), np.abs(rate).max(axis=0)
+        moments = [span]
+        if c.any() or d.any():
+            with np.errstate(divide='ignore', invalid='ignore'):
+                root = np.sqrt(c * c - 3 * b * d)
+                # Roots of the rate, in the form that takes no difference of near numbers.
+                half = -(c + np.copysign(root, c))
+                turns = half / (3 * d), b / half
+                bends = -c / (3 * d)
+            moments += [np.where((s > 0) & (s < span), s, 0.0) for s in (*turns, bends)]
+        angle, rate = np.abs(a), np.abs(b)
+        for s in moments:
+            np.maximum(angle, np.abs(a + s * (b + s * (c + s * d))), out=angle)
+            np.maximum(rate, np.abs(b + s * (2.0 * c + s * (3.0 * d))), out=rate)
+        return angle, rate
 
     def without(self, axes: Array) -> 'Motion':
         """Return the motion without some axes."""
-        keep = ~np.isin(self.axes, axes)
-        coefficients = np.ascontiguousarray(self.coefficients[..., keep])
-        return Motion(self.axes[keep], self.times, coefficients)
+        return replace(self, axes=np.where(np.isin(self.axes, axes), NONE, self.axes))
 
 
 def motion_through(axes: Array, times: Array, angle: Array, rate: Array | None) -> Motion:
@@ -97,7 +98,7 @@ def motion_through(axes: Array, times: Array, angle: Array, rate: Array | None) 
     slope = np.diff(angle, axis=0) / span
     first, last = (slope, slope) if rate is None else (rate[:-1], rate[1:])
     square, cube = (3 * slope - 2 * first - last) / span, (first + last - 2 * slope) / span**2
-    return Motion(axes, times, np.array([angle[:-1], first, square, cube]))
+    return Motion(axes, times, np.stack([angle[:-1], first, square, cube], axis=1))
 
 
 @dataclass(frozen=True)
@@ -193,15 +194,16 @@ class JointReference:
             kept = tuple(rest)
             sampled = np.empty((2, 1, self.stamp.size))
             sample_motion(np.array([over.end]), over.axes, over.times, over.coefficients, *sampled)
-            told = sampled[:, 0, over.axes]
-            reference = replace(reference, motions=()).commanded(over.axes, over.end, *told)
+            axes = over.axes[over.axes != NONE]
+            told = sampled[:, 0, axes]
+            reference = replace(reference, motions=()).commanded(axes, over.end, *told)
         return replace(reference, motions=(*kept, *waiting))
 
 
 def _without(motions: tuple[Motion, ...], axes: Array) -> tuple[Motion, ...]:
     """Return some motions without some axes; motions with no axes left are dropped."""
     left = (item.without(axes) for item in motions)
-    return tuple(item for item in left if len(item.axes))
+    return tuple(item for item in left if (item.axes != NONE).any())
 
 
 def start_posture(scene: Scene, now: float = 0.0) -> JointReference:
@@ -211,6 +213,7 @@ def start_posture(scene: Scene, now: float = 0.0) -> JointReference:
 
 
 def compile_sampling(scene: Scene) -> None:
-    """Compile the functions that sample references, or load them from the cache."""
+    """Compile the functions that read and sample references, or load them from the cache."""
+    compile_reading()
     still = motion_through(np.array([0]), np.zeros(1), np.zeros((1, 1)), None)
     start_posture(scene).moved(still).sample(np.zeros(1), 0.0, 1.0)

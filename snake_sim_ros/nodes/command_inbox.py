@@ -1,6 +1,9 @@
 """The joint commands that the node `sim` receives, and the reference that holds after them."""
 
 from collections.abc import Callable
+from dataclasses import replace
+import math
+import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -17,18 +20,24 @@ from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.nodes.other_publishers import OtherPublishers
 from snake_sim_ros.nodes.received_commands import extrapolated
 from snake_sim_ros.nodes.received_commands import joint_command
+from snake_sim_ros.nodes.received_commands import jump_between
 from snake_sim_ros.nodes.received_commands import position_commands
 from snake_sim_ros.nodes.received_commands import ReceivedCommand
 from snake_sim_ros.nodes.received_commands import RejectedCommand
 from snake_sim_ros.nodes.received_trajectories import joint_trajectory
+from snake_sim_ros.nodes.received_trajectories import read_trajectory
+from snake_sim_ros.nodes.received_trajectories import ReadTrajectory
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
+from snake_sim_ros.nodes.turns import Turns
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.levels import is_vertical
 from snake_sim_ros.stepping.levels import what_is_told
 from snake_sim_ros.stepping.simulation import Simulation
 
 LATEST = QoSProfile(depth=1)  # A newer command replaces one that waits.
+LARGE = 16_000  # bytes of a trajectory, 50 points of 20 joints, that take 1 ms to read and check
+REMEMBERED = 10.0  # s of wall time for which a rejection is in the diagnostics
 
 
 class CommandInbox:
@@ -50,8 +59,6 @@ class CommandInbox:
         The node replaces them when its parameters change.
     rejected, clamped : int
         How many commands were rejected, and how many were clamped to the joint limit.
-    is_open : bool
-        Whether commands are taken, see `open`.
 
     """
 
@@ -65,35 +72,30 @@ class CommandInbox:
         self._heard: float | None = None  # simulated time of the last command [s]
         self._stream = ''  # topic on which commands follow each other
         self._silent = ''  # topic of a stream that stopped
-        self._rejection = ''  # the last one since the last diagnostics, as a sentence
-        self._topics: set[str] = set()  # on which commands came since the last diagnostics
+        self._rejection = ''  # the last one, as a sentence
+        self._rejected_at = -math.inf  # wall time of it [s]
+        self._turns = Turns()
+        self._topics: dict[str, Any] = {}  # with types, on which commands came in this interval
         self._limited: JointReference | None = None  # the last one reported to exceed the limit
         self._others = OtherPublishers(node)
-        self.is_open = False
-        self._waiting: dict[str, tuple[Any, ...]] = {}  # arguments of _take, the last of a topic
         self._subscribe(node)
 
     def _subscribe(self, node: Node) -> None:
         node.create_subscription(
             JointState,
             'joint_command',
-            lambda message: self._take('joint_command', joint_command, message),
+            lambda message: self._on_command('joint_command', joint_command, message),
             LATEST,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
         node.create_subscription(
             Float64MultiArray,
             'position_commands',
-            lambda message: self._take('position_commands', position_commands, message),
+            lambda message: self._on_command('position_commands', position_commands, message),
             LATEST,
         )
         node.create_subscription(
-            JointTrajectory,
-            'joint_trajectory',
-            lambda message: self._take(
-                'joint_trajectory', joint_trajectory, message, self.settings.command_horizon
-            ),
-            LATEST,
+            JointTrajectory, 'joint_trajectory', self._on_trajectory, LATEST, raw=True
         )
 
     # ---- what the joints follow -----------------------------------------------------------------
@@ -113,17 +115,24 @@ class CommandInbox:
             (yaw, pitch) [rad], [rad/s].
 
         """
+        self._turns.finish()
         self._reference = self._reference.settled(self._simulation.time)
         self._watch_silence()
         self._watch_limit(times[-1])
         return self._sampled(times, self.settings.command_horizon)
 
+    @property
+    def is_open(self) -> bool:
+        """Whether commands are taken, see `open`."""
+        return self._turns.is_open
+
     def open(self) -> None:
         """Take commands from now on, first those that came while the physics was compiled."""
-        self.is_open = True
-        for arguments in self._waiting.values():
-            self._take(*arguments)
-        self._waiting.clear()
+        self._turns.open()
+
+    def finish(self) -> None:
+        """Wait until all commands that came are taken, as lock-step demands."""
+        self._turns.finish(wait=True)
 
     def commanded_angle(self) -> Array:
         """Return the commanded joint angles at the simulated time [rad], shape (n-1, 2)."""
@@ -140,6 +149,7 @@ class CommandInbox:
             Joint angles that hold from the simulated time on [rad]; default: those of the start.
 
         """
+        self._turns.forget()
         now = self._simulation.time
         if angle is None:
             self._reference = start_posture(self._simulation.scene, now)
@@ -154,28 +164,63 @@ class CommandInbox:
 
     # ---- what came ------------------------------------------------------------------------------
 
-    def _take(
-        self, topic: str, read: Callable[..., ReceivedCommand], message: Any, *more: float
-    ) -> None:
-        """Take a command, or warn why it is rejected; keep it for later if it is too early."""
-        if not self.is_open:
-            self._waiting.pop(topic, None)
-            self._waiting[topic] = (topic, read, message, *more)
-            return
-        scene, now = self._simulation.scene, self._simulation.time
-        self._topics.add(topic)
+    def _on_command(self, topic: str, read: Callable[..., ReceivedCommand], message: Any) -> None:
+        self._topics[topic] = type(message)
         if not self.settings.publish_clock and hasattr(message, 'header'):
             # The stamp belongs to a clock that another node makes. Zero means now.
             message.header.stamp = Time()
+        self._turns.take(
+            topic,
+            lambda: message,
+            lambda prepared: self._take(topic, lambda: self._told(topic, read, prepared())),
+        )
+
+    def _on_trajectory(self, data: bytes) -> None:
+        self._topics['joint_trajectory'] = JointTrajectory
+        robot = self._simulation.scene.robot
+        self._turns.take(
+            'joint_trajectory',
+            lambda: read_trajectory(data, robot),
+            lambda prepared: self._take('joint_trajectory', lambda: self._placed(prepared())),
+            large=len(data) > LARGE,
+        )
+
+    def _told(
+        self, topic: str, read: Callable[..., ReceivedCommand], message: Any
+    ) -> ReceivedCommand:
+        """Return the effect of a command, and whether joints jump to it."""
+        scene, now, last = self._simulation.scene, self._simulation.time, self._reference
+        command, settings = read(message, last, scene.robot, now), self.settings
+        if self._heard is None:  # There was no command yet, from which joints could have come.
+            last = replace(last, stamp=np.full_like(last.stamp, -np.inf))
+        jump = jump_between(
+            *(topic, last, command.reference, scene.robot, now),
+            horizon=settings.command_horizon,
+            period=1.0 / settings.publish_rate,
+        )
+        return replace(command, jump=jump)
+
+    def _placed(self, trajectory: ReadTrajectory) -> ReceivedCommand:
+        """Return the effect of a trajectory that begins now or at its stamp."""
+        if not self.settings.publish_clock:
+            trajectory = replace(trajectory, stamp=0.0)
+        now, horizon = self._simulation.time, self.settings.command_horizon
+        robot = self._simulation.scene.robot
+        return joint_trajectory(trajectory, self._reference, robot, now, horizon)
+
+    def _take(self, topic: str, read: Callable[[], ReceivedCommand]) -> str:
+        """Take a command; if it is rejected, warn and return why."""
+        now = self._simulation.time
         try:
-            command = read(message, self._reference, scene.robot, now, *more)
-            if scene.level == 'planar':
-                _refuse_vertical(topic, command.reference)
+            command = read()
+            if self._simulation.scene.level == 'planar':
+                _refuse_vertical(topic, command)
         except RejectedCommand as error:
             self.rejected += 1
             self._rejection = f'{error}; the last good command is held'
+            self._rejected_at = time.monotonic()
             self._warn(error.kind, self._rejection)
-            return
+            return str(error)
         self._reference = command.reference
         if command.clamped:
             self.clamped += 1
@@ -185,6 +230,7 @@ class CommandInbox:
         follows = self._heard is not None and now - self._heard <= self.settings.command_timeout
         self._stream = topic if follows else ''
         self._heard, self._silent = now, ''
+        return ''
 
     def _watch_silence(self) -> None:
         """Warn when a stream of commands stops; its last command is held in any case."""
@@ -212,7 +258,9 @@ class CommandInbox:
 
     def remarks(self) -> list[str]:
         """Return a sentence each on the last rejection and on a stream that stopped."""
-        remarks = [self._rejection] if self._rejection else []
+        self._turns.finish()
+        recent = time.monotonic() - self._rejected_at < REMEMBERED
+        remarks = [self._rejection] if recent else []
         if self._silent:
             remarks.append(f'no {self._silent} any more; the last one is held')
         return remarks
@@ -220,15 +268,13 @@ class CommandInbox:
     def end_interval(self) -> None:
         """Begin the next interval of diagnostics, after a look for other publishers."""
         self._others.look(self._topics, clock=self.settings.publish_clock)
-        self._topics.clear()
-        self._rejection = ''
+        self._topics = {}
 
 
-def _refuse_vertical(topic: str, reference: JointReference) -> None:
-    """Raise if a reference moves pitch joints, which the planar level cannot."""
-    told = ''
-    if any(motion.coefficients[..., motion.axes % 2 == 1].any() for motion in reference.motions):
-        told = 'a pitch joint is told to move'
+def _refuse_vertical(topic: str, command: ReceivedCommand) -> None:
+    """Raise if a command moves pitch joints, which the planar level cannot."""
+    reference = command.reference
+    told = 'a pitch joint is told to move' if command.moves_pitch else ''
     if is_vertical(reference.angle, reference.rate):
         told = what_is_told(reference.angle, reference.rate)
     if told:

@@ -42,6 +42,11 @@ def shown(status: DiagnosticStatus) -> dict[str, str]:
     }
 
 
+def is_paused(status: DiagnosticStatus) -> bool:
+    """Return whether a status is that of a paused simulation."""
+    return any((item.key, item.value) == ('state', 'paused') for item in status.values)
+
+
 def status_of(
     name: str, failure: str, warning: str, state: str, values: dict[str, object]
 ) -> DiagnosticStatus:
@@ -60,7 +65,7 @@ def status_of(
         Name -> value, as `values_of` returns them.
 
     """
-    level = DiagnosticStatus.OK
+    level, values = DiagnosticStatus.OK, {'state': state, **values}
     if warning:
         level = DiagnosticStatus.WARN
     if failure:

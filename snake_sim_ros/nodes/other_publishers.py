@@ -1,52 +1,116 @@
 """Nodes that publish on the same topic, where one alone should: commands and the clock."""
 
-from collections.abc import Iterable
+from collections.abc import Mapping
+from typing import Any
 
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
+
+CLOCK = '/clock'
+COUNTS = 'the last message counts'  # of commands
+UNKNOWN = '_NODE_NAME_UNKNOWN_'  # of a node that is about to come, or has just gone
+HEARD = 1000  # messages that may come between two looks
 
 
 class OtherPublishers:
-    """Warns, once each, of topics that several nodes publish on."""
+    """
+    Warns, once each, of topics on which messages of several nodes come.
+
+    The graph tells who may publish. It still has a node that was killed for up to 20 s, so nobody
+    is named for being there: after the first look at several publishers of a topic, the messages
+    on it are heard, and the second look tells whether they come from several.
+    """
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._told: set[tuple[str, ...]] = set()
+        self._before: set[str] = set()  # topics with commands in the interval before
+        self._listeners: dict[str, Listener] = {}
 
-    def look(self, commands: Iterable[str], *, clock: bool) -> None:
+    def look(self, commands: Mapping[str, Any], *, clock: bool) -> None:
         """
         Look for topics with several publishers, and warn of those that are new.
 
         Parameters
         ----------
-        commands : iterable of str
-            Topics on which commands came.
+        commands : mapping
+            Topics on which commands came since the last look, with the types of messages.
         clock : bool
             Whether this node publishes /clock itself.
 
         """
-        topics = sorted(map(self._node.resolve_topic_name, commands))
-        speakers = {topic: self._speakers(topic) for topic in topics}
+        kinds = {self._node.resolve_topic_name(name): kind for name, kind in commands.items()}
+        speakers = {topic: self._speakers(topic) for topic in sorted(kinds)}
         for topic, nodes in speakers.items():
-            self._tell(f'{topic} has {len(nodes)} publishers', nodes, 'the last message counts')
-        if all(len(nodes) < 2 for nodes in speakers.values()):
-            several = sorted({name for nodes in speakers.values() for name in nodes})
-            what = f'{" and ".join(topics)} have {len(several)} publishers'
-            self._tell(what, several, 'the last message counts')
+            self._look_at(topic, kinds[topic], nodes, COUNTS)
+        lasting = sorted(self._before & speakers.keys())
+        if all(len(speakers[topic]) == 1 for topic in lasting):
+            several = sorted({name for topic in lasting for name in speakers[topic]})
+            self._tell(f'{" and ".join(lasting)} have {len(several)} publishers', several, COUNTS)
+        self._before = set(speakers)
         if clock:
-            nodes = self._speakers('/clock')
-            self._tell(
-                f'/clock has {len(nodes)} publishers',
-                nodes,
-                'start all sims but one with publish_clock:=false',
-            )
+            advice = 'start all sims but one with publish_clock:=false'
+            self._look_at(CLOCK, Clock, self._speakers(CLOCK), advice)
+        for topic in self._listeners.keys() - {*speakers, CLOCK}:
+            self._listeners.pop(topic).close()
 
     def _speakers(self, topic: str) -> list[str]:
         return sorted(
             f'{info.node_namespace.rstrip("/")}/{info.node_name}'
             for info in self._node.get_publishers_info_by_topic(topic)
+            if info.node_name not in ('', UNKNOWN)
         )
+
+    def _look_at(self, topic: str, kind: Any, nodes: list[str], advice: str) -> None:
+        """Warn if messages of a topic come from several of its publishers, at the second look."""
+        what, listener = f'{topic} has {len(nodes)} publishers', self._listeners.pop(topic, None)
+        if len(nodes) > 1 and (what, *nodes) not in self._told:
+            self._listeners[topic] = listener or Listener(self._node, topic, kind)
+            if listener and listener.hears_several():
+                self._tell(what, nodes, advice)
+        elif listener:
+            listener.close()
 
     def _tell(self, what: str, nodes: list[str], advice: str) -> None:
         if len(nodes) > 1 and (what, *nodes) not in self._told:
             self._told.add((what, *nodes))
             self._node.get_logger().warning(f'{what}, {", ".join(nodes)}: {advice}')
+
+
+class Listener:
+    """Hears on a topic whether its messages come from several publishers, who count them each."""
+
+    def __init__(self, node: Node, topic: str, kind: Any) -> None:
+        # The executor of the node, EventsExecutor, cannot pass on the number of a message. A name
+        # that begins with an underscore is hidden in lists of nodes.
+        self._node = Node(
+            f'_{node.get_name()}_hears',
+            namespace=node.get_namespace(),
+            context=node.context,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._kind, self._last = kind, 0
+        self._subscription = self._node.create_subscription(
+            kind, topic, lambda message: None, QoSProfile(depth=HEARD), raw=True
+        )
+
+    def hears_several(self) -> bool:
+        """Return whether messages came that one publisher alone cannot have counted so."""
+        several = False
+        with self._subscription.handle:
+            for _ in range(HEARD):
+                taken = self._subscription.handle.take_message(self._kind, True)
+                if taken is None:
+                    break
+                number = taken[1]['publication_sequence_number']
+                # A middleware that does not count says nothing: then the graph is believed.
+                several = several or number is None or number <= self._last
+                self._last = number or 0
+        return several
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._node.destroy_node()

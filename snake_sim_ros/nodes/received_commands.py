@@ -16,12 +16,14 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from snake_sim_ros.gaits.joint_reference import JointReference
+from snake_sim_ros.gaits.joint_reference import NONE
 from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.stamps import seconds_from
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
 
 ROUNDING = 1e-9  # rad, rad/s; a motion may exceed limits at its points by so much
+STREAM = 0.5  # s; commands for a joint that come more often are a stream
 
 
 class RejectedCommand(ValueError):
@@ -48,6 +50,7 @@ class ReceivedCommand:
     reference: JointReference  # of all joints from now on
     clamped: str = ''
     jump: str = ''
+    moves_pitch: bool = False  # whether a trajectory has pitch joints that are not at zero
 
 
 def joint_command(
@@ -148,6 +151,56 @@ def extrapolated(reference: JointReference, robot: Robot, now: float, horizon: f
     return (
         f'joint_command: {worst} is clamped to the joint limit, +-{robot.joint_limit:.4g} rad; '
         f'with its velocity it would reach {angle.max():.4g} rad'
+    )
+
+
+def jump_between(
+    topic: str,
+    last: JointReference,
+    new: JointReference,
+    robot: Robot,
+    now: float,
+    *,
+    horizon: float,
+    period: float,
+) -> str:
+    """
+    Return a sentence about the joint that a command moves by far too much at once, or ''.
+
+    In a stream of commands a joint has the time since the last one to get there, or else a period.
+
+    Parameters
+    ----------
+    topic : str
+    last, new : JointReference
+        Before and after the command.
+    robot : Robot
+    now : float
+        Simulated time [s].
+    horizon : float
+        Time for which a command is extrapolated [s].
+    period : float
+        Publish period [s].
+
+    """
+    moment = np.array([now])
+    angles = [item.sample(moment, horizon, robot.joint_limit)[0][0] for item in (last, new)]
+    way, since = np.abs(angles[1] - angles[0]), new.stamp - last.stamp
+    span = np.where((since > STREAM) | (since < period), period, since)
+    for motion in last.motions:
+        if motion.begin <= now:
+            span.flat[motion.axes[motion.axes != NONE]] = period
+    limit = robot.joint_rate_limit
+    too_far = way / span
+    worst = int(too_far.argmax())
+    needed = float(too_far.flat[worst])
+    if needed <= limit * (1.0 + ROUNDING):
+        return ''
+    before, after = (float(angle.flat[worst]) for angle in angles)
+    return (
+        f'{topic}: {joint_names(robot.link_count)[worst]} jumps from {before:.4g} rad to '
+        f'{after:.4g} rad; {needed:.4g} rad/s would be needed, at most {limit:.4g} rad/s; '
+        f'a joint_trajectory takes it there'
     )
 
 

@@ -1,12 +1,16 @@
 """
 Joint trajectories that were received: a reference made of a message.
 
-As for the other commands in `received_commands`, a message is taken as a whole or not at all.
+As for the other commands in `received_commands`, a message is taken as a whole or not at all. What
+takes long for many points, `read_trajectory`, does not need the present reference, so it can be
+done beside the steps of the simulation.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from rclpy.serialization import serialize_message
 from trajectory_msgs.msg import JointTrajectory
 
 from snake_sim_ros.gaits.joint_reference import JointReference
@@ -19,175 +23,259 @@ from snake_sim_ros.nodes.received_commands import clamped_to
 from snake_sim_ros.nodes.received_commands import ReceivedCommand
 from snake_sim_ros.nodes.received_commands import RejectedCommand
 from snake_sim_ros.nodes.received_commands import ROUNDING
-from snake_sim_ros.nodes.stamps import seconds_from
+from snake_sim_ros.nodes.stamps import EPOCH
+from snake_sim_ros.nodes.trajectory_messages import read_message
+from snake_sim_ros.nodes.trajectory_messages import TOPIC
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
 
 FARTHEST = 3600.0  # s that a trajectory may begin ahead of simulated time
 WAITING = 20  # trajectories that may wait for their begin; each costs time with every message
-# Times (points,) [s], angles (points, k) [rad], and rates [rad/s] or None.
-Points = tuple[Array, Array, Array | None]
+
+
+@dataclass(frozen=True)
+class ReadTrajectory:
+    """
+    A trajectory whose points are usable, before it has a place in time.
+
+    Attributes
+    ----------
+    names : list of str
+        Names of joints.
+    stamp : float
+        When it begins [s]; 0 means now.
+    axes : ndarray of int, shape (k,)
+        Joint axes, counted along the robot, yaw before pitch.
+    times : ndarray, shape (points,)
+        Since the begin [s].
+    angle, rate : ndarray, shape (points, k)
+        [rad], [rad/s]; the rate is None if there are none.
+    pieces : ndarray, shape (points, 4, k)
+        Coefficients of the motion to each point, as in `Motion`. The one to a first point, which
+        depends on where the joints are, is filled when they are known.
+    reach, speed : ndarray, shape (points-1, k)
+        Largest magnitudes of angle [rad] and rate [rad/s] on the way to each point but the first.
+    clamped : str
+        The sentence about an angle beyond the joint limit; empty if there is none.
+    moves_pitch : bool
+        Whether pitch joints are told anything but zero.
+
+    """
+
+    names: list[str]
+    stamp: float
+    axes: Array
+    times: Array
+    angle: Array
+    rate: Array | None
+    pieces: Array
+    reach: Array
+    speed: Array
+    clamped: str
+    moves_pitch: bool
+
+
+def read_trajectory(data: bytes, robot: Robot) -> ReadTrajectory:
+    """
+    Read a trajectory of some joints; see `joint_trajectory`.
+
+    Parameters
+    ----------
+    data : bytes
+        A message of type JointTrajectory as the middleware delivers it.
+    robot : Robot
+
+    Raises
+    ------
+    RejectedCommand
+        If the message is not usable.
+
+    """
+    message = read_message(data)
+    names, axes = message.names, axes_of(TOPIC, message.names, robot)
+    if not message.count:
+        raise RejectedCommand('no points', f'{TOPIC} has no points')
+    times, angle, rate = message.points()
+    _check_points(names, times, angle, rate, robot)
+    angle, clamped = clamped_to(TOPIC, names, angle, robot.joint_limit)
+    pieces = np.zeros((len(times), 4, len(axes)))
+    reach = speed = np.empty((0, len(axes)))
+    if len(times) > 1:
+        motion = motion_through(axes, times, angle, rate)
+        pieces[1:], (reach, speed) = motion.coefficients, motion.extremes()
+    told = (angle,) if rate is None else (angle, rate)
+    moves_pitch = any(values[:, axes % 2 == 1].any() for values in told)
+    return ReadTrajectory(
+        *(names, message.stamp, axes, times, angle, rate),
+        *(pieces, reach, speed, clamped, moves_pitch),
+    )
 
 
 def joint_trajectory(
-    message: JointTrajectory, last: JointReference, robot: Robot, now: float, horizon: float
+    message: ReadTrajectory | JointTrajectory,
+    last: JointReference,
+    robot: Robot,
+    now: float,
+    horizon: float,
 ) -> ReceivedCommand:
     """
     Take a trajectory of some joints, as a joint_trajectory_controller does.
 
-    It begins at the stamp of its header; a stamp of zero means now. Until then the joints follow
-    their present reference. From there they move through those points that are not in the past: on
-    straight lines if the points have positions only, cubic in time if they have velocities. Joints
-    that would exceed the rate limit on their way to the first point jump to it, as they do with
-    any other command. Accelerations and efforts are not used.
+    It begins at the stamp of its header. A stamp of zero means now; so does any stamp of a wall
+    clock. Until then the joints follow their present reference. From there they move through those
+    points that are not in the past: on straight lines if the points have positions only, cubic in
+    time if they have velocities. Joints that would exceed the rate limit on their way to the first
+    point jump to it, as they do with any other command. Accelerations and efforts are not used.
 
     The other parameters and the error are those of `received_commands.joint_command`. A previous
     command is extrapolated for the time `horizon` [s].
     """
-    topic, names = 'joint_trajectory', list(message.joint_names)
-    axes = axes_of(topic, names, robot)
-    times, angle, rate = _points(topic, message, robot)
-    begin, times = _in_simulated_time(topic, message, times, last, now)
-    angle, clamped = clamped_to(topic, names, angle, robot.joint_limit)
-    ahead = times >= begin
-    points, jump = (times[ahead], angle[ahead], None if rate is None else rate[ahead]), ''
-    if points[0][0] > begin:
+    if isinstance(message, JointTrajectory):
+        message = read_trajectory(serialize_message(message), robot)
+    axes, pieces, jump, swing = message.axes, message.pieces, '', ''
+    begin, times = _in_simulated_time(message, last, now)
+    first = int(np.searchsorted(times, begin))
+    if times[first] > begin:
         start = last.sample(np.array([begin]), horizon, robot.joint_limit)
-        start_angle, start_rate = (part.reshape(1, -1)[:, axes] for part in start)
-        points, jump = _with_start(
-            (topic, names, axes), (begin, start_angle, start_rate), points, robot.joint_rate_limit
+        start_angle, start_rate = (part.reshape(-1)[axes] for part in start)
+        way, jump = _way_to(
+            message, first, (begin, start_angle, start_rate), times[first], robot.joint_rate_limit
         )
-    motion = motion_through(axes, *points)
-    swing = _check_motion(topic, names, motion, robot)
-    return ReceivedCommand(last.moved(motion), clamped or swing, jump)
+        swing = _check_pieces(message.names, times[first:], *way.extremes(), robot)
+        pieces[first] = way.coefficients[0]
+        motion = Motion(axes, np.insert(times[first:], 0, begin), pieces[first:])
+    elif first + 1 == len(times):
+        motion = motion_through(axes, times[first:], message.angle[first:], None)
+    else:
+        motion = Motion(axes, times[first:], pieces[first + 1 :])
+    reach, speed = message.reach[first:], message.speed[first:]
+    swing = _check_pieces(message.names, times[first + 1 :], reach, speed, robot) or swing
+    return ReceivedCommand(last.moved(motion), message.clamped or swing, jump, message.moves_pitch)
 
 
-def _points(topic: str, message: JointTrajectory, robot: Robot) -> Points:
-    """Return the points of a trajectory, with times from its start; raise if one is not usable."""
-    names, points = list(message.joint_names), message.points
-    if not points:
-        raise RejectedCommand('no points', f'{topic} has no points')
-    with_rates = bool(points[0].velocities)
-    for number, point in enumerate(points, start=1):
-        for what, values, wanted in (
-            ('positions', point.positions, len(names)),
-            ('velocities', point.velocities, len(names) if with_rates else 0),
-        ):
-            if len(values) != wanted:
-                raise RejectedCommand(
-                    'length',
-                    f'{topic}: point {number} must have {wanted} {what}, got {len(values)} '
-                    f'(as many as joints; velocities in all points or in none)',
-                )
-    times = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points])
-    angle = np.array([point.positions for point in points])
-    rate = np.array([point.velocities for point in points]) if with_rates else None
+def _check_points(
+    names: Sequence[str], times: Array, angle: Array, rate: Array | None, robot: Robot
+) -> None:
+    """Raise if the points of a trajectory are not usable."""
     steps = np.diff(times, prepend=0.0)
     wrong = (steps < 0.0) | ((steps == 0.0) & (np.arange(len(steps)) > 0))
     if wrong.any():
         number = int(wrong.argmax())
         raise RejectedCommand(
             'order',
-            f'{topic}: time_from_start must be at least 0 s and increase from point to point, '
+            f'{TOPIC}: time_from_start must be at least 0 s and increase from point to point, '
             f'got {times[number]:g} s after {times[number] - steps[number]:g} s at point '
             f'{number + 1}',
         )
-    check_finite(topic, 'position', names, angle)
+    check_finite(TOPIC, 'position', names, angle)
     if rate is not None:
-        check_rates(topic, names, rate, robot.joint_rate_limit)
+        check_rates(TOPIC, names, rate, robot.joint_rate_limit)
         if rate[-1].any():
             worst = int(np.abs(rate[-1]).argmax())
             raise RejectedCommand(
                 'end',
-                f'{topic}: velocities of the last point must be 0 rad/s, got '
+                f'{TOPIC}: velocities of the last point must be 0 rad/s, got '
                 f'{rate[-1, worst]:.4g} rad/s for {names[worst]}',
             )
-    return times, angle, rate
 
 
 def _in_simulated_time(
-    topic: str, message: JointTrajectory, times: Array, last: JointReference, now: float
+    message: ReadTrajectory, last: JointReference, now: float
 ) -> tuple[float, Array]:
     """Return when a trajectory begins to move the joints, and the times of its points [s]."""
-    begin = seconds_from(message.header.stamp) or now
+    begin = message.stamp if 0.0 < message.stamp < EPOCH else now
     if begin > now + FARTHEST:
         raise RejectedCommand(
             'stamp',
-            f'{topic} must begin within an hour of simulated time {now:.4f} s, got a stamp of '
+            f'{TOPIC} must begin within an hour of simulated time {now:.4f} s, got a stamp of '
             f'{begin:.4f} s; zero means now',
         )
     if sum(now < motion.begin < begin for motion in last.motions) >= WAITING:
         raise RejectedCommand(
             'waiting',
-            f'{topic}: {WAITING} trajectories that begin earlier still wait; one may have as '
+            f'{TOPIC}: {WAITING} trajectories that begin earlier still wait; one may have as '
             f'many points as you like',
         )
-    times = times + begin
+    times = message.times + begin
     if times[-1] < now:
         raise RejectedCommand(
-            'late', f'{topic} is late: its last point is at {times[-1]:.4f} s, it is {now:.4f} s'
+            'late', f'{TOPIC} is late: its last point is at {times[-1]:.4f} s, it is {now:.4f} s'
         )
     return max(begin, now), times
 
 
-def _with_start(
-    joints: tuple[str, list[str], Array],
+def _way_to(
+    message: ReadTrajectory,
+    first: int,
     start: tuple[float, Array, Array],
-    points: Points,
+    end: float,
     limit: float,
-) -> tuple[Points, str]:
+) -> tuple[Motion, str]:
     """
-    Prepend the present place of the joints to the points of a trajectory.
+    Return the motion from the present place of the joints to a point of a trajectory.
 
-    Joints that would exceed the rate limit on their way to the first point jump there instead.
+    Joints that would exceed the rate limit on their way jump to the point instead.
 
     Parameters
     ----------
-    joints : tuple
-        The topic, the names of the joints, and the indices of their axes.
+    message : ReadTrajectory
+    first : int
+        Which point it is.
     start : tuple
-        Time at which the trajectory begins [s], angle [rad] and rate [rad/s] there, shape (1, k).
-    points : Points
+        Time at which the trajectory begins [s], angle [rad] and rate [rad/s] there, shape (k,).
+    end : float
+        Time of the point [s].
     limit : float
         Largest rate [rad/s].
 
     Returns
     -------
-    points : Points
+    way : Motion
     jump : str
         The sentence about the joints that jump; empty if none does.
 
     """
-    topic, names, axes = joints
     begin, start_angle, start_rate = start
-    times, angle, rate = points
-    times, angle = np.insert(times, 0, begin), np.vstack([start_angle, angle])
-    rate = None if rate is None else np.vstack([start_rate, rate])
-    way = motion_through(axes, times[:2], angle[:2], None if rate is None else rate[:2])
+    times = np.array([begin, end])
+    angle = np.array([start_angle, message.angle[first]])
+    rate = None if message.rate is None else np.array([start_rate, message.rate[first]])
+    way = motion_through(message.axes, times, angle, rate)
     (needed,) = way.extremes()[1]
     too_fast = needed > limit + ROUNDING
-    jump = ''
-    if too_fast.any():
-        jump = _jump(topic, names, angle[:2], needed, limit)
-        angle[0, too_fast] = angle[1, too_fast]
-        if rate is not None:
-            rate[0, too_fast] = 0.0
-    return (times, angle, rate), jump
+    if not too_fast.any():
+        return way, ''
+    jump = _jump(message.names, angle, needed, limit)
+    angle[0, too_fast] = angle[1, too_fast]
+    if rate is not None:
+        rate[0, too_fast] = 0.0
+    return motion_through(message.axes, times, angle, rate), jump
 
 
-def _jump(topic: str, names: Sequence[str], angle: Array, rate: Array, limit: float) -> str:
+def _jump(names: Sequence[str], angle: Array, rate: Array, limit: float) -> str:
     """Return a sentence about the worst jump: angle (2, k) [rad], rate (k,) [rad/s]."""
     worst = int(rate.argmax())
     start, first = angle[:, worst].tolist()
     return (
-        f'{topic}: {names[worst]} jumps from {start:.4g} rad to its first point, {first:.4g} rad; '
+        f'{TOPIC}: {names[worst]} jumps from {start:.4g} rad to its first point, {first:.4g} rad; '
         f'{rate[worst]:.4g} rad/s would be needed, at most {limit:.4g} rad/s'
     )
 
 
-def _check_motion(topic: str, names: Sequence[str], motion: Motion, robot: Robot) -> str:
+def _check_pieces(
+    names: Sequence[str], ends: Array, angle: Array, rate: Array, robot: Robot
+) -> str:
     """
     Raise if a joint would move faster than its limit, between points as well as at them.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the joints.
+    ends : ndarray
+        When each piece ends [s].
+    angle, rate : ndarray, shape (pieces, k)
+        Largest magnitudes in each piece [rad], [rad/s].
+    robot : Robot
 
     Returns
     -------
@@ -195,19 +283,18 @@ def _check_motion(topic: str, names: Sequence[str], motion: Motion, robot: Robot
         A sentence about a joint that exceeds its limit between two points; empty if none does.
 
     """
-    angle, rate = motion.extremes()
-    if rate.max() > robot.joint_rate_limit + ROUNDING:
+    if rate.max(initial=0.0) > robot.joint_rate_limit + ROUNDING:
         piece, worst = np.unravel_index(int(rate.argmax()), rate.shape)
         raise RejectedCommand(
             'velocity range',
-            f'{topic}: {names[int(worst)]} would move at {rate[piece, worst]:.4g} rad/s until '
-            f't = {motion.times[piece + 1]:.4f} s; at most {robot.joint_rate_limit:.4g} rad/s',
+            f'{TOPIC}: {names[int(worst)]} would move at {rate[piece, worst]:.4g} rad/s until '
+            f't = {ends[piece]:.4f} s; at most {robot.joint_rate_limit:.4g} rad/s',
         )
-    if angle.max() <= robot.joint_limit + ROUNDING:
+    if angle.max(initial=0.0) <= robot.joint_limit + ROUNDING:
         return ''
     piece, worst = np.unravel_index(int(angle.argmax()), angle.shape)
     return (
-        f'{topic}: {names[int(worst)]} is clamped to the joint limit, +-{robot.joint_limit:.4g} '
+        f'{TOPIC}: {names[int(worst)]} is clamped to the joint limit, +-{robot.joint_limit:.4g} '
         f'rad; it would swing to {angle[piece, worst]:.4g} rad until '
-        f't = {motion.times[piece + 1]:.4f} s'
+        f't = {ends[piece]:.4f} s'
     )

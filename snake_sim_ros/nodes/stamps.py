@@ -2,6 +2,8 @@
 
 from builtin_interfaces.msg import Time
 
+EPOCH = 1e8  # s; a later stamp is that of a wall clock: simulated time begins at zero
+
 
 def stamp_from(nanoseconds: int) -> Time:
     """Return a time [ns] as a stamp."""

@@ -28,6 +28,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
+from snake_sim_ros.nodes.diagnostics import is_paused
 from snake_sim_ros.nodes.diagnostics import shown
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import run_node
@@ -176,7 +177,7 @@ class ViewerNode(Node):
         for status in message.status:
             if status.name == self.physics:
                 self.status = shown(status)
-                self.controls.paused = status.message == 'paused'
+                self.controls.paused = is_paused(status)
 
     # ---- what the robot does --------------------------------------------------------------------
 

@@ -148,7 +148,7 @@ def test_bad_commands_are_refused_with_one_sentence_and_the_last_good_one_is_hel
     late = 'joint_command is late: stamped'
     sim.graph.until(lambda: sim.process.count(late), f'the warning {late!r}')
     assert sim.process.count(late) == 1
-    assert sim.process.count('joint_command') == len(MISTAKES) + 1, sim.process.output
+    assert sim.process.count(HELD) == len(MISTAKES) + 1, sim.process.output
     kinds = len(MISTAKES) + 1
     assert_rejections(sim, kinds)
     # None of them was taken in part: the robot moved as if only the good command had come.
@@ -164,7 +164,7 @@ def test_more_bad_commands(sims):
     sim = sims[1]
     for message, sentence in MORE_MISTAKES:
         assert send_often(sim, message, sentence) == 1
-    assert sim.process.count('joint_command') == len(MORE_MISTAKES), sim.process.output
+    assert sim.process.count(HELD) == len(MORE_MISTAKES), sim.process.output
     assert_rejections(sim, len(MORE_MISTAKES))
 
 

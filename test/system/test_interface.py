@@ -187,17 +187,17 @@ def test_stream_of_commands_that_stops_is_reported(lockstep):
     for _ in range(3):
         joint_states = sim.step()[0]
     sim.process.wait_for(said)
-    sim.values()
-    assert (
-        sim.diagnostics[-1].status[0].message == 'no joint_command any more; the last one is held'
-    )
+    # What was refused in the last 10 s may stand before it.
+    assert sim.values()['state'] == 'paused'
+    silence = 'no joint_command any more; the last one is held'
+    assert sim.diagnostics[-1].status[0].message.endswith(silence)
     assert sim.diagnostics[-1].status[0].level == b'\x01'
     # The joints hold the angle to which the last command was extrapolated, without a rate.
     assert abs(joint_states.velocity[0]) < 1e-2
     sim.send({'joint_1_yaw': 0.0})
     sim.step()
     sim.values()
-    assert sim.diagnostics[-1].status[0].message == 'paused'
+    assert 'any more' not in sim.diagnostics[-1].status[0].message
     assert sim.process.count(said) == 1
 
 

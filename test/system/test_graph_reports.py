@@ -1,0 +1,232 @@
+"""What a sim node says of the graph around it and of the commands it gets, to real publishers."""
+
+import math
+import sys
+
+from graph import Process
+import numpy as np
+from offline import HORIZON
+from offline import nanoseconds
+from offline import Offline
+import pytest
+from rcl_interfaces.srv import SetParameters
+from rclpy.duration import Duration
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+from sim_client import SimClient
+from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+from snake_sim_ros.nodes.joint_names import joint_names
+from snake_sim_ros.nodes.received_trajectories import joint_trajectory
+from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.scene.parameters import load_scene
+
+NAMES = joint_names(11)
+SCENE = load_scene('lateral_undulation')
+# Publishes a command for joint 1 until it is killed, 50 times a second.
+TALKER = """
+import sys, time, rclpy
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+rclpy.init()
+publisher = Node(sys.argv[1]).create_publisher(JointState, 'joint_command', 1)
+while True:
+    publisher.publish(JointState(name=['joint_1_yaw'], position=[0.0]))
+    if publisher.get_subscription_count():
+        print('heard', flush=True)
+    time.sleep(0.02)
+"""
+
+
+@pytest.fixture(scope='module')
+def sims(make_graph):
+    """A sim that runs, and one in lock-step."""
+    clients = [SimClient(make_graph()), SimClient(make_graph(), 'start_paused:=true')]
+    for client in clients:
+        client.wait_until_connected()
+    return clients
+
+
+@pytest.fixture(scope='module')
+def running(sims):
+    return sims[0]
+
+
+@pytest.fixture
+def talker(running):
+    """Return a function that starts a publisher of joint_command."""
+    processes = []
+
+    def start(name):
+        processes.append(Process([sys.executable, '-c', TALKER, name], running.graph.domain))
+        processes[-1].wait_for('heard')
+        return processes[-1]
+
+    yield start
+    for process in processes:
+        process.kill()
+
+
+def listed(sim):
+    """Return the names of all publishers of joint_command in the graph."""
+    infos = sim.graph.node.get_publishers_info_by_topic('/joint_command')
+    return sorted(info.node_name for info in infos)
+
+
+def wait_for_looks(sim, count):
+    """Wait for some diagnostics: after each the node looks at the graph."""
+    begin = len(sim.diagnostics)
+    sim.graph.until(lambda: len(sim.diagnostics) >= begin + count, f'{count} diagnostics')
+
+
+def trajectory(*points, names=NAMES[:1], stamp=0.0):
+    message = JointTrajectory(joint_names=list(names))
+    message.header.stamp = stamp_from(round(1e9 * stamp))
+    for seconds, positions in points:
+        point = JointTrajectoryPoint(positions=positions)
+        point.time_from_start = Duration(seconds=seconds).to_msg()
+        message.points.append(point)
+    return message
+
+
+def publish(sim, message):
+    node = sim.graph.node
+    publisher = node.create_publisher(JointTrajectory, 'joint_trajectory', QoSProfile(depth=1))
+    sim.graph.until(publisher.get_subscription_count, 'a reader of joint_trajectory')
+    publisher.publish(message)
+    assert publisher.wait_for_all_acked(Duration(seconds=10))
+    node.destroy_publisher(publisher)
+
+
+def waves(count):
+    """Return a slow trajectory of all joints with many points."""
+    angles = 0.3 * np.sin(np.arange(1, count + 1)[:, None] * 1e-3 + np.arange(20))
+    start = 0.3 * np.sin(np.arange(20))
+    return trajectory(
+        (2.0, start.tolist()),
+        *((2.0 + 0.01 * (k + 1), row.tolist()) for k, row in enumerate(angles)),
+        names=NAMES,
+    )
+
+
+# The tests of the running sim need this order: the first one wants no other publishers.
+
+
+def test_publishers_that_were_killed_are_not_rivals(running, talker):
+    running.graph.node.destroy_publisher(running.commands)
+    first = talker('first')
+    wait_for_looks(running, 2)
+    first.kill()  # The graph still has it, for 20 s.
+    talker('second')
+    running.graph.until(lambda: listed(running) == ['first', 'second'], 'both in the graph')
+    wait_for_looks(running, 4)
+    assert not running.process.count('publishers'), running.process.output
+    # A third one lives, and is named with all that the graph has.
+    talker('third')
+    said = '/joint_command has 3 publishers, /first, /second, /third: the last message counts'
+    running.graph.until(lambda: running.process.count(said), said)
+    wait_for_looks(running, 2)
+    assert running.process.count('publishers') == 1, running.process.output
+
+
+def test_two_clocks_are_told(make_graph):
+    sims = [SimClient(make_graph(), '-r __ns:=/one', namespace='one')]
+    sims[0].wait_until_connected()
+    other = sims[0].graph.start('sim', '-r __ns:=/two')
+    said = '/clock has 2 publishers, /one/sim, /two/sim: start all sims but one with publish_clock'
+    for process in (sims[0].process, other):
+        sims[0].graph.until(lambda process=process: process.count(said), said)
+
+
+def test_refusal_is_in_the_diagnostics_for_ten_seconds(running):
+    publish(running, trajectory((1.0, [math.nan])))
+    said = (
+        'joint_trajectory: position of joint_1_yaw must be finite, got nan; '
+        'the last good command is held'
+    )
+
+    def refused():
+        return [item for item in running.diagnostics if said in item.status[0].message]
+
+    running.graph.until(refused, 'the refusal')
+    running.graph.until(
+        lambda: said not in running.diagnostics[-1].status[0].message, 'the end of the refusal'
+    )
+    messages = refused()
+    assert {item.status[0].level for item in messages} == {b'\x01'}
+    # Diagnostics come once a second: the first one after up to 1 s, the last after 9 s and more.
+    span = 1e-9 * (nanoseconds(messages[-1]) - nanoseconds(messages[0]))
+    assert 8.0 < span < 10.0 and len(messages) >= 8
+    assert running.process.count(said) == 1
+
+
+def test_stamp_of_the_wall_clock_means_now(running):
+    publish(running, trajectory((0.5, [0.4]), stamp=1.8e9))
+    running.graph.until(
+        lambda: abs(running.joint_states[-1].position[0] - 0.4) < 0.05, 'the end of the motion', 10
+    )
+
+
+@pytest.mark.parametrize('node', ['sim', 'gait', 'viewer'])
+def test_parameter_that_there_is_not_is_named(running, node):
+    graph = running.graph
+    if node != 'sim':
+        graph.start(node, *(['port:=0'] if node == 'viewer' else []))
+    items = [Parameter(name, value=1.0).to_parameter_msg() for name in ('no_such', 'scenes')]
+    request = SetParameters.Request(parameters=items)
+    results = graph.call(SetParameters, f'{node}/set_parameters', request).results
+    assert not any(result.successful for result in results)
+    assert results[0].reason.startswith("unknown parameter 'no_such'; ")
+    assert results[1].reason == "unknown parameter 'scenes'; did you mean 'scene'?"
+
+
+# ---- in lock-step -------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def lockstep(sims):
+    sim = sims[1]
+    sim.reset()
+    sim.graph.drain(sim.joint_states)
+    twin = Offline(SCENE)
+    twin.simulation.step_count = round(sim.now / SCENE.dt)
+    twin.reference.stamp[:] = sim.now
+    return sim, twin
+
+
+def test_command_that_jumps_is_told_and_a_stream_is_not(lockstep):
+    sim, twin = lockstep
+    start = float(twin.reference.angle[4, 0])
+    for k in range(20):  # 8 rad/s
+        sim.send({'joint_5_yaw': start - 0.04 * k})
+        sim.step()
+    assert not sim.process.count('jumps'), sim.process.output
+    reached = start - 0.04 * 19
+    for angle in (reached + 0.5, reached):
+        sim.send({'joint_5_yaw': angle})
+        sim.step()
+    said = (
+        f'joint_command: joint_5_yaw jumps from {reached:.4g} rad to {reached + 0.5:.4g} rad; '
+        f'100 rad/s would be needed, at most 10 rad/s; a joint_trajectory takes it there'
+    )
+    sim.process.wait_for(said)
+    assert sim.process.count('jumps') == 1, sim.process.output
+
+
+def test_large_trajectory_is_taken_before_the_next_step(lockstep):
+    sim, twin = lockstep
+    message = waves(2000)
+    publish(sim, message)
+    robot, now = twin.simulation.scene.robot, twin.simulation.time
+    twin.reference = joint_trajectory(message, twin.reference, robot, now, HORIZON).reference
+    for _ in range(5):
+        joint_states, *_ = sim.step()
+        sample = twin.advance()
+        assert joint_states.position.tobytes() == sample.angle.tobytes()
+    # A command that comes right after a large one counts, as the last one.
+    publish(sim, waves(2000))
+    sim.send({'joint_9_yaw': 0.3})
+    for _ in range(100):
+        joint_states, *_ = sim.step()
+    assert joint_states.position[16] == pytest.approx(0.3, abs=0.05)

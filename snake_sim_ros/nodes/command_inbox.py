@@ -1,21 +1,25 @@
 """The joint commands that the node `sim` receives, and the reference that holds after them."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 import math
 import time
 from typing import Any
+from typing import TypeVar
 
 from builtin_interfaces.msg import Time
 import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from snake_sim_ros.gaits.joint_reference import JointReference
+from snake_sim_ros.gaits.joint_reference import Motion
 from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.nodes.other_publishers import OtherPublishers
 from snake_sim_ros.nodes.received_commands import extrapolated
@@ -23,6 +27,7 @@ from snake_sim_ros.nodes.received_commands import joint_command
 from snake_sim_ros.nodes.received_commands import jump_between
 from snake_sim_ros.nodes.received_commands import position_commands
 from snake_sim_ros.nodes.received_commands import ReceivedCommand
+from snake_sim_ros.nodes.received_commands import ReceivedTrajectory
 from snake_sim_ros.nodes.received_commands import RejectedCommand
 from snake_sim_ros.nodes.received_trajectories import joint_trajectory
 from snake_sim_ros.nodes.received_trajectories import read_trajectory
@@ -35,6 +40,7 @@ from snake_sim_ros.stepping.levels import is_vertical
 from snake_sim_ros.stepping.levels import what_is_told
 from snake_sim_ros.stepping.simulation import Simulation
 
+C = TypeVar('C', bound=ReceivedCommand)
 LATEST = QoSProfile(depth=1)  # A newer command replaces one that waits.
 LARGE = 16_000  # bytes of a trajectory, 50 points of 20 joints, that take 1 ms to read and check
 REMEMBERED = 10.0  # s of wall time for which a rejection is in the diagnostics
@@ -59,6 +65,8 @@ class CommandInbox:
         The node replaces them when its parameters change.
     rejected, clamped : int
         How many commands were rejected, and how many were clamped to the joint limit.
+    watch : callable, optional
+        Called with the simulated time before every sample [s].
 
     """
 
@@ -67,6 +75,7 @@ class CommandInbox:
     ) -> None:
         self.settings = settings
         self.rejected = self.clamped = 0
+        self.watch: Callable[[float], None] | None = None
         self._simulation, self._warn = simulation, warn
         self._reference = start_posture(simulation.scene)
         self._heard: float | None = None  # simulated time of the last command [s]
@@ -116,6 +125,8 @@ class CommandInbox:
 
         """
         self._turns.finish()
+        if self.watch:
+            self.watch(self._simulation.time)
         self._reference = self._reference.settled(self._simulation.time)
         self._watch_silence()
         self._watch_limit(times[-1])
@@ -158,6 +169,28 @@ class CommandInbox:
             self._reference = JointReference(stamp, angle, np.zeros_like(angle))
         self._heard, self._stream, self._silent = None, '', ''
 
+    def take_trajectory(self, message: JointTrajectory) -> Motion:
+        """Take a trajectory at once; raise RejectedCommand if it is not usable."""
+        self._turns.finish(wait=True)
+        robot = self._simulation.scene.robot
+        return self._take(
+            'joint_trajectory',
+            lambda: self._placed(read_trajectory(serialize_message(message), robot)),
+        ).motion
+
+    def follows(self, motion: Motion) -> bool:
+        """Return whether the joints of a trajectory still follow it, or wait for its begin."""
+        return any(
+            item.times is motion.times and np.array_equal(item.axes, motion.axes)
+            for item in self._reference.motions
+        )
+
+    def stop(self, motion: Motion) -> None:
+        """Hold the joints of a trajectory where they are told to be at the simulated time."""
+        angle, axes = self.commanded_angle().ravel()[motion.axes], motion.axes
+        now, still = self._simulation.time, np.zeros(len(axes))
+        self._reference = self._reference.commanded(axes, now, angle, still)
+
     def _sampled(self, times: Array, horizon: float) -> tuple[Array, Array]:
         limit = self._simulation.scene.robot.joint_limit
         return self._reference.sample(times, horizon, limit)
@@ -172,7 +205,7 @@ class CommandInbox:
         self._turns.take(
             topic,
             lambda: message,
-            lambda prepared: self._take(topic, lambda: self._told(topic, read, prepared())),
+            lambda prepared: self._try(topic, lambda: self._told(topic, read, prepared())),
         )
 
     def _on_trajectory(self, data: bytes) -> None:
@@ -181,7 +214,7 @@ class CommandInbox:
         self._turns.take(
             'joint_trajectory',
             lambda: read_trajectory(data, robot),
-            lambda prepared: self._take('joint_trajectory', lambda: self._placed(prepared())),
+            lambda prepared: self._try('joint_trajectory', lambda: self._placed(prepared())),
             large=len(data) > LARGE,
         )
 
@@ -200,7 +233,7 @@ class CommandInbox:
         )
         return replace(command, jump=jump)
 
-    def _placed(self, trajectory: ReadTrajectory) -> ReceivedCommand:
+    def _placed(self, trajectory: ReadTrajectory) -> ReceivedTrajectory:
         """Return the effect of a trajectory that begins now or at its stamp."""
         if not self.settings.publish_clock:
             trajectory = replace(trajectory, stamp=0.0)
@@ -208,8 +241,12 @@ class CommandInbox:
         robot = self._simulation.scene.robot
         return joint_trajectory(trajectory, self._reference, robot, now, horizon)
 
-    def _take(self, topic: str, read: Callable[[], ReceivedCommand]) -> str:
-        """Take a command; if it is rejected, warn and return why."""
+    def _try(self, topic: str, read: Callable[[], ReceivedCommand]) -> None:
+        with suppress(RejectedCommand):
+            self._take(topic, read)
+
+    def _take(self, topic: str, read: Callable[[], C]) -> C:
+        """Take a command; if it is rejected, warn why and raise."""
         now = self._simulation.time
         try:
             command = read()
@@ -220,7 +257,7 @@ class CommandInbox:
             self._rejection = f'{error}; the last good command is held'
             self._rejected_at = time.monotonic()
             self._warn(error.kind, self._rejection)
-            return str(error)
+            raise
         self._reference = command.reference
         if command.clamped:
             self.clamped += 1
@@ -230,7 +267,7 @@ class CommandInbox:
         follows = self._heard is not None and now - self._heard <= self.settings.command_timeout
         self._stream = topic if follows else ''
         self._heard, self._silent = now, ''
-        return ''
+        return command
 
     def _watch_silence(self) -> None:
         """Warn when a stream of commands stops; its last command is held in any case."""

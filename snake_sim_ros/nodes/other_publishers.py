@@ -24,7 +24,7 @@ class OtherPublishers:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._told: set[tuple[str, ...]] = set()
+        self._told: list[tuple[str, set[str]]] = []  # topics and names
         self._before: set[str] = set()  # topics with commands in the interval before
         self._listeners: dict[str, Listener] = {}
 
@@ -47,7 +47,8 @@ class OtherPublishers:
         lasting = sorted(self._before & speakers.keys())
         if all(len(speakers[topic]) == 1 for topic in lasting):
             several = sorted({name for topic in lasting for name in speakers[topic]})
-            self._tell(f'{" and ".join(lasting)} have {len(several)} publishers', several, COUNTS)
+            if len(several) > 1:
+                self._tell(f'{" and ".join(lasting)} have', several, COUNTS)
         self._before = set(speakers)
         if clock:
             advice = 'start all sims but one with publish_clock:=false'
@@ -64,18 +65,23 @@ class OtherPublishers:
 
     def _look_at(self, topic: str, kind: Any, nodes: list[str], advice: str) -> None:
         """Warn if messages of a topic come from several of its publishers, at the second look."""
-        what, listener = f'{topic} has {len(nodes)} publishers', self._listeners.pop(topic, None)
-        if len(nodes) > 1 and (what, *nodes) not in self._told:
+        what, listener = f'{topic} has', self._listeners.pop(topic, None)
+        if len(nodes) > 1 and not self._is_told(what, nodes):
             self._listeners[topic] = listener or Listener(self._node, topic, kind)
             if listener and listener.hears_several():
                 self._tell(what, nodes, advice)
         elif listener:
             listener.close()
 
+    def _is_told(self, what: str, nodes: list[str]) -> bool:
+        return any(what == told and set(nodes) <= names for told, names in self._told)
+
     def _tell(self, what: str, nodes: list[str], advice: str) -> None:
-        if len(nodes) > 1 and (what, *nodes) not in self._told:
-            self._told.add((what, *nodes))
-            self._node.get_logger().warning(f'{what}, {", ".join(nodes)}: {advice}')
+        if not self._is_told(what, nodes):
+            self._told.append((what, set(nodes)))
+            self._node.get_logger().warning(
+                f'{what} {len(nodes)} publishers, {", ".join(nodes)}: {advice}'
+            )
 
 
 class Listener:

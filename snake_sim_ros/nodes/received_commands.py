@@ -16,6 +16,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from snake_sim_ros.gaits.joint_reference import JointReference
+from snake_sim_ros.gaits.joint_reference import Motion
 from snake_sim_ros.gaits.joint_reference import NONE
 from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.stamps import seconds_from
@@ -51,6 +52,13 @@ class ReceivedCommand:
     clamped: str = ''
     jump: str = ''
     moves_pitch: bool = False  # whether a trajectory has pitch joints that are not at zero
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReceivedTrajectory(ReceivedCommand):
+    """The effect of a trajectory."""
+
+    motion: Motion
 
 
 def joint_command(

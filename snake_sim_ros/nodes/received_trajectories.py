@@ -20,7 +20,7 @@ from snake_sim_ros.nodes.received_commands import axes_of
 from snake_sim_ros.nodes.received_commands import check_finite
 from snake_sim_ros.nodes.received_commands import check_rates
 from snake_sim_ros.nodes.received_commands import clamped_to
-from snake_sim_ros.nodes.received_commands import ReceivedCommand
+from snake_sim_ros.nodes.received_commands import ReceivedTrajectory
 from snake_sim_ros.nodes.received_commands import RejectedCommand
 from snake_sim_ros.nodes.received_commands import ROUNDING
 from snake_sim_ros.nodes.stamps import EPOCH
@@ -117,7 +117,7 @@ def joint_trajectory(
     robot: Robot,
     now: float,
     horizon: float,
-) -> ReceivedCommand:
+) -> ReceivedTrajectory:
     """
     Take a trajectory of some joints, as a joint_trajectory_controller does.
 
@@ -150,7 +150,8 @@ def joint_trajectory(
         motion = Motion(axes, times[first:], pieces[first + 1 :])
     reach, speed = message.reach[first:], message.speed[first:]
     swing = _check_pieces(message.names, times[first + 1 :], reach, speed, robot) or swing
-    return ReceivedCommand(last.moved(motion), message.clamped or swing, jump, message.moves_pitch)
+    told = last.moved(motion), message.clamped or swing, jump, message.moves_pitch
+    return ReceivedTrajectory(*told, motion=motion)
 
 
 def _check_points(

@@ -36,6 +36,7 @@ from snake_sim_ros.nodes.simulation_services import serve
 from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.nodes.state_publishers import StatePublishers
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
+from snake_sim_ros.nodes.trajectory_action import serve_trajectories
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.periods import steps_in
@@ -114,6 +115,7 @@ class SimNode(Node):
         else:
             self.begin(time.perf_counter() - begin)
         serve(self)
+        serve_trajectories(self, self.inbox)
 
     def _load(self, level: str) -> None:
         compile_sampling(self.simulation.scene)

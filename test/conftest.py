@@ -12,6 +12,8 @@ if not os.environ.get('NUMBA_DISABLE_JIT'):
     collect_ignore += ['test_change.py', 'test_self_contact.py', 'test_soft_impacts.py']
 if find_spec('pydrake') is None:  # Drake needs Python 3.12
     collect_ignore.append('test_drake_runs.py')
+if find_spec('control_msgs') is None:  # it is not on PyPI; test_trajectory_action.py stands in
+    collect_ignore.append('system/test_follow_joint_trajectory.py')
 
 # Two processes take a file each (--dist loadfile). What compiles most is first, apart from what
 # compiles the same, so that the other process finds it on disk; live robots are next, when their

@@ -49,6 +49,7 @@ setup(
         (f'share/{package_name}', ['package.xml']),
         (f'share/{package_name}/config', sorted(glob('config/*'))),
         (f'share/{package_name}/examples', sorted(glob('examples/*.py'))),
+        (f'share/{package_name}/launch', sorted(glob('launch/*.launch.py'))),
         # What `ros2 run` finds after a pip install, which puts console scripts elsewhere.
         (f'lib/{package_name}', sorted(glob('scripts/*'))),
     ],

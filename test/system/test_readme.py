@@ -165,6 +165,7 @@ def test_installed_layout(tmp_path):
     for name in ('sim', 'gait', 'viewer', 'snake-sim'):
         assert os.access(prefix / 'lib/snake_sim_ros' / name, os.X_OK)
         assert os.access(prefix / 'bin' / name, os.X_OK)
+    assert (prefix / 'share/snake_sim_ros/launch/snake.launch.py').is_file()
     scenes = sorted(path.name for path in (ROOT / 'config').glob('*.yaml'))
     installed = next(prefix.glob('lib/python3*/site-packages/snake_sim_ros/config'))
     for folder in (installed, prefix / 'share/snake_sim_ros/config'):

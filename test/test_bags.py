@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
-from rosbags.rosbag2 import Reader
-from rosbags.typesys import get_typestore
-from rosbags.typesys import Stores
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
+pytest.importorskip('mcap_ros2')  # bag_writer needs it
 from snake_sim_ros.nodes.bag_writer import BagWriter
 from snake_sim_ros.nodes.bag_writer import RunTopics
 from snake_sim_ros.nodes.bag_writer import schema_text
@@ -33,7 +31,10 @@ from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.state import initial_state
 
-TYPES = get_typestore(Stores.ROS2_JAZZY)
+Reader = pytest.importorskip('rosbags.rosbag2').Reader
+typesys = pytest.importorskip('rosbags.typesys')
+
+TYPES = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 STATES = QoSProfile(depth=10)
 
 

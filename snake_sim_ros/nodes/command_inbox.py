@@ -42,7 +42,7 @@ from snake_sim_ros.stepping.simulation import Simulation
 
 C = TypeVar('C', bound=ReceivedCommand)
 LATEST = QoSProfile(depth=1)  # A newer command replaces one that waits.
-LARGE = 16_000  # bytes of a trajectory, 50 points of 20 joints, that take 1 ms to read and check
+LARGE = 16_000  # bytes of a trajectory, 50 points of 20 joints with velocities; it takes 1 ms
 REMEMBERED = 10.0  # s of wall time for which a rejection is in the diagnostics
 
 

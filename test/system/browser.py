@@ -12,7 +12,8 @@ from typing import Any
 from urllib.request import urlopen
 
 import pytest
-from websockets.sync.client import connect
+
+connect = pytest.importorskip('websockets.sync.client').connect
 
 TIMEOUT = 30.0  # s
 FLAGS = (

@@ -6,15 +6,16 @@ import sys
 from graph import Process
 import numpy as np
 import pytest
-from rosbags.rosbag2 import Reader
-from rosbags.typesys import get_typestore
-from rosbags.typesys import Stores
 from sensor_msgs.msg import JointState
 
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.recording.bag_reader import read_bag
 
-TYPES = get_typestore(Stores.ROS2_JAZZY)
+Reader = pytest.importorskip('rosbags.rosbag2').Reader
+typesys = pytest.importorskip('rosbags.typesys')
+pytest.importorskip('mcap_ros2')
+
+TYPES = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 OF_ALL_NODES = {'/parameter_events', '/rosout'}
 OF_TF = {'/tf', '/tf_static'}  # only where tf2_msgs is installed
 DURATION = 3.0  # s

@@ -25,6 +25,7 @@ from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.robot_description import robot_description
 
+pytest.importorskip('viser')
 PNG = b'\x89PNG\r\n\x1a\n'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 SIZE = (860, 400)  # pixels; Chromium draws in software here

@@ -202,6 +202,7 @@ def test_run_that_diverges_says_so_and_saves_what_was_good(tmp_path, capsys):
 
 
 def test_ctrl_c_saves_what_was_recorded(tmp_path):
+    pytest.importorskip('mcap_ros2')
     path, bag = tmp_path / 'run.npz', tmp_path / 'run.mcap'
     command = [
         sys.executable,

@@ -14,6 +14,7 @@ from snake_sim_ros.recording import npz
 @pytest.fixture(scope='module')
 def recorded(tmp_path_factory):
     """Return the folder of a run in three formats."""
+    pytest.importorskip('mcap_ros2')
     folder = tmp_path_factory.mktemp('runs')
     files = [f'--{name}={folder / f"run{end}"}' for name, end in
              (('out', '.npz'), ('csv', '.csv'), ('bag', '.mcap'))]  # fmt: skip
@@ -40,6 +41,7 @@ def test_formats_agree(recorded, tmp_path):
 
 
 def test_rate_of_a_run_with_a_bag_may_be_another_one(tmp_path):
+    pytest.importorskip('mcap_ros2')
     files = ['--out', str(tmp_path / 'run.npz'), '--bag', str(tmp_path / 'run.mcap')]
     assert main(['run', 'lateral_undulation', '--duration', '0.1', '--rate', '50', *files]) == 0
     assert len(npz.read(tmp_path / 'run.npz').time) == 6

@@ -172,11 +172,14 @@ class CommandInbox:
     def take_trajectory(self, message: JointTrajectory) -> Motion:
         """Take a trajectory at once; raise RejectedCommand if it is not usable."""
         self._turns.finish(wait=True)
-        robot = self._simulation.scene.robot
-        return self._take(
-            'joint_trajectory',
-            lambda: self._placed(read_trajectory(serialize_message(message), robot)),
-        ).motion
+
+        def read() -> ReceivedTrajectory:
+            if not self.is_open:
+                raise RejectedCommand('early', 'no goal is taken while the physics is compiled')
+            robot = self._simulation.scene.robot
+            return self._placed(read_trajectory(serialize_message(message), robot))
+
+        return self._take('joint_trajectory', read).motion
 
     def follows(self, motion: Motion) -> bool:
         """Return whether the joints of a trajectory still follow it, or wait for its begin."""

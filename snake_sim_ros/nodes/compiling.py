@@ -181,8 +181,8 @@ class Compiler:
 
 def main() -> None:
     """Do the job on standard input; end with the program that waits for it."""
-    job: Job = pickle.load(sys.stdin.buffer)
-    with suppress(BrokenPipeError):
+    with suppress(EOFError, BrokenPipeError):
+        job: Job = pickle.load(sys.stdin.buffer)
         job.do(lambda name: print(name, flush=True))
 
 

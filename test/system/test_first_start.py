@@ -60,28 +60,24 @@ def test_a_node_is_there_while_its_physics_is_compiled(start):
     # The command comes too early, and is taken when there is physics.
     graph.until(lambda: sim.commands.get_subscription_count(), 'a reader of joint_command')
     sim.send({'joint_5_yaw': 0.3})
-    answers = []
-    while not sim.process.count('physics ready'):
-        answers.append(sim.reset())
-        if len(answers) == 1:
-            waiting = dict(sim.values())
-            message = sim.diagnostics[-1].status[0]
-            first = answers[0]
-            assert not first.success and first.message.startswith('compiling, ')
-            assert message.message.startswith('compiling, ') and message.level == b'\x01'
-            assert waiting['steps'] == '0'
-            stepped = graph.call(Trigger, sim.service('step'))
-            assert not stepped.success and stepped.message.startswith('compiling, ')
-            assert graph.call(SetBool, sim.service('pause')).success
-            request = GetParameters.Request(names=['publish_rate'])
-            reply = graph.call(GetParameters, sim.service('get_parameters'), request)
-            assert reply.values[0].double_value == 200.0
-            held = sim.joint_states[-1]
-            start_angles = joint_angles(initial_coordinates(load_scene('lateral_undulation')))
-            assert nanoseconds(held) == 0
-            assert list(held.position) == pytest.approx(start_angles.ravel().tolist(), abs=1e-15)
-            assert not any(held.velocity)
-        graph.spin(0.05)
+    waiting = sim.values()
+    report, held = sim.diagnostics[-1].status[0], sim.joint_states[-1]
+    refused = [sim.reset(), graph.call(Trigger, sim.service('step'))]
+    request = GetParameters.Request(names=['publish_rate'])
+    parameter = graph.call(GetParameters, sim.service('get_parameters'), request)
+    paused = [graph.call(SetBool, sim.service('pause'), SetBool.Request(data=data))
+              for data in (True, False)]  # fmt: skip
+    assert not sim.process.count('physics ready'), 'the compiler was faster than the test'
+    for answer in refused:
+        assert not answer.success and answer.message.startswith('compiling, ')
+    assert report.message.startswith('compiling, ') and report.level == b'\x01'
+    assert waiting['steps'] == '0'
+    assert parameter.values[0].double_value == 200.0
+    assert all(answer.success for answer in paused)
+    start_angles = joint_angles(initial_coordinates(load_scene('lateral_undulation')))
+    assert nanoseconds(held) == 0
+    assert list(held.position) == pytest.approx(start_angles.ravel().tolist(), abs=1e-15)
+    assert not any(held.velocity)
     graph.until(
         lambda: abs(sim.joint_states[-1].position[8] - 0.3) < 0.05, 'the effect of the command'
     )

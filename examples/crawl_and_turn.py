@@ -14,6 +14,7 @@ Times are those of the robot's messages: it may be slower or faster than real ti
 import argparse
 from contextlib import suppress
 import math
+import signal
 import sys
 import time
 
@@ -92,7 +93,9 @@ def main():
 
 
 if __name__ == '__main__':
-    # Without the handlers of rclpy the robot can still be stopped after Ctrl-C.
+    # Without the handlers of rclpy the robot can still be stopped after Ctrl-C. It comes also
+    # where a script started this with &, which ignores it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     with suppress(KeyboardInterrupt):
         main()

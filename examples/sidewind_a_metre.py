@@ -13,6 +13,7 @@ Without a ROS 2 installation: ./run sim, ./run gait and ./run python with the sa
 import argparse
 from contextlib import suppress
 import math
+import signal
 import sys
 import time
 
@@ -94,7 +95,9 @@ def main():
 
 
 if __name__ == '__main__':
-    # Without the handlers of rclpy the robot can still be stopped after Ctrl-C.
+    # Without the handlers of rclpy the robot can still be stopped after Ctrl-C. It comes also
+    # where a script started this with &, which ignores it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     with suppress(KeyboardInterrupt):
         main()

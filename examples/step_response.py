@@ -14,6 +14,7 @@ of 5 ms are coarse for the rise: -p publish_rate:=1000.0 gives the robot shorter
 import argparse
 from contextlib import suppress
 import math
+import signal
 import sys
 import time
 
@@ -121,7 +122,9 @@ def main():
 
 
 if __name__ == '__main__':
-    # Without the handlers of rclpy the robot can still be told to go on after Ctrl-C.
+    # Without the handlers of rclpy the robot can still be told to go on after Ctrl-C. It comes
+    # also where a script started this with &, which ignores it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     with suppress(KeyboardInterrupt):
         main()

@@ -3,6 +3,7 @@
 import gc
 from importlib.util import find_spec
 import os
+import signal
 
 # All kinds of contacts are compiled anew for every method; it takes longer than all of their tests
 # without the compiler. test_architecture.py runs these without it, for every method, and those
@@ -28,7 +29,10 @@ ORDER = (
 
 
 def pytest_configure(config):
-    """Keep the order of files below, and look for garbage less often."""
+    """Keep the order of files below, look for garbage less often, and heed SIGINT."""
+    # A script that starts the tests with & has it ignored, and then all their processes ignore it.
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     config.option.loadscopereorder = False
     # The compiler makes millions of objects that stay: a tenth of its time.
     gc.set_threshold(100_000, 20, 100)

@@ -1,6 +1,7 @@
 """The command `snake-sim`: scenes without ROS, measurements, and the live demonstration."""
 
 import argparse
+import signal
 import sys
 
 from snake_sim_ros import __version__
@@ -38,16 +39,27 @@ def main(args: list[str] | None = None) -> int:
         0; 1 if a run diverged or a node died; 2 if the input is not usable; 130 after Ctrl-C.
 
     """
-    parser = argparse.ArgumentParser(prog='snake-sim', description=__doc__)
-    parser.add_argument('--version', action='version', version=__version__)
-    subparsers = parser.add_subparsers(required=True, metavar='COMMAND')
-    for add_command in COMMANDS:
-        add_command(subparsers)
-    options = parser.parse_args(args)
+    heed_ctrl_c()
     try:
+        options = _parser().parse_args(args)
         return int(options.command(options))
     except (ParameterError, OSError) as error:
         print(f'snake-sim: {error}', file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog='snake-sim', description=__doc__)
+    parser.add_argument('--version', action='version', version=__version__)
+    subparsers = parser.add_subparsers(required=True, metavar='COMMAND')
+    for add_command in COMMANDS:
+        add_command(subparsers)
+    return parser
+
+
+def heed_ctrl_c() -> None:
+    """Let SIGINT end the command also where a script started it with ``&``, which ignores it."""
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -1,6 +1,8 @@
 """A ROS domain of its own for a test: real node processes, and one client node."""
 
 from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 import itertools
 import os
 from pathlib import Path
@@ -112,6 +114,16 @@ class Process:
         if self.popen.poll() is None:
             self.popen.kill()
         self.popen.wait()
+
+
+@contextmanager
+def background() -> Iterator[None]:
+    """Have processes that start meanwhile ignore SIGINT at first, as those of a script with &."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def node_command(name: str, *arguments: str) -> list[str]:

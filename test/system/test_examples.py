@@ -6,6 +6,7 @@ import signal
 import sys
 
 from geometry_msgs.msg import Twist
+from graph import background
 from graph import Process
 from graph import ROOT
 from nav_msgs.msg import Odometry
@@ -47,10 +48,9 @@ def started(make_graph, watching, folder):
     sidewinding.start('sim', 'real_time_factor:=2.0', RATE, 'scene:=sidewinding')
     gaits = [graph.start('gait', 'use_sim_time:=true', RATE) for graph in (crawling, sidewinding)]
     alone.start('sim')
-    scripts = {
-        'step_response': script(alone, folder, 'step_response'),
-        'interrupted': script(watching, folder, 'crawl_and_turn'),
-    }
+    scripts = {'step_response': script(alone, folder, 'step_response')}
+    with background():
+        scripts['interrupted'] = script(watching, folder, 'crawl_and_turn')
     for gait in gaits:
         gait.wait_for(
             'the gait begins', END

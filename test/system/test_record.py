@@ -1,9 +1,15 @@
 """`snake-sim record` and `snake-sim run --bag`: bags of live nodes and of a run without ROS."""
 
+from pathlib import Path
+import re
 import signal
 import sys
+import time
 
+from graph import background
+from graph import next_domain
 from graph import Process
+from graph import TIMEOUT
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
@@ -42,7 +48,8 @@ def recorded(make_graph, tmp_path_factory):
     """Record sim and gait for a while; Ctrl-C goes to all three at once, as from a keyboard."""
     path = tmp_path_factory.mktemp('bags') / 'live.mcap'
     graph = make_graph()
-    recorder = Process([*RECORD, str(path)], graph.domain)
+    with background():
+        recorder = Process([*RECORD, str(path)], graph.domain)
     recorder.wait_for('recording all topics')
     graph.start('sim')
     graph.start('gait', '-p use_sim_time:=true')
@@ -101,6 +108,18 @@ def test_a_run_that_nobody_watched_has_the_same_topics(recorded, tmp_path):
         assert getattr(one, 'name', None) == getattr(other, 'name', None)
     urdf = [found['/robot_description'][1][0].data for found in (live, offline)]
     assert urdf[0] == urdf[1]
+
+
+def test_a_signal_before_it_records_ends_it(tmp_path):
+    with background():
+        process = Process([*RECORD, str(tmp_path / 'early.mcap')], next_domain())
+    status, deadline = Path(f'/proc/{process.popen.pid}/status'), time.monotonic() + TIMEOUT
+    interrupt = 1 << (signal.SIGINT - 1)
+    while not int(re.search(r'SigCgt:\s*(\w+)', status.read_text())[1], 16) & interrupt:
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+    assert process.stop(signal.SIGINT) in (0, 130), process.output
+    assert 'Traceback' not in process.output
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 import sys
+from threading import Event
 import time
 
 import rclpy
@@ -91,30 +92,35 @@ def record_topics(path: Path) -> int:
         raise ParameterError(f'{path} exists; remove it, or choose another name')
     if not path.absolute().parent.is_dir():
         raise ParameterError(f'{path}: no folder {path.absolute().parent}')
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        with interruptible() as stop, BagWriter(path) as bag:
-            node = TopicRecorder(bag)
-            executor = make_executor(node)
-            print(f'recording all topics in {path}; Ctrl-C ends it', flush=True)
-            looked = shown = 0.0
-            end: float | None = None
-            while end is None or time.monotonic() < end:
-                executor.spin_once(timeout_sec=0.05)
-                now = time.monotonic()
-                if stop.is_set() and end is None:
-                    end = now + DRAIN
-                if now - looked > LOOK_PERIOD:
-                    looked = now
-                    node.look()
-                if now - shown > 1.0:
-                    shown = now
-                    print(f'\r{_summary(bag)}', end='', flush=True)
-            node.destroy_node()
-            print(f'\r{_summary(bag)} in {path}')
-    finally:
-        rclpy.try_shutdown()
+    with interruptible() as stop:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            with BagWriter(path) as bag:
+                _record(bag, path, stop)
+        finally:
+            rclpy.try_shutdown()
     return 0
+
+
+def _record(bag: BagWriter, path: Path, stop: Event) -> None:
+    node = TopicRecorder(bag)
+    executor = make_executor(node)
+    print(f'recording all topics in {path}; Ctrl-C ends it', flush=True)
+    looked = shown = 0.0
+    end: float | None = None
+    while end is None or time.monotonic() < end:
+        executor.spin_once(timeout_sec=0.05)
+        now = time.monotonic()
+        if stop.is_set() and end is None:
+            end = now + DRAIN
+        if now - looked > LOOK_PERIOD:
+            looked = now
+            node.look()
+        if now - shown > 1.0:
+            shown = now
+            print(f'\r{_summary(bag)}', end='', flush=True)
+    node.destroy_node()
+    print(f'\r{_summary(bag)} in {path}')
 
 
 def _summary(bag: BagWriter) -> str:

@@ -56,6 +56,7 @@ OPTIONAL = {
     'mujoco': ('comparison/mujoco*',),
     'pydrake': ('comparison/drake_runs',),
     'viser': ('view/page',),
+    'websockets': ('view/own_pages',),
 }
 LONGEST_MODULE, LONGEST_FUNCTION = 400, 60  # lines
 

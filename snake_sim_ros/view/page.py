@@ -26,6 +26,7 @@ from snake_sim_ros.view.frames import curves
 from snake_sim_ros.view.frames import Frame
 from snake_sim_ros.view.frames import Trace
 from snake_sim_ros.view.frames import UPWARD_SCALE
+from snake_sim_ros.view.own_pages import own_pages_only
 from snake_sim_ros.view.stage import Stage
 
 SHOW_PERIOD, PLOT_PERIOD = 1 / 30, 1 / 10  # s of wall time, the shortest between two updates
@@ -65,7 +66,8 @@ class Page:
     def __init__(self, title: str, host: str, port: int) -> None:
         make_server = _server_class()
         check_address(host, port)
-        with redirect_stdout(StringIO()):  # the caller prints the address
+        # The caller prints the address.
+        with redirect_stdout(StringIO()), own_pages_only(host):
             self._server = make_server(host=host, port=port, label=title, verbose=False)
         self.url = f'http://{host}:{self._server.get_port()}'
         self.gui = self._server.gui

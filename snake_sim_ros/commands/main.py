@@ -11,6 +11,9 @@ from snake_sim_ros.commands.chart import add_chart
 from snake_sim_ros.commands.demo import add_demo
 from snake_sim_ros.commands.export import add_export
 from snake_sim_ros.commands.figures import add_figures
+from snake_sim_ros.commands.graph import add_param
+from snake_sim_ros.commands.graph import add_service
+from snake_sim_ros.commands.graph import add_topic
 from snake_sim_ros.commands.levels import add_levels
 from snake_sim_ros.commands.pacing import add_pacing
 from snake_sim_ros.commands.record import add_record
@@ -26,6 +29,7 @@ COMMANDS = (
     *(add_run, add_export, add_record, add_view),
     *(add_figures, add_bench, add_artefacts, add_stability, add_chart, add_seal),
     *(add_levels, add_urdf, add_demo, add_pacing),
+    *(add_topic, add_param, add_service),
 )
 
 

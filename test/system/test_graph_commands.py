@@ -1,0 +1,212 @@
+"""The commands topic, param and service, in processes of their own, against live nodes."""
+
+import re
+import signal
+import sys
+
+from geometry_msgs.msg import Twist
+from graph import background
+from graph import Process
+import pytest
+from rclpy.qos import DurabilityPolicy
+from rclpy.qos import QoSProfile
+from rclpy.qos import ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
+import yaml
+
+COMMANDS = [sys.executable, '-m', 'snake_sim_ros.commands']
+TWIST = 'geometry_msgs/msg/Twist'
+SET_BOOL = 'std_srvs/srv/SetBool'
+
+
+@pytest.fixture(scope='module')
+def graph(make_graph):
+    """Return a live robot."""
+    graph = make_graph()
+    graph.start('sim')
+    graph.start('gait', 'use_sim_time:=true')
+    clock = graph.record(Clock, '/clock')
+    graph.until(lambda: clock, 'the clock')
+    return graph
+
+
+@pytest.fixture
+def run(graph):
+    """Return a function that runs a command to its end: status, output and errors as lines."""
+
+    def run(*words, status=0):
+        process = Process([*COMMANDS, *words], graph.domain)
+        graph.until(lambda: process.popen.poll() is not None, process.name)
+        assert process.wait() == status, process.output
+        assert 'Traceback' not in process.output
+        return process.lines
+
+    return run
+
+
+def started(graph, *words):
+    return Process([*COMMANDS, *words], graph.domain)
+
+
+# ---- what there is ------------------------------------------------------------------------------
+
+
+def test_lists(run):
+    topics = run('topic', 'list', '-t')
+    assert '/joint_states [sensor_msgs/msg/JointState]' in topics
+    assert '/cmd_vel [geometry_msgs/msg/Twist]' in topics
+    assert run('topic', 'list') == [line.split()[0] for line in topics]
+    assert run('topic', 'list', '-c') == [str(len(topics))]
+    services = run('service', 'list')
+    assert {'/sim/reset', '/gait/restart', '/sim/get_parameters'} <= {*services}
+    assert f'/sim/pause [{SET_BOOL}]' in run('service', 'list', '--show-types')
+    assert not any('/_' in line for line in (*topics, *services))
+
+
+def test_parameters_of_all_nodes(run):
+    lines = run('param', 'list')
+    assert '/gait:' in lines and lines.index('/gait:') < lines.index('/sim:')
+    of_sim = lines[lines.index('/sim:') + 1 :]
+    assert '  friction.transversal' in of_sim and of_sim == sorted(of_sim)
+    assert run('param', 'list', 'sim') == run('param', 'list', '/sim') == of_sim
+
+
+# ---- topics -------------------------------------------------------------------------------------
+
+
+def test_echo(run):
+    lines = run('topic', 'echo', '--once', '/joint_states')
+    assert lines[:3] == ['header:', '  stamp:', '    sec: ' + lines[2].split()[-1]]
+    assert lines[-1] == '---'
+    message = yaml.safe_load('\n'.join(lines[:-1]))
+    assert list(message) == ['header', 'name', 'position', 'velocity', 'effort']
+    assert message['name'][:2] == ['joint_1_yaw', 'joint_1_pitch']
+    assert len(message['position']) == 20
+    position = run('topic', 'echo', '--once', 'odom', '--field', 'pose.pose.position')
+    assert [line.partition(':')[0] for line in position] == ['x', 'y', 'z', '---']
+    (number, end) = run('topic', 'echo', '--once', '/odom', '--field', 'pose.pose.position.z')
+    assert 0.0 < float(number) < 0.2 and end == '---'
+    flow, _ = run('topic', 'echo', '--once', '/clock', 'rosgraph_msgs/Clock', '--flow-style')
+    assert re.fullmatch(r'\{clock: \{sec: \d+, nanosec: \d+\}\}', flow)
+
+
+def test_echo_takes_what_was_published_before(run):
+    # Only a reader with the profile of the publisher gets it.
+    lines = run('topic', 'echo', '--once', '/robot_description')
+    assert lines[0].startswith('data: "<robot name=') and '...' in lines[0]
+    full = run('topic', 'echo', '--once', '/robot_description', '--full-length')
+    assert yaml.safe_load('\n'.join(full[:-1]))['data'].endswith('</robot>')
+
+
+def test_echo_hears_all_who_publish(graph):
+    best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    both = [graph.node.create_publisher(String, '/words', qos) for qos in (best_effort, latched)]
+    process = started(graph, 'topic', 'echo', '/words', 'std_msgs/msg/String')
+
+    def heard():
+        for publisher, word in zip(both, ('one', 'two'), strict=True):
+            publisher.publish(String(data=word))
+        return process.count('data: one') and process.count('data: two')
+
+    graph.until(heard, 'both')
+    assert process.stop(signal.SIGINT) == 130
+
+
+def test_hz(graph):
+    process = started(graph, 'topic', 'hz', '/joint_states')
+    process.wait_for('std dev', 60)
+    assert process.stop(signal.SIGINT) == 130
+    line, details = process.lines[:2]
+    assert re.fullmatch(r'average rate: \d+\.\d{3}', line)
+    assert re.fullmatch(
+        r'\tmin: \d\.\d{3}s max: \d\.\d{3}s std dev: \d\.\d{5}s window: \d+', details
+    )
+    assert 'Traceback' not in process.output
+
+
+def test_pub(run, graph):
+    twists = graph.record(Twist, '/cmd_vel')
+    values = '{linear: {x: 1, y: 1e-2}, angular: {z: 0.1}}'
+    lines = run('topic', 'pub', '-1', '/cmd_vel', TWIST, values, '-w', '2')
+    graph.until(lambda: twists, 'the message')
+    assert (twists[0].linear.x, twists[0].linear.y, twists[0].angular.z) == (1.0, 0.01, 0.1)
+    assert 'publisher: beginning loop' in lines and lines[-2].startswith('publishing #1: geometry')
+    process = started(graph, 'topic', 'pub', '-r', '20', '/cmd_vel', TWIST)
+    graph.until(lambda: len(twists) > 5, 'some more')
+    assert process.stop(signal.SIGINT) == 130
+    assert twists[-1] == Twist()
+    graph.drain(twists)
+    begin = len(twists)
+    run('topic', 'pub', '-t', '3', '-r', '50', '-p', '0', '-w', '2', '/cmd_vel', TWIST)
+    graph.until(lambda: len(twists) == begin + 3, 'three')
+
+
+# ---- parameters and services --------------------------------------------------------------------
+
+
+def test_parameters_are_read_and_written(run):
+    name = ('/sim', 'friction.transversal')
+    assert run('param', 'set', *name, '0.25') == ['Set parameter successful']
+    assert run('param', 'get', *name) == ['Double value is: 0.25']
+    assert run('param', 'get', *name, '--hide-type') == ['0.25']
+    assert run('param', 'get', 'sim', 'publish_clock') == ['Boolean value is: True']
+    (refusal,) = run('param', 'set', *name, '--', '-1.0', status=1)
+    assert refusal.startswith('Setting parameter failed: ') and 'friction.transversal' in refusal
+    assert run('param', 'set', 'gait', 'scene', 'sidewinding') == ['Set parameter successful']
+    tree = yaml.safe_load('\n'.join(run('param', 'dump', '/sim')))
+    assert tree['/sim']['ros__parameters']['friction']['transversal'] == 0.25
+
+
+def test_call(run):
+    for data, message in ((True, 'paused'), (False, 'running')):
+        lines = run('service', 'call', '/sim/pause', SET_BOOL, f'{{data: {str(data).lower()}}}')
+        request, _, head, response = [line for line in lines if 'waiting' not in line][:4]
+        assert request == f'requester: making request: std_srvs.srv.SetBool_Request(data={data})'
+        assert head == 'response:'
+        name = 'std_srvs.srv.SetBool_Response'
+        assert response == f"{name}(success=True, message='{message}')"
+    assert 'success=True' in run('service', 'call', 'sim/reset', 'std_srvs/Trigger')[-2]
+
+
+# ---- what cannot be done ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('words', 'sentence'),
+    [
+        ('topic echo /nothing', 'Could not determine the type for the passed topic: nobody'),
+        ('topic echo /odom --field pose.x', "Invalid field 'pose.x': there is no x, the fields"),
+        ('topic echo //', 'Invalid topic name: '),
+        (f'topic pub -1 /odom {TWIST}', f'/odom is of type nav_msgs/msg/Odometry, not {TWIST}'),
+        (f'topic echo /odom {TWIST}', f'/odom is of type nav_msgs/msg/Odometry, not {TWIST}'),
+        (f'topic pub -1 /cmd_vel {TWIST} {{', 'The passed value is no YAML: '),
+        (f'topic pub -1 /none {TWIST} --max-wait-time-secs 1', 'Timed out waiting for subscriber'),
+        ('param get /nobody x', 'Node not found: /nobody; the nodes that run: /client'),
+        ('param get /sim x', 'Parameter not set: /sim has no parameter x'),
+        ('param set /sim level {a:1,b}', 'a parameter must be true, false, a number, a text or a'),
+        (
+            'service call /sim/puase std_srvs/srv/Trigger',
+            'there is no service /sim/puase; service',
+        ),
+        ('service call /sim/pause std_srvs/srv/Trigger', f'/sim/pause is of type {SET_BOOL}, not'),
+    ],
+)
+def test_what_cannot_be_done_is_one_sentence(run, words, sentence):
+    # Nodes find each other in up to 3.3 s.
+    *rest, last = run(*words.split(), '--spin-time', '5', status=1)
+    assert sentence in last
+    assert all(line.lower().startswith('waiting') for line in rest)
+
+
+@pytest.mark.parametrize(
+    'words', ['topic echo /clock', 'topic pub -r 5 /words std_msgs/msg/String']
+)
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_what_a_script_started(graph, words, number):
+    with background():
+        process = started(graph, *words.split())
+    process.wait_for('---' if 'echo' in words else 'publishing', 60)
+    assert process.stop(number) == 130
+    assert 'Traceback' not in process.output

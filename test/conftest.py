@@ -23,7 +23,7 @@ ORDER = (
     *('test_pegs', 'test_agreement', 'test_levels', 'test_newton', 'test_artefacts'),
     *('test_readme', 'test_examples', 'test_bad_input', 'test_demo', 'test_interface'),
     *('test_tour', 'test_viewer', 'test_record', 'test_pacing', 'test_sim_node'),
-    *('test_gait_node', 'test_figures'),
+    *('test_gait_node', 'test_graph_commands', 'test_figures'),
     *('test_baselines', 'test_invariants', 'test_charts', 'test_architecture', 'test_physics'),
 )
 

@@ -42,3 +42,12 @@ def pytest_collection_modifyitems(items):
     """Put files in order; tests of a file stay as they are."""
     rank = {name: k for k, name in enumerate(ORDER)}
     items.sort(key=lambda item: rank.get(item.path.stem, len(ORDER)))
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Say how to get the browser that skipped tests need."""
+    skipped = terminalreporter.stats.get('skipped', [])
+    count = sum('chromium' in str(report.longrepr) for report in skipped)
+    if count:
+        how = 'sudo apt install chromium, or .ci/chromium'
+        terminalreporter.write_line(f'{count} tests of the viewer need a browser: {how}')

@@ -199,6 +199,19 @@ def test_diagnostics_of_anyone_are_shown(told, text):
 
 
 @pytest.mark.parametrize(
+    ('warning', 'factor', 'state'),
+    [
+        ('real-time factor 0.88 of 1', '0.87 of 1', 'running slowly'),
+        ('real-time factor 0.88 of 1.5; no commands', '0.87 of 1.5', 'no commands'),
+        ('no commands', '0.87', 'no commands'),
+    ],
+)
+def test_a_slow_simulation_is_shown_in_one_place(warning, factor, state):
+    status = status_of('sim', '', warning, 'running', {'level': '-', 'real_time_factor': '0.874'})
+    assert shown(status) == {'level': '-', 'real-time factor': factor, 'sim': state}
+
+
+@pytest.mark.parametrize(
     ('value', 'number'),
     [(0.5, 0.5), (2, 2), (True, None), ('much', None), ([0.1], None), (math.nan, None)],
 )

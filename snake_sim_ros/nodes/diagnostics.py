@@ -1,10 +1,14 @@
 """The state of the simulation as a message for /diagnostics (REP 107)."""
 
+import re
+
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
 
 from snake_sim_ros.stepping.methods import method_of
 from snake_sim_ros.stepping.simulation import Simulation
+
+SLOW = re.compile(r'real-time factor \S+ of ([^\s;]+)(?:; )?')  # the warning that time slips
 
 
 def values_of(simulation: Simulation) -> dict[str, object]:
@@ -28,17 +32,26 @@ def values_of(simulation: Simulation) -> dict[str, object]:
 
 
 def shown(status: DiagnosticStatus) -> dict[str, str]:
-    """Return name -> text that the viewer shows of a status; any node may have made it."""
+    """
+    Return name -> text that the viewer shows of a status; any node may have made it.
+
+    The warning of a real-time factor changes all the time: its numbers have a row of their own,
+    and the other rows stay as they are.
+    """
     values = {item.key: item.value for item in status.values}
     factor = values.get('real_time_factor', '-')
     try:
         factor = f'{float(factor):.2f}'
     except ValueError:  # It is a word, or missing.
         pass
+    state = status.message
+    if slow := SLOW.search(state):
+        factor = f'{factor} of {slow[1]}'
+        state = state.replace(slow[0], '') or 'running slowly'
     return {
         'level': values.get('level', '-'),
         'real-time factor': factor,
-        'sim': status.message,
+        'sim': state,
     }
 
 

@@ -33,9 +33,18 @@ SHOW_PERIOD, PLOT_PERIOD = 1 / 30, 1 / 10  # s of wall time, the shortest betwee
 PANEL_WIDTH = 310  # pixels
 PLOT_HEIGHT = 210  # pixels
 COLORS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#000000', '#999999')
+TOLD_COLORS = ('#009e73', '#cc79a7')  # of the same two angles as they were commanded
 ALL_JOINTS = {'yaw of all joints': -1, 'pitch of all joints': -2}
 PLOT_TITLES = {'angle': 'joint angles [deg]', 'torque': 'joint torques [N m]'}
 LEGEND_LIMIT = 10  # curves
+WIDE_ENOUGH = 0.85  # width over height of a window in which the first view shows the whole robot
+# Columns stay where they are when texts change. Where the window is narrow, viser has one sheet at
+# its bottom, which would hide the robot.
+STYLE = """<style>table { table-layout: fixed; width: 100%; }
+@media (max-width: 36em) {
+  div[style*="max-height: 60%"] { max-height: 40% !important; width: 100% !important; }
+  div[style*="max-height: 60%"] div[style*="width: 20em"] { width: 100% !important; }
+}</style>"""
 
 
 class Page:
@@ -74,13 +83,16 @@ class Page:
         self.gui.configure_theme(show_logo=False, show_share_button=False)
         self.gui.main_panel.dock_right()
         self.gui.main_panel.set_width(PANEL_WIDTH)
+        self.gui.add_html(STYLE)
         self._status = self.gui.add_markdown('waiting for joint_states ...')
+        self._scale = self.gui.add_markdown('')
         self.controls = self.gui.add_folder('Control')
         self._add_switches()
         panel = self.gui.add_panel()
         self._plots = panel.add_tab('Joints')
         panel.dock_left()
         panel.set_width(PANEL_WIDTH)
+        self._server.on_client_connect(self._fit_camera)
         self._stage: Stage | None = None
         self._joint: Any = None
         self._charts: dict[str, Any] = {}
@@ -104,8 +116,8 @@ class Page:
             self._stage = Stage(self._server.scene, scene)
             along = 100 * self._stage.scale
             self._scale.content = (
-                f'Orange: forces along the floor, 1 N is {along:g} cm. '
-                f'Light blue: forces upward, 1 N is {UPWARD_SCALE * along:g} cm.'
+                f'**Orange**: forces along the floor, 1 N is {along:g} cm. '
+                f'**Light blue**: upward, 1 N is {UPWARD_SCALE * along:g} cm.'
             )
             self._set_camera(scene)
             self._choose_joints(scene)
@@ -166,7 +178,6 @@ class Page:
             self._normal = self.gui.add_checkbox('normal forces', False)
             self._path = self.gui.add_checkbox('path', True)
             self._see_through = self.gui.add_checkbox('see-through', False)
-            self._scale = self.gui.add_markdown('')
         switches = self._follow, self._friction, self._normal, self._path, self._see_through
         for switch in switches:
             switch.on_update(self._note)
@@ -181,6 +192,14 @@ class Page:
         camera.position = tuple(length * np.array([-0.45, -1.05, 0.85]))
         camera.look_at = (0.0, 0.0, 0.0)
         camera.fov = math.radians(50)
+
+    def _fit_camera(self, client: Any) -> None:
+        """Look from farther away where the window is too narrow for the robot."""
+        camera, first = client.camera, self._server.initial_camera
+        if camera.image_height and camera.image_width < WIDE_ENOUGH * camera.image_height:
+            with client.atomic():
+                camera.position = first.position * WIDE_ENOUGH / camera.aspect
+                camera.look_at = first.look_at
 
     def _choose_joints(self, scene: Scene) -> None:
         for chart in self._charts.values():
@@ -207,8 +226,8 @@ class Page:
         series: list[dict[str, Any]] = [{'label': 't [s]'}]
         for k, name in enumerate(values):
             told = name.endswith('told')
-            color = COLORS[(k % 2 if told else k) % len(COLORS)]
-            style = {'dash': [4, 4], 'width': 1.0} if told else {'width': 1.5}
+            color = TOLD_COLORS[k % 2] if told else COLORS[k % len(COLORS)]
+            style = {'dash': [6, 5], 'width': 2.0} if told else {'width': 1.5}
             series.append({'label': name, 'stroke': color, 'points': {'show': False}, **style})
         with self._plots:
             self._charts[what] = self.gui.add_uplot(

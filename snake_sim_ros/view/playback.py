@@ -155,11 +155,11 @@ def play(trajectory: Trajectory, title: str, host: str, port: int, open_browser:
 
 
 def _serve(page: Page, player: Player, recording: Recording, stop: Event) -> None:
-    """Show the current sample of the player until the page is to be closed."""
+    """Show the current sample of the player until the page is to be closed; play while watched."""
     last, plotted, shown, written = time.monotonic(), -math.inf, -1, -1
     while not stop.is_set():
         now = time.monotonic()
-        k = player.advance(now - last)
+        k = player.advance(now - last if page.watched else 0.0)
         last, changed = now, page.changed()
         if k != shown or changed:
             page.show(recording.frame(k))

@@ -15,7 +15,7 @@ import pytest
 
 connect = pytest.importorskip('websockets.sync.client').connect
 
-TIMEOUT = 30.0  # s
+TIMEOUT = 120.0  # s; Chromium draws in software, beside other tests
 FLAGS = (
     *('--headless=new', '--no-sandbox', '--no-first-run', '--disable-background-networking'),
     *('--disable-component-update', '--disable-sync', '--disable-extensions', '--mute-audio'),
@@ -56,10 +56,14 @@ class Browser:
         self.socket = connect(pages[0]['webSocketDebuggerUrl'], max_size=None)
         for domain in ('Page', 'Network', 'Runtime'):
             self.call(f'{domain}.enable')
+        self.resize(*size)
+
+    def resize(self, width: int, height: int) -> None:
+        """Give the window another size [pixels]."""
         self.call(
             'Emulation.setDeviceMetricsOverride',
-            width=size[0],
-            height=size[1],
+            width=width,
+            height=height,
             deviceScaleFactor=1,
             mobile=False,
         )

@@ -4,7 +4,6 @@ import re
 import signal
 import socket
 import sys
-import time
 
 from browser import Browser
 from graph import next_domain
@@ -86,6 +85,34 @@ def test_robot_moves_and_nothing_leaves_the_machine(page, graph, tmp_path):
     assert not page.errors
 
 
+def test_curves_of_a_joint_have_different_colors(page):
+    marker = 'getComputedStyle(item.querySelector(".u-marker")).borderTopColor'
+    series = f'[...document.querySelectorAll(".u-series")].map(item => [item.innerText, {marker}])'
+    colors = dict(page.until(lambda: page.run(f'{series}.slice(0, 4)'), 'the legend'))
+    assert list(colors) == ['yaw', 'pitch', 'yaw, told', 'pitch, told']
+    assert len({*colors.values()}) == 4
+
+
+def test_robot_and_plots_are_seen_in_a_narrow_window(page):
+    sheet = (
+        '[...document.querySelectorAll("div")].find(d => getComputedStyle(d).maxHeight === "40%")'
+    )
+    joints = '[...document.querySelectorAll("[role=button]")].find(b => b.innerText === "Joints")'
+    page.resize(400, 800)
+    try:
+        top = page.until(lambda: page.run(f'({sheet})?.getBoundingClientRect().top'), 'the sheet')
+        assert top >= 400  # The robot is above it.
+        assert 'Orange: forces along the floor' in page.text
+        page.until(lambda: page.run(f'!!({joints})'), 'the panel of the plots')
+        page.run(f'({joints}).click(), ({joints}).scrollIntoView()')
+        page.until(lambda: 'joint angles [deg]' in page.text, 'the plots')
+        place = page.run(f'({joints}).getBoundingClientRect().bottom')
+        assert top < place < 800
+    finally:
+        page.resize(*SIZE)
+    page.until(lambda: not page.run(f'!!({sheet})'), 'two panels again')
+
+
 def test_buttons_act_on_the_simulation(page, graph):
     page.press('pause')
     page.until(lambda: 'go on' in page.text, 'the pause')
@@ -151,10 +178,8 @@ def test_real_robot_is_shown_from_its_joints(page, graph):
     assert 'Traceback' not in graph.viewer.output
 
 
-def test_viewer_ends_at_once(page, graph):
-    begin = time.monotonic()
+def test_viewer_ends_while_it_is_watched(page, graph):
     assert graph.viewer.stop(signal.SIGTERM) == 0
-    assert time.monotonic() - begin < 2.0
     assert 'Traceback' not in graph.viewer.output
 
 
@@ -166,13 +191,10 @@ def test_recorded_run(page, tmp_path):
     try:
         page.open(address(process))
         page.until(lambda: 'again and again' in page.text, 'the controls of a run')
-        for _ in range(8):  # a click is lost while the page connects
-            page.press('pause')
-            end = time.monotonic() + 3.0
-            while 'pause' in page.text and time.monotonic() < end:
-                time.sleep(0.1)
-            if 'pause' not in page.text:
-                break
+        # viser drops clicks until it knows the page, and then the run begins.
+        page.until(lambda: seconds(page) > 0.0, 'the run to begin')
+        page.press('pause')
+        page.until(lambda: 'pause' not in page.text, 'the pause')
         page.enter('time [s]', '1.05')
         page.until(lambda: seconds(page) == 1.05, 'the time that was chosen')
         assert 'play' in page.text and 'planar' in page.text

@@ -5,6 +5,8 @@ from importlib.util import find_spec
 import os
 import signal
 
+import pytest
+
 # All kinds of contacts are compiled anew for every method; it takes longer than all of their tests
 # without the compiler. test_architecture.py runs these without it, for every method, and those
 # that are here twice: with it they are longer, for the methods that are most used.
@@ -44,8 +46,10 @@ def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: rank.get(item.path.stem, len(ORDER)))
 
 
+@pytest.hookimpl(hookwrapper=True, tryfirst=True)
 def pytest_terminal_summary(terminalreporter):
-    """Say how to get the browser that skipped tests need."""
+    """Say at the end how to get the browser that skipped tests need."""
+    yield
     skipped = terminalreporter.stats.get('skipped', [])
     count = sum('chromium' in str(report.longrepr) for report in skipped)
     if count:

@@ -6,6 +6,7 @@ import signal
 import sys
 import time
 
+from diagnostic_msgs.msg import DiagnosticArray
 from graph import background
 from graph import next_domain
 from graph import Process
@@ -54,7 +55,9 @@ def recorded(make_graph, tmp_path_factory):
     graph.start('sim')
     graph.start('gait', '-p use_sim_time:=true')
     states = graph.record(JointState, 'joint_states')
+    reports = graph.record(DiagnosticArray, '/diagnostics')
     graph.until(lambda: states and states[-1].header.stamp.sec >= DURATION, 'three seconds')
+    graph.until(lambda: len(reports) > 2, 'reports')  # the first one may be of before a step
     for process in (*graph.processes, recorder):
         process.popen.send_signal(signal.SIGINT)
     assert recorder.wait() == 0, recorder.output

@@ -58,6 +58,7 @@ OPTIONAL = {
     'viser': ('view/page',),
     'websockets': ('view/own_pages',),
 }
+COMPILERS = ('compiled', 'inlined', 'merged', 'Dispatched')  # what makes a function compiled
 LONGEST_MODULE, LONGEST_FUNCTION = 400, 60  # lines
 
 
@@ -280,9 +281,9 @@ def test_a_scene_that_changes_stays_in_bounds():
 
 def test_the_cache_is_named_after_all_that_is_compiled():
     # Numba would take stale machine code for a change in a file that is not among them.
-    new = {module.name for module in MODULES if 'numba' in module.packages()}
+    compilers = {f'snake_sim_ros.dynamics.compilation.{name}' for name in COMPILERS}
     modules, found = {module.name: module for module in MODULES}, set()
-    users = {module.name for module in MODULES if new & module.modules()}
+    users = {module.name for module in MODULES if compilers & module.imported()}
     assert len(users) > 20
     while users:
         name = users.pop()

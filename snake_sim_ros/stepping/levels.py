@@ -242,9 +242,9 @@ class LevelStepper:
             begin = time.perf_counter()
             none = np.zeros((0, self.scene.robot.link_count - 1, 2))
             history, samples = self.empty_history(), self.spatial.no_samples
-            self.take(stepper, state, history, none, none, samples, goes_on=False)
             if stepper is self.planar:
                 self.planar.prepare(state)
+            self.take(stepper, state, history, none, none, samples, goes_on=False)
             self.compile_seconds += time.perf_counter() - begin
             self.used.append(stepper)
 

@@ -90,6 +90,10 @@ class Simulation:
 
         """
         begin = time.perf_counter()
+        # First what is around the loop: another process may compile a part of that meanwhile.
+        joint_motion(self.state.q[None], self.state.u[None])
+        if not self.given:
+            contact_forces(self.scene, self.state, self.history)
         if isinstance(self.stepper, LevelStepper) and not wave:
             for level in levels:
                 self.stepper.prepare(level, self.state)
@@ -99,9 +103,6 @@ class Simulation:
             )
             kept = make_samples(self.scene, 1, 1)
             self.stepper.advance(self.state, self.history, *reference, kept)
-        joint_motion(self.state.q[None], self.state.u[None])
-        if not self.given:
-            contact_forces(self.scene, self.state, self.history)
         return time.perf_counter() - begin
 
     def change(self, scene: Scene) -> None:

@@ -23,6 +23,7 @@ from snake_sim_ros.dynamics.code_cache import CodeCache
 from snake_sim_ros.dynamics.compilation import watched
 from snake_sim_ros.gaits.joint_reference import compile_sampling
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.apart import compile_search
 from snake_sim_ros.stepping.apart import compile_solver
 from snake_sim_ros.stepping.levels import FlatStepper
 from snake_sim_ros.stepping.levels import is_vertical
@@ -78,6 +79,7 @@ class Job(NamedTuple):
             if self.solver:
                 compile_solver(self.scene, self.level)
             else:
+                compile_search(self.scene, self.level)
                 compile_sampling(self.scene)
                 Simulation(self.scene).compile(levels=[self.level])
 

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from snake_sim_ros.contact.line_search import line_search
+from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.solver import Problem
 from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.dynamics.compilation import compile_call
@@ -71,3 +73,14 @@ def compile_solver(scene: Scene, level: str) -> None:
     else:
         solver = first if loop.func is planar_moreau.advance_in_plane else PlanarNewton(None)
         compile_call(solve_in_plane, solver, model, work, work.closed, without_memory(history))
+
+
+def compile_search(scene: Scene, level: str) -> None:
+    """Compile what Newton's method comes to last: its residual and its line search."""
+    stepper = one_level(scene, level)
+    if not stepper:
+        return
+    model, work = stepper.model, stepper.work
+    contacts = model.laws, work.closed, work.contacts
+    compile_call(natural_map, *contacts, model.residual_tolerance)
+    compile_call(line_search, *contacts)

@@ -52,7 +52,7 @@ class Node:
     """A node that counts periods of 5 ms, and keeps the requests that it got."""
 
     def __init__(self):
-        self.paused, self.failure, self.seconds = False, '', 1.0
+        self.paused, self.failure, self.compiling, self.seconds = False, '', '', 1.0
         self.services, self.told = {}, []
 
     def create_service(self, kind, name, callback):
@@ -154,6 +154,17 @@ def test_what_diverged_is_not_played_before_a_reset(node):
 def test_a_reset_has_a_scope(node, scope, told):
     assert node.reset_scope(scope) == Result.RESULT_OK
     assert node.told == [told]
+
+
+def test_what_needs_physics_is_refused_while_that_is_compiled(node):
+    node.compiling, node.paused = 'compiling, 12 s so far', True
+    for name, request in (('reset_simulation', {'scope': 0}), ('step_simulation', {'steps': 1})):
+        result, answer = node.call(name, **request)
+        assert result == Result.RESULT_OPERATION_FAILED
+        assert answer.result.error_message == 'compiling, 12 s so far'
+    assert node.set_state(State.STATE_STOPPED) != Result.RESULT_OK
+    assert node.set_state(State.STATE_PLAYING) == Result.RESULT_OK
+    assert not node.told and not node.paused
 
 
 def test_nothing_was_spawned_that_could_be_taken_away(node):

@@ -32,15 +32,26 @@ def graph(make_graph):
 
 
 @pytest.fixture
-def run(graph):
-    """Return a function that runs a command to its end: status, output and errors as lines."""
+def run_all(graph):
+    """Return a function that runs commands beside each other: the lines of each."""
+
+    def run_all(*commands, status=0):
+        processes = [started(graph, *words) for words in commands]
+        for process in processes:
+            graph.until(lambda: process.popen.poll() is not None, process.name)  # noqa: B023
+            assert process.wait() == status, process.output
+            assert 'Traceback' not in process.output
+        return [process.lines for process in processes]
+
+    return run_all
+
+
+@pytest.fixture
+def run(run_all):
+    """Return a function that runs a command to its end: its lines."""
 
     def run(*words, status=0):
-        process = Process([*COMMANDS, *words], graph.domain)
-        graph.until(lambda: process.popen.poll() is not None, process.name)
-        assert process.wait() == status, process.output
-        assert 'Traceback' not in process.output
-        return process.lines
+        return run_all(words, status=status)[0]
 
     return run
 
@@ -52,24 +63,27 @@ def started(graph, *words):
 # ---- what there is ------------------------------------------------------------------------------
 
 
-def test_lists(run):
-    topics = run('topic', 'list', '-t')
+def test_lists(run_all):
+    services = ('service', 'list')
+    topics, (count,), services, every = run_all(
+        *(('topic', 'list', '-t'), ('topic', 'list', '-c'), services),
+        (*services, '--show-types', '--include-hidden-services'),
+    )
     assert '/joint_states [sensor_msgs/msg/JointState]' in topics
     assert '/cmd_vel [geometry_msgs/msg/Twist]' in topics
-    assert run('topic', 'list', '-c') == [str(len(topics))]
-    services = run('service', 'list')
+    assert count == str(len(topics))
     assert {'/sim/reset', '/gait/restart', '/sim/get_parameters'} <= {*services}
-    every = run('service', 'list', '--show-types', '--include-hidden-services')
     assert f'/sim/pause [{SET_BOOL}]' in every
     assert not any('/_' in line for line in (*topics, *services))
 
 
-def test_parameters_of_all_nodes(run):
-    lines = run('param', 'list')
+def test_parameters_of_all_nodes(run_all):
+    words = ('param', 'list')
+    lines, *own = run_all(words, (*words, 'sim'), (*words, '/sim'))
     assert '/gait:' in lines and lines.index('/gait:') < lines.index('/sim:')
     of_sim = lines[lines.index('/sim:') + 1 :]
     assert '  friction.transversal' in of_sim and of_sim == sorted(of_sim)
-    assert run('param', 'list', 'sim') == run('param', 'list', '/sim') == of_sim
+    assert own == [of_sim, of_sim]
 
 
 # ---- topics -------------------------------------------------------------------------------------
@@ -146,12 +160,15 @@ def test_pub(run, graph):
 # ---- parameters and services --------------------------------------------------------------------
 
 
-def test_parameters_are_read_and_written(run):
+def test_parameters_are_read_and_written(run, run_all):
     name = ('/sim', 'friction.transversal')
     assert run('param', 'set', *name, '0.25') == ['Set parameter successful']
-    assert run('param', 'get', *name) == ['Double value is: 0.25']
-    assert run('param', 'get', *name, '--hide-type') == ['0.25']
-    assert run('param', 'get', 'sim', 'publish_clock') == ['Boolean value is: True']
+    get = ('param', 'get')
+    assert run_all(
+        (*get, *name), (*get, *name, '--hide-type'), (*get, 'sim', 'publish_clock')
+    ) == [
+        *(['Double value is: 0.25'], ['0.25'], ['Boolean value is: True']),
+    ]
     (refusal,) = run('param', 'set', *name, '--', '-1.0', status=1)
     assert refusal.startswith('Setting parameter failed: ') and 'friction.transversal' in refusal
     assert run('param', 'set', 'gait', 'scene', 'sidewinding') == ['Set parameter successful']
@@ -173,31 +190,33 @@ def test_call(run):
 # ---- what cannot be done ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ('words', 'sentence'),
-    [
-        ('topic echo /nothing', 'Could not determine the type for the passed topic: nobody'),
-        ('topic echo /odom --field pose.x', "Invalid field 'pose.x': there is no x, the fields"),
-        ('topic echo //', 'Invalid topic name: '),
-        (f'topic pub -1 /odom {TWIST}', f'/odom is of type nav_msgs/msg/Odometry, not {TWIST}'),
-        (f'topic echo /odom {TWIST}', f'/odom is of type nav_msgs/msg/Odometry, not {TWIST}'),
-        (f'topic pub -1 /cmd_vel {TWIST} {{', 'The passed value is no YAML: '),
-        (f'topic pub -1 /none {TWIST} --max-wait-time-secs 1', 'Timed out waiting for subscriber'),
-        ('param get /nobody x', 'Node not found: /nobody; the nodes that run: /client'),
-        ('param get /sim x', 'Parameter not set: /sim has no parameter x'),
-        ('param set /sim level {a:1,b}', 'a parameter must be true, false, a number, a text or a'),
-        (
-            'service call /sim/puase std_srvs/srv/Trigger',
-            'there is no service /sim/puase; service',
-        ),
-        ('service call /sim/pause std_srvs/srv/Trigger', f'/sim/pause is of type {SET_BOOL}, not'),
-    ],
-)
-def test_what_cannot_be_done_is_one_sentence(run, words, sentence):
+CANNOT_BE_DONE = [
+    ('topic echo /nothing', 'Could not determine the type for the passed topic: nobody'),
+    ('topic echo /odom --field pose.x', "Invalid field 'pose.x': there is no x, the fields"),
+    ('topic echo //', 'Invalid topic name: '),
+    (f'topic pub -1 /odom {TWIST}', f'/odom is of type nav_msgs/msg/Odometry, not {TWIST}'),
+    (f'topic echo /odom {TWIST}', f'/odom is of type nav_msgs/msg/Odometry, not {TWIST}'),
+    (f'topic pub -1 /cmd_vel {TWIST} {{', 'The passed value is no YAML: '),
+    (f'topic pub -1 /none {TWIST} --max-wait-time-secs 1', 'Timed out waiting for subscriber'),
+    ('param get /nobody x', 'Node not found: /nobody; the nodes that run: /client'),
+    ('param get /sim x', 'Parameter not set: /sim has no parameter x'),
+    ('param set /sim level {a:1,b}', 'a parameter must be true, false, a number, a text or a'),
+    (
+        'service call /sim/puase std_srvs/srv/Trigger',
+        'there is no service /sim/puase; service',
+    ),
+    ('service call /sim/pause std_srvs/srv/Trigger', f'/sim/pause is of type {SET_BOOL}, not'),
+]
+
+
+def test_what_cannot_be_done_is_one_sentence(run_all):
     # Nodes find each other in up to 3.3 s.
-    *rest, last = run(*words.split(), '--spin-time', '5', status=1)
-    assert sentence in last
-    assert all(line.lower().startswith('waiting') for line in rest)
+    commands = [(*words.split(), '--spin-time', '5') for words, _ in CANNOT_BE_DONE]
+    for k in range(0, len(commands), 6):
+        outputs = run_all(*commands[k : k + 6], status=1)
+        for (*rest, last), (_, sentence) in zip(outputs, CANNOT_BE_DONE[k:], strict=False):
+            assert sentence in last
+            assert all(line.lower().startswith('waiting') for line in rest)
 
 
 @pytest.mark.parametrize(

@@ -1,36 +1,20 @@
 """The command `snake-sim`: scenes without ROS, measurements, and the live demonstration."""
 
 import argparse
+from importlib import import_module
 import signal
 import sys
 
 from snake_sim_ros import __version__
-from snake_sim_ros.commands.artefacts import add_artefacts
-from snake_sim_ros.commands.bench import add_bench
-from snake_sim_ros.commands.chart import add_chart
-from snake_sim_ros.commands.demo import add_demo
-from snake_sim_ros.commands.export import add_export
-from snake_sim_ros.commands.figures import add_figures
-from snake_sim_ros.commands.graph import add_param
-from snake_sim_ros.commands.graph import add_service
-from snake_sim_ros.commands.graph import add_topic
-from snake_sim_ros.commands.levels import add_levels
-from snake_sim_ros.commands.pacing import add_pacing
-from snake_sim_ros.commands.record import add_record
-from snake_sim_ros.commands.run import add_run
-from snake_sim_ros.commands.seal import add_seal
-from snake_sim_ros.commands.stability import add_stability
-from snake_sim_ros.commands.urdf import add_urdf
-from snake_sim_ros.commands.view import add_view
 from snake_sim_ros.scene.checked_records import ParameterError
 
-# In the order of the help text.
-COMMANDS = (
-    *(add_run, add_export, add_record, add_view),
-    *(add_figures, add_bench, add_artefacts, add_stability, add_chart, add_seal),
-    *(add_levels, add_urdf, add_demo, add_pacing),
-    *(add_topic, add_param, add_service),
-)
+# In the order of the help text: the module of each command, where its function `add_...` is.
+COMMANDS = {
+    **{name: name for name in ('run', 'export', 'record', 'view', 'figures', 'bench')},
+    **{name: name for name in ('artefacts', 'stability', 'chart', 'seal', 'levels', 'urdf')},
+    **{name: name for name in ('demo', 'pacing')},
+    **dict.fromkeys(('topic', 'param', 'service'), 'graph'),
+}
 
 
 def main(args: list[str] | None = None) -> int:
@@ -45,7 +29,7 @@ def main(args: list[str] | None = None) -> int:
     """
     heed_ctrl_c()
     try:
-        options = _parser().parse_args(args)
+        options = _parser(sys.argv[1:] if args is None else args).parse_args(args)
         return int(options.command(options))
     except (ParameterError, OSError) as error:
         print(f'snake-sim: {error}', file=sys.stderr)
@@ -54,12 +38,15 @@ def main(args: list[str] | None = None) -> int:
         return 130
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(args: list[str]) -> argparse.ArgumentParser:
+    """Return the parser of the command in the arguments, or of all if there is none."""
     parser = argparse.ArgumentParser(prog='snake-sim', description=__doc__)
     parser.add_argument('--version', action='version', version=__version__)
     subparsers = parser.add_subparsers(required=True, metavar='COMMAND')
-    for add_command in COMMANDS:
-        add_command(subparsers)
+    # A command does not wait for the imports of the others, the compiler above all.
+    for name in [name for name in args[:1] if name in COMMANDS] or COMMANDS:
+        module = import_module(f'snake_sim_ros.commands.{COMMANDS[name]}')
+        getattr(module, f'add_{name}')(subparsers)
     return parser
 
 

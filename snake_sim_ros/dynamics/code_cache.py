@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 import fcntl
 import hashlib
-from importlib.metadata import version
 import os
 from pathlib import Path
 import shutil
@@ -23,16 +22,19 @@ from typing import Any
 from typing import ClassVar
 from typing import IO
 
+import llvmlite
+import numba
 from numba.core import config
 from numba.core.caching import _CacheLocator
 from numba.core.caching import CompileResultCacheImpl
 from numba.core.caching import FunctionCache
+import numpy as np
 
 from snake_sim_ros import PACKAGE
 
 # Folders of all modules with compiled functions, and of the modules that these import.
 ROOMS = ('scene', 'dynamics', 'gaits', 'contact', 'stepping', 'comparison')
-COMPILERS = ('numba', 'llvmlite', 'numpy')  # libraries that determine the code
+COMPILERS = (numba, llvmlite, np)  # libraries that determine the code
 GENERATIONS = 4  # folders of other sources that are kept, those that were used last
 
 
@@ -42,8 +44,8 @@ def identity() -> str:
     for name in sorted(name for name in os.environ if name.startswith('NUMBA_')):
         if name != 'NUMBA_CACHE_DIR':
             digest.update(f'{name} {os.environ[name]}\n'.encode())
-    for name in COMPILERS:
-        digest.update(f'{name} {version(name)}\n'.encode())
+    for library in COMPILERS:
+        digest.update(f'{library.__name__} {library.__version__}\n'.encode())
     for path in sorted(path for room in ROOMS for path in (PACKAGE / room).rglob('*.py')):
         content = hashlib.sha256(path.read_bytes()).hexdigest()
         digest.update(f'{path.relative_to(PACKAGE)} {content}\n'.encode())

@@ -10,7 +10,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import null_space
 
 from snake_sim_ros.contact.projections import prox_ellipse
 from snake_sim_ros.dynamics.joint_control import pd_law
@@ -105,6 +104,8 @@ def loads_from_friction(
         [rad s]; infinite if they do not hold the robot.
 
     """
+    from scipy.linalg import null_space  # 0.1 s, for which no other start should wait
+
     W_J, W_N, axes = upright_directions(theta, half, offset)
     rolling = null_space(np.hstack([W_J, W_N]).T, rcond=1e-9)
     held = (pitch_stiffness[:, None] * (axes.T @ rolling)).sum(axis=1, keepdims=True)

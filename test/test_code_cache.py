@@ -96,12 +96,14 @@ def test_a_folder_of_somebody_else_is_not_taken(tmp_path, monkeypatch):
     assert not code_cache.is_private(tmp_path)
 
 
-def test_what_refuses_to_compile_leaves_the_function_as_it_is():
+def test_what_refuses_to_compile_leaves_the_function_as_it_is(monkeypatch, tmp_path):
     from snake_sim_ros.dynamics.compilation import compiled
     from snake_sim_ros.dynamics.compilation import COMPILES
 
     if not COMPILES:
         pytest.skip('nothing is compiled')
+
+    monkeypatch.setattr(code_cache, 'FOLDER', tmp_path)  # nothing is compiled there
 
     class Refused(Exception):
         pass

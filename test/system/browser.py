@@ -3,6 +3,7 @@
 import base64
 from itertools import count
 import json
+import math
 import os
 from pathlib import Path
 import shutil
@@ -16,6 +17,7 @@ import pytest
 connect = pytest.importorskip('websockets.sync.client').connect
 
 TIMEOUT = 120.0  # s; Chromium draws in software, beside other tests
+AGAIN = 5.0  # s after which a click that had no effect is lost
 FLAGS = (
     *('--headless=new', '--no-sandbox', '--no-first-run', '--disable-background-networking'),
     *('--disable-component-update', '--disable-sync', '--disable-extensions', '--mute-audio'),
@@ -107,6 +109,22 @@ class Browser:
         button = f'[...document.querySelectorAll("button")].find(b => b.innerText === "{name}")'
         self.until(lambda: self.run(f'({button})?.disabled === false'), f'the button {name}')
         self.run(f'{button}.click()')
+
+    def press_away(self, name: str) -> None:
+        """Press the button of a name until there is none; a page drawn anew loses clicks."""
+        button = f'[...document.querySelectorAll("button")].find(b => b.innerText === "{name}")'
+        pressed = -math.inf
+
+        def is_gone() -> bool:
+            nonlocal pressed
+            if self.run(f'!({button})'):
+                return True
+            if time.monotonic() - pressed > AGAIN:
+                pressed = time.monotonic()
+                self.run(f'{button}?.click()')
+            return False
+
+        self.until(is_gone, f'the button {name} to be another one')
 
     def field(self, label: str) -> str:
         """Return the expression of the text field of a label."""

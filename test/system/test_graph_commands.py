@@ -195,10 +195,10 @@ CANNOT_BE_DONE = [
     ('topic echo /odom --field pose.x', "Invalid field 'pose.x': there is no x, the fields"),
     ('topic echo //', 'Invalid topic name: '),
     (f'topic pub -1 /odom {TWIST}', f'/odom is of type nav_msgs/msg/Odometry, not {TWIST}'),
-    (f'topic echo /odom {TWIST}', f'/odom is of type nav_msgs/msg/Odometry, not {TWIST}'),
     (f'topic pub -1 /cmd_vel {TWIST} {{', 'The passed value is no YAML: '),
     (f'topic pub -1 /none {TWIST} --max-wait-time-secs 1', 'Timed out waiting for subscriber'),
     ('param get /nobody x', 'Node not found: /nobody; the nodes that run: /client'),
+    (f'topic echo /odom {TWIST}', f'/odom is of type nav_msgs/msg/Odometry, not {TWIST}'),
     ('param get /sim x', 'Parameter not set: /sim has no parameter x'),
     ('param set /sim level {a:1,b}', 'a parameter must be true, false, a number, a text or a'),
     (

@@ -10,6 +10,8 @@ from snake_sim_ros.commands.main import main
 from snake_sim_ros.comparison import artefacts
 from snake_sim_ros.comparison.bench_rows import COLUMNS
 from snake_sim_ros.comparison.bench_rows import rows_of
+from snake_sim_ros.comparison.bench_tables import LOOP
+from snake_sim_ros.comparison.bench_tables import RUN
 from snake_sim_ros.comparison.chart_style import METHOD_STYLES
 from snake_sim_ros.comparison.chart_style import save
 from snake_sim_ros.comparison.charts import draw_artefacts
@@ -31,7 +33,7 @@ FIGURES = (
     'residual_over_iterations',
     'where_time_goes',
 )
-TABLES = ('targets', 'robust', 'accuracy', 'agreement', 'soak', 'ensemble', 'cycle')
+TABLES = ('targets', 'robust', 'accuracy', 'agreement', 'user', 'soak', 'ensemble', 'cycle')
 
 
 @pytest.fixture(scope='module')
@@ -113,6 +115,19 @@ def test_the_agreement_that_the_front_page_claims_was_measured(rows):
     for which, claimed in bound.items():
         # Rounded to one digit.
         assert float(f'{max(differences[which]):.0e}') <= claimed <= 3 * max(differences[which])
+
+
+def test_runs_are_nearly_as_fast_as_the_loop(rows):
+    times = {
+        (row.case, row.method, row.setting): row.seconds_per_second
+        for row in rows
+        if row.part == 'user'
+    }
+    loops = [key for key in times if key[2] == LOOP]
+    assert len(loops) == 4
+    for case, method, _ in loops:
+        ratio = times[case, method, RUN] / times[case, method, LOOP]
+        assert 1.0 < ratio < 1.25, (case, method)
 
 
 def test_soaks_of_the_page_are_as_long_as_it_says(rows):

@@ -493,13 +493,13 @@ def test_bytes_are_read_as_rclpy_reads_them():
             message = JointTrajectory(joint_names=[f'joint_{k}' for k in range(count)])
             message.header.frame_id = 'x' * int(rng.integers(9))
             for k in range(4):
-                point = JointTrajectoryPoint(positions=rng.normal(size=count))
+                point = JointTrajectoryPoint(positions=rng.normal(size=count).tolist())
                 if empty & 1:
-                    point.velocities = rng.normal(size=count)
+                    point.velocities = rng.normal(size=count).tolist()
                 if empty & 2:  # What is not used may be there in some points only.
-                    point.accelerations = rng.normal(size=k % 3)
+                    point.accelerations = rng.normal(size=k % 3).tolist()
                 if empty & 4:
-                    point.effort = rng.normal(size=(k + 1) % 2)
+                    point.effort = rng.normal(size=(k + 1) % 2).tolist()
                 point.time_from_start = Duration(sec=int(rng.integers(-9, 9)), nanosec=10**9 - k)
                 message.points.append(point)
             read = read_message(serialize_message(message))

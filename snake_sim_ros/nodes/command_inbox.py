@@ -33,6 +33,7 @@ from snake_sim_ros.nodes.received_trajectories import joint_trajectory
 from snake_sim_ros.nodes.received_trajectories import read_trajectory
 from snake_sim_ros.nodes.received_trajectories import ReadTrajectory
 from snake_sim_ros.nodes.sim_parameters import Settings
+from snake_sim_ros.nodes.stamps import seconds_from
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
 from snake_sim_ros.nodes.turns import Turns
 from snake_sim_ros.scene.parameters import Array
@@ -79,6 +80,7 @@ class CommandInbox:
         self._simulation, self._warn = simulation, warn
         self._reference = start_posture(simulation.scene)
         self._heard: float | None = None  # simulated time of the last command [s]
+        self._void = 0.0  # time up to which stamped commands are void [s]
         self._stream = ''  # topic on which commands follow each other
         self._silent = ''  # topic of a stream that stopped
         self._rejection = ''  # the last one, as a sentence
@@ -150,7 +152,7 @@ class CommandInbox:
         angle, _ = self._sampled(np.array([self._simulation.time]), 0.0)
         return angle[0]
 
-    def hold(self, angle: Array | None = None) -> None:
+    def hold(self, angle: Array | None = None, *, runs: bool = False) -> None:
         """
         Make all commands void; hold an angle instead.
 
@@ -158,10 +160,14 @@ class CommandInbox:
         ----------
         angle : ndarray, shape (n-1, 2), optional
             Joint angles that hold from the simulated time on [rad]; default: those of the start.
+        runs : bool, optional
+            Whether time goes on by itself. Commands stamped up to now are then those that were
+            under way, and void, too; in lock-step they may be answers to the new state.
 
         """
         self._turns.forget()
         now = self._simulation.time
+        self._void = now + 1e-6 if runs else 0.0  # stamps are rounded
         if angle is None:
             self._reference = start_posture(self._simulation.scene, now)
         else:
@@ -202,6 +208,9 @@ class CommandInbox:
 
     def _on_command(self, topic: str, read: Callable[..., ReceivedCommand], message: Any) -> None:
         self._topics[topic] = type(message)
+        stamp = seconds_from(message.header.stamp) if hasattr(message, 'header') else 0.0
+        if 0.0 < stamp <= self._void and self.settings.publish_clock:
+            return
         if not self.settings.publish_clock and hasattr(message, 'header'):
             # The stamp belongs to a clock that another node makes. Zero means now.
             message.header.stamp = Time()

@@ -197,7 +197,7 @@ class SimNode(Node):
             simulation.step_count = 0
         if state:
             simulation.reset()
-        self.inbox.hold(angle)
+        self.inbox.hold(angle, runs=state and not (time or self.paused))
         self.publish_state()
 
     def publish_state(self) -> None:

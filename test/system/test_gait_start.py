@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 import math
+import re
 import signal
 import time
 
@@ -323,3 +324,22 @@ def test_no_joint_jumps_when_the_gait_dies_starts_again_or_the_robot_is_put_back
     assert gait.count('since the robot was put back') == 1
     scene = load_scene('lateral_undulation')
     assert_commands(commands[heard:], Blend.of(scene.gait, 10, 1.0))
+
+
+def test_a_command_that_was_under_way_at_a_reset_is_void(make_graph):
+    # A gait publishes at every tick, and cannot take back the last one.
+    sim = SimClient(make_graph(), 'scene:=lateral_undulation')
+    sim.wait_until_connected()
+    sim.advance_to(0.5)
+    answer = sim.reset()
+    (seconds,) = re.findall(r't = (\S+) s', answer.message)
+    late = stamp_from(round(1e9 * float(seconds)))
+    start = sim.joint_states[-1].position[8]
+    sim.send({'joint_5_yaw': start + 0.3}, stamp=late)
+    begin = sim.now
+    sim.advance_to(begin + 0.3)
+    assert abs(sim.joint_states[-1].position[8] - start) < 0.02
+    sim.send({'joint_5_yaw': start + 0.3})
+    sim.graph.until(
+        lambda: abs(sim.joint_states[-1].position[8] - start - 0.3) < 0.05, 'the next command'
+    )

@@ -113,7 +113,7 @@ def python(*arguments, folder, **environment):
     path = os.pathsep.join(filter(None, [str(folder), os.environ.get('PYTHONPATH')]))
     finished = subprocess.run(
         [sys.executable, *arguments],
-        env={**os.environ, 'PYTHONPATH': path, **environment},
+        env={**os.environ, 'PYTHONPATH': path, 'PYTEST_ADDOPTS': '', **environment},
         cwd=folder,
         capture_output=True,
         text=True,

@@ -504,6 +504,7 @@ def test_chart_has_a_panel_for_each_case_and_thick_lines_of_fronts():
 
 
 def test_a_small_bench_is_measured_and_drawn(tmp_path):
+    pytest.importorskip('mujoco')
     # Short runs of both, four scenes and phases: real rows, of which chart makes its tables.
     path = tmp_path / 'bench.csv'
     options = ['--quick', '--parts', 'ensemble', 'cycle', 'robust', '--methods', 'bdf2', 'mujoco']

@@ -3,6 +3,9 @@
 import socket
 
 import pytest
+
+pytest.importorskip('viser')  # the server of the page, which brings websockets
+
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 

@@ -15,6 +15,7 @@ import pickle
 import subprocess
 import sys
 from threading import Event
+from threading import Lock
 from threading import Thread
 import time
 from typing import NamedTuple
@@ -113,6 +114,7 @@ class Compiler:
         self.error: Exception | None = None
         self._begin, self._end = time.perf_counter(), Event()
         self._children: list[subprocess.Popen[bytes]] = []
+        self._guard = Lock()  # No child starts after the end.
         self._thread = Thread(target=self._work, daemon=True)
 
     def start(self) -> None:
@@ -136,44 +138,45 @@ class Compiler:
 
     def end(self) -> None:
         """End it, whether it is done or not."""
-        self._end.set()
+        with self._guard:
+            self._end.set()
         for child in self._children:
-            if child.poll() is None:
-                child.kill()
-        for child in self._children:
+            child.kill()
             child.wait()
 
     def _work(self) -> None:
         """Let children compile one level after the other, and load it."""
         try:
             for number, level in enumerate(self.levels):
-                jobs = [
-                    Job(self.scene, level, solver, BESIDE * number) for solver in (True, False)
-                ]
-                children = [self._child(job) for job in jobs]
-                while any(child.poll() is None for child in children):
-                    if self._end.wait(CHECK):
-                        return
+                for solver in (True, False):
+                    self._start_child(Job(self.scene, level, solver, BESIDE * number))
+                while any(child.poll() is None for child in self._children):
+                    self._end.wait(CHECK)
+                if self._end.is_set():
+                    return
                 self.load(level)  # It compiles what is still missing, if a child failed.
                 self.loaded += 1
         except Exception as error:
             self.error = error
 
-    def _child(self, job: Job) -> 'subprocess.Popen[bytes]':
-        # A signal from the terminal reaches the program alone, which ends its children.
-        child = subprocess.Popen(
-            [sys.executable, '-m', 'snake_sim_ros.nodes.compiling'],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            env={**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))},
-            start_new_session=True,
-        )
-        self._children.append(child)
+    def _start_child(self, job: Job) -> None:
+        """Start a process that does a job, unless all is over."""
+        with self._guard:
+            if self._end.is_set():
+                return
+            # A signal from the terminal reaches the program alone, which ends its children.
+            child = subprocess.Popen(
+                [sys.executable, '-m', 'snake_sim_ros.nodes.compiling'],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env={**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))},
+                start_new_session=True,
+            )
+            self._children.append(child)
         assert child.stdin
-        with child.stdin:
+        with suppress(BrokenPipeError), child.stdin:  # It may have been ended.
             pickle.dump(job, child.stdin)
         Thread(target=self._count, args=[child], daemon=True).start()
-        return child
 
     def _count(self, child: 'subprocess.Popen[bytes]') -> None:
         assert child.stdout

@@ -326,9 +326,9 @@ def test_functions_are_compiled_or_typed(module):
 
 @each_module
 def test_nothing_is_compiled_in_another_way(module):
-    # `compiled` is the only place that knows how: options would differ from function to function.
+    # `compiled` alone knows how: options would differ from function to function.
     text = module.path.read_text(encoding='utf-8')
-    places = ('dynamics/compilation', 'dynamics/code_cache')
+    places = ('dynamics/compilation', 'dynamics/bound_call', 'dynamics/code_cache')
     assert ('numba' in module.packages()) == (module.place in places)
     assert not re.search(r'\bn?jit\(', text) or module.place == 'dynamics/compilation'
 

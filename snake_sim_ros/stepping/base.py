@@ -119,6 +119,18 @@ def divergence(link: int, turn: float, dt: float) -> str:
     )
 
 
+class OneByOne(Protocol):
+    """What a stepper goes on with by single steps; see `single_steps.SingleSteps`."""
+
+    @property
+    def state(self) -> State: ...  # noqa: D102
+
+    @property
+    def history(self) -> History: ...  # noqa: D102
+
+    def take(self, angle: Array, rate: Array) -> Report | None: ...  # noqa: D102
+
+
 class Stepper(Protocol):
     """
     A method that advances a scene in time.
@@ -175,6 +187,10 @@ class Stepper(Protocol):
             method or level.
 
         """
+        ...
+
+    def single_steps(self, state: State, history: History) -> OneByOne | None:
+        """Return what goes on by single steps from the last call, None if there is no such way."""
         ...
 
 

@@ -30,18 +30,22 @@ from snake_sim_ros.stepping.planar.model import PlanarMemory
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
 from snake_sim_ros.stepping.samples import checked
 from snake_sim_ros.stepping.samples import Samples
+from snake_sim_ros.stepping.single_steps import NO_PITCH
+from snake_sim_ros.stepping.single_steps import PITCH
+from snake_sim_ros.stepping.single_steps import PITCH_ROUNDING
+from snake_sim_ros.stepping.single_steps import SingleSteps
 from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.state import copied
 from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import is_finite
 from snake_sim_ros.stepping.state import Returned
 from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.steps import Steps
 
 AUTO_ROLL = 3e-4  # largest roll that `auto` neglects [rad]
 AUTO_SLIP_SHARE = 2e-3  # largest slip by rolling that `auto` neglects, as a share of the way
 SLIP_PAUSE = 10.0  # time at the spatial level after a larger slip [s]
 PLANAR_ITERATIONS = 300  # most iterations of a planar step, before the spatial level takes it
-PITCH_ROUNDING = 1e-9  # pitch references up to this count as zero [rad], [rad/s]
 
 
 def what_is_not_planar(scene: Scene, name: str, method: Method) -> str:
@@ -217,6 +221,32 @@ class LevelStepper:
             memory = LevelMemory(memory.planar, history.memory)
         return state, history._replace(memory=memory), report
 
+    def single_steps(self, state: State, history: History) -> SingleSteps | None:
+        """Return what goes on from the last call; None in a pause at the spatial level."""
+        memory, is_planar = history.memory, history.settling[0] <= 0
+        if history.settling[0] > self.settle_steps:
+            return None
+        found: SingleSteps | None
+        if is_planar:
+            own = history._replace(memory=memory.planar)
+            found = self.planar.single_steps(state, own)
+        else:
+            own = history._replace(memory=memory.spatial)
+            pitch = NO_PITCH if self.spatial.model.settle_steps else PITCH
+            found = self.spatial.single_steps(state, own, pitch)
+        if not found:
+            return None
+        history_of = found.end.history
+
+        def whole(steps: Steps) -> History:
+            history = history_of(steps)
+            part = {'planar' if is_planar else 'spatial': history.memory}
+            return history._replace(memory=memory._replace(**part))
+
+        found.end, found.left = found.end._replace(history=whole), '' if is_planar else self.reason
+        self.ticks = [found.steps.cycles]
+        return found
+
     @property
     def cycles(self) -> Array:
         """Time stamps of the steps of the last call, from 0, without the time between parts."""
@@ -294,6 +324,10 @@ class FlatStepper:
         if reason:
             report.failure = f'level planar: {reason}; choose level spatial or auto'
         return state, history, report
+
+    def single_steps(self, state: State, history: History) -> SingleSteps | None:
+        """Return what goes on from a state and its history; see `single_steps.SingleSteps`."""
+        return self.planar.single_steps(state, history)
 
 
 def stepper_of_level(scene: Scene, method: Method) -> Stepper:

@@ -208,6 +208,9 @@ class ReferenceStepper:
                 samples.add(report.steps - 1, *kept)
         return state, history, report
 
+    def single_steps(self, state: State, history: History) -> None:
+        """Return None: `advance` takes single steps as any others."""
+
     def step(
         self, state: State, history: History, angle: Array, rate: Array
     ) -> tuple[State, History, Report]:

@@ -18,10 +18,12 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.base import OneByOne
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.contact_forces import last_span
+from snake_sim_ros.stepping.gait_ahead import GaitAhead
 from snake_sim_ros.stepping.levels import LevelStepper
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.periods import samples_of
@@ -31,6 +33,7 @@ from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.sampling import trajectory_of
 from snake_sim_ros.stepping.state import carried
+from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.trajectory import Trajectory
@@ -53,8 +56,6 @@ class Simulation:
 
     Attributes
     ----------
-    state : State
-        The last good state.
     step_count : int
         Number of steps since the simulation was made; a reset does not change it.
     report : Report
@@ -67,13 +68,13 @@ class Simulation:
     def __init__(self, scene: Scene, stepper: Stepper | None = None) -> None:
         self.scene, self.given = scene, stepper is not None
         self.stepper = stepper or make_stepper(scene)
-        self.step_count = 0
+        self.step_count, self.gait = 0, GaitAhead(scene)
+        self._single_steps: OneByOne | None = None
         self.reset()
 
     def reset(self) -> None:
         """Return the robot to the start of the scene; time goes on."""
-        self.state = initial_state(self.scene)
-        self.history = self.stepper.empty_history()
+        self._go_on_from(initial_state(self.scene), self.stepper.empty_history())
         axes = (self.scene.robot.link_count - 1, 2)
         self.report = self.last = Report(joint_torque=np.zeros(axes))
 
@@ -135,7 +136,7 @@ class Simulation:
             scale = self.scene.dt / last_span(self.scene, self.history)
             empty = stepper.empty_history()
             self.history = carried(self.history, self.scene, scene, scale, empty)
-        self.stepper, self.scene = stepper, scene
+        self.stepper, self.scene, self.gait = stepper, scene, GaitAhead(scene)
 
     def push(self, link: int, impulse: Sequence[float]) -> None:
         """
@@ -175,12 +176,11 @@ class Simulation:
 
     def midpoints(self, steps: int) -> Array:
         """Return the times at the middle of the next steps, shape (steps,) [s]."""
-        return (self.step_count + 0.5 + np.arange(steps)) * self.scene.dt
+        return self.gait.midpoints(self.step_count, steps)
 
     def gait_reference(self, steps: int) -> tuple[Array, Array]:
         """Return angles [rad] and rates [rad/s] of the gait at `midpoints`, (steps, n-1, 2)."""
-        axes = self.scene.robot.link_count - 1
-        return gait.reference(self.scene.gait, self.midpoints(steps), axes)
+        return self.gait.reference(self.step_count, steps)
 
     def advance(self, angle: Array, rate: Array, samples: Samples | None = None) -> Report:
         """
@@ -196,14 +196,43 @@ class Simulation:
         """
         if self.report.failure:
             return self.report
-        self.state, self.history, self.last = self.stepper.advance(
-            self.state, self.history, angle, rate, samples
-        )
-        self.step_count += self.last.steps
-        if self.last.failure:
-            self.last.failure = f't = {self.time:g} s: {self.last.failure}'
-        self.report += self.last
-        return self.last
+        going_on = self._single_steps if samples is None else None
+        last = going_on.take(angle, rate) if going_on else None
+        if not last:
+            state, history, last = self.stepper.advance(
+                self.state, self.history, angle, rate, samples
+            )
+            self._go_on_from(state, history)
+            if samples is None and last.steps == self.last.steps == 1 and not self.given:
+                self._single_steps = self.stepper.single_steps(state, history)
+        self.step_count += last.steps
+        if last.failure:
+            last.failure = f't = {self.time:g} s: {last.failure}'
+        self.last = last
+        self.report += last
+        return last
+
+    @property
+    def state(self) -> State:
+        """The last good state."""
+        return self._single_steps.state if self._single_steps else self._state
+
+    @state.setter
+    def state(self, state: State) -> None:
+        self._go_on_from(state, self.history)
+
+    @property
+    def history(self) -> History:
+        """What the next step takes from the last one, besides the state."""
+        return self._single_steps.history if self._single_steps else self._history
+
+    @history.setter
+    def history(self, history: History) -> None:
+        self._go_on_from(self.state, history)
+
+    def _go_on_from(self, state: State, history: History) -> None:
+        """Go on from a state and its history."""
+        self._state, self._history, self._single_steps = state, history, None
 
 
 class Limits(NamedTuple):

@@ -14,6 +14,9 @@ from snake_sim_ros.stepping.model import make_workspace
 from snake_sim_ros.stepping.samples import checked
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.samples import Samples
+from snake_sim_ros.stepping.single_steps import ANY_PITCH
+from snake_sim_ros.stepping.single_steps import End
+from snake_sim_ros.stepping.single_steps import SingleSteps
 from snake_sim_ros.stepping.state import copied
 from snake_sim_ros.stepping.state import empty_history
 from snake_sim_ros.stepping.state import History
@@ -78,6 +81,15 @@ class SpatialStepper:
         steps = make_steps(state.q.copy(), state.u.copy(), history, angle, rate, record)
         self.loop(self.model, self.work, steps)
         self.cycles = steps.cycles
-        report = report_of(steps, self.work.applied, self.model.dt)
+        report = report_of(steps, self.work.applied, self.model.dt, self.level)
         history = self.empty_history() if report.failure else steps.history
         return State(steps.q, steps.u), history, report
+
+    def single_steps(self, state: State, history: History, pitch: int = ANY_PITCH) -> SingleSteps:
+        """Return what goes on from a state and its history; see `single_steps.SingleSteps`."""
+        end = End(
+            state=lambda steps: State(steps.q.copy(), steps.u.copy()),
+            history=lambda steps: copied(steps.history),
+        )
+        none = Record(*self.no_samples[:-1])
+        return SingleSteps(self, state.q, state.u, history, none, pitch, end)

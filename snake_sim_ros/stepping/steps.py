@@ -147,12 +147,23 @@ def count_steps(before, report):
     report.fallbacks = min(report.fallbacks, before[3] + 1)
 
 
-def report_of(steps: Steps, applied: Array, dt: float) -> Report:
+@inlined
+def clear_report(report):
+    """Empty a report, a record of REPORT."""
+    report.steps = report.iterations = report.iterations_max = report.unconverged = 0
+    report.fallbacks = report.contacts = report.failed_link = report.not_planar = 0
+    report.residual_max = report.printed_residual_max = report.penetration_max = 0.0
+    report.joint_gap_max = report.joint_twist_max = report.failed_turn = 0.0
+
+
+def report_of(steps: Steps, applied: Array, dt: float, level: str) -> Report:
     """Return the report of a loop whose last step, of dt [s], had joint impulses (n-1, 2)."""
-    found = dict(zip(REPORT.names or (), steps.report[0].item(), strict=True))
-    del found['not_planar']
-    link, turn = found.pop('failed_link'), found.pop('failed_turn')
-    report = Report(**found, joint_torque=applied / dt)
-    if link:
-        report.failure = divergence(link, turn, dt)
-    return report
+    numbers: Any = steps.report[0].item()
+    link, turn, _ = numbers[-3:]
+    return Report(
+        *numbers[:-3],
+        joint_torque=applied / dt,
+        level=level,
+        planar_steps=numbers[0] if level == 'planar' else 0,
+        failure=divergence(link, turn, dt) if link else '',
+    )

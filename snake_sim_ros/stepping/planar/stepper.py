@@ -1,6 +1,7 @@
 """The planar level as a stepper; it converts states in space to the plane and back."""
 
 from collections.abc import Callable
+from functools import partial
 import math
 from typing import Any
 
@@ -22,6 +23,9 @@ from snake_sim_ros.stepping.planar.model import PlanarMemory
 from snake_sim_ros.stepping.samples import checked
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.samples import Samples
+from snake_sim_ros.stepping.single_steps import End
+from snake_sim_ros.stepping.single_steps import NO_PITCH
+from snake_sim_ros.stepping.single_steps import SingleSteps
 from snake_sim_ros.stepping.state import copied
 from snake_sim_ros.stepping.state import empty_history
 from snake_sim_ros.stepping.state import History
@@ -30,6 +34,7 @@ from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.steps import make_steps
 from snake_sim_ros.stepping.steps import Record
 from snake_sim_ros.stepping.steps import report_of
+from snake_sim_ros.stepping.steps import Steps
 
 ROUNDING = 1e-13  # tilts that differ from FLAT by less are FLAT
 
@@ -153,23 +158,48 @@ class PlanarStepper:
         steps = make_steps(q, u, history, angle, rate, record)
         self.loop(self.model, self.work, steps)
         self.cycles = steps.cycles
-        report = report_of(steps, self.work.applied, self.model.dt)
-        report.level, report.planar_steps = self.level, report.steps
+        report = report_of(steps, self.work.applied, self.model.dt, self.level)
         if steps.report['not_planar'][0]:
             report.left = self.reason()
         if report.failure:
             history = self.empty_history()
         if report.steps == 0:
             return state, history, report
-        end = State(np.empty_like(state.q), np.empty_like(state.u))
         half, height = self.model.half_length, state.q[:, 2]
-        to_space(half, q, u, tilt, height, end.q, end.u)
+        end = self.in_space(q, u, tilt, height)
         if count:
             reached = kept.reached_by(report.steps)
             samples_to_space(half, record.q, record.u, tilt, height, reached, kept.q, kept.u)
             kept.is_planar[:reached] = True
         self.remember(history.memory, q, u, tilt)
         return end, history, report
+
+    def in_space(self, q: Array, u: Array, tilt: Array, height: Array) -> State:
+        """Return the state of the links, see `to_space`."""
+        end = State(np.empty((len(u), 7)), np.empty((len(u), 6)))
+        to_space(self.model.half_length, q, u, tilt, height, end.q, end.u)
+        return end
+
+    def single_steps(self, state: State, history: History) -> SingleSteps | None:
+        """
+        Return what goes on from a state and its history; see `single_steps.SingleSteps`.
+
+        It is None if the step before was not planar, or if the loop is not compiled.
+        """
+        memory = history.memory
+        if not (isinstance(self.loop, partial) and self.goes_on(state, memory)):
+            return None
+        n, tilt, height = len(state.q), memory.tilt.copy(), state.q[:, 2].copy()
+
+        def remembered(steps: Steps) -> History:
+            history = copied(steps.history)
+            self.remember(history.memory, steps.q, steps.u, tilt)
+            return history
+
+        end = End(lambda steps: self.in_space(steps.q, steps.u, tilt, height), remembered)
+        none = Record(0, 0, np.empty((0, n + 2)), np.empty((0, n, 3)), *self.no_samples[4:-1])
+        self.work.impact.fill(0.0)
+        return SingleSteps(self, memory.q, memory.u, history, none, NO_PITCH, end)
 
     def prepare(self, state: State) -> None:
         """Compile what is around the loop."""

@@ -160,10 +160,10 @@ def report_of(steps: Steps, applied: Array, dt: float, level: str) -> Report:
     """Return the report of a loop whose last step, of dt [s], had joint impulses (n-1, 2)."""
     numbers: Any = steps.report[0].item()
     link, turn, _ = numbers[-3:]
-    return Report(
-        *numbers[:-3],
-        joint_torque=applied / dt,
-        level=level,
-        planar_steps=numbers[0] if level == 'planar' else 0,
-        failure=divergence(link, turn, dt) if link else '',
-    )
+    report = Report(*numbers[:-3])
+    report.joint_torque, report.level = applied / dt, level
+    if level == 'planar':
+        report.planar_steps = report.steps
+    if link:
+        report.failure = divergence(link, turn, dt)
+    return report

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 QUICK_CASES = CASES[::2]
 PARTS = (
     *('ensemble', 'cycle', 'robust', 'precision', 'links', 'iterations', 'costs', 'start_up'),
-    *('accuracy', 'agreement', 'user', 'soak'),
+    *('accuracy', 'agreement', 'throughput', 'user', 'soak'),
 )
 QUICK_PARTS = ('ensemble', 'cycle', 'links')
 SELECTED_PARTS = ('precision',)

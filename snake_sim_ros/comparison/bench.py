@@ -53,6 +53,7 @@ from snake_sim_ros.comparison.soak import soak
 from snake_sim_ros.comparison.soak import soaked_scene
 from snake_sim_ros.comparison.soak import SOAKED_SCENES
 from snake_sim_ros.comparison.stage_times import stage_times
+from snake_sim_ros.comparison.throughput import throughput
 from snake_sim_ros.comparison.timed_run import TimedRun
 from snake_sim_ros.comparison.timing import calibration
 from snake_sim_ros.comparison.timing import CASE_A_NAME
@@ -387,6 +388,7 @@ def matrix(
         'costs': costs(scene),
         'start_up': start_up(scene),
         'agreement': agreement(scenes, {contender.method for contender in contenders}),
+        'throughput': throughput(scenes, paths, quick=quick),
         'user': user(scenes),
         'soak': soaks(QUICK_MARKS if quick else MARKS),
     }

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from collections.abc import Sequence
+from dataclasses import replace
 import math
 
 from snake_sim_ros.comparison.bench_rows import Row
@@ -15,6 +16,8 @@ LOOP, RUN, CALL = 'compiled loop', 'run() at 100 Hz', 'run() at 100 Hz, whole ca
 ADVANCE, REFERENCE = 'advance() by one step', 'gait_reference() of one step'
 COMMAND = 'snake-sim run, everything compiled before'
 
+THREADS = (1, 2)  # of the part `throughput`
+THROUGHPUT_BOUNDS = (0.05, 0.01, 0.001)  # of the distance from start to end
 ROBUST_BOUNDS = (0.05, 0.02, 0.01, 0.005, 0.001)  # of the distance from start to end
 # Part, case, root mean square of the errors, and the ratio of speeds that we want there.
 TARGETS: tuple[tuple[str, str, float, float], ...] = (
@@ -149,6 +152,46 @@ def robust_table(rows: Sequence[Row]) -> str:
                 cells += ['none', '', ''] if best is None else [
                     of_step(best), speed(best.seconds_per_second), percent(best.error_path),
                 ]  # fmt: skip
+            lines.append(f'| {" | ".join(cells)} |')
+    return '\n'.join(lines) + '\n'
+
+
+def on_threads(setting: str, threads: int) -> str:
+    """Return the setting of a row of `throughput`."""
+    return f'{setting}, {threads} thread{"s" if threads > 1 else ""}'
+
+
+def throughput_table(rows: Sequence[Row]) -> str:
+    """
+    Return a table of robot-seconds in a second, of the fastest methods up to some errors.
+
+    The fastest method is the one with the most on all threads.
+    """
+    most = THREADS[-1]
+    lines = ['| case | largest error | ours | 1 thread | 2 threads | its error | robots '
+             '| MuJoCo | 1 thread | 2 threads | its error | robots |',
+             '|---|---|---|---|---|---|---|---|---|---|---|---|']  # fmt: skip
+    for case in dict.fromkeys(row.case for row in rows if row.part == 'throughput'):
+        for bound in THROUGHPUT_BOUNDS:
+            cells = [f'`{case}`', f'{100 * bound:g} %']
+            for side in sides(rows, 'throughput', case):
+                ending = on_threads('', most)
+                best = fastest([row for row in side if row.setting.endswith(ending)], bound)
+                if best is None:
+                    cells += ['none', '', '', '', '']
+                    continue
+                setting = best.setting.removesuffix(ending)
+                costs = {
+                    row.setting: row.seconds_per_second
+                    for row in side
+                    if (row.method, row.dt) == (best.method, best.dt)
+                }
+                cells += [
+                    of_step(replace(best, setting=setting)),
+                    *(speed(costs[on_threads(setting, threads)]) for threads in THREADS),
+                    percent(best.error_path),
+                    f'{best.trials or 0}',
+                ]
             lines.append(f'| {" | ".join(cells)} |')
     return '\n'.join(lines) + '\n'
 

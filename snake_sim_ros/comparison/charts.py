@@ -23,6 +23,7 @@ from snake_sim_ros.comparison.bench_tables import robust_table
 from snake_sim_ros.comparison.bench_tables import soak_table
 from snake_sim_ros.comparison.bench_tables import spread_table
 from snake_sim_ros.comparison.bench_tables import targets_table
+from snake_sim_ros.comparison.bench_tables import throughput_table
 from snake_sim_ros.comparison.bench_tables import user_table
 from snake_sim_ros.comparison.chart_of_spreads import spreads_figure
 from snake_sim_ros.comparison.chart_style import CASE_TITLES
@@ -59,6 +60,7 @@ TABLES: dict[str, tuple[set[str], Write]] = {
     'robust': ({'robust'}, robust_table),
     'accuracy': ({'accuracy'}, accuracy_table),
     'agreement': ({'agreement'}, agreement_table),
+    'throughput': ({'throughput'}, throughput_table),
     'user': ({'user'}, user_table),
     'soak': ({'soak'}, soak_table),
 }

@@ -63,6 +63,11 @@ def robust(scenes: Mapping[str, Scene], field: Field, paths: ConvergedPaths) -> 
         yield Entry(tuple(row for _, row in entered), run, guess)
 
 
+def worst_of_neighbors(entrant: Entrant, row: Row, scene: Scene, paths: ConvergedPaths) -> Row:
+    """Return a row with the largest error of an entrant in the neighbors of a scene."""
+    return _robust(scene, [(entrant, row)], paths)[0]
+
+
 def _robust(
     scene: Scene, entered: Sequence[tuple[Entrant, Row]], paths: ConvergedPaths
 ) -> list[Row]:

@@ -8,6 +8,7 @@ import pytest
 from scenes import references
 from scenes import same_bits
 
+from snake_sim_ros.dynamics.compilation import watched
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import with_settings
@@ -218,3 +219,17 @@ def test_the_gait_is_that_of_the_scene_after_a_change():
     simulation.change(with_settings(CASE_A, {'gait.yaw.amplitude': 0.1}))
     assert np.abs(simulation.gait_reference(1)[0]).max() <= 0.1
     assert GaitAhead(CASE_A).midpoints(0, 2)[0] == CASE_A.dt / 2
+
+
+@pytest.mark.parametrize('level', ['planar', 'spatial', 'auto'])
+def test_single_steps_can_be_compiled_before(level):
+    scene = with_settings(CASE_A, {'level': level, 'dt': 1e-3})
+    prepared, other = Simulation(scene), Simulation(scene)
+    prepared.compile(single=True)
+    angle, rate = references(scene, 20)
+    compiled = []
+    with watched(compiled.append):
+        one_by_one(prepared, angle, rate)
+    assert compiled == []
+    other.advance(angle, rate)
+    are_same(prepared, other)

@@ -69,6 +69,7 @@ class Job(NamedTuple):
     scene: Scene
     level: str
     solver: bool  # only the contact solver
+    single: bool  # single steps, too
     niceness: int
 
     def do(self, tell: Callable[[str], object]) -> None:
@@ -82,7 +83,7 @@ class Job(NamedTuple):
             else:
                 compile_search(self.scene, self.level)
                 compile_sampling(self.scene)
-                Simulation(self.scene).compile(levels=[self.level])
+                Simulation(self.scene).compile(levels=[self.level], single=self.single)
 
 
 class Compiler:
@@ -96,6 +97,8 @@ class Compiler:
         Takes a level, and calls all that is compiled for it. It is called in another thread.
     levels : sequence of str
         What is compiled, one after the other.
+    single : bool, optional
+        Whether calls with one step are compiled as well.
 
     Attributes
     ----------
@@ -108,8 +111,11 @@ class Compiler:
 
     """
 
-    def __init__(self, scene: Scene, load: Callable[[str], object], levels: Sequence[str]) -> None:
-        self.scene, self.load, self.levels = scene, load, levels
+    def __init__(
+        self, scene: Scene, load: Callable[[str], object], levels: Sequence[str], *,
+        single: bool = False,
+    ) -> None:  # fmt: skip
+        self.scene, self.load, self.levels, self.single = scene, load, levels, single
         self.functions = self.loaded = 0
         self.error: Exception | None = None
         self._begin, self._end = time.perf_counter(), Event()
@@ -149,7 +155,7 @@ class Compiler:
         try:
             for number, level in enumerate(self.levels):
                 for solver in (True, False):
-                    self._start_child(Job(self.scene, level, solver, BESIDE * number))
+                    self._start_child(Job(self.scene, level, solver, self.single, BESIDE * number))
                 while any(child.poll() is None for child in self._children):
                     self._end.wait(CHECK)
                 if self._end.is_set():

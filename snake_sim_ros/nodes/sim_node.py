@@ -109,7 +109,7 @@ class SimNode(Node):
         levels = levels_of(scene)
         missing = [level for level in levels if not is_loaded(partial(self._load, level))]
         if missing:
-            self.compiler = Compiler(scene, self._load, missing)
+            self.compiler = Compiler(scene, self._load, missing, single=self.steps == 1)
         if levels[0] in missing:
             self.needed = 1
         else:
@@ -119,7 +119,7 @@ class SimNode(Node):
 
     def _load(self, level: str) -> None:
         compile_sampling(self.simulation.scene)
-        self.simulation.compile(levels=[level])
+        self.simulation.compile(levels=[level], single=self.steps == 1)
 
     def begin(self, seconds: float) -> None:
         """Take commands, since the physics is ready after some time [s]."""

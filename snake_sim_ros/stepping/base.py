@@ -130,6 +130,8 @@ class OneByOne(Protocol):
 
     def take(self, angle: Array, rate: Array) -> Report | None: ...  # noqa: D102
 
+    def prepare(self) -> None: ...  # noqa: D102
+
 
 class Stepper(Protocol):
     """

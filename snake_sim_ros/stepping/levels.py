@@ -265,15 +265,18 @@ class LevelStepper:
         elif self.planar.rolls_or_lifts and not self.scene.pegs.x:
             memory.slip[0] += 2.0 * self.planar.model.radius * AUTO_ROLL
 
-    def prepare(self, level: str, state: State) -> None:
-        """Compile a level that is not used yet, by a call without steps."""
+    def prepare(self, level: str, state: State, *, single: bool = False) -> None:
+        """Compile a level that is not used yet, by a call without steps, and its single steps."""
         stepper = {'planar': self.planar, 'spatial': self.spatial}[level]
         if stepper not in self.used:
             begin = time.perf_counter()
             none = np.zeros((0, self.scene.robot.link_count - 1, 2))
             history, samples = self.empty_history(), self.spatial.no_samples
             if stepper is self.planar:
-                self.planar.prepare(state)
+                self.planar.prepare(state, single=single)
+            elif single:
+                own = history._replace(memory=history.memory.spatial)
+                self.spatial.single_steps(state, own).prepare()
             self.take(stepper, state, history, none, none, samples, goes_on=False)
             self.compile_seconds += time.perf_counter() - begin
             self.used.append(stepper)

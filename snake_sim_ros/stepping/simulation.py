@@ -78,7 +78,9 @@ class Simulation:
         axes = (self.scene.robot.link_count - 1, 2)
         self.report = self.last = Report(joint_torque=np.zeros(axes))
 
-    def compile(self, wave: Gait | None = None, levels: Sequence[str] = LEVELS) -> float:
+    def compile(
+        self, wave: Gait | None = None, levels: Sequence[str] = LEVELS, *, single: bool = False
+    ) -> float:
         """
         Compile what steps and records need, by steps that leave the state; return the time [s].
 
@@ -88,6 +90,9 @@ class Simulation:
             If given, only the level for its first step is compiled, whatever `levels` are.
         levels : sequence of str, optional
             Those that are compiled, if the scene may have them.
+        single : bool, optional
+            Whether calls with one step, which go on in place, are compiled as well. Otherwise that
+            takes a second at the second such call.
 
         """
         begin = time.perf_counter()
@@ -97,13 +102,15 @@ class Simulation:
             contact_forces(self.scene, self.state, self.history)
         if isinstance(self.stepper, LevelStepper) and not wave:
             for level in levels:
-                self.stepper.prepare(level, self.state)
+                self.stepper.prepare(level, self.state, single=single)
         else:
             reference = gait.reference(
                 wave or self.scene.gait, self.midpoints(1), self.scene.robot.link_count - 1
             )
             kept = make_samples(self.scene, 1, 1)
-            self.stepper.advance(self.state, self.history, *reference, kept)
+            result = self.stepper.advance(self.state, self.history, *reference, kept)
+            if single and (steps := self.stepper.single_steps(*result[:2])):
+                steps.prepare()
         return time.perf_counter() - begin
 
     def change(self, scene: Scene) -> None:
@@ -203,13 +210,14 @@ class Simulation:
                 self.state, self.history, angle, rate, samples
             )
             self._go_on_from(state, history)
-            if samples is None and last.steps == self.last.steps == 1 and not self.given:
-                self._single_steps = self.stepper.single_steps(state, history)
         self.step_count += last.steps
         if last.failure:
             last.failure = f't = {self.time:g} s: {last.failure}'
+        goes_on = last.steps == self.last.steps == 1 and not self._single_steps
         self.last = last
         self.report += last
+        if goes_on and samples is None and not self.given:
+            self._single_steps = self.stepper.single_steps(self._state, self._history)
         return last
 
     @property

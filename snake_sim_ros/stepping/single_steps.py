@@ -165,6 +165,11 @@ class SingleSteps:
         self.block[...] = self.before
         return None
 
+    def prepare(self) -> None:
+        """Compile the steps, by one that is not taken."""
+        take_one(self.bound, ANY_PITCH, False)
+        self.block[...] = self.before
+
     @property
     def state(self) -> State:
         """The state after the last step, as the stepper returns it."""

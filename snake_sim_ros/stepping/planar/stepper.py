@@ -186,10 +186,15 @@ class PlanarStepper:
 
         It is None if the step before was not planar, or if the loop is not compiled.
         """
-        memory = history.memory
-        if not (isinstance(self.loop, partial) and self.goes_on(state, memory)):
+        if not (isinstance(self.loop, partial) and self.goes_on(state, history.memory)):
             return None
-        n, tilt, height = len(state.q), memory.tilt.copy(), state.q[:, 2].copy()
+        return self.going_on(state, history, *self.coordinates(state, history.memory, True))
+
+    def going_on(
+        self, state: State, history: History, q: Array, u: Array, tilt: Array
+    ) -> SingleSteps:
+        """Return what goes on from planar coordinates, at the heights of a state."""
+        n, height = len(u), state.q[:, 2].copy()
 
         def remembered(steps: Steps) -> History:
             history = copied(steps.history)
@@ -198,14 +203,16 @@ class PlanarStepper:
 
         end = End(lambda steps: self.in_space(steps.q, steps.u, tilt, height), remembered)
         none = Record(0, 0, np.empty((0, n + 2)), np.empty((0, n, 3)), *self.no_samples[4:-1])
-        self.work.impact.fill(0.0)
-        return SingleSteps(self, memory.q, memory.u, history, none, NO_PITCH, end)
+        return SingleSteps(self, q, u, history, none, NO_PITCH, end)
 
-    def prepare(self, state: State) -> None:
-        """Compile what is around the loop."""
+    def prepare(self, state: State, *, single: bool) -> None:
+        """Compile what is around the loop, and single steps if they are asked for."""
         half, height = self.model.half_length, state.q[:, 2]
-        memory = self.empty_history().memory
+        history = self.empty_history()
+        memory = history.memory
         q, u, tilt = self.coordinates(state, memory, self.goes_on(state, memory))
+        if single:
+            self.going_on(state, history, q, u, tilt).prepare()
         end = State(np.empty((1, *state.q.shape)), np.empty((1, *state.u.shape)))
         to_space(half, q, u, tilt, height, end.q[0], end.u[0])
         samples_to_space(half, q[None], u[None], tilt, height, 1, end.q, end.u)

@@ -62,11 +62,9 @@ def lifted(scene, steps, lifts):
 @each_method
 @pytest.mark.parametrize('level', ['planar', 'spatial', 'auto'])
 def test_single_steps_are_the_steps_of_one_call(method, level):
-    steps = 60 if METHODS[method].compiled else 4
+    steps = 60 if METHODS[method].compiled else 3
     settings = {'method': method, 'level': level, 'dt': 1e-3, 'solver.iteration_limit': 50}
     scene = with_settings(CASE_A, settings)
-    if level == 'planar':
-        scene = with_settings(scene, {'solver.iteration_limit': 20000})
     single, whole, share = both(scene, *references(scene, steps))
     are_same(single, whole)
     if not METHODS[method].compiled:

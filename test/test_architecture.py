@@ -36,16 +36,27 @@ MAY_USE = {
     'stepping': {'scene', 'dynamics', 'contact'},
     'recording': PHYSICS,
     'view': PHYSICS,
+    'studies': {*PHYSICS, 'gaits', 'recording'},
     'comparison': PHYSICS,
     'paper': {*PHYSICS, 'comparison'},
     'nodes': {*PHYSICS, 'gaits', 'recording', 'view', 'comparison'},
-    'commands': {*PHYSICS, 'gaits', 'recording', 'view', 'comparison', 'paper', 'nodes'},
+    'commands': {
+        *PHYSICS,
+        'gaits',
+        'recording',
+        'view',
+        'studies',
+        'comparison',
+        'paper',
+        'nodes',
+    },
 }
 ROS = {'rclpy', 'std_srvs', 'tf2_ros', 'launch', 'launch_ros', 'ament_index_python'}
 # Packages that only some need, each where it is imported: at the top of these modules, or where
 # they say so inside of functions.
 OPTIONAL = {
     'PIL': ('comparison/chart*', 'paper/*figure*', 'view/animation'),
+    'distributed': ('studies/workers',),
     'imageio_ffmpeg': ('view/animation',),
     'matplotlib': (
         *('comparison/chart*', 'comparison/stability/chart', 'paper/*figure*', 'view/animation'),
@@ -54,6 +65,7 @@ OPTIONAL = {
     'mcap': ('recording/bag_reader', 'nodes/bag_writer', 'nodes/tools/*'),
     'mcap_ros2': ('recording/bag_reader', 'nodes/bag_writer', 'nodes/tools/*'),
     'mujoco': ('comparison/mujoco*',),
+    'polars': ('studies/table', 'studies/study'),
     'pydrake': ('comparison/drake_runs',),
     'viser': ('view/page',),
     'websockets': ('view/own_pages',),
@@ -170,8 +182,10 @@ def strongly_connected(graph):
 @each_module
 def test_imports_stand_at_the_top(module):
     # Inside of functions are optional packages only; in `commands`, what takes long to import, as
-    # SciPy does for a dense step that hardly anybody takes.
-    rare = {'scipy'} if module.place == 'stepping/planar/reference' else set()
+    # SciPy does for a dense step that hardly anybody takes, and for designs of few studies.
+    rare = (
+        {'scipy'} if module.place in ('stepping/planar/reference', 'studies/variations') else set()
+    )
     for function in module.functions():
         inside = module.packages(function) - set(OPTIONAL) - rare
         assert not inside or module.room == 'commands' or module.place == 'nodes/tools/demo'

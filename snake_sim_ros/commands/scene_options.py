@@ -10,13 +10,12 @@ from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.yaml_text import parse_yaml
-from snake_sim_ros.stepping import bdf2
 from snake_sim_ros.stepping.accuracy import USUAL_ACCURACY
-from snake_sim_ros.stepping.accuracy import with_accuracy
 from snake_sim_ros.stepping.methods import AUTO
 from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.usual_steps import STEPPING
+from snake_sim_ros.stepping.usual_steps import with_usual_steps
 
-STEPPING = ('dt', 'method', 'level')  # with one of these, a user decides how a scene is run
 # The cases A to D of the paper.
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')
 
@@ -115,11 +114,5 @@ def scene_with_accuracy(options: argparse.Namespace, source: str, period: float)
         If there is no such scene, or a value is not usable.
 
     """
-    scene, given, usual = scene_from(options, source), given_settings(options), Scene()
-    accuracy = scene.accuracy
-    is_free = all(
-        name not in given and getattr(scene, name) == getattr(usual, name) for name in STEPPING
-    )
-    if 'accuracy' not in given and is_free and not bdf2.what_is_not_possible(scene):
-        accuracy = accuracy or USUAL_ACCURACY
-    return with_accuracy(scene, accuracy, period, given) if accuracy else scene
+    scene, given = scene_from(options, source), given_settings(options)
+    return with_usual_steps(scene, given, period)

@@ -9,6 +9,7 @@ finds it, and whatever is in it is up to date.
 
 from collections.abc import Callable
 from collections.abc import Iterator
+from collections.abc import Sequence
 from contextlib import contextmanager
 import fcntl
 import hashlib
@@ -38,15 +39,25 @@ COMPILERS = (numba, llvmlite, np)  # libraries that determine the code
 GENERATIONS = 4  # folders of other sources that are kept, those that were used last
 
 
-def identity() -> str:
-    """Return a name for the contents of all modules in ROOMS, the compiler and its settings."""
+def identity(places: Sequence[str] = ROOMS) -> str:
+    """
+    Return a name for the contents of some modules, the compiler and its settings.
+
+    Parameters
+    ----------
+    places : sequence of str
+        Folders of the package, with all modules in them, or single modules.
+
+    """
     digest = hashlib.sha256(f'{sys.implementation.cache_tag}\n'.encode())
     for name in sorted(name for name in os.environ if name.startswith('NUMBA_')):
         if name != 'NUMBA_CACHE_DIR':
             digest.update(f'{name} {os.environ[name]}\n'.encode())
     for library in COMPILERS:
         digest.update(f'{library.__name__} {library.__version__}\n'.encode())
-    for path in sorted(path for room in ROOMS for path in (PACKAGE / room).rglob('*.py')):
+    paths = [PACKAGE / place for place in places]
+    files = [[path] if path.suffix == '.py' else path.rglob('*.py') for path in paths]
+    for path in sorted(path for found in files for path in found):
         content = hashlib.sha256(path.read_bytes()).hexdigest()
         digest.update(f'{path.relative_to(PACKAGE)} {content}\n'.encode())
     return digest.hexdigest()[:16]

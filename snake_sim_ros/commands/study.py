@@ -1,0 +1,146 @@
+"""The command `snake-sim study`: many runs of a scene with other values, and what they measure."""
+
+import argparse
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+import json
+from pathlib import Path
+import sys
+import time
+from typing import Any
+from typing import TYPE_CHECKING
+
+from tqdm import tqdm
+
+from snake_sim_ros.scene.checked_records import ParameterError
+
+if TYPE_CHECKING:
+    from snake_sim_ros.studies.study_file import Study
+
+
+def add_study(subparsers: Any) -> None:
+    """Add the command."""
+    command = subparsers.add_parser('study', help='run a scene with many values, on all cores')
+    command.set_defaults(command=_study)
+    command.add_argument('study', type=Path, help='YAML file, or the name of a study in config/')
+    command.add_argument(
+        '--out', type=Path, metavar='FILE',
+        help='the table, Parquet or CSV by its suffix, default: the name of the study with '
+        '.parquet; rows that are in it are not run again',
+    )  # fmt: skip
+    command.add_argument(
+        '--plot', type=Path, metavar='FILE.png', help='draw the metrics over one or two values'
+    )
+    command.add_argument(
+        '--trajectories', type=Path, metavar='FOLDER', help='keep an npz file of every run'
+    )
+    add_workers(command)
+
+
+def add_workers(command: argparse.ArgumentParser) -> None:
+    """Add the options that choose who does the runs."""
+    group = command.add_mutually_exclusive_group()
+    group.add_argument('--threads', type=int, metavar='N', help='default: one for each core')
+    group.add_argument('--processes', type=int, metavar='N', help='processes in place of threads')
+    group.add_argument(
+        '--scheduler', metavar='ADDRESS',
+        help='of a Dask cluster, such as tcp://10.0.0.1:8786; local starts one here',
+    )  # fmt: skip
+
+
+def workers_of(options: argparse.Namespace) -> AbstractContextManager[Any]:
+    """
+    Return the workers that the options choose.
+
+    Raises
+    ------
+    ParameterError
+        If a number is not above 0.
+
+    """
+    from snake_sim_ros.studies import workers
+
+    for name in ('threads', 'processes'):
+        number = getattr(options, name)
+        if number is not None and number < 1:
+            raise ParameterError(f'--{name} must be at least 1, got {number}')
+    if options.scheduler is not None:
+        return workers.cluster(options.scheduler)
+    if options.processes is not None:
+        return workers.processes(options.processes)
+    return workers.threads(options.threads)
+
+
+class _Bar:
+    """A bar of rows, and what became of them."""
+
+    def __init__(self, total: int) -> None:
+        layout = (
+            '{percentage:3.0f} %|{bar}| {n} of {total} runs, {rate_noinv_fmt}, {remaining} left'
+        )
+        self.bar = tqdm(total=total, unit=' runs', bar_format=layout)
+        self.statuses: Counter[str] = Counter()
+        self.found, self.first_failure, self.begin = 0, '', time.perf_counter()
+
+    def __call__(self, results: Sequence[dict[str, Any]], is_new: bool) -> None:
+        """Show that rows are done."""
+        self.statuses.update(result['status'] for result in results)
+        for result in results:
+            self.first_failure = self.first_failure or result['failure']
+        if is_new:
+            self.bar.update(len(results))
+        else:
+            self.found = self.bar.n = self.bar.initial = len(results)
+            self.bar.refresh()
+
+    def summary(self, out: Path) -> dict[str, Any]:
+        """Return how the study went, name -> value as JSON has them."""
+        seconds, count = time.perf_counter() - self.begin, sum(self.statuses.values())
+        new = count - self.found
+        return {
+            'rows': self.bar.total, 'done': count, 'found': self.found, **self.statuses,
+            'seconds': seconds, 'runs_per_second': new / seconds, 'out': str(out),
+        }  # fmt: skip
+
+
+def _compile(study: 'Study') -> None:
+    """Compile what the first row needs that can be run, with a bar."""
+    from snake_sim_ros.commands.compiling import compile_first
+    from snake_sim_ros.studies.runs import scene_of
+
+    plan = study.plan()
+    for row in study.rows():
+        try:
+            compile_first(scene_of(plan, row.values))
+        except ParameterError:
+            continue
+        return
+
+
+def _study(options: argparse.Namespace) -> int:
+    """Run a study; the last line on standard output is JSON."""
+    from snake_sim_ros.studies.study import run_study
+    from snake_sim_ros.studies.study_file import load_study
+    from snake_sim_ros.studies.table import check_path
+
+    study = load_study(options.study)
+    out = options.out or Path(f'{options.study.stem}.parquet')
+    check_path(out)
+    folder = options.trajectories
+    if folder is None and study.settings.keep == 'trajectories':
+        folder = out.with_suffix('')
+    workers = workers_of(options)
+    if options.scheduler is None and options.processes is None:
+        _compile(study)
+    bar, interrupted = _Bar(len(study.variations)), False
+    with bar.bar:
+        try:
+            run_study(study, out, folder, workers, bar)
+        except KeyboardInterrupt:
+            interrupted = True
+    if bar.first_failure:
+        print(f'the first failure: {bar.first_failure}', file=sys.stderr)
+    print(f'{bar.summary(out)["done"]} rows in {out}')
+    print(json.dumps(bar.summary(out)))
+    return 130 if interrupted else 0

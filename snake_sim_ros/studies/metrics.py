@@ -1,0 +1,259 @@
+"""What is measured in a run: a number of its trajectory, by a name or a function of the user."""
+
+from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import dataclass
+import hashlib
+from importlib import import_module
+import inspect
+import math
+from pathlib import Path
+import sys
+from typing import Any
+
+import numpy as np
+
+from snake_sim_ros.dynamics.energy import floor_contact_velocities
+from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.checked_records import nearest
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.posture import center_of_mass
+from snake_sim_ros.stepping.trajectory import Trajectory
+
+Measure = Callable[[Trajectory], Any]
+
+
+@dataclass(frozen=True)
+class Metric:
+    """
+    A number of a trajectory.
+
+    Attributes
+    ----------
+    name : str
+    function : callable
+        ``function(trajectory)`` returns the number.
+    unit : str
+        '1' for a pure number, '' if it is not known.
+    contacts : bool
+        Whether it needs the contacts of the trajectory.
+    digest : str
+        Names the source of a function of the user; empty for those of METRICS.
+
+    """
+
+    name: str
+    function: Measure
+    unit: str = ''
+    contacts: bool = True
+    digest: str = ''
+
+    def __call__(self, trajectory: Trajectory) -> float:
+        """
+        Return the number.
+
+        Raises
+        ------
+        ParameterError
+            If the function raises an error or returns no number.
+
+        """
+        try:
+            value = self.function(trajectory)
+        except Exception as error:  # whatever a function of the user raises is a row's failure
+            raise ParameterError(
+                f'metric {self.name} raised {type(error).__name__}: {error}'
+            ) from None
+        if isinstance(value, (int, float, np.number, np.bool_)) or np.shape(value) == ():
+            try:
+                return float(value)
+            except (TypeError, ValueError):
+                pass
+        raise ParameterError(f'metric {self.name} must return a number, got {value!r:.60}')
+
+
+def displacement(trajectory: Trajectory) -> Array:
+    """Return the horizontal way of the center of mass from start to end, shape (2,) [m]."""
+    q = trajectory.position[[0, -1], :]
+    start, end = center_of_mass(trajectory.scene.robot, q)
+    return np.asarray(end[:2] - start[:2])
+
+
+def distance(trajectory: Trajectory) -> float:
+    """Return the horizontal distance of the center of mass from start to end, |d| [m]."""
+    return math.hypot(*displacement(trajectory))
+
+
+def _heading(trajectory: Trajectory) -> Array:
+    """Return the horizontal direction from the last link to the first at the start, (2,)."""
+    ahead = trajectory.position[0, 0, :2] - trajectory.position[0, -1, :2]
+    length = math.hypot(*ahead)
+    return np.asarray(ahead / length) if length > 0.0 else -trajectory.axis[0, 0, :2]
+
+
+def forward(trajectory: Trajectory) -> float:
+    """Return the part of `displacement` along the robot at its start, link 1 ahead [m]."""
+    return float(displacement(trajectory) @ _heading(trajectory))
+
+
+def sideways(trajectory: Trajectory) -> float:
+    """Return the part of `displacement` to the left of the robot at its start [m]."""
+    (x, y), (ahead_x, ahead_y) = displacement(trajectory), _heading(trajectory)
+    return float(ahead_x * y - ahead_y * x)
+
+
+def speed(trajectory: Trajectory) -> float:
+    """Return the magnitude of the mean velocity of the center of mass, |d| / T [m/s]."""
+    return distance(trajectory) / float(trajectory.time[-1])
+
+
+def direction(trajectory: Trajectory) -> float:
+    """Return the direction of the mean velocity, atan2(d_y, d_x), from e_x of I [rad]."""
+    x, y = displacement(trajectory)
+    return math.atan2(y, x)
+
+
+def energy(trajectory: Trajectory) -> float:
+    """
+    Return the mechanical work of the joints without recovery, int sum_j |tau_j phi'_j| dt [J].
+
+    The integral is that of the trapezoidal rule over the samples.
+    """
+    power = np.abs(trajectory.joint_torque * trajectory.joint_velocity).sum(axis=(1, 2))
+    return float(((power[1:] + power[:-1]) * np.diff(trajectory.time)).sum() / 2)
+
+
+def cost_of_transport(trajectory: Trajectory) -> float:
+    """Return the energy over weight times distance, E / (m g |d|) [1]; inf without a distance."""
+    scene, way = trajectory.scene, distance(trajectory)
+    weight = float(scene.robot.per_link('link_mass').sum()) * math.hypot(*scene.gravity)
+    return energy(trajectory) / (weight * way) if weight * way > 0.0 else math.inf
+
+
+def slip(trajectory: Trajectory) -> float:
+    """
+    Return the mean sliding speed of the loaded points on the floor [m/s].
+
+    ``sum_k F_N |gamma_T| / sum_k F_N`` over all samples and contacts with the floor. The
+    velocities are those of the sample, the loads those of the step before; 0 in flight.
+    """
+    robot = trajectory.scene.robot
+    floor = trajectory.contact_number < 2 * robot.link_count
+    sample, number = trajectory.contact_sample[floor], trajectory.contact_number[floor]
+    load = trajectory.contact_force[floor, 2]
+    velocity = floor_contact_velocities(robot, trajectory.coordinates, trajectory.velocity)
+    sliding = velocity[sample, number]
+    weighted = load * np.hypot(sliding[:, 1], sliding[:, 2])
+    return float(weighted.sum() / load.sum()) if load.sum() > 0.0 else 0.0
+
+
+def peak_torque(trajectory: Trajectory) -> float:
+    """Return the largest joint torque, max |tau_j| over joints, axes and samples [N m]."""
+    return float(np.abs(trajectory.joint_torque).max(initial=0.0))
+
+
+def angle_error(trajectory: Trajectory) -> float:
+    """Return the largest difference of a joint angle from its reference of the gait [rad]."""
+    n = trajectory.scene.robot.link_count
+    wanted, _ = gait.reference(trajectory.scene.gait, trajectory.time, n - 1)
+    return float(np.abs(trajectory.joint_angle - wanted).max(initial=0.0))
+
+
+METRICS: dict[str, Metric] = {
+    function.__name__: Metric(function.__name__, function, unit, contacts=function is slip)
+    for function, unit in (
+        (distance, 'm'),
+        (forward, 'm'),
+        (sideways, 'm'),
+        (speed, 'm/s'),
+        (direction, 'rad'),
+        (energy, 'J'),
+        (cost_of_transport, '1'),
+        (slip, 'm/s'),
+        (peak_torque, 'N m'),
+        (angle_error, 'rad'),
+    )
+}
+USUAL_METRICS = ('distance', 'speed', 'direction', 'energy', 'cost_of_transport', 'peak_torque')
+
+
+def metric_of(source: Any, folder: Path | None = None) -> Metric:
+    """
+    Return a metric.
+
+    Parameters
+    ----------
+    source : str or callable or Metric
+        A name of METRICS, ``module:function``, or a function of a trajectory.
+    folder : Path, optional
+        Where the module may be, besides the folders of Python's path.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such metric, module or function.
+
+    """
+    if isinstance(source, Metric):
+        return source
+    if callable(source):
+        return Metric(getattr(source, '__name__', repr(source)), source, digest=_digest(source))
+    if not isinstance(source, str):
+        raise ParameterError(f'metrics must be names or functions, got {source!r}')
+    if ':' not in source:
+        if source not in METRICS:
+            raise ParameterError(
+                f'metrics: unknown name {source!r}; {nearest(source, METRICS)} '
+                f'A function of your own is module:function'
+            )
+        return METRICS[source]
+    function = _imported(source, folder)
+    return Metric(source, function, digest=_digest(function))
+
+
+def metrics_of(sources: Sequence[Any], folder: Path | None = None) -> tuple[Metric, ...]:
+    """Return metrics of different names, at least one; see `metric_of`."""
+    if isinstance(sources, str) or not isinstance(sources, Sequence) or not sources:
+        raise ParameterError(
+            f'metrics must be a list such as [speed, cost_of_transport], got {sources!r}'
+        )
+    metrics = tuple(metric_of(source, folder) for source in sources)
+    names = [metric.name for metric in metrics]
+    for name in names:
+        if names.count(name) > 1:
+            raise ParameterError(f'metrics: {name} is given twice')
+    return metrics
+
+
+def _imported(source: str, folder: Path | None) -> Measure:
+    """Return the function that ``module:function`` names."""
+    place, _, name = source.partition(':')
+    if folder and str(folder) not in sys.path:
+        sys.path.insert(0, str(folder))
+    try:
+        module = import_module(place)
+    except Exception as error:  # an error in the module of a user may be any
+        raise ParameterError(
+            f'metrics: {source}: module {place} cannot be imported: {error}'
+        ) from None
+    function = getattr(module, name, None)
+    if not callable(function):
+        known = [key for key, value in vars(module).items() if callable(value)]
+        hint = f'; {nearest(name, known)}' if known else ''
+        raise ParameterError(f'metrics: {source}: module {place} has no function {name!r}{hint}')
+    found: Measure = function
+    return found
+
+
+def _digest(function: Any) -> str:
+    """Return a digest of the file of a function, or of its code if it is in none."""
+    try:
+        content = Path(inspect.getsourcefile(function) or '').read_bytes()
+    except (OSError, TypeError):
+        code = getattr(function, '__code__', None)
+        content = repr(
+            (code.co_code, code.co_consts, code.co_names) if code else function
+        ).encode()
+    name = getattr(function, '__qualname__', '')
+    return hashlib.sha256(name.encode() + content).hexdigest()

@@ -1,0 +1,193 @@
+"""Runs of a study: a scene with the values of a row, and the row of the table that comes of it."""
+
+from collections.abc import Callable
+from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
+import os
+from pathlib import Path
+import time
+from typing import Any
+
+from snake_sim_ros.gaits.blending import check_reach
+from snake_sim_ros.recording import npz
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.periods import samples_of
+from snake_sim_ros.stepping.sampling import Keep
+from snake_sim_ros.stepping.simulation import sample
+from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.trajectory import Trajectory
+from snake_sim_ros.stepping.usual_steps import with_usual_steps
+from snake_sim_ros.studies.keys import key_of
+from snake_sim_ros.studies.keys import physics_version
+from snake_sim_ros.studies.metrics import Metric
+
+REFUSED, FAILED = 'refused', 'failed'  # status of rows besides those of `base.Status`
+# How a run may have ended that is never run again; others may go better another time.
+FINAL = tuple(status.value for status in Status)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """
+    What all runs of a study have in common.
+
+    Attributes
+    ----------
+    scene : Scene
+    given : frozenset of str
+        Names of the values that a user gave beside the file of the scene.
+    metrics : tuple of Metric
+    rate : float
+        Samples a second [Hz].
+    folder : Path or None
+        Where trajectories are kept.
+    version : str
+        The version of the physics with which rows are to be computed.
+
+    """
+
+    scene: Scene
+    given: frozenset[str]
+    metrics: tuple[Metric, ...]
+    rate: float
+    folder: Path | None
+    version: str
+
+    @property
+    def keep(self) -> Keep:
+        """What a trajectory must have."""
+        return Keep(contacts=bool(self.folder) or any(item.contacts for item in self.metrics))
+
+
+@dataclass(frozen=True)
+class Row:
+    """The number of a row, from 0, and its values by their names in a scene."""
+
+    number: int
+    values: Mapping[str, Any]
+
+
+class Stopped(Exception):
+    """A run ended before its time because the study was interrupted."""
+
+
+def never() -> bool:
+    """Return that nobody interrupts."""
+    return False
+
+
+def scene_of(plan: Plan, values: Mapping[str, Any]) -> Scene:
+    """
+    Return the scene of a row, with the steps in which it is run.
+
+    Raises
+    ------
+    ParameterError
+        If a value is not usable, or the gait is beyond the joint limit.
+
+    """
+    scene = with_settings(plan.scene, values)
+    check_reach(scene.gait, scene.robot)
+    return with_usual_steps(scene, plan.given, 1.0 / plan.rate)
+
+
+def key_of_run(plan: Plan, scene: Scene) -> str:
+    """Return the key of the run of a scene."""
+    return key_of(scene, plan.rate, [item.digest for item in plan.metrics if item.digest])
+
+
+def trajectory_file(plan: Plan, key: str) -> Path | None:
+    """Return the file of the trajectory of a run; None if trajectories are not kept."""
+    return plan.folder / f'{key}.npz' if plan.folder else None
+
+
+def empty_result(plan: Plan, row: Row) -> dict[str, Any]:
+    """Return the result of a row before its run."""
+    result: dict[str, Any] = {'row': row.number, **row.values}
+    result |= dict.fromkeys(metric.name for metric in plan.metrics)
+    result |= {'status': FAILED, 'failure': '', 'unconverged': 0, 'seconds': 0.0, 'key': ''}
+    if plan.folder:
+        result['trajectory'] = ''
+    return result
+
+
+def run_chunk(
+    plan: Plan, rows: Sequence[Row], stopped: Callable[[], bool] = never
+) -> list[dict[str, Any]]:
+    """
+    Return the results of some rows, without those after an interruption.
+
+    Parameters
+    ----------
+    plan : Plan
+    rows : sequence of Row
+    stopped : callable, optional
+        Asked some times a second whether the study was interrupted.
+
+    Raises
+    ------
+    ParameterError
+        If this process has another version of the physics than the plan.
+
+    """
+    if plan.version != physics_version():
+        raise ParameterError(
+            f'a worker has physics {physics_version()}, the study was begun with {plan.version}: '
+            f'install the same sources, Numba and NumPy for all workers'
+        )
+    results = []
+    for row in rows:
+        try:
+            results.append(run_row(plan, row, stopped))
+        except Stopped:
+            break
+    return results
+
+
+def run_row(plan: Plan, row: Row, stopped: Callable[[], bool] = never) -> dict[str, Any]:
+    """Return the result of a row: its number, values, metrics, and how its run went."""
+    result, begin, compiled = empty_result(plan, row), time.perf_counter(), 0.0
+    try:
+        scene = scene_of(plan, row.values)
+        result['key'] = key_of_run(plan, scene)
+        steps, samples = samples_of(scene, plan.rate)
+        simulation = Simulation(scene)
+    except ParameterError as error:
+        result |= {'status': REFUSED, 'failure': str(error)}
+        return result
+
+    def look(seconds: float) -> None:
+        if stopped():
+            raise Stopped
+
+    try:
+        trajectory = sample(simulation, steps, samples, keep=plan.keep, progress=look)
+        compiled = simulation.compile_seconds
+        report = trajectory.report
+        result |= {'status': report.status.value, 'unconverged': report.unconverged}
+        result['failure'] = report.failure
+        if not report.failure:
+            result |= {metric.name: metric(trajectory) for metric in plan.metrics}
+        if path := trajectory_file(plan, result['key']):
+            write_trajectory(trajectory, path)
+            result['trajectory'] = path.name
+    except (Stopped, OSError):
+        raise
+    except ParameterError as error:
+        result |= {'status': FAILED, 'failure': str(error)}
+    except Exception as error:  # whatever a strange scene does, the other rows go on
+        result |= {'status': FAILED, 'failure': f'{type(error).__name__}: {error}'}
+    result['seconds'] = time.perf_counter() - begin - compiled
+    return result
+
+
+def write_trajectory(trajectory: Trajectory, path: Path) -> None:
+    """Write a trajectory, whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(f'.{os.getpid()}.part')
+    npz.write(trajectory, part)
+    part.replace(path)

@@ -1,0 +1,177 @@
+"""What a study is: a scene, what varies in it, what is measured; as a record and as a file."""
+
+from collections.abc import Iterator
+from collections.abc import Mapping
+from dataclasses import dataclass
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from snake_sim_ros.scene.checked_records import CheckedRecord
+from snake_sim_ros.scene.checked_records import from_mapping
+from snake_sim_ros.scene.checked_records import nearest
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.checked_records import quantity
+from snake_sim_ros.scene.parameters import CONFIG
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.yaml_text import parse_yaml
+from snake_sim_ros.studies.keys import physics_version
+from snake_sim_ros.studies.metrics import Metric
+from snake_sim_ros.studies.metrics import metrics_of
+from snake_sim_ros.studies.metrics import USUAL_METRICS
+from snake_sim_ros.studies.runs import Plan
+from snake_sim_ros.studies.runs import Row
+from snake_sim_ros.studies.variations import check_names
+from snake_sim_ros.studies.variations import SAMPLINGS
+from snake_sim_ros.studies.variations import variation_of
+from snake_sim_ros.studies.variations import Variations
+
+KEEP = ('metrics', 'trajectories')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(CheckedRecord):
+    """The values of a study that are one number or one word."""
+
+    sampling: str = quantity('grid', '', 'how values are combined into rows', choices=SAMPLINGS)
+    samples: int = quantity(0, '1', 'number of rows that are drawn', minimum=0, maximum=10**7)
+    seed: int = quantity(0, '1', 'seed of what is drawn', minimum=0)
+    rate: float = quantity(20.0, 'Hz', 'samples a second of which metrics are taken', above=0)
+    keep: str = quantity('metrics', '', 'what is kept of a run', choices=KEEP)
+
+
+PARTS = ('scene', 'set', 'vary', 'metrics')  # of a study, besides its settings
+
+
+@dataclass(frozen=True)
+class Study:
+    """
+    A study.
+
+    Attributes
+    ----------
+    scene : Scene
+        With the values that are set.
+    given : frozenset of str
+        Names of the values that are set or vary.
+    variations : Variations
+    metrics : tuple of Metric
+    settings : Settings
+
+    """
+
+    scene: Scene
+    given: frozenset[str]
+    variations: Variations
+    metrics: tuple[Metric, ...]
+    settings: Settings
+
+    def plan(self, folder: Path | None = None) -> Plan:
+        """Return what all runs have in common; trajectories are kept in a folder, if any."""
+        rate = self.settings.rate
+        return Plan(self.scene, self.given, self.metrics, rate, folder, physics_version())
+
+    def rows(self) -> Iterator[Row]:
+        """Yield all rows."""
+        for number in range(len(self.variations)):
+            yield Row(number, self.variations.row(number))
+
+
+def load_study(path: Path) -> Study:
+    """
+    Read a study from a YAML file.
+
+    Parameters
+    ----------
+    path : Path
+        Its scene and the modules of its metrics are searched in the same folder first.
+
+    Raises
+    ------
+    ParameterError
+        If the file is missing, or if anything in it is not usable.
+
+    """
+    try:
+        mapping = parse_yaml(path.read_text(encoding='utf-8'))
+    except FileNotFoundError:
+        raise ParameterError(f'no file {path}') from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ParameterError(f'{path}: not readable: {error}') from None
+    except ParameterError as error:
+        raise ParameterError(f'{path}: {error}') from None
+    try:
+        return study_from(mapping, path.absolute().parent)
+    except ParameterError as error:
+        raise ParameterError(f'{path.name}: {error}') from None
+
+
+def study_from(mapping: Any, folder: Path | None = None) -> Study:
+    """
+    Return a study from what its file says.
+
+    Parameters
+    ----------
+    mapping : mapping
+        ``scene``, ``vary``, and what else docs/studies.md lists.
+    folder : Path, optional
+        Where its scene and modules are searched first.
+
+    Raises
+    ------
+    ParameterError
+        If anything in it is not usable.
+
+    """
+    if not isinstance(mapping, Mapping):
+        raise ParameterError(f'a study must be a mapping of names to values, got {mapping!r}')
+    names = [item.name for item in fields(Settings)]
+    for key in mapping:
+        if key not in (*PARTS, *names):
+            raise ParameterError(f'unknown key {key!r}; {nearest(key, (*PARTS, *names))}')
+    for key in ('scene', 'vary'):
+        if key not in mapping:
+            raise ParameterError(f'a study must have {key}')
+    settings: Settings = from_mapping(
+        Settings, {key: mapping[key] for key in names if key in mapping}, 'study'
+    )
+    scene, fixed = _scene(mapping['scene'], folder), _mapping(mapping.get('set', {}), 'set')
+    check_names(scene, list(fixed), 'set')
+    try:
+        scene = with_settings(scene, fixed)
+    except ParameterError as error:
+        raise ParameterError(f'set: {error}') from None
+    vary = _mapping(mapping['vary'], 'vary')
+    if not vary:
+        raise ParameterError('vary must name a value of the scene, such as friction.longitudinal')
+    check_names(scene, list(vary), 'vary')
+    plain = {name.removesuffix('_deg') for name in fixed}
+    for name in vary:
+        if name.removesuffix('_deg') in plain:
+            raise ParameterError(f'{name} must be in set or in vary, it is in both')
+    variations = Variations(
+        {name: variation_of(name, given) for name, given in vary.items()},
+        settings.sampling, settings.samples, settings.seed,
+    )  # fmt: skip
+    metrics = metrics_of(mapping.get('metrics', USUAL_METRICS), folder)
+    return Study(scene, frozenset([*fixed, *vary]), variations, metrics, settings)
+
+
+def _scene(source: Any, folder: Path | None) -> Scene:
+    """Return a scene, or that of a file, in a folder first."""
+    if isinstance(source, Scene):
+        return source
+    if not isinstance(source, (str, Path)) or not str(source):
+        raise ParameterError(f'scene must be a file or a name such as sidewinding, got {source!r}')
+    for name in (str(source), f'{source}.yaml'):
+        if folder and (folder / name).is_file() and not (CONFIG / name).is_file():
+            return load_scene(folder / name)
+    return load_scene(source)
+
+
+def _mapping(given: Any, name: str) -> Mapping[str, Any]:
+    if not isinstance(given, Mapping):
+        raise ParameterError(f'{name} must be a mapping of names to values, got {given!r}')
+    return given

@@ -1,0 +1,219 @@
+"""
+Who does the runs of a study: threads of this process, other processes, or a Dask cluster.
+
+All of them are executors of `concurrent.futures`. Compiled code gives the interpreter free, so
+that threads run at the same time and share one compiler and its code.
+"""
+
+from collections.abc import Callable
+from collections.abc import Iterator
+from collections.abc import Sequence
+from concurrent.futures import CancelledError
+from concurrent.futures import Executor
+from concurrent.futures import FIRST_COMPLETED
+from concurrent.futures import Future
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+import math
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from typing import Any
+
+from snake_sim_ros.dynamics.code_cache import CodeCache
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.studies.runs import empty_result
+from snake_sim_ros.studies.runs import Plan
+from snake_sim_ros.studies.runs import Row
+from snake_sim_ros.studies.runs import run_chunk
+
+CHUNK_SECONDS = 1.0  # time that a chunk of runs is to take
+GROWTH = 4  # a chunk has at most so many times the runs of the one before
+WAITING = 2  # chunks for each worker, one under way and one that waits
+LOCAL = 'local'  # in place of the address of a scheduler: a cluster on this machine
+CONNECT_SECONDS = 20  # for which the scheduler may not answer
+
+
+@dataclass(frozen=True)
+class Workers:
+    """
+    Workers that take chunks of runs.
+
+    Attributes
+    ----------
+    submit : callable
+        ``submit(plan, rows)`` returns the future of `run_chunk`.
+    capacity : callable
+        Returns the number of runs at a time.
+    deaths : tuple of type
+        Errors that tell that a run killed its workers, again and again.
+
+    """
+
+    submit: Callable[[Plan, Sequence[Row]], 'Future[list[dict[str, Any]]]']
+    capacity: Callable[[], int]
+    deaths: tuple[type[BaseException], ...] = ()
+
+
+def core_count() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+@contextmanager
+def threads(count: int | None = None) -> Iterator[Workers]:
+    """Run in threads of this process, as many as there are cores if no number is given."""
+    number, stop = count or core_count(), threading.Event()
+    pool = ThreadPoolExecutor(number)
+    with _ended(pool, stop.set):
+        yield Workers(lambda plan, rows: pool.submit(run_chunk, plan, rows, stop.is_set),
+                      lambda: number)  # fmt: skip
+
+
+@contextmanager
+def processes(count: int | None = None) -> Iterator[Workers]:
+    """Run in processes of this machine, as many as there are cores if no number is given."""
+    number = count or core_count()
+    # New interpreters: a process that was copied from one with threads may wait for ever.
+    context = multiprocessing.get_context('spawn')
+    pool = ProcessPoolExecutor(number, context, _prepare_process, (list(sys.path),))
+
+    def end() -> None:
+        for process in list((pool._processes or {}).values()):
+            process.terminate()
+
+    with _ended(pool, end):
+        yield Workers(lambda plan, rows: pool.submit(run_chunk, plan, rows), lambda: number)
+
+
+@contextmanager
+def cluster(address: str, count: int | None = None) -> Iterator[Workers]:
+    """
+    Run on a Dask cluster.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler, such as 'tcp://10.0.0.1:8786', or LOCAL for processes of this machine.
+    count : int, optional
+        Number of processes of LOCAL, default: that of the cores.
+
+    Raises
+    ------
+    ParameterError
+        If Dask is not installed, or no scheduler answers.
+
+    """
+    try:
+        import distributed
+        from distributed.scheduler import KilledWorker
+    except ImportError as error:
+        raise ParameterError(
+            f"a cluster needs Dask ({error}): pip install 'snake_sim_ros[studies]'"
+        ) from None
+    local = None
+    if address == LOCAL:
+        local = distributed.LocalCluster(
+            n_workers=count or core_count(), threads_per_worker=1, dashboard_address=None
+        )
+    try:
+        client = distributed.Client(local or address, timeout=CONNECT_SECONDS)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise ParameterError(
+            f'no Dask scheduler answers at {address}: {error}; start one with dask scheduler'
+        ) from None
+    pool = client.get_executor(pure=False)
+
+    def submit(plan: Plan, rows: Sequence[Row]) -> 'Future[list[dict[str, Any]]]':
+        future: Future[list[dict[str, Any]]] = pool.submit(run_on_cluster, plan, rows)
+        return future
+
+    def close() -> None:
+        client.close()
+        if local:
+            local.close()
+
+    try:
+        yield Workers(submit, lambda: max(1, sum(client.nthreads().values())), (KilledWorker,))
+    finally:
+        close()
+
+
+def run_on_cluster(plan: Plan, rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Return the results of a chunk; workers of one machine compile for each other."""
+    CodeCache.shares_work = True
+    return run_chunk(plan, rows)
+
+
+def _prepare_process(path: list[str]) -> None:
+    """Leave Ctrl-C to the process that started this one, whose modules this one finds."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.path[:] = path
+    CodeCache.shares_work = True
+
+
+@contextmanager
+def _ended(pool: Executor, end: Callable[[], None]) -> Iterator[None]:
+    """End a pool, at once if there is an error or an interruption."""
+    try:
+        yield
+    except BaseException:
+        end()
+        pool.shutdown(wait=True, cancel_futures=True)
+        raise
+    pool.shutdown()
+
+
+def results_of(
+    plan: Plan, rows: Sequence[Row], workers: Workers
+) -> Iterator[list[dict[str, Any]]]:
+    """
+    Yield the results of rows in chunks, as they are done.
+
+    Raises
+    ------
+    ParameterError
+        If the workers are gone, or cannot run the plan.
+
+    """
+    waiting: dict[Future[list[dict[str, Any]]], Sequence[Row]] = {}
+    begun, size = 0, 1
+    while begun < len(rows) or waiting:
+        count = workers.capacity()
+        while begun < len(rows) and len(waiting) < WAITING * count:
+            size = min(size, math.ceil((len(rows) - begun) / (WAITING * count)))
+            chunk = rows[begun : begun + size]
+            waiting[workers.submit(plan, chunk)] = chunk
+            begun += size
+        for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+            chunk = waiting.pop(future)
+            results = _result(future, plan, chunk, workers)
+            seconds = sum(result['seconds'] for result in results)
+            fitting = int(CHUNK_SECONDS * len(results) / max(seconds, 1e-9))
+            size = max(1, min(GROWTH * max(size, len(results)), fitting))
+            yield results
+
+
+def _result(
+    future: 'Future[list[dict[str, Any]]]', plan: Plan, rows: Sequence[Row], workers: Workers
+) -> list[dict[str, Any]]:
+    """Return the results of a chunk, or rows that say that its workers died."""
+    try:
+        return future.result()
+    except workers.deaths as error:
+        failure = {'failure': f'workers died in this chunk of runs: {error}'}
+        return [empty_result(plan, row) | failure for row in rows]
+    except BrokenProcessPool:
+        raise ParameterError(
+            'a process of the study was killed; the rows that are done are kept: start it again'
+        ) from None
+    except CancelledError:
+        raise ParameterError(
+            'the scheduler has gone; the rows that are done are kept: start the study again'
+        ) from None

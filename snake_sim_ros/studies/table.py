@@ -64,7 +64,7 @@ def frame_of(results: Sequence[Mapping[str, Any]], metrics: Sequence[str]) -> 'p
         if kind == 'String':
             values = [None if value is None else _text(value) for value in values]
         columns[name] = pl.Series(name, values, getattr(pl, kind), strict=False)
-    frame: 'polars.DataFrame' = pl.DataFrame(columns)
+    frame: polars.DataFrame = pl.DataFrame(columns)
     return frame
 
 
@@ -117,5 +117,5 @@ def read(path: Path, metrics: Sequence[str]) -> list[dict[str, Any]]:
         ) from None
     if not {'row', 'status', 'key'} <= set(frame.columns):
         raise ParameterError(f'{path} is not the table of a study; name another file')
-    rows: list[dict[str, Any]] = frame.to_dicts()
+    rows: list[dict[str, Any]] = frame.with_columns(pl.col(pl.String).fill_null('')).to_dicts()
     return rows

@@ -107,7 +107,7 @@ def read(path: Path, metrics: Sequence[str]) -> list[dict[str, Any]]:
     types |= dict.fromkeys(metrics, pl.Float64)
     try:
         if path.suffix == '.csv':
-            frame = pl.read_csv(path, schema_overrides=types, missing_utf8_is_empty_string=True)
+            frame = pl.read_csv(path, schema_overrides=types)
         else:
             frame = pl.read_parquet(path)
     except Exception as error:  # polars raises errors of its own and of the system

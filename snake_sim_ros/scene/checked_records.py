@@ -65,6 +65,28 @@ def _type_hints(cls: type) -> dict[str, Any]:
     return get_type_hints(cls)
 
 
+@cache
+def _checks(cls: type) -> tuple[tuple[str, Any, tuple[Any, ...], Mapping[str, Any]], ...]:
+    """Return name, type, the types it consists of and metadata of every field of a record."""
+    hints = _type_hints(cls)
+    kinds = {
+        name: get_args(kind) if isinstance(kind, UnionType) else (kind,)
+        for name, kind in hints.items()
+    }
+    return tuple(
+        (item.name, hints[item.name], kinds[item.name], item.metadata)
+        for item in fields(cls)  # type: ignore[arg-type]
+    )
+
+
+def _is_usual(value: Any, limits: Mapping[str, Any]) -> bool:
+    """Return whether a value of the right type is usable; the quick way for almost all values."""
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return bool(limits['above'] < value < math.inf
+                    and limits['minimum'] <= value <= limits['maximum'])  # fmt: skip
+    return not isinstance(value, str) or not limits['choices'] or value in limits['choices']
+
+
 def _converted(name: str, value: Any, kind: Any) -> Any:
     """Return `value` as `kind`; numbers are never taken from text or truth values."""
     kinds = get_args(kind) if isinstance(kind, UnionType) else (kind,)
@@ -124,12 +146,14 @@ class CheckedRecord:
             If a value has the wrong type, is not finite or is out of range.
 
         """
-        hints = _type_hints(type(self))  # type: ignore[arg-type]
-        for item in fields(self):  # type: ignore[arg-type]
-            value = _converted(item.name, getattr(self, item.name), hints[item.name])
+        for name, kind, kinds, limits in _checks(type(self)):  # type: ignore[arg-type]
+            value = getattr(self, name)
+            if type(value) in kinds and _is_usual(value, limits):
+                continue
+            value = _converted(name, value, kind)
             for number in _leaves(value):
-                _check(item.name, number, item.metadata)
-            object.__setattr__(self, item.name, value)
+                _check(name, number, limits)
+            object.__setattr__(self, name, value)
 
 
 def _leaves(value: Any) -> Iterator[Any]:
@@ -206,19 +230,17 @@ def to_mapping(record: Any) -> dict[str, Any]:
     return mapping
 
 
-def with_values(record: Any, path: list[str], values: dict[str, Any], prefix: str) -> Any:
+def with_values(record: Any, settings: Mapping[str, Any], prefix: str = '') -> Any:
     """
-    Return a record with some values replaced in one of its inner records.
+    Return a record with some values replaced, also in the records inside it.
 
     Parameters
     ----------
     record : CheckedRecord
-    path : list of str
-        Names that lead to the inner record; empty for the record itself.
-    values : dict
-        Names to values. A name may end in ``_deg``.
-    prefix : str
-        Names before the path, for error messages.
+    settings : mapping
+        Dotted names to values. A name may end in ``_deg``.
+    prefix : str, optional
+        Names that lead to the record, for error messages.
 
     Raises
     ------
@@ -226,26 +248,28 @@ def with_values(record: Any, path: list[str], values: dict[str, Any], prefix: st
         If a name is unknown or a value not usable.
 
     """
-    names = {item.name for item in fields(record)}
-    for key in path[:1] or values:
+    names, found = {item.name for item in fields(record)}, dict[str, Any]()
+    inside: dict[str, dict[str, Any]] = {}
+    for dotted, value in settings.items():
+        key, dot, rest = dotted.partition('.')
         name = key.removesuffix('_deg')
         if name not in names:
             raise ParameterError(f'unknown name {prefix + key!r}; {nearest(name, names)}')
-    if path:
-        inner = getattr(record, path[0])
-        if not is_dataclass(inner):
-            raise ParameterError(f'{prefix}{path[0]} is a value, it has no parts')
-        values = {path[0]: with_values(inner, path[1:], values, f'{prefix}{path[0]}.')}
-    found: dict[str, Any] = {}
-    for key, value in values.items():
-        name = key.removesuffix('_deg')
-        if name in found:
+        if dot:
+            if not is_dataclass(getattr(record, name)):
+                raise ParameterError(f'{prefix}{name} is a value, it has no parts')
+            inside.setdefault(name, {})[rest] = value
+        elif name in found:
             raise ParameterError(f'{prefix}{name} is given twice, as {name} and as {name}_deg')
-        found[name] = value if name == key else _radians(key, value, type(record), prefix)
+        else:
+            found[name] = value if name == key else _radians(key, value, type(record), prefix)
+    for name, values in inside.items():
+        part = found.get(name, getattr(record, name))
+        found[name] = with_values(part, values, f'{prefix}{name}.')
     try:
         return replace(record, **found)
     except ParameterError as error:
-        raise ParameterError(f'{prefix}{error}' if not path else str(error)) from None
+        raise ParameterError(f'{prefix}{error}') from None
 
 
 def nearest(name: Any, names: Any) -> str:

@@ -121,8 +121,8 @@ class Robot(CheckedRecord):
 
     def _each(self, name: str, count: int) -> Array:
         """Return the quantity `name` of every link or every joint, shape (count,)."""
-        value = np.asarray(getattr(self, name), dtype=float)
-        return np.array(np.broadcast_to(value, (count,)))
+        value = getattr(self, name)
+        return np.array(value) if isinstance(value, tuple) else np.full(count, value)
 
     @property
     def middle_link(self) -> int:
@@ -301,12 +301,13 @@ class Scene(CheckedRecord):
         super().__post_init__()
         if len(self.gravity) != 3:
             raise ParameterError(f'gravity must have 3 components, got {len(self.gravity)}')
-        widest = 2 * float(self.robot.per_link('contact_radius').max())
-        if self.ground.heights and self.ground.cell < widest:
-            raise ParameterError(
-                f'ground.cell must be at least twice the largest contact radius, {widest:g} m, '
-                f'got {self.ground.cell:g} m'
-            )
+        if self.ground.heights:
+            widest = 2 * float(self.robot.per_link('contact_radius').max())
+            if self.ground.cell < widest:
+                raise ParameterError(
+                    f'ground.cell must be at least twice the largest contact radius, {widest:g} '
+                    f'm, got {self.ground.cell:g} m'
+                )
 
 
 def load_scene(source: str | Path) -> Scene:
@@ -364,13 +365,8 @@ def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
         If a name is unknown or a value not usable.
 
     """
-    groups: dict[str, dict[str, Any]] = {}
-    for name, value in settings.items():
-        group, _, leaf = name.rpartition('.')
-        groups.setdefault(group, {})[leaf] = value
-    for group, values in groups.items():
-        scene = with_values(scene, [part for part in group.split('.') if part], values, '')
-    return scene
+    changed: Scene = with_values(scene, settings)
+    return changed
 
 
 def _find(source: str | Path, folder: Path) -> Path:

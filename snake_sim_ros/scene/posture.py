@@ -11,8 +11,10 @@ from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import about
+from snake_sim_ros.scene.rotations import along_link
 from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.rotations import product_of_numbers
 from snake_sim_ros.scene.rotations import rotation_matrices
 
 
@@ -107,11 +109,15 @@ def chain_coordinates(robot: Robot, angle: Array) -> Array:
     """
     half = robot.per_link('link_length') / 2
     q = np.zeros((robot.link_count, 7))
-    q[0, 3:] = FLAT
-    for i, (yaw, pitch) in enumerate(angle):
-        q[i + 1, 3:] = product(product(q[i, 3:], about(1, yaw)), about(0, pitch))
-        e_z = rotation_matrices(q[i : i + 2, 3:])[:, :, 2]
-        q[i + 1, :3] = q[i, :3] + half[i] * e_z[0] + half[i + 1] * e_z[1]
+    p = tuple(FLAT.tolist())
+    q[0, 3:], e_z = p, along_link(p)
+    for i, (yaw, pitch) in enumerate(angle.tolist()):
+        turn = math.cos(yaw / 2), 0.0, math.sin(yaw / 2), 0.0
+        bend = math.cos(pitch / 2), math.sin(pitch / 2), 0.0, 0.0
+        p = product_of_numbers(product_of_numbers(p, turn), bend)
+        before, e_z = e_z, along_link(p)
+        q[i + 1, 3:] = p
+        q[i + 1, :3] = q[i, :3] + half[i] * before + half[i + 1] * e_z
     return q
 
 

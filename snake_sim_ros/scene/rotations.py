@@ -7,6 +7,7 @@ the left.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -55,16 +56,30 @@ def rotation_matrices(p: Array) -> Array:
 
 def product(a: Array, b: Array) -> Array:
     """Return the Euler parameters a o b of the rotation R(a) R(b), shapes (..., 4)."""
-    a0, a1, a2, a3 = np.moveaxis(a, -1, 0)
-    b0, b1, b2, b3 = np.moveaxis(b, -1, 0)
-    return np.stack(
+    a, b = a.transpose(-1, *range(a.ndim - 1)), b.transpose(-1, *range(b.ndim - 1))
+    return np.stack(product_of_numbers(a, b), axis=-1)
+
+
+def product_of_numbers(a: Any, b: Any) -> tuple[Any, Any, Any, Any]:
+    """Return the same of four numbers each, which takes a twentieth of the time for one turn."""
+    (a0, a1, a2, a3), (b0, b1, b2, b3) = a, b
+    return (
+        a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
+        a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2,
+        a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1,
+        a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0,
+    )
+
+
+def along_link(p: Any) -> Array:
+    """Return e_z^B of four numbers, the last column of `rotation_matrices`, shape (3,)."""
+    e0, e1, e2, e3 = p
+    return np.array(
         [
-            a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
-            a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2,
-            a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1,
-            a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0,
-        ],
-        axis=-1,
+            2 * (e1 * e3 + e0 * e2),
+            2 * (e2 * e3 - e0 * e1),
+            e0 * e0 - e1 * e1 - e2 * e2 + e3 * e3,
+        ]
     )
 
 

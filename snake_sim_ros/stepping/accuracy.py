@@ -68,7 +68,8 @@ def with_accuracy(
         If the accuracy or the period is not usable.
 
     """
-    scene = with_settings(scene, {'accuracy': accuracy})
+    if accuracy != scene.accuracy:
+        scene = with_settings(scene, {'accuracy': accuracy})
     settings = {
         'dt': period / max(1, math.ceil(period / longest_step(scene, accuracy) - 1e-9)),
         'method': 'bdf2',

@@ -1,5 +1,6 @@
 """Posture of the robot: joint angles from coordinates, and coordinates from joint angles."""
 
+from functools import lru_cache
 import math
 
 import numpy as np
@@ -107,18 +108,20 @@ def chain_coordinates(robot: Robot, angle: Array) -> Array:
         Link centers [m, frame I] and Euler parameters, scalar first.
 
     """
-    half = robot.per_link('link_length') / 2
-    q = np.zeros((robot.link_count, 7))
+    half = (robot.per_link('link_length') / 2).tolist()
     p = tuple(FLAT.tolist())
-    q[0, 3:], e_z = p, along_link(p)
+    x, y, z, e_z = 0.0, 0.0, 0.0, along_link(p)
+    q = [(x, y, z, *p)]
     for i, (yaw, pitch) in enumerate(angle.tolist()):
         turn = math.cos(yaw / 2), 0.0, math.sin(yaw / 2), 0.0
         bend = math.cos(pitch / 2), math.sin(pitch / 2), 0.0, 0.0
         p = product_of_numbers(product_of_numbers(p, turn), bend)
         before, e_z = e_z, along_link(p)
-        q[i + 1, 3:] = p
-        q[i + 1, :3] = q[i, :3] + half[i] * before + half[i + 1] * e_z
-    return q
+        x = x + half[i] * before[0] + half[i + 1] * e_z[0]
+        y = y + half[i] * before[1] + half[i + 1] * e_z[1]
+        z = z + half[i] * before[2] + half[i + 1] * e_z[2]
+        q.append((x, y, z, *p))
+    return np.array(q)
 
 
 def initial_coordinates(scene: Scene) -> Array:
@@ -134,19 +137,29 @@ def initial_coordinates(scene: Scene) -> Array:
         If a link is inside a peg or inside another link.
 
     """
-    robot = scene.robot
-    q = chain_coordinates(robot, gait.reference(scene.gait, 0.0, robot.link_count - 1)[0])
+    angle, _ = gait.reference(scene.gait, 0.0, scene.robot.link_count - 1)
+    found, lowest = _centered_coordinates(scene.robot, angle.tobytes())
+    q = found.copy()
+    q[:, 2] += obstacles.lift_onto_ground(scene, q) if scene.ground.heights else -lowest
+    if scene.pegs.x or scene.self_contact:
+        refuse_overlap(scene, q)
+    return q
+
+
+@lru_cache(maxsize=64)
+def _centered_coordinates(robot: Robot, angles: bytes) -> tuple[Array, float]:
+    """
+    Return the coordinates with their centroid at the origin, and the lowest of their `gaps`.
+
+    Many scenes of a study begin in the same posture. `angles` are those of `chain_coordinates`.
+    """
+    q = chain_coordinates(robot, np.frombuffer(angles).reshape(-1, 2))
     q[:, :2] -= q[:, :2].mean(axis=0)
     (xx, xy), (_, yy) = q[:, :2].T @ q[:, :2]
     turn = about(2, -math.atan2(2 * xy, xx - yy) / 2)
     q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
     q[:, 3:] = product(turn, q[:, 3:])
-    q[:, 2] += (
-        obstacles.lift_onto_ground(scene, q) if scene.ground.heights else -gaps(robot, q).min()
-    )
-    if scene.pegs.x or scene.self_contact:
-        refuse_overlap(scene, q)
-    return q
+    return q, float(gaps(robot, q).min())
 
 
 def refuse_overlap(scene: Scene, q: Array) -> None:

@@ -71,15 +71,13 @@ def product_of_numbers(a: Any, b: Any) -> tuple[Any, Any, Any, Any]:
     )
 
 
-def along_link(p: Any) -> Array:
-    """Return e_z^B of four numbers, the last column of `rotation_matrices`, shape (3,)."""
+def along_link(p: Any) -> tuple[Any, Any, Any]:
+    """Return e_z^B of Euler parameters as numbers, the last column of `rotation_matrices`."""
     e0, e1, e2, e3 = p
-    return np.array(
-        [
-            2 * (e1 * e3 + e0 * e2),
-            2 * (e2 * e3 - e0 * e1),
-            e0 * e0 - e1 * e1 - e2 * e2 + e3 * e3,
-        ]
+    return (
+        2 * (e1 * e3 + e0 * e2),
+        2 * (e2 * e3 - e0 * e1),
+        e0 * e0 - e1 * e1 - e2 * e2 + e3 * e3,
     )
 
 

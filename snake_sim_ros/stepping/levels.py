@@ -61,7 +61,6 @@ def what_is_not_planar(scene: Scene, name: str, method: Method) -> str:
 
     """
     gx, gy, gz = scene.gravity
-    radius = scene.robot.per_link('contact_radius')
     if gx != 0.0 or gy != 0.0 or gz >= 0.0:
         return f'gravity ({gx:g}, {gy:g}, {gz:g}) m/s^2 is not straight down'
     if scene.friction.rolling > 0.0:
@@ -72,7 +71,8 @@ def what_is_not_planar(scene: Scene, name: str, method: Method) -> str:
         return 'self_contact is true, and in the plane links do not touch'
     if scene.pegs.x and not method.planar_pegs:
         return f'method {name} meets pegs at the spatial level only'
-    if np.ptp(radius) > 0.0:
+    radius = np.array(scene.robot.contact_radius)
+    if radius.min() < radius.max():
         return (
             f'robot.contact_radius differs from link to link, {radius.min():g} to '
             f'{radius.max():g} m, so that the robot does not lie flat'
@@ -146,11 +146,10 @@ class LevelStepper:
         self.pause_steps = round(SLIP_PAUSE / scene.dt)  # added to settle_steps in history
         self.ticks: list[Array] = []  # time stamps of the parts of the last call
         self.reason = ''  # why the last spatial steps were not planar
-        self.used: list[Any] = []  # levels that are compiled
+        self.used: set[str] = set()  # levels that are compiled
         self.compile_seconds = 0.0
-        self.empty = self.planar.empty_history()
-        memory = LevelMemory(self.empty.memory, self.spatial.empty_history().memory)
-        self.empty = self.empty._replace(memory=memory)
+        memory = LevelMemory(planar.empty.memory, spatial.empty.memory)
+        self.empty = planar.empty._replace(memory=memory)
         self.returned = Returned(scene.robot.link_count, self.empty)
 
     def empty_history(self) -> History:
@@ -268,7 +267,7 @@ class LevelStepper:
     def prepare(self, level: str, state: State, *, single: bool = False) -> None:
         """Compile a level that is not used yet, by a call without steps, and its single steps."""
         stepper = {'planar': self.planar, 'spatial': self.spatial}[level]
-        if stepper not in self.used:
+        if level not in self.used:
             begin = time.perf_counter()
             none = np.zeros((0, self.scene.robot.link_count - 1, 2))
             history, samples = self.empty_history(), self.spatial.no_samples
@@ -279,7 +278,7 @@ class LevelStepper:
                 self.spatial.single_steps(state, own).prepare()
             self.take(stepper, state, history, none, none, samples, goes_on=False)
             self.compile_seconds += time.perf_counter() - begin
-            self.used.append(stepper)
+            self.used.add(level)
 
 
 def what_is_told(angle: Array, rate: Array) -> str:

@@ -13,6 +13,7 @@ from snake_sim_ros.contact.prox_iteration import MOST_CONDENSED_ROWS
 from snake_sim_ros.contact.prox_iteration import ProxIteration
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import contact_count
+from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping import bdf2
 from snake_sim_ros.stepping import bdf2_memory
@@ -163,7 +164,17 @@ def make_stepper(scene: Scene) -> Stepper:
         )
     if reason := method.what_is_not_possible(scene):
         raise ParameterError(reason)
-    return levels.stepper_of_level(replace(scene, method=name), method)
+    named = scene if scene.method == name else replace(scene, method=name)
+    return levels.stepper_of_level(named, method)
+
+
+def compiled_alike(scene: Scene, other: Scene) -> bool:
+    """Return whether the same machine code takes the steps of two scenes."""
+    kinds = [
+        (method_of(each), is_flat(each), bool(each.ground.heights), each.self_contact)
+        for each in (scene, other)
+    ]
+    return kinds[0] == kinds[1]
 
 
 def empty_history(scene: Scene) -> History:

@@ -1,5 +1,6 @@
 """The numbers of a scene and the arrays of a step, as compiled code takes them."""
 
+from functools import lru_cache
 from typing import Any
 from typing import NamedTuple
 
@@ -24,6 +25,7 @@ from snake_sim_ros.scene.obstacles import pair_contacts
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.scene.parameters import PD_SCHEMES
+from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.accuracy import path_tolerance
 
@@ -83,8 +85,17 @@ class Workspace(NamedTuple):
     contacts: Any  # (c,) table of all contacts, see `contact.table`
 
 
+@lru_cache(maxsize=64)
+def robot_arrays(robot: Robot) -> dict[str, Array]:
+    """Return the arrays of a model that belong to its robot; models share them."""
+    links = ('mass', 'inertia_transversal', 'inertia_axial', 'contact_offset', 'contact_radius')
+    arrays = {name: robot.per_link('link_mass' if name == 'mass' else name) for name in links}
+    arrays |= {name: robot.per_joint(name) for name in ('stiffness', 'damping')}
+    return {'half_length': robot.per_link('link_length') / 2, **arrays}
+
+
 def make_model(scene: Scene) -> Model:
-    """Return the model of a scene."""
+    """Return the model of a scene; its arrays must not be changed."""
     robot, friction, solver = scene.robot, scene.friction, scene.solver
     size = mean_delassus(robot)
     laws = Laws(
@@ -99,14 +110,7 @@ def make_model(scene: Scene) -> Model:
         other=make_other_friction(scene, PROXIMAL * size),
     )
     return Model(
-        half_length=robot.per_link('link_length') / 2,
-        mass=robot.per_link('link_mass'),
-        inertia_transversal=robot.per_link('inertia_transversal'),
-        inertia_axial=robot.per_link('inertia_axial'),
-        contact_offset=robot.per_link('contact_offset'),
-        contact_radius=robot.per_link('contact_radius'),
-        stiffness=robot.per_joint('stiffness'),
-        damping=robot.per_joint('damping'),
+        **robot_arrays(robot),
         gravity=np.array(scene.gravity),
         laws=laws,
         activation_tolerance=solver.activation_tolerance,

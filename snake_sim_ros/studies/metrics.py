@@ -18,10 +18,13 @@ from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import nearest
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 Measure = Callable[[Trajectory], Any]
+
+
+class MetricError(ParameterError):
+    """A metric has no number for a trajectory; the message says which and why."""
 
 
 @dataclass(frozen=True)
@@ -55,14 +58,14 @@ class Metric:
 
         Raises
         ------
-        ParameterError
+        MetricError
             If the function raises an error or returns no number.
 
         """
         try:
             value = self.function(trajectory)
         except Exception as error:  # whatever a function of the user raises is a row's failure
-            raise ParameterError(
+            raise MetricError(
                 f'metric {self.name} raised {type(error).__name__}: {error}'
             ) from None
         if isinstance(value, (int, float, np.number, np.bool_)) or np.shape(value) == ():
@@ -70,14 +73,14 @@ class Metric:
                 return float(value)
             except (TypeError, ValueError):
                 pass
-        raise ParameterError(f'metric {self.name} must return a number, got {value!r:.60}')
+        raise MetricError(f'metric {self.name} must return a number, got {value!r:.60}')
 
 
 def displacement(trajectory: Trajectory) -> Array:
     """Return the horizontal way of the center of mass from start to end, shape (2,) [m]."""
-    q = trajectory.position[[0, -1], :]
-    start, end = center_of_mass(trajectory.scene.robot, q)
-    return np.asarray(end[:2] - start[:2])
+    mass = trajectory.scene.robot.per_link('link_mass')
+    ways = trajectory.position[-1, :, :2] - trajectory.position[0, :, :2]
+    return np.asarray(mass @ ways / mass.sum())
 
 
 def distance(trajectory: Trajectory) -> float:

@@ -24,6 +24,7 @@ from snake_sim_ros.stepping.usual_steps import with_usual_steps
 from snake_sim_ros.studies.keys import key_of
 from snake_sim_ros.studies.keys import physics_version
 from snake_sim_ros.studies.metrics import Metric
+from snake_sim_ros.studies.metrics import MetricError
 
 REFUSED, FAILED = 'refused', 'failed'  # status of rows besides those of `base.Status`
 # How a run may have ended that is never run again; others may go better another time.
@@ -139,50 +140,65 @@ def run_chunk(
             f'a worker has physics {physics_version()}, the study was begun with {plan.version}: '
             f'install the same sources, Numba and NumPy for all workers'
         )
-    results = []
+    results, runner = [], _Runner(plan, stopped)
     for row in rows:
         try:
-            results.append(run_row(plan, row, stopped))
+            results.append(runner.result(row))
         except Stopped:
             break
     return results
 
 
-def run_row(plan: Plan, row: Row, stopped: Callable[[], bool] = never) -> dict[str, Any]:
-    """Return the result of a row: its number, values, metrics, and how its run went."""
-    result, begin, compiled = empty_result(plan, row), time.perf_counter(), 0.0
-    try:
-        scene = scene_of(plan, row.values)
-        result['key'] = key_of_run(plan, scene)
-        steps, samples = samples_of(scene, plan.rate)
-        simulation = Simulation(scene)
-    except ParameterError as error:
-        result |= {'status': REFUSED, 'failure': str(error)}
+class _Runner:
+    """Runs one row after the other, in one simulation that starts anew."""
+
+    def __init__(self, plan: Plan, stopped: Callable[[], bool]) -> None:
+        self.plan, self.stopped = plan, stopped
+        self.simulation: Simulation | None = None
+
+    def result(self, row: Row) -> dict[str, Any]:
+        """Return the result of a row: its number, values, metrics, and how its run went."""
+        result, begin, compiled = empty_result(self.plan, row), time.perf_counter(), 0.0
+        try:
+            trajectory = self._trajectory(row, result)
+            compiled = self.simulation.compile_seconds if self.simulation else 0.0
+            self._measure(trajectory, result)
+        except (Stopped, OSError):
+            raise
+        except MetricError as error:
+            result |= {'status': FAILED, 'failure': str(error)}
+        except ParameterError as error:
+            result |= {'status': REFUSED, 'failure': str(error)}
+        except Exception as error:  # whatever a strange scene does, the other rows go on
+            result |= {'status': FAILED, 'failure': f'{type(error).__name__}: {error}'}
+        result['seconds'] = time.perf_counter() - begin - compiled
         return result
 
-    def look(seconds: float) -> None:
-        if stopped():
+    def _trajectory(self, row: Row, result: dict[str, Any]) -> Trajectory:
+        """Run a row, and note its key."""
+        scene = scene_of(self.plan, row.values)
+        result['key'] = key_of_run(self.plan, scene)
+        steps, samples = samples_of(scene, self.plan.rate)
+        if self.simulation:
+            self.simulation.restart(scene)
+        else:
+            self.simulation = Simulation(scene)
+        return sample(self.simulation, steps, samples, keep=self.plan.keep, progress=self._look)
+
+    def _look(self, seconds: float) -> None:
+        if self.stopped():
             raise Stopped
 
-    try:
-        trajectory = sample(simulation, steps, samples, keep=plan.keep, progress=look)
-        compiled = simulation.compile_seconds
+    def _measure(self, trajectory: Trajectory, result: dict[str, Any]) -> None:
+        """Note how a run went, and its metrics unless it diverged; keep its trajectory."""
         report = trajectory.report
         result |= {'status': report.status.value, 'unconverged': report.unconverged}
         result['failure'] = report.failure
-        if not report.failure:
-            result |= {metric.name: metric(trajectory) for metric in plan.metrics}
-        if path := trajectory_file(plan, result['key']):
+        if path := trajectory_file(self.plan, result['key']):
             write_trajectory(trajectory, path)
             result['trajectory'] = path.name
-    except (Stopped, OSError):
-        raise
-    except ParameterError as error:
-        result |= {'status': FAILED, 'failure': str(error)}
-    except Exception as error:  # whatever a strange scene does, the other rows go on
-        result |= {'status': FAILED, 'failure': f'{type(error).__name__}: {error}'}
-    result['seconds'] = time.perf_counter() - begin - compiled
-    return result
+        if not report.failure:
+            result |= {metric.name: metric(trajectory) for metric in self.plan.metrics}
 
 
 def write_trajectory(trajectory: Trajectory, path: Path) -> None:

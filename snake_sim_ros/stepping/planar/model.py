@@ -66,9 +66,10 @@ def make_planar_memory(n: int, scheme: Any = None) -> PlanarMemory:
 
 def forget(memory: PlanarMemory) -> None:
     """Fill the memory of the last step with zeros, except slip and way."""
-    for name, array in named_arrays(memory, '').items():
-        if name not in ('.slip', '.way'):
-            array[:] = 0.0
+    for name, part in zip(memory._fields, memory, strict=True):
+        if name not in ('slip', 'way'):
+            for array in named_arrays(part).values():
+                array[:] = 0.0
 
 
 class PlanarModel(NamedTuple):

@@ -33,6 +33,10 @@ bags = 'mcap-ros2-support>=0.5,<1'
 viewer = 'viser>=1.1,<2'
 # ffmpeg as a wheel of 30 MB; later versions have one of 70 MB.
 video = 'imageio-ffmpeg>=0.4.9,<0.7'
+# Tables of studies: polars writes Parquet and CSV and needs nothing else (50 MB as a wheel, as much
+# as pyarrow, whose tables neither sort nor print by themselves). Clusters: Dask's scheduler alone,
+# whose executor keeps the interface of Python's since 2021; its versions are dates.
+studies = ['polars>=1,<3', 'distributed>=2023.5']
 
 setup(
     name=package_name,
@@ -48,7 +52,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
         (f'share/{package_name}/config', sorted(glob('config/*'))),
-        (f'share/{package_name}/examples', sorted(glob('examples/*.py'))),
+        (f'share/{package_name}/examples', sorted(glob('examples/*.*'))),
         (f'share/{package_name}/launch', sorted(glob('launch/*.launch.py'))),
         # What `ros2 run` finds after a pip install, which puts console scripts elsewhere.
         (f'lib/{package_name}', sorted(glob('scripts/*'))),
@@ -70,6 +74,7 @@ setup(
         'bags': [bags],
         'viewer': [viewer],
         'video': [video],
+        'studies': studies,
         'test': [
             'pytest>=7',
             'pytest-xdist',
@@ -83,6 +88,7 @@ setup(
             bags,
             viewer,
             video,
+            *studies,
             f'{peers}; python_version >= "3.11"',  # the first one it supports
         ],
     },

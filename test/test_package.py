@@ -20,7 +20,7 @@ CHANGELOG = ' '.join((ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8').split(
 # optional packages, or one that is installed by pip: the README names them.
 KEYS = {'PyYAML': 'python3-yaml', 'Pillow': 'python3-pil'}
 BUILD = {'setuptools'}  # comes with colcon
-OPTIONAL = {'bags', 'peers', 'video', 'viewer'}
+OPTIONAL = {'bags', 'peers', 'studies', 'video', 'viewer'}
 BENCH = {'drake'}  # only takes part in the bench
 # Checks of style and what only the tests of bags and of the speed of tests need.
 DEVELOPMENT = {'pytest-xdist', 'ruff', 'mypy', 'types-PyYAML', 'wheel', 'rosbags'}

@@ -2,6 +2,7 @@
 
 import argparse
 from collections import Counter
+from collections.abc import Callable
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 import json
@@ -104,6 +105,20 @@ class _Bar:
         }  # fmt: skip
 
 
+def _plotter(path: Path, study: 'Study') -> Callable[[Any], object]:
+    """Return what draws the table of a study; raise an error if that is not possible."""
+    try:
+        from snake_sim_ros.studies.chart import check_plot
+        from snake_sim_ros.studies.chart import draw
+    except ImportError as error:
+        raise ParameterError(
+            f"--plot needs matplotlib ({error}): pip install 'snake_sim_ros[plots]'"
+        ) from None
+    names = list(study.variations.of)
+    check_plot(path, names)
+    return lambda frame: draw(frame, names, study.metrics, path)
+
+
 def _compile(study: 'Study') -> None:
     """Compile what the first row needs that can be run, with a bar."""
     from snake_sim_ros.commands.compiling import compile_first
@@ -130,13 +145,16 @@ def _study(options: argparse.Namespace) -> int:
     folder = options.trajectories
     if folder is None and study.settings.keep == 'trajectories':
         folder = out.with_suffix('')
+    plot = _plotter(options.plot, study) if options.plot else None
     workers = workers_of(options)
     if options.scheduler is None and options.processes is None:
         _compile(study)
     bar, interrupted = _Bar(len(study.variations)), False
     with bar.bar:
         try:
-            run_study(study, out, folder, workers, bar)
+            frame = run_study(study, out, folder, workers, bar)
+            if plot:
+                plot(frame)
         except KeyboardInterrupt:
             interrupted = True
     if bar.first_failure:

@@ -112,9 +112,12 @@ def speed(trajectory: Trajectory) -> float:
 
 
 def direction(trajectory: Trajectory) -> float:
-    """Return the direction of the mean velocity, atan2(d_y, d_x), from e_x of I [rad]."""
-    x, y = displacement(trajectory)
-    return math.atan2(y, x)
+    """
+    Return the direction of the mean velocity, atan2(sideways, forward) [rad].
+
+    It is 0 if the robot goes on the way that link 1 points at the start, pi/2 to the left of it.
+    """
+    return math.atan2(sideways(trajectory), forward(trajectory))
 
 
 def energy(trajectory: Trajectory) -> float:

@@ -33,9 +33,8 @@ bags = 'mcap-ros2-support>=0.5,<1'
 viewer = 'viser>=1.1,<2'
 # ffmpeg as a wheel of 30 MB; later versions have one of 70 MB.
 video = 'imageio-ffmpeg>=0.4.9,<0.7'
-# Tables of studies: polars writes Parquet and CSV and needs nothing else (50 MB as a wheel, as much
-# as pyarrow, whose tables neither sort nor print by themselves). Clusters: Dask's scheduler alone,
-# whose executor keeps the interface of Python's since 2021; its versions are dates.
+# Tables of studies: polars writes Parquet and CSV, sorts and selects, and needs no other package,
+# in a wheel as large as that of pyarrow, 50 MB. Clusters: Dask without its arrays and data frames.
 studies = ['polars>=1,<3', 'distributed>=2023.5']
 
 setup(

@@ -168,13 +168,15 @@ def make_stepper(scene: Scene) -> Stepper:
     return levels.stepper_of_level(named, method)
 
 
-def compiled_alike(scene: Scene, other: Scene) -> bool:
-    """Return whether the same machine code takes the steps of two scenes."""
+def share_compiled(stepper: Stepper, scene: Scene, other: Stepper, other_scene: Scene) -> None:
+    """Let the stepper of another scene know the code that a stepper has, if they have the same."""
     kinds = [
         (method_of(each), is_flat(each), bool(each.ground.heights), each.self_contact)
-        for each in (scene, other)
+        for each in (scene, other_scene)
     ]
-    return kinds[0] == kinds[1]
+    both = isinstance(stepper, levels.LevelStepper) and isinstance(other, levels.LevelStepper)
+    if both and kinds[0] == kinds[1]:
+        other.used |= stepper.used  # type: ignore[attr-defined]
 
 
 def empty_history(scene: Scene) -> History:

@@ -25,7 +25,6 @@ from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.gait_ahead import GaitAhead
 from snake_sim_ros.stepping.levels import LevelStepper
-from snake_sim_ros.stepping.methods import compiled_alike
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.periods import samples_of
 from snake_sim_ros.stepping.samples import make_samples
@@ -78,13 +77,6 @@ class Simulation:
         self._go_on_from(initial_state(self.scene), self.stepper.empty_history())
         axes = (self.scene.robot.link_count - 1, 2)
         self.report = self.last = Report(joint_torque=np.zeros(axes))
-
-    def anew(self, scene: Scene) -> 'Simulation':
-        """Return a simulation of another scene; it does not look for code that this one found."""
-        other = Simulation(scene)
-        if isinstance(other.stepper, LevelStepper) and compiled_alike(self.scene, scene):
-            other.stepper.used |= getattr(self.stepper, 'used', set())
-        return other
 
     def compile(
         self, wave: Gait | None = None, levels: Sequence[str] = LEVELS, *, single: bool = False

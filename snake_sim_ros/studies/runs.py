@@ -15,6 +15,7 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.methods import share_compiled
 from snake_sim_ros.stepping.periods import samples_of
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.simulation import sample
@@ -150,7 +151,7 @@ def run_chunk(
 
 
 class _Runner:
-    """Runs one row after the other, in one simulation that starts anew."""
+    """Runs one row after the other, which shares the compiled code of the one before."""
 
     def __init__(self, plan: Plan, stopped: Callable[[], bool]) -> None:
         self.plan, self.stopped = plan, stopped
@@ -179,11 +180,11 @@ class _Runner:
         scene = scene_of(self.plan, row.values)
         result['key'] = key_of_run(self.plan, scene)
         steps, samples = samples_of(scene, self.plan.rate)
-        if self.simulation:
-            self.simulation.restart(scene)
-        else:
-            self.simulation = Simulation(scene)
-        return sample(self.simulation, steps, samples, keep=self.plan.keep, progress=self._look)
+        simulation, before = Simulation(scene), self.simulation
+        if before:
+            share_compiled(before.stepper, before.scene, simulation.stepper, scene)
+        self.simulation = simulation
+        return sample(simulation, steps, samples, keep=self.plan.keep, progress=self._look)
 
     def _look(self, seconds: float) -> None:
         if self.stopped():

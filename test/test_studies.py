@@ -1,7 +1,10 @@
 """Studies: what varies, what is measured, the table, and that every run comes out the same."""
 
+from dataclasses import fields
 import json
 import math
+from pathlib import Path
+import re
 
 import numpy as np
 import pytest
@@ -21,8 +24,11 @@ from snake_sim_ros.studies import workers
 from snake_sim_ros.studies.journal import Journal
 from snake_sim_ros.studies.journal import journal_of
 from snake_sim_ros.studies.metrics import METRICS
+from snake_sim_ros.studies.metrics import USUAL_METRICS
 from snake_sim_ros.studies.study import study
 from snake_sim_ros.studies.study_file import load_study
+from snake_sim_ros.studies.study_file import PARTS
+from snake_sim_ros.studies.study_file import Settings
 from snake_sim_ros.studies.study_file import study_from
 from snake_sim_ros.studies.variations import Listed
 from snake_sim_ros.studies.variations import Normal
@@ -30,6 +36,9 @@ from snake_sim_ros.studies.variations import Range
 from snake_sim_ros.studies.variations import Variations
 
 polars = pytest.importorskip('polars')
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = (ROOT / 'docs' / 'studies.md').read_text(encoding='utf-8')
+EXAMPLE = ROOT / 'examples' / 'friction_and_amplitude.yaml'
 SHORT = {'duration': 0.5}
 FRICTION = {'friction.transversal': [0.3, 0.4, 0.5]}
 
@@ -459,3 +468,27 @@ def test_arguments_are_refused_in_one_sentence(tmp_path, monkeypatch, capsys, ar
     assert main(['study', *arguments]) == 2
     errors = capsys.readouterr().err.splitlines()
     assert len(errors) == 1 and sentence in errors[0]
+
+
+# ---- docs/studies.md ----------------------------------------------------------------------------
+
+
+def test_the_page_has_every_metric_with_its_unit_and_every_key():
+    table = dict(re.findall(r'^\| `(\w+)` \|\s*([^|]*?)\s*\|', PAGE, re.MULTILINE))
+    assert {name: metric.unit for name, metric in METRICS.items()}.items() <= table.items()
+    defaults = study_from({'scene': 'step', 'vary': FRICTION}).settings
+    for item in fields(Settings):
+        shown = table[item.name].strip('`')
+        assert shown == str(getattr(defaults, item.name)) or item.name == 'samples', item.name
+    assert set(PARTS) <= table.keys()
+    assert table['metrics'].split(', ') == list(USUAL_METRICS)
+
+
+def test_programs_and_studies_of_the_page_run(tmp_path):
+    for program in re.findall(r'^```python\n(.*?)^```', PAGE, re.MULTILINE | re.DOTALL):
+        namespace = {'__name__': 'example'}
+        exec(compile(program, 'docs/studies.md', 'exec'), namespace)
+        assert set(namespace['table']['status']) == {'converged'}
+    (text,) = re.findall(r'^```yaml\n(.*?)^```', PAGE, re.MULTILINE | re.DOTALL)
+    (tmp_path / 'page.yaml').write_text(text)
+    assert load_study(tmp_path / 'page.yaml') == load_study(EXAMPLE)

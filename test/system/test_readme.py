@@ -44,10 +44,10 @@ SHORTENED = {
     ),
 }
 # Commands of snake-sim run in this process, which has compiled the steps already, except one.
-OFFLINE = ('run', 'export', 'levels', 'bench', 'stability')
+OFFLINE = ('run', 'study', 'export', 'levels', 'bench', 'stability')
 BY_LAUNCHER = './run run config/sidewinding.yaml --out run.npz'
 # What a command with such a word in it needs, and rosdep does not install.
-OPTIONAL = {'mcap': 'mcap_ros2', 'view': 'viser', 'mp4': 'imageio_ffmpeg'}
+OPTIONAL = {'study': 'polars', 'mcap': 'mcap_ros2', 'view': 'viser', 'mp4': 'imageio_ffmpeg'}
 # Commands that other tests run.
 ELSEWHERE = {
     './run demo': 'test_demo.py',
@@ -91,7 +91,7 @@ def test_command(line, tmp_path, user_environment, monkeypatch, request):
     for word, package in OPTIONAL.items():
         if word in line:
             pytest.importorskip(package)
-    for name in ('config', 'docs'):
+    for name in ('config', 'docs', 'examples'):
         (tmp_path / name).symlink_to(ROOT / name)
     if 'run.mcap' in line and '--bag' not in line:
         (tmp_path / 'run.mcap').symlink_to(request.getfixturevalue('bag'))

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import field
 from dataclasses import fields
 from dataclasses import is_dataclass
-from dataclasses import replace
 import difflib
 from functools import cache
 import math
@@ -18,6 +17,7 @@ from types import UnionType
 from typing import Any
 from typing import get_args
 from typing import get_type_hints
+from typing import NamedTuple
 
 import numpy as np
 
@@ -65,26 +65,45 @@ def _type_hints(cls: type) -> dict[str, Any]:
     return get_type_hints(cls)
 
 
+class _Field(NamedTuple):
+    """What `CheckedRecord` looks at in a field."""
+
+    name: str
+    kind: Any
+    kinds: tuple[Any, ...]  # the types it consists of
+    has_numbers: bool  # whether it may be a tuple of numbers
+    limits: Mapping[str, Any]  # metadata of the field
+
+    def is_usual(self, value: Any) -> bool:
+        """Return whether a value needs no conversion and is usable: the way of nearly all."""
+        cls, limits = type(value), self.limits
+        if cls is tuple:
+            return self.has_numbers and all(map(self.is_usual_number, value))
+        if cls not in self.kinds:
+            return False
+        if cls is float or cls is int:
+            return self.is_usual_number(value)
+        return cls is not str or not limits['choices'] or value in limits['choices']
+
+    def is_usual_number(self, value: Any) -> bool:
+        """Return whether a number in a value needs no conversion and is usable."""
+        limits = self.limits
+        is_number = type(value) is float or (type(value) is int and int in self.kinds)
+        return is_number and bool(
+            limits['above'] < value < math.inf and limits['minimum'] <= value <= limits['maximum']
+        )
+
+
 @cache
-def _checks(cls: type) -> tuple[tuple[str, Any, tuple[Any, ...], Mapping[str, Any]], ...]:
-    """Return name, type, the types it consists of and metadata of every field of a record."""
-    hints = _type_hints(cls)
-    kinds = {
-        name: get_args(kind) if isinstance(kind, UnionType) else (kind,)
-        for name, kind in hints.items()
-    }
-    return tuple(
-        (item.name, hints[item.name], kinds[item.name], item.metadata)
-        for item in fields(cls)  # type: ignore[arg-type]
-    )
-
-
-def _is_usual(value: Any, limits: Mapping[str, Any]) -> bool:
-    """Return whether a value of the right type is usable; the quick way for almost all values."""
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        return bool(limits['above'] < value < math.inf
-                    and limits['minimum'] <= value <= limits['maximum'])  # fmt: skip
-    return not isinstance(value, str) or not limits['choices'] or value in limits['choices']
+def _fields_of(cls: type) -> tuple[_Field, ...]:
+    """Return the fields of a class of records."""
+    found = []
+    for item in fields(cls):  # type: ignore[arg-type]
+        kind = _type_hints(cls)[item.name]
+        kinds = get_args(kind) if isinstance(kind, UnionType) else (kind,)
+        numbers = tuple[float, ...] in kinds
+        found.append(_Field(item.name, kind, kinds, numbers, item.metadata))
+    return tuple(found)
 
 
 def _converted(name: str, value: Any, kind: Any) -> Any:
@@ -146,14 +165,14 @@ class CheckedRecord:
             If a value has the wrong type, is not finite or is out of range.
 
         """
-        for name, kind, kinds, limits in _checks(type(self)):  # type: ignore[arg-type]
-            value = getattr(self, name)
-            if type(value) in kinds and _is_usual(value, limits):
+        for item in _fields_of(type(self)):  # type: ignore[arg-type]
+            value = getattr(self, item.name)
+            if item.is_usual(value):
                 continue
-            value = _converted(name, value, kind)
+            value = _converted(item.name, value, item.kind)
             for number in _leaves(value):
-                _check(name, number, limits)
-            object.__setattr__(self, name, value)
+                _check(item.name, number, item.limits)
+            object.__setattr__(self, item.name, value)
 
 
 def _leaves(value: Any) -> Iterator[Any]:
@@ -248,7 +267,8 @@ def with_values(record: Any, settings: Mapping[str, Any], prefix: str = '') -> A
         If a name is unknown or a value not usable.
 
     """
-    names, found = {item.name for item in fields(record)}, dict[str, Any]()
+    # All fields of a record are arguments of its class.
+    names, found = record.__dict__.keys(), dict[str, Any]()
     inside: dict[str, dict[str, Any]] = {}
     for dotted, value in settings.items():
         key, dot, rest = dotted.partition('.')
@@ -267,7 +287,7 @@ def with_values(record: Any, settings: Mapping[str, Any], prefix: str = '') -> A
         part = found.get(name, getattr(record, name))
         found[name] = with_values(part, values, f'{prefix}{name}.')
     try:
-        return replace(record, **found)
+        return type(record)(**record.__dict__ | found)
     except ParameterError as error:
         raise ParameterError(f'{prefix}{error}') from None
 

@@ -4,8 +4,6 @@ Joint references of snake gaits as pure functions of time, eqs. (70) and (71).
 `soft_start` and `wave` take arrays and, when they are compiled, numbers.
 """
 
-from dataclasses import astuple
-
 import numpy as np
 
 from snake_sim_ros.scene.parameters import Array
@@ -39,7 +37,9 @@ def reference(gait: Gait, time: float | Array, joint_count: int) -> tuple[Array,
     angle, rate = np.zeros((2, *t.shape[:-1], joint_count, 2))
     for axis, numbers in enumerate((gait.yaw, gait.pitch)):
         if numbers.amplitude != 0.0 or numbers.offset != 0.0:
-            angle[..., axis], rate[..., axis] = wave(astuple(numbers), fade, t, joint)
+            each = numbers.amplitude, numbers.angular_frequency, numbers.phase_lag
+            numbers_of_wave = *each, numbers.phase, numbers.offset
+            angle[..., axis], rate[..., axis] = wave(numbers_of_wave, fade, t, joint)
     return angle, rate
 
 

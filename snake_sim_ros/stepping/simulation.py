@@ -258,13 +258,13 @@ class _Advance:
     """Calls of `Simulation.advance` with the gait of the scene, and their wall time."""
 
     def __init__(
-        self, simulation: Simulation, samples: Samples, limits: Limits, *, time_references: bool
+        self, simulation: Simulation, samples: Samples, limits: Limits, portion: int, timed: bool
     ) -> None:
         self.simulation, self.samples, self.limits = simulation, samples, limits
-        self.time_references, self.seconds = time_references, 0.0
+        self.time_references, self.seconds = timed, 0.0
         self.is_cautious = not math.isinf(limits.unconverged)
         self.in_time = 0  # steps taken before the limit of the wall time
-        self.begin, self.portion = simulation.step_count, max(LEAST_STEPS, samples.every)
+        self.begin, self.portion = simulation.step_count, max(portion, samples.every)
         if self.is_cautious:
             self.portion = FIRST_PORTION
 
@@ -308,6 +308,7 @@ def sample(
     progress: Callable[[float], object] | None = None,
     time_references: bool = False,
     interruptible: bool = False,
+    portion: int = LEAST_STEPS,
 ) -> Trajectory:
     """
     Advance a simulation with the gait of its scene, and return samples of its motion.
@@ -315,29 +316,30 @@ def sample(
     Parameters
     ----------
     simulation : Simulation
-        Its present state is the first sample. It is left in the state after the last step.
+        Its present state is the first sample; it is left in that after the last step.
     steps : int
         Number of steps between two samples.
     samples : int
-        Number of samples after the first one. They are fewer if a step diverges or a limit is
-        reached.
+        Number of samples after the first one; fewer if a step diverges or a limit is reached.
     keep : Keep, optional
         Default: states, joint torques and levels only.
     limits : Limits, optional
     observe : callable, optional
-        Called at every sample, the first one included. Steps are then taken in calls from one
-        sample to the next, which costs 0.1 ms a sample.
+        Called at every sample, also the first. Steps are then taken in calls from one sample to
+        the next, which costs 0.1 ms a sample.
     progress : callable, optional
         Called with the simulated time that has passed [s], some times a second.
     time_references : bool, optional
         Whether the wall time of the steps includes the computation of the joint references.
     interruptible : bool, optional
-        Whether an interruption from the keyboard ends the run and returns the samples so far.
-        Otherwise it is raised.
+        Whether Ctrl-C ends the run and returns the samples so far, or is raised.
+    portion : int, optional
+        Number of steps in the first call, between two calls of `progress`.
 
     """
     found = _begun(simulation, steps, samples)
-    advance = _Advance(simulation, found.after(0), limits, time_references=time_references)
+    kept = found.after(0)
+    advance = _Advance(simulation, kept, limits, portion, time_references)
     interrupted = False
     try:
         if observe:
@@ -396,13 +398,8 @@ def run(
     simulation.compile(scene.gait)
     begin, compiled = time.perf_counter(), simulation.compile_seconds
     trajectory = sample(
-        simulation,
-        steps,
-        samples,
-        keep=Keep(contacts=True),
-        observe=observe,
-        progress=progress,
+        simulation, steps, samples, keep=Keep(contacts=True), observe=observe, progress=progress,
         interruptible=True,
-    )
+    )  # fmt: skip
     compiled = simulation.compile_seconds - compiled
     return replace(trajectory, seconds=time.perf_counter() - begin - compiled)

@@ -18,6 +18,8 @@ from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import share_compiled
 from snake_sim_ros.stepping.periods import samples_of
 from snake_sim_ros.stepping.sampling import Keep
+from snake_sim_ros.stepping.simulation import LEAST_STEPS
+from snake_sim_ros.stepping.simulation import PORTION_SECONDS
 from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
@@ -156,6 +158,7 @@ class _Runner:
     def __init__(self, plan: Plan, stopped: Callable[[], bool]) -> None:
         self.plan, self.stopped = plan, stopped
         self.simulation: Simulation | None = None
+        self.portion = LEAST_STEPS  # steps of the last run that took PORTION_SECONDS
 
     def result(self, row: Row) -> dict[str, Any]:
         """Return the result of a row: its number, values, metrics, and how its run went."""
@@ -184,7 +187,12 @@ class _Runner:
         if before:
             share_compiled(before.stepper, before.scene, simulation.stepper, scene)
         self.simulation = simulation
-        return sample(simulation, steps, samples, keep=self.plan.keep, progress=self._look)
+        trajectory = sample(
+            simulation, steps, samples, keep=self.plan.keep, progress=self._look,
+            portion=self.portion,
+        )  # fmt: skip
+        self.portion = int(PORTION_SECONDS * simulation.step_count / trajectory.seconds)
+        return trajectory
 
     def _look(self, seconds: float) -> None:
         if self.stopped():

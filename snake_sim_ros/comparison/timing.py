@@ -45,7 +45,7 @@ from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.methods import what_is_not_planar
 from snake_sim_ros.stepping.periods import steps_in
 from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.simulation import Limits
+from snake_sim_ros.stepping.sampling import Limits
 from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.simulation import Simulation
 

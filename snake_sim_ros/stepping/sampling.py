@@ -1,5 +1,6 @@
 """The record of a run from its samples: joints, contact forces and levels."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,17 @@ class Keep(NamedTuple):
 
     contacts: bool = False
     impulses: bool = False
+
+
+class Limits(NamedTuple):
+    """Limits that end a run before its last sample, as a step that diverges does."""
+
+    seconds: float = math.inf  # wall time of all steps [s]
+    unconverged: float = math.inf  # number of steps that did not converge
+
+
+NO_LIMITS = Limits()
+STATES = Keep()
 
 
 def joint_motion(q: Array, u: Array) -> tuple[Array, Array]:

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 import math
 import time
-from typing import NamedTuple
 
 import numpy as np
 
@@ -31,6 +30,9 @@ from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.sampling import Keep
+from snake_sim_ros.stepping.sampling import Limits
+from snake_sim_ros.stepping.sampling import NO_LIMITS
+from snake_sim_ros.stepping.sampling import STATES
 from snake_sim_ros.stepping.sampling import trajectory_of
 from snake_sim_ros.stepping.state import carried
 from snake_sim_ros.stepping.state import History
@@ -241,17 +243,6 @@ class Simulation:
     def _go_on_from(self, state: State, history: History) -> None:
         """Go on from a state and its history."""
         self._state, self._history, self._single_steps = state, history, None
-
-
-class Limits(NamedTuple):
-    """Limits that end a run before its last sample, as a step that diverges does."""
-
-    seconds: float = math.inf  # wall time of all steps [s]
-    unconverged: float = math.inf  # number of steps that did not converge
-
-
-NO_LIMITS = Limits()
-STATES = Keep()
 
 
 class _Advance:

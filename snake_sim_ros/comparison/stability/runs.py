@@ -31,7 +31,7 @@ from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.periods import steps_in
 from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.simulation import Limits
+from snake_sim_ros.stepping.sampling import Limits
 from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import State

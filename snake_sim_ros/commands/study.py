@@ -6,6 +6,7 @@ from collections.abc import Callable
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 import json
+import logging
 from pathlib import Path
 import sys
 import time
@@ -67,6 +68,8 @@ def workers_of(options: argparse.Namespace) -> AbstractContextManager[Any]:
         if number is not None and number < 1:
             raise ParameterError(f'--{name} must be at least 1, got {number}')
     if options.scheduler is not None:
+        # What happens to a cluster is one sentence of this command, not pages of its log.
+        logging.getLogger('distributed').setLevel(logging.CRITICAL)
         return workers.cluster(options.scheduler)
     if options.processes is not None:
         return workers.processes(options.processes)

@@ -25,10 +25,12 @@ import signal
 import sys
 import threading
 from typing import Any
+from typing import ClassVar
 
 from snake_sim_ros.dynamics.code_cache import CodeCache
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.studies.runs import empty_result
+from snake_sim_ros.studies.runs import never
 from snake_sim_ros.studies.runs import Plan
 from snake_sim_ros.studies.runs import Row
 from snake_sim_ros.studies.runs import run_chunk
@@ -82,14 +84,10 @@ def processes(count: int | None = None) -> Iterator[Workers]:
     number = count or core_count()
     # New interpreters: a process that was copied from one with threads may wait for ever.
     context = multiprocessing.get_context('spawn')
-    pool = ProcessPoolExecutor(number, context, _prepare_process, (list(sys.path),))
-
-    def end() -> None:
-        for process in list((pool._processes or {}).values()):
-            process.terminate()
-
-    with _ended(pool, end):
-        yield Workers(lambda plan, rows: pool.submit(run_chunk, plan, rows), lambda: number)
+    stop = context.Event()
+    pool = ProcessPoolExecutor(number, context, _prepare_process, (list(sys.path), stop))
+    with _ended(pool, stop.set):
+        yield Workers(lambda plan, rows: pool.submit(run_in_process, plan, rows), lambda: number)
 
 
 @contextmanager
@@ -151,11 +149,23 @@ def run_on_cluster(plan: Plan, rows: Sequence[Row]) -> list[dict[str, Any]]:
     return run_chunk(plan, rows)
 
 
-def _prepare_process(path: list[str]) -> None:
+class _Process:
+    """What a process of `processes` was given at its start."""
+
+    stopped: ClassVar[Callable[[], bool]] = staticmethod(never)
+
+
+def _prepare_process(path: list[str], stop: Any) -> None:
     """Leave Ctrl-C to the process that started this one, whose modules this one finds."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.path[:] = path
     CodeCache.shares_work = True
+    _Process.stopped = stop.is_set
+
+
+def run_in_process(plan: Plan, rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Return the results of a chunk, in a process of `processes`."""
+    return run_chunk(plan, rows, _Process.stopped)
 
 
 @contextmanager

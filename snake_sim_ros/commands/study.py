@@ -25,7 +25,7 @@ def add_study(subparsers: Any) -> None:
     """Add the command."""
     command = subparsers.add_parser('study', help='run a scene with many values, on all cores')
     command.set_defaults(command=_study)
-    command.add_argument('study', type=Path, help='YAML file, or the name of a study in config/')
+    command.add_argument('study', type=Path, help='YAML file, see docs/studies.md')
     command.add_argument(
         '--out', type=Path, metavar='FILE',
         help='the table, Parquet or CSV by its suffix, default: the name of the study with '

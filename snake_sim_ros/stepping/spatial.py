@@ -56,7 +56,7 @@ class SpatialStepper:
 
     def empty_history(self) -> History:
         """Return the history before the first step."""
-        return copied(self.empty)
+        return self.returned.empty_history()
 
     def watch(self, settle_steps: int) -> None:
         """Let `advance` end once the robot has lain flat and still for that number of steps."""

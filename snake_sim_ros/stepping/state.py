@@ -179,7 +179,7 @@ def check_arguments(
 
 class Returned:
     """
-    What a stepper returned last, which it need not check when it comes back.
+    What a stepper gave away last, which it need not check when it comes back.
 
     Parameters
     ----------
@@ -192,11 +192,21 @@ class Returned:
     def __init__(self, links: int, empty: History) -> None:
         self.links, self.empty = links, empty
         self.last: tuple[Any, Any] = None, None
+        self.begun: History | None = None
+
+    def empty_history(self) -> History:
+        """Return a copy of the empty history."""
+        self.begun = copied(self.empty)
+        return self.begun
 
     def check(self, state: State, history: History, angle: Array, rate: Array) -> None:
         """Check the arguments of `base.Stepper.advance`, see `check_arguments`."""
         is_known = self.last[0] is state and self.last[1] is history
-        if not is_known or not (is_finite(state.q) and is_finite(state.u)):
+        if is_known and is_finite(state.q) and is_finite(state.u):
+            pass
+        elif history is self.begun:
+            check_state(self.links, len(self.empty.impulse), state, history)
+        else:
             check_history(self.links, self.empty, state, history)
         steps = len(angle) if np.ndim(angle) else 0
         _check_array('angle', angle, (steps, self.links - 1, 2))

@@ -130,7 +130,7 @@ class PlanarStepper:
 
     def empty_history(self) -> History:
         """Return the history before the first step."""
-        return copied(self.empty)
+        return self.returned.empty_history()
 
     def advance(
         self, state: State, history: History, angle: Array, rate: Array,

@@ -8,7 +8,7 @@ import signal
 import pytest
 
 # All kinds of contacts are compiled anew for every method; it takes longer than all of their tests
-# without the compiler. test_architecture.py runs these without it, for every method, and those
+# without the compiler. test_without_compiler.py runs these without it, for every method, and those
 # that are here twice: with it they are longer, for the methods that are most used.
 collect_ignore = []
 if not os.environ.get('NUMBA_DISABLE_JIT'):

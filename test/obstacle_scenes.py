@@ -40,8 +40,8 @@ from snake_sim_ros.stepping.state import State
 CELL = 0.15  # m
 
 # Every method compiles the contacts of these scenes anew, for tens of seconds. Without the
-# compiler a step of a few links takes milliseconds: test_architecture.py runs these tests so, for
-# all methods and with ten times the step. With it they run for the methods that are most used.
+# compiler a step of a few links takes milliseconds: test_without_compiler.py runs these tests so,
+# for all methods and with ten times the step. With it they run for the methods most used.
 WITHOUT_COMPILER = bool(os.environ.get('NUMBA_DISABLE_JIT'))
 HERE = list(METHODS) if WITHOUT_COMPILER else ['newton', 'bdf2']
 MIDDLE = [name for name in METHODS if name != 'bdf2']  # of the step of the paper

@@ -3,9 +3,9 @@
 import ast
 from fnmatch import fnmatch
 from functools import cached_property
+import os
 from pathlib import Path
 import re
-import sys
 from typing import NamedTuple
 
 import numba

@@ -63,7 +63,7 @@ def recorded(make_graph, tmp_path_factory):
     states = graph.record(JointState, 'joint_states')
     reports = graph.record(DiagnosticArray, '/diagnostics')
     graph.until(lambda: states and states[-1].header.stamp.sec >= DURATION, 'three seconds')
-    # Until its first step a robot is spatial; so are some reports, the more the busier the machine.
+    # Until its first step a robot is spatial: so are one report or, on a busy machine, more.
     graph.until(lambda: reports and level(reports[-1]) == 'planar', 'a robot that lies flat')
     known = nanoseconds(reports[-1])
     graph.until(lambda: nanoseconds(states[-1]) > known, 'a state after this report')

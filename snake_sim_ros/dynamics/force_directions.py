@@ -102,16 +102,16 @@ def scene_contacts(scene: Scene, q: Array) -> tuple[Array, Array, Array, Array]:
         return posture.gaps(robot, q), *contact_directions(robot, R)
     gap, lever, frame = obstacles.contact_geometry(scene, q)
     (i, j), a = obstacles.contact_links(scene).T, np.arange(len(gap))
-    W, W_V = np.zeros((len(gap), 3, len(R), 6)), np.zeros((len(gap), 2, len(R), 6))
+    W, rolling = np.zeros((len(gap), 3, len(R), 6)), np.zeros((len(gap), 2, len(R), 6))
     W[a, :, i] = _point_directions(R[i], lever, frame)
     pairs = np.flatnonzero(j >= 0)
     i_2, j_2 = i[pairs], j[pairs]
     arm = q[i_2, :3] + lever[pairs] - q[j_2, :3]
     W[pairs, :, j_2] = -_point_directions(R[j_2], arm, frame[pairs])
     r_CS = robot.per_link('contact_radius')[i, None] * frame[:, 0]
-    W_V[a, :, i, 3:] = -np.cross(r_CS[:, None], frame[:, 1:]) @ R[i]
-    columns = (part.reshape(-1, 6 * len(R)).T for part in (W[:, 0], W[:, 1:], W_V))
-    return gap, *columns
+    rolling[a, :, i, 3:] = -np.cross(r_CS[:, None], frame[:, 1:]) @ R[i]
+    W_N, W_T, W_V = (part.reshape(-1, 6 * len(R)).T for part in (W[:, 0], W[:, 1:], rolling))
+    return gap, W_N, W_T, W_V
 
 
 def scene_gaps(scene: Scene, q: Array) -> Array:

@@ -8,7 +8,7 @@ import signal
 import pytest
 
 # All kinds of contacts are compiled anew for every method; it takes longer than all of their tests
-# without the compiler. test_architecture.py runs these without it, for every method, and those
+# without the compiler. test_without_compiler.py runs these without it, for every method, and those
 # that are here twice: with it they are longer, for the methods that are most used.
 collect_ignore = []
 if not os.environ.get('NUMBA_DISABLE_JIT'):
@@ -19,14 +19,17 @@ if find_spec('control_msgs') is None:  # it is not on PyPI; test_trajectory_acti
     collect_ignore.append('system/test_follow_joint_trajectory.py')
 
 # Two processes take a file each (--dist loadfile). What compiles most is first, apart from what
-# compiles the same, so that the other process finds it on disk; live robots are next, when their
-# physics is compiled; what is short is last, so that both end together.
+# compiles the same, so that the other process finds it on disk. Live robots are next, when their
+# physics is compiled, mixed with what computes, because they wait; what is short is last, so that
+# both end together.
 ORDER = (
-    *('test_pegs', 'test_agreement', 'test_levels', 'test_newton', 'test_artefacts'),
-    *('test_readme', 'test_examples', 'test_bad_input', 'test_demo', 'test_interface'),
-    *('test_tour', 'test_viewer', 'test_record', 'test_pacing', 'test_sim_node'),
-    *('test_gait_node', 'test_graph_commands', 'test_figures'),
-    *('test_baselines', 'test_invariants', 'test_charts', 'test_architecture', 'test_physics'),
+    *('test_pegs', 'test_agreement', 'test_levels', 'test_condensing', 'test_newton'),
+    *('test_without_compiler', 'test_artefacts', 'test_viewer', 'test_bdf2_reference'),
+    *('test_graph_commands', 'test_invariants', 'test_graph_reports', 'test_interface'),
+    *('test_tour', 'test_demo', 'test_gait_start', 'test_free_robots', 'test_gait_node'),
+    *('test_charts', 'test_first_start', 'test_readme', 'test_examples', 'test_bad_input'),
+    *('test_pacing', 'test_record', 'test_sim_node', 'test_physics', 'test_baselines'),
+    *('test_checkpoint', 'test_figures', 'test_cli', 'test_architecture', 'test_samples'),
 )
 
 

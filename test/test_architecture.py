@@ -1,27 +1,23 @@
-"""What may import what, and that the physics runs alone: without ROS, nodes, display, compiler."""
+"""What may import what, that the physics imports no ROS and no display, and how it compiles."""
 
 import ast
 from fnmatch import fnmatch
-import json
+from functools import cached_property
 import os
 from pathlib import Path
 import re
-import shutil
-import subprocess
-import sys
 from typing import NamedTuple
 
 import numba
 import numpy as np
+from processes import python
 import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from short_run import short_run
 
 from snake_sim_ros.dynamics import code_cache
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import Dispatched
-from snake_sim_ros.stepping.state import named_arrays
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / 'snake_sim_ros'
@@ -78,17 +74,31 @@ class Module:
     """What a source file of the package imports and defines."""
 
     def __init__(self, path):
-        self.path, self.tree = path, ast.parse(path.read_text(encoding='utf-8'))
+        self.path = path
         parts = path.relative_to(PACKAGE).with_suffix('').parts
         self.place = '/'.join(parts)
         self.name = '.'.join(part for part in parts if part != '__init__')
         self.room = parts[0] if len(parts) > 1 else ''
-        self.lines = len(path.read_text(encoding='utf-8').splitlines())
+
+    @cached_property
+    def text(self):
+        """The source."""
+        return self.path.read_text(encoding='utf-8')
+
+    @cached_property
+    def tree(self):
+        """The syntax tree, which is made once it is asked for: not to collect tests."""
+        return ast.parse(self.text)
+
+    @cached_property
+    def nodes(self):
+        """All nodes of the tree."""
+        return list(ast.walk(self.tree))
 
     def imported(self, tree=None):
         """Return the dotted names of all that is imported, at the top or inside functions."""
         names = set()
-        for node in ast.walk(tree or self.tree):
+        for node in ast.walk(tree) if tree else self.nodes:
             if isinstance(node, ast.Import):
                 names |= {alias.name for alias in node.names}
             elif isinstance(node, ast.ImportFrom):
@@ -110,7 +120,7 @@ class Module:
 
     def functions(self):
         """Yield all functions, nested ones and methods too."""
-        for node in ast.walk(self.tree):
+        for node in self.nodes:
             if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
                 yield node
 
@@ -118,22 +128,6 @@ class Module:
 MODULES = [Module(path) for path in sorted(PACKAGE.rglob('*.py'))]
 NAMES = {module.name for module in MODULES}
 each_module = pytest.mark.parametrize('module', MODULES, ids=lambda module: module.place)
-
-
-def python(*arguments, folder, **environment):
-    """Return what a new Python process prints that takes the package from a folder."""
-    path = os.pathsep.join(filter(None, [str(folder), os.environ.get('PYTHONPATH')]))
-    finished = subprocess.run(
-        [sys.executable, *arguments],
-        env={**os.environ, 'PYTHONPATH': path, 'PYTEST_ADDOPTS': '', **environment},
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=200,
-        check=False,
-    )
-    assert finished.returncode == 0, finished.stderr
-    return finished.stdout
 
 
 # ---- imports ------------------------------------------------------------------------------------
@@ -243,55 +237,6 @@ def graph_packages(name):
     return packages
 
 
-# `newton_dense` is made of the same functions; its elimination passes a last bit on with a factor
-# of 1e5 and more.
-@pytest.mark.parametrize(
-    ('level', 'method'), [('spatial', 'newton'), ('spatial', 'paper'), ('auto', 'newton')]
-)
-def test_physics_runs_without_nodes_and_without_compiler(tmp_path, method, level):
-    upper = shutil.ignore_patterns(*set(MAY_USE) - PHYSICS)
-    shutil.copytree(PACKAGE, tmp_path / 'snake_sim_ros', ignore=upper)
-    program = str(ROOT / 'test' / 'short_run.py')
-    printed = python(program, method, level, folder=tmp_path, NUMBA_DISABLE_JIT='1')
-    file, q, u, arrays = json.loads(printed)
-    assert Path(file).parent == tmp_path / 'snake_sim_ros'
-    end, compiled_history, report = short_run(method, level)
-    assert (report.steps, report.planar_steps) == (3, 2 if level == 'auto' else 0)
-    if method == 'paper':
-        assert report.iterations_max > 3 * 10  # after which the contact problem is condensed
-    # Both round as written, but sines and tangents may come from another library: 120 sweeps pass
-    # a last bit of them on, with stiff joints, to velocities below 1 m/s and 2 rad/s.
-    assert np.abs(end.q - q).max() < 1e-12
-    assert np.abs(end.u - u).max() < 1e-12
-    compiled_arrays = named_arrays(compiled_history)
-    assert compiled_arrays.keys() == arrays.keys()
-    for name, array in compiled_arrays.items():
-        assert np.abs(array - arrays[name]).max(initial=0.0) < 1e-12, name
-
-
-@pytest.mark.parametrize(
-    ('files', 'passed'),
-    [
-        ('test_self_contact.py', r'9\d'),
-        ('test_change.py', r'5\d\d'),
-        ('test_pegs.py test_ground.py', r'2\d\d'),
-        ('test_soft_impacts.py test_events.py', r'4\d\d'),
-    ],
-)
-def test_what_is_tested_without_compiler(files, passed):
-    # See conftest.py.
-    paths = [f'test/{name}' for name in files.split()]
-    arguments = ['-m', 'pytest', '-q', '-p', 'no:cacheprovider', *paths]
-    printed = python(*arguments, folder=ROOT, NUMBA_DISABLE_JIT='1')
-    assert re.search(rf'^{passed} passed(, \d skipped)? in', printed, re.MULTILINE), printed
-
-
-def test_a_scene_that_changes_stays_in_bounds():
-    program = str(ROOT / 'test' / 'test_change.py')
-    printed = python(program, folder=ROOT, NUMBA_BOUNDSCHECK='1')
-    assert printed == 'all in bounds\n'
-
-
 # ---- compilation --------------------------------------------------------------------------------
 
 
@@ -341,10 +286,9 @@ def test_functions_are_compiled_or_typed(module):
 @each_module
 def test_nothing_is_compiled_in_another_way(module):
     # `compiled` alone knows how: options would differ from function to function.
-    text = module.path.read_text(encoding='utf-8')
     places = ('dynamics/compilation', 'dynamics/bound_call', 'dynamics/code_cache')
     assert ('numba' in module.packages()) == (module.place in places)
-    assert not re.search(r'\bn?jit\(', text) or module.place == 'dynamics/compilation'
+    assert not re.search(r'\bn?jit\(', module.text) or module.place == 'dynamics/compilation'
 
 
 class Twice(NamedTuple):
@@ -426,7 +370,7 @@ def texts():
             for name in folders
             if name not in built and not name.startswith('.') and not name.endswith('.egg-info')
         ]
-        for name in files:
+        for name in {*files} - {'.git'}:  # a file in a second work tree
             path = Path(folder) / name
             content = path.read_bytes()
             if b'\0' not in content:
@@ -435,7 +379,7 @@ def texts():
 
 @each_module
 def test_modules_are_short(module):
-    assert module.lines <= LONGEST_MODULE
+    assert len(module.text.splitlines()) <= LONGEST_MODULE
 
 
 @each_module

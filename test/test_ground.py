@@ -158,6 +158,8 @@ def test_level_cells_are_a_floor(method):
     steps = 100
     if WITHOUT_COMPILER:
         flat, steps = replace(flat, robot=Robot(link_count=2)), 3
+        # Gauss-Seidel stops at its limit of sweeps on such a floor, see test_change.py.
+        flat = replace(flat, solver=replace(flat.solver, iteration_limit=1000))
     cells = replace(flat, ground=Ground(heights=((0.1,) * 20,) * 20, cell=0.11, origin=(-1.1, -1)))
     ends = []
     for scene in (flat, cells):

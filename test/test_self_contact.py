@@ -1,6 +1,7 @@
 """Contacts of links with each other: gaps, directions, impacts, and a robot that curls up."""
 
 from dataclasses import replace
+from functools import cache
 import math
 from pathlib import Path
 
@@ -90,9 +91,15 @@ def solved(scene, state, angle, rate, method, history=None, **settings):
     return end, history.impulse, report
 
 
-def curled(robot, gap=0.0, bend=1.0):
+def curled(robot, gap=0.0):
     """Return a robot bent in one plane until two links are `gap` apart, flat on the floor."""
-    low, high = 0.0, bend
+    q, angle = _curled(robot, gap)
+    return q.copy(), angle.copy()
+
+
+@cache
+def _curled(robot, gap):
+    low, high = 0.0, 1.0
     for _ in range(60):
         middle = (low + high) / 2
         angle = np.zeros((robot.link_count - 1, 2))

@@ -5,6 +5,7 @@ The law of impacts is completely inelastic, and has no speed below which it is a
 tests run without the compiler, see conftest.py: a few steps of a link or two with all methods.
 """
 
+from functools import cache
 import math
 
 import numpy as np
@@ -90,6 +91,20 @@ def test_a_link_that_meets_something_does_not_leave_it(method, name, speed, dt):
         assert np.abs(states.u[met:, 0]).max() <= FAST + SPEED / OFFSET + ROUNDED
 
 
+@cache
+def bent_to_a_u(robot, gap):
+    """Return coordinates of three links above the floor whose outer ones are `gap` apart."""
+    scene, angle = Scene(robot=robot, self_contact=True), np.zeros((2, 2))
+    low, high = math.radians(80), math.radians(110)
+    for _ in range(60):
+        angle[:, 0] = (low + high) / 2
+        q = chain_coordinates(robot, angle)
+        q[:, 2] = RADIUS + 1e-3
+        closest = obstacles.contact_geometry(scene, q)[0][obstacles.first_pair(scene) :].min()
+        low, high = (angle[0, 0], high) if closest > gap else (low, angle[0, 0])
+    return q
+
+
 @pytest.mark.parametrize('dt', [1 / 4000, 1 / 100])
 @pytest.mark.parametrize('speed', [1e-4, 5e-3, 0.1])
 @pytest.mark.parametrize('method', METHODS)
@@ -101,14 +116,7 @@ def test_links_that_meet_each_other_stay_together(method, speed, dt):
         robot=robot, self_contact=True, friction=isotropic(0.0), gravity=NONE, method=method,
         dt=dt, level='spatial', solver=Solver(residual_tolerance=1e-10, tolerance=1e-12),
     )  # fmt: skip
-    angle = np.zeros((2, 2))
-    gap, low, high = 2.4 * dt * speed, math.radians(80), math.radians(110)
-    for _ in range(60):
-        angle[:, 0] = (low + high) / 2
-        q = chain_coordinates(robot, angle)
-        q[:, 2] = RADIUS + 1e-3  # above the floor
-        closest = obstacles.contact_geometry(scene, q)[0][obstacles.first_pair(scene) :].min()
-        low, high = (angle[0, 0], high) if closest > gap else (low, angle[0, 0])
+    q = bent_to_a_u(robot, 2.4 * dt * speed)
     R, half, u = rotation_matrices(q[:, 3:]), robot.link_length / 2, np.zeros((3, 6))
     for i, sign in ((0, -1.0), (2, 1.0)):
         # Turning by 1 rad/s about the joint, which is ahead of the first and behind the last link.

@@ -5,6 +5,8 @@ Impulses of a contact are scaled with its coefficients of friction, P = (P_N, P_
 that the admissible sets are a half line and two discs of radius P_N, section V of the paper.
 """
 
+import math
+
 import numpy as np
 
 from snake_sim_ros.scene.parameters import Array
@@ -60,7 +62,7 @@ def prox(x: Array) -> Array:
     P = x.copy()
     P[0] = max(0.0, x[0])
     for part in (slice(1, 3), slice(3, 5)):
-        length = float(np.linalg.norm(x[part]))
+        length = math.hypot(*x[part])
         if length > P[0]:
             P[part] *= P[0] / length
     return P

@@ -217,9 +217,9 @@ def restart_radii(rounds, closed, contacts, pairs):
 
     The rounds have a solution to converge to, but reach it only from some starts. Robots that fold
     onto themselves with friction of 0.6 and more reach it from one of these. Other robots have no
-    `pairs`; see `linear_problem.couple_pairs`.
+    `pairs`, or none with rows; see `linear_problem.couple_pairs`.
     """
-    if pairs is None:
+    if pairs is None or len(pairs.operator) == 0:
         return
     if rounds != RESTART_ROUNDS and rounds != 2 * RESTART_ROUNDS:
         return

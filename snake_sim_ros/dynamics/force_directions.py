@@ -16,6 +16,7 @@ from snake_sim_ros.scene import posture
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.rotations import cross
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.scene.rotations import tilde
 
@@ -43,7 +44,7 @@ def contact_frame(R: Array, i: int) -> tuple[Array, Array]:
     a = R[i] @ E_Z
     c = math.hypot(a[0], a[1])
     e_x = np.array([a[0] / c, a[1] / c, 0.0]) if c > 1e-6 else E_X
-    return e_x, np.cross(E_Z, e_x)
+    return e_x, cross(E_Z, e_x)
 
 
 def contact_directions(robot: Robot, R: Array) -> tuple[Array, Array, Array]:
@@ -100,18 +101,24 @@ def scene_contacts(scene: Scene, q: Array) -> tuple[Array, Array, Array, Array]:
     if obstacles.is_flat(scene):
         return posture.gaps(robot, q), *contact_directions(robot, R)
     gap, lever, frame = obstacles.contact_geometry(scene, q)
-    n, count = robot.link_count, len(gap)
-    W_N, W_T, W_V = (np.zeros((6 * n, width * count)) for width in (1, 2, 2))
-    for a, (i, j) in enumerate(obstacles.contact_links(scene)):
-        normal, *tangents = frame[a]
-        for link, sign in ((i, 1), (j, -1)) if j >= 0 else ((i, 1),):
-            arm = q[i, :3] + lever[a] - q[link, :3]
-            W_N[link_rows(link), a] = sign * point_direction(R[link], arm, normal)
-            for k, e in enumerate(tangents):
-                W_T[link_rows(link), 2 * a + k] = sign * point_direction(R[link], arm, e)
-        r_CS, D = robot.per_link('contact_radius')[i] * normal, np.column_stack(tangents)
-        W_V[6 * i + 3 : 6 * i + 6, 2 * a : 2 * a + 2] = (D.T @ tilde(r_CS) @ R[i]).T
+    (i, j), a = obstacles.contact_links(scene).T, np.arange(len(gap))
+    W, rolling = np.zeros((len(gap), 3, len(R), 6)), np.zeros((len(gap), 2, len(R), 6))
+    W[a, :, i] = _point_directions(R[i], lever, frame)
+    pairs = np.flatnonzero(j >= 0)
+    i_2, j_2 = i[pairs], j[pairs]
+    arm = q[i_2, :3] + lever[pairs] - q[j_2, :3]
+    W[pairs, :, j_2] = -_point_directions(R[j_2], arm, frame[pairs])
+    r_CS = robot.per_link('contact_radius')[i, None] * frame[:, 0]
+    rolling[a, :, i, 3:] = -np.cross(r_CS[:, None], frame[:, 1:]) @ R[i]
+    W_N, W_T, W_V = (part.reshape(-1, 6 * len(R)).T for part in (W[:, 0], W[:, 1:], rolling))
     return gap, W_N, W_T, W_V
+
+
+def scene_gaps(scene: Scene, q: Array) -> Array:
+    """Return the gaps of all contacts of a scene [m], as `scene_contacts` does."""
+    if obstacles.is_flat(scene):
+        return posture.gaps(scene.robot, q)
+    return obstacles.contact_geometry(scene, q)[0]
 
 
 def joint_gaps(robot: Robot, q: Array) -> Array:
@@ -135,9 +142,9 @@ def joint_directions(robot: Robot, R: Array) -> Array:
             W_J[link_rows(i), 4 * i + k] = point_direction(R[i], half[i] * R[i] @ E_Z, e_chi)
             arm = -half[i + 1] * R[i + 1] @ E_Z
             W_J[link_rows(i + 1), 4 * i + k] = -point_direction(R[i + 1], arm, e_chi)
-        cross = np.cross(R[i] @ E_Y, R[i + 1] @ E_X)
-        W_J[6 * i + 3 : 6 * i + 6, 4 * i + 3] = R[i].T @ cross
-        W_J[6 * i + 9 : 6 * i + 12, 4 * i + 3] = -R[i + 1].T @ cross
+        normal = cross(R[i] @ E_Y, R[i + 1] @ E_X)
+        W_J[6 * i + 3 : 6 * i + 6, 4 * i + 3] = R[i].T @ normal
+        W_J[6 * i + 9 : 6 * i + 12, 4 * i + 3] = -R[i + 1].T @ normal
     return W_J
 
 
@@ -212,3 +219,8 @@ def point_direction(R: Array, lever: Array, e: Array) -> Array:
 
     """
     return np.concatenate([e, -(e @ tilde(lever) @ R)])
+
+
+def _point_directions(R: Array, lever: Array, e: Array) -> Array:
+    """Return `point_direction` for links (k, 3, 3), levers (k, 3) and directions (k, m, 3)."""
+    return np.concatenate([e, np.cross(lever[:, None], e) @ R], axis=2)

@@ -28,6 +28,7 @@ from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Ground
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.rotations import cross
 from snake_sim_ros.scene.rotations import rotation_matrices
 
 NEIGHBOR_SLOTS = 6  # of the cells beside the two spheres of a link: along x, along y, diagonal
@@ -201,7 +202,7 @@ def tangents(normal: Array, axis: Array) -> tuple[Array, Array]:
         axis = E_Y if abs(normal[0]) > 0.7 else E_X
         e_x = axis - (axis @ normal) * normal
     e_x = e_x / np.linalg.norm(e_x)
-    return e_x, np.cross(normal, e_x)
+    return e_x, cross(normal, e_x)
 
 
 class Capsules(NamedTuple):
@@ -298,7 +299,7 @@ def _fill_peg_contacts(
             normal = np.array([*apart, 0.0]) / np.linalg.norm(apart)
             gap[a] = np.linalg.norm(apart) - peg_radius - radius
             lever[a] = arm - radius * normal
-            frame[a] = normal, np.cross(E_Z, normal), E_Z
+            frame[a] = normal, cross(E_Z, normal), E_Z
 
 
 def _fill_pair_contacts(

@@ -21,6 +21,12 @@ def tilde(a: Array) -> Array:
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
+def cross(a: Array, b: Array) -> Array:
+    """Return a x b of two vectors (3,); `np.cross`, for many of them, takes 20 times as long."""
+    (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
+    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
+
+
 def H(p: Array) -> Array:
     """Return H = [-e, tilde(e) + e0 I] of Euler parameters (4,), eq. (7), shape (3, 4)."""
     return np.column_stack([-p[1:], tilde(p[1:]) + p[0] * np.eye(3)])

@@ -55,6 +55,7 @@ from snake_sim_ros.dynamics.force_directions import joint_directions
 from snake_sim_ros.dynamics.force_directions import mass_matrix
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.dynamics.force_directions import scene_contacts
+from snake_sim_ros.dynamics.force_directions import scene_gaps
 from snake_sim_ros.dynamics.force_directions import smooth_forces
 from snake_sim_ros.dynamics.force_directions import torque_directions
 from snake_sim_ros.scene import obstacles
@@ -327,7 +328,7 @@ def placed(
         rate = (W_tau.T @ u.ravel()).reshape(-1, 2)
         end = end_of(robot, terms.hat, terms.h_q, terms.star.pose, rate, u)
         q_E = coordinates(robot, end.pose, end.angle)
-        gap = scene_contacts(scene, q_E)[0][contacts.active]
+        gap = scene_gaps(scene, q_E)[contacts.active]
     return end, q_E
 
 
@@ -375,7 +376,7 @@ def part(
         u_E, P = solve_contacts(dynamics, contacts)
     contacts = contacts._replace(loaded=P[:, 0] > 0.0)
     q_A = coordinates(scene.robot, history.memory.end.pose, history.memory.end.angle)
-    start_gap = scene_contacts(scene, q_A)[0][contacts.active]
+    start_gap = scene_gaps(scene, q_A)[contacts.active]
     was_deep = history.memory.depth[0] > DEEP
     start_gap = np.where(was_deep, np.minimum(start_gap, 0.0), 0.0)
     few = len(P) <= MOST_CONDENSED

@@ -10,6 +10,7 @@ from snake_sim_ros.dynamics.force_directions import joint_directions
 from snake_sim_ros.scene import posture
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.rotations import cross
 from snake_sim_ros.scene.rotations import H_bar
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
@@ -77,10 +78,10 @@ def chain_velocities(robot: Robot, R: Array, motion: Motion) -> Array:
     v = np.tile(motion.u[root, :3], (n, 1))
     for i in range(root + 1, n):
         omega[i] = omega[i - 1] + turn[i - 1]
-        v[i] = v[i - 1] + np.cross(omega[i - 1], arm[i - 1]) + np.cross(omega[i], arm[i])
+        v[i] = v[i - 1] + cross(omega[i - 1], arm[i - 1]) + cross(omega[i], arm[i])
     for i in range(root - 1, -1, -1):
         omega[i] = omega[i + 1] - turn[i]
-        v[i] = v[i + 1] - np.cross(omega[i + 1], arm[i + 1]) - np.cross(omega[i], arm[i])
+        v[i] = v[i + 1] - cross(omega[i + 1], arm[i + 1]) - cross(omega[i], arm[i])
     return np.hstack([v, np.einsum('iab,ia->ib', R, omega)])
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from snake_sim_ros.dynamics.force_directions import scene_contacts
+from snake_sim_ros.dynamics.force_directions import scene_gaps
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.bdf2 import CLOSED
@@ -41,7 +41,7 @@ def remembered(history: History, dt: float, end: PartEnd) -> Bdf2Memory:
 
 def depth_of(scene: Scene, state: State) -> float:
     """Return how deep the robot is inside of something [m], 0 if it is not."""
-    return max(0.0, -float(scene_contacts(scene, state.q)[0].min()))
+    return max(0.0, -float(scene_gaps(scene, state.q).min()))
 
 
 def references(

@@ -175,9 +175,10 @@ def make_workspace(scene: Scene) -> Workspace:
             no_torque=zeros((n - 1, 2)),
             frame=None if is_flat(scene) else zeros((count, 3, 3)),
             free=make_free_chain(n),
-            pair_delassus=make_delassus(5 * len(pair_contacts(scene)), n)
-            if scene.self_contact
-            else None,
+            # Without pairs it has no rows: scenes with any obstacles have the same compiled code.
+            pair_delassus=None
+            if is_flat(scene)
+            else make_delassus(5 * len(pair_contacts(scene)), n),
         ),
         closed=np.zeros(count, np.int64),
         operator=operator_of(scene),

@@ -29,6 +29,7 @@ from snake_sim_ros.dynamics.force_directions import joint_gaps
 from snake_sim_ros.dynamics.force_directions import mass_matrix
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.dynamics.force_directions import scene_contacts
+from snake_sim_ros.dynamics.force_directions import scene_gaps
 from snake_sim_ros.dynamics.force_directions import smooth_forces
 from snake_sim_ros.dynamics.force_directions import torque_directions
 from snake_sim_ros.dynamics.joint_control import pd_law
@@ -38,6 +39,8 @@ from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.rotations import cross
 from snake_sim_ros.scene.rotations import H_bar
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
@@ -114,7 +117,7 @@ def without_drift(robot: Robot, q: Array, rule: str) -> Array:
     half = robot.per_link('link_length') / 2
     for i in range(robot.link_count - 1):
         R_i, R_next = rotation_matrices(q[i : i + 2, 3:])
-        normal = np.cross(R_i @ E_Y, R_next @ E_X)
+        normal = cross(R_i @ E_Y, R_next @ E_X)
         cosine = float(np.linalg.norm(normal))
         theta = math.atan2((R_i @ E_Y) @ (R_next @ E_X), cosine)
         turn = np.array([math.cos(theta / 2), *(math.sin(theta / 2) / cosine * normal)])
@@ -127,10 +130,15 @@ def without_drift(robot: Robot, q: Array, rule: str) -> Array:
 
 
 def contact_prox(
-    scene: Scene, compliance: float, a: int, center: float, P: Array, gamma: Array
-) -> Array:
+    r: Solver,
+    compliance: float,
+    friction: tuple[float, float, float],
+    center: float,
+    P: list[float],
+    gamma: list[float],
+) -> tuple[float, ...]:
     """
-    Return the impulses of contact a after one projection, eqs. (87)-(89), shape (5,).
+    Return the five impulses of a contact after one projection, eqs. (87)-(89).
 
     The sliding and rolling sets are those of the new normal impulse.
 
@@ -138,11 +146,15 @@ def contact_prox(
     The normal forces of a robot that lies flat are not unique, and friction depends on them; this
     tiny compliance makes them the ones of least norm. The scene can switch it off.
     """
-    (mu_x, mu_y, mu_V), r = obstacles.contact_friction(scene, a), scene.solver
-    P_N = prox_half_line(P[0] - r.r_normal * (gamma[0] + compliance * (P[0] - center)))
-    P_T = prox_ellipse(*(P[1:3] - r.r_sliding * gamma[1:3]), mu_x * P_N, mu_y * P_N)
-    P_V = prox_disc(*(P[3:] - r.r_rolling * gamma[3:]), mu_V * P_N)
-    return np.array([P_N, *P_T, *P_V])
+    mu_x, mu_y, mu_V = friction
+    r_T, r_V, (P_N, *P_k), (gamma_N, *gamma_k) = r.r_sliding, r.r_rolling, P, gamma
+    P_N = prox_half_line(P_N - r.r_normal * (gamma_N + compliance * (P_N - center)))
+    x, y, roll_x, roll_y = (
+        P_1 - r_1 * gamma_1
+        for P_1, r_1, gamma_1 in zip(P_k, (r_T, r_T, r_V, r_V), gamma_k, strict=True)
+    )
+    P_T = prox_ellipse(x, y, mu_x * P_N, mu_y * P_N)
+    return P_N, *P_T, *prox_disc(roll_x, roll_y, mu_V * P_N)
 
 
 class Terms(NamedTuple):
@@ -243,7 +255,7 @@ class ReferenceStepper:
             unconverged=int(not converged),
             residual_max=residual(rule.compliance),
             printed_residual_max=residual(0.0),
-            penetration_max=max(0.0, -float(scene_contacts(scene, q_E)[0].min())),
+            penetration_max=max(0.0, -float(scene_gaps(scene, q_E).min())),
             joint_gap_max=_largest(g_J[:, :3]),
             joint_twist_max=_largest(g_J[:, 3]),
             contacts=len(terms.active),
@@ -305,7 +317,8 @@ class ReferenceStepper:
         converged : bool
 
         """
-        scene, solver = self.scene, self.scene.solver
+        solver, centers = self.scene.solver, rule.center.tolist()
+        friction = [obstacles.contact_friction(self.scene, a) for a in terms.active.tolist()]
         _, _, W_N, W_T, W_V, W_J, _, M_inv, momentum = terms
         G_J = W_J.T @ M_inv @ W_J
         last_P, u_E, iterations, change = P, M_inv @ momentum, 0, math.inf
@@ -315,9 +328,10 @@ class ReferenceStepper:
             right = W_J.T @ M_inv @ (momentum + S)
             P_J = -np.linalg.solve(G_J, right)
             u_E = M_inv @ (momentum + S + W_J @ P_J)  # (86)
-            each = zip(terms.active.tolist(), rule.center, P, terms.velocities(u_E), strict=True)
-            P_new = np.array([contact_prox(scene, rule.compliance, *contact) for contact in each])
-            step = P_new.reshape(P.shape) - P
+            gamma = terms.velocities(u_E).tolist()
+            each = zip(friction, centers, P.tolist(), gamma, strict=True)
+            P_new = [contact_prox(solver, rule.compliance, *contact) for contact in each]
+            step = np.reshape(P_new, P.shape) - P
             change = sum(float(np.linalg.norm(step[:, k])) for k in ([0], [1, 2], [3, 4]))  # (93)
             P = P + step
             last_P = P - step

@@ -104,27 +104,34 @@ class Browser:
         """The whole visible text of the page."""
         return str(self.run('document.body ? document.body.innerText : ""'))
 
+    def button(self, name: str) -> str:
+        """Return the expression of the button of a name."""
+        return f'[...document.querySelectorAll("button")].find(b => b.innerText === "{name}")'
+
+    def has(self, name: str) -> bool:
+        """Return whether there is a button of a name."""
+        return bool(self.run(f'!!({self.button(name)})'))
+
     def press(self, name: str) -> None:
         """Press the button of a name, once it can be pressed."""
-        button = f'[...document.querySelectorAll("button")].find(b => b.innerText === "{name}")'
+        button = self.button(name)
         self.until(lambda: self.run(f'({button})?.disabled === false'), f'the button {name}')
         self.run(f'{button}.click()')
 
-    def press_away(self, name: str) -> None:
-        """Press the button of a name until there is none; a page drawn anew loses clicks."""
-        button = f'[...document.querySelectorAll("button")].find(b => b.innerText === "{name}")'
+    def press_until(self, name: str, condition: Any, what: str) -> None:
+        """Press a button, again and again, until a condition; a page drawn anew loses clicks."""
         pressed = -math.inf
 
-        def is_gone() -> bool:
+        def is_done() -> bool:
             nonlocal pressed
-            if self.run(f'!({button})'):
+            if condition():
                 return True
             if time.monotonic() - pressed > AGAIN:
                 pressed = time.monotonic()
-                self.run(f'{button}?.click()')
+                self.run(f'{self.button(name)}?.click()')
             return False
 
-        self.until(is_gone, f'the button {name} to be another one')
+        self.until(is_done, what)
 
     def field(self, label: str) -> str:
         """Return the expression of the text field of a label."""

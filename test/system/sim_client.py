@@ -4,12 +4,30 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray
 from nav_msgs.msg import Odometry
 from offline import nanoseconds
+from offline import Offline
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 from std_srvs.srv import Trigger
+
+
+def connected(*clients):
+    """Return the clients of sims that start beside each other, once all are connected."""
+    for client in clients:
+        client.wait_until_connected()
+    return clients
+
+
+def with_twin(sim, scene):
+    """Return a sim in lock-step, back at its start, and its offline twin at the same time."""
+    sim.reset()
+    sim.graph.drain(sim.joint_states)
+    twin = Offline(scene)
+    twin.simulation.step_count = round(sim.now / scene.dt)
+    twin.reference.stamp[:] = sim.now
+    return sim, twin
 
 
 class SimClient:

@@ -7,13 +7,14 @@ from graph import Process
 import numpy as np
 from offline import HORIZON
 from offline import nanoseconds
-from offline import Offline
 import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
+from sim_client import connected
 from sim_client import SimClient
+from sim_client import with_twin
 from trajectory_msgs.msg import JointTrajectory
 from trajectory_msgs.msg import JointTrajectoryPoint
 
@@ -42,15 +43,26 @@ while True:
 @pytest.fixture(scope='module')
 def sims(make_graph):
     """A sim that runs, and one in lock-step."""
-    clients = [SimClient(make_graph()), SimClient(make_graph(), 'start_paused:=true')]
-    for client in clients:
-        client.wait_until_connected()
-    return clients
+    return connected(SimClient(make_graph()), SimClient(make_graph(), 'start_paused:=true'))
 
 
 @pytest.fixture(scope='module')
 def running(sims):
     return sims[0]
+
+
+@pytest.fixture(scope='module')
+def refused(running):
+    """Have the running sim refuse a command, which is told for ten seconds; return the reason."""
+    publish(running, trajectory((1.0, [math.nan])))
+    said = (
+        'joint_trajectory: position of joint_1_yaw must be finite, got nan; '
+        'the last good command is held'
+    )
+    running.graph.until(
+        lambda: any(said in item.status[0].message for item in running.diagnostics), said
+    )
+    return said
 
 
 @pytest.fixture
@@ -113,7 +125,7 @@ def waves(count):
 # The tests of the running sim need this order: the first one wants no other publishers.
 
 
-def test_publishers_that_were_killed_are_not_rivals(running, talker):
+def test_publishers_that_were_killed_are_not_rivals(running, refused, talker):
     running.graph.node.destroy_publisher(running.commands)
     first = talker('first')
     wait_for_looks(running, 2)
@@ -139,21 +151,12 @@ def test_two_clocks_are_told(make_graph):
         sims[0].graph.until(lambda process=process: process.count(said), said)
 
 
-def test_refusal_is_in_the_diagnostics_for_ten_seconds(running):
-    publish(running, trajectory((1.0, [math.nan])))
-    said = (
-        'joint_trajectory: position of joint_1_yaw must be finite, got nan; '
-        'the last good command is held'
-    )
-
-    def refused():
-        return [item for item in running.diagnostics if said in item.status[0].message]
-
-    running.graph.until(refused, 'the refusal')
+def test_refusal_is_in_the_diagnostics_for_ten_seconds(running, refused):
+    said = refused
     running.graph.until(
         lambda: said not in running.diagnostics[-1].status[0].message, 'the end of the refusal'
     )
-    messages = refused()
+    messages = [item for item in running.diagnostics if said in item.status[0].message]
     assert {item.status[0].level for item in messages} == {b'\x01'}
     # Diagnostics come once a second: the first one after up to 1 s, the last after 9 s and more.
     span = 1e-9 * (nanoseconds(messages[-1]) - nanoseconds(messages[0]))
@@ -188,13 +191,7 @@ def test_parameter_that_there_is_not_is_named(running, node):
 
 @pytest.fixture
 def lockstep(sims):
-    sim = sims[1]
-    sim.reset()
-    sim.graph.drain(sim.joint_states)
-    twin = Offline(SCENE)
-    twin.simulation.step_count = round(sim.now / SCENE.dt)
-    twin.reference.stamp[:] = sim.now
-    return sim, twin
+    return with_twin(sims[1], SCENE)
 
 
 def test_command_that_jumps_is_told_and_a_stream_is_not(lockstep):

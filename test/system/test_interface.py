@@ -9,7 +9,6 @@ from offline import bits
 from offline import HORIZON
 from offline import NAMES
 from offline import nanoseconds
-from offline import Offline
 import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import DescribeParameters
@@ -22,7 +21,9 @@ from rclpy.qos import DurabilityPolicy
 from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import JointState
+from sim_client import connected
 from sim_client import SimClient
+from sim_client import with_twin
 from std_msgs.msg import Float64MultiArray
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -45,25 +46,16 @@ SENSOR_DATA = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 @pytest.fixture(scope='module')
 def started(make_graph):
     """A sim in lock-step, and one that runs as the robot aiko."""
-    clients = [
+    return connected(
         SimClient(make_graph(), 'start_paused:=true', 'command_timeout:=0.2'),
         SimClient(make_graph(), '-r __ns:=/aiko', 'publish_clock:=false', namespace='aiko'),
-    ]
-    for client in clients:
-        client.wait_until_connected()
-    return clients
+    )
 
 
 @pytest.fixture
 def lockstep(started):
     """The sim in lock-step at its start, and its offline twin at the same time."""
-    sim = started[0]
-    sim.reset()
-    sim.graph.drain(sim.joint_states)
-    twin = Offline(SCENE)
-    twin.simulation.step_count = round(sim.now / SCENE.dt)
-    twin.reference.stamp[:] = sim.now
-    return sim, twin
+    return with_twin(started[0], SCENE)
 
 
 @pytest.fixture(scope='module')

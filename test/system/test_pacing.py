@@ -32,7 +32,7 @@ def test_measurement(compiled):
     assert all(load['reached'] > 1.0 for load in result['loads'][3:])
     for spread in (*result['jitter_ms'].values(), *result['effect'].values()):
         assert 0.0 <= spread['p50'] <= spread['p99'] <= spread['max']
-    assert result['effect']['periods']['p50'] <= 2.0
+    assert result['effect']['periods']['p50'] < 2.5
     assert sum('us a period' in line for line in process.lines) == 5
 
 

@@ -114,8 +114,7 @@ def test_robot_and_plots_are_seen_in_a_narrow_window(page):
 
 
 def test_buttons_act_on_the_simulation(page, graph):
-    page.press('pause')
-    page.until(lambda: 'go on' in page.text, 'the pause')
+    page.press_until('pause', lambda: page.has('go on'), 'the pause')
     graph.drain(graph.clock)
     paused, count = graph.clock[-1].clock, len(graph.clock)
     graph.spin(0.3)
@@ -124,9 +123,9 @@ def test_buttons_act_on_the_simulation(page, graph):
     graph.until(lambda: len(graph.clock) > count, 'a step')
     step = graph.clock[-1].clock.nanosec - paused.nanosec
     assert step % 10**9 == 5_000_000  # a publish period
-    page.press('reset')
-    page.until(lambda: re.search(r'distance\s+0\.00', page.text), 'the start of the scene')
-    page.press('go on')
+    at_start = re.compile(r'distance\s+0\.00')
+    page.press_until('reset', lambda: at_start.search(page.text), 'the start of the scene')
+    page.press_until('go on', lambda: page.has('pause'), 'the run to go on')
     graph.until(lambda: len(graph.clock) > count + 20, 'the clock')
 
 
@@ -193,7 +192,7 @@ def test_recorded_run(page, tmp_path):
         page.until(lambda: 'again and again' in page.text, 'the controls of a run')
         # viser drops clicks until it knows the page, and then the run begins.
         page.until(lambda: seconds(page) > 0.0, 'the run to begin')
-        page.press_away('pause')
+        page.press_until('pause', lambda: page.has('play'), 'the run to pause')
         page.enter('time [s]', '1.05')
         page.until(lambda: seconds(page) == 1.05, 'the time that was chosen')
         assert 'play' in page.text and 'planar' in page.text

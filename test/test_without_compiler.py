@@ -1,0 +1,61 @@
+"""The physics alone, without nodes and compiler; and what is tested without the compiler."""
+
+import json
+from pathlib import Path
+import re
+import shutil
+
+import numpy as np
+from processes import python
+import pytest
+from short_run import short_run
+
+from snake_sim_ros import PACKAGE
+from snake_sim_ros.stepping.state import named_arrays
+
+ROOT = Path(__file__).resolve().parent.parent
+PHYSICS = {'scene', 'dynamics', 'contact', 'stepping'}
+
+
+# `newton_dense` is made of the same functions; its elimination passes a last bit on with a factor
+# of 1e5 and more.
+@pytest.mark.parametrize(
+    ('level', 'method'), [('spatial', 'newton'), ('spatial', 'paper'), ('auto', 'newton')]
+)
+def test_physics_runs_without_nodes_and_without_compiler(tmp_path, method, level):
+    rooms = {path.parent.name for path in PACKAGE.glob('*/__init__.py')}
+    upper = shutil.ignore_patterns(*rooms - PHYSICS)
+    shutil.copytree(PACKAGE, tmp_path / 'snake_sim_ros', ignore=upper)
+    program = str(ROOT / 'test' / 'short_run.py')
+    printed = python(program, method, level, folder=tmp_path, NUMBA_DISABLE_JIT='1')
+    file, q, u, arrays = json.loads(printed)
+    assert Path(file).parent == tmp_path / 'snake_sim_ros'
+    end, compiled_history, report = short_run(method, level)
+    assert (report.steps, report.planar_steps) == (3, 2 if level == 'auto' else 0)
+    if method == 'paper':
+        assert report.iterations_max > 3 * 10  # after which the contact problem is condensed
+    # Both round as written, but sines and tangents may come from another library: 120 sweeps pass
+    # a last bit of them on, with stiff joints, to velocities below 1 m/s and 2 rad/s.
+    assert np.abs(end.q - q).max() < 1e-12
+    assert np.abs(end.u - u).max() < 1e-12
+    compiled_arrays = named_arrays(compiled_history)
+    assert compiled_arrays.keys() == arrays.keys()
+    for name, array in compiled_arrays.items():
+        assert np.abs(array - arrays[name]).max(initial=0.0) < 1e-12, name
+
+
+@pytest.mark.parametrize(
+    ('files', 'passed'),
+    [
+        ('test_self_contact.py', r'9\d'),
+        ('test_change.py', r'5\d\d'),
+        ('test_pegs.py test_ground.py', r'2\d\d'),
+        ('test_soft_impacts.py test_events.py', r'4\d\d'),
+    ],
+)
+def test_what_is_tested_without_compiler(files, passed):
+    # See conftest.py.
+    paths = [f'test/{name}' for name in files.split()]
+    arguments = ['-m', 'pytest', '-q', '-p', 'no:cacheprovider', *paths]
+    printed = python(*arguments, folder=ROOT, NUMBA_DISABLE_JIT='1')
+    assert re.search(rf'^{passed} passed(, \d skipped)? in', printed, re.MULTILINE), printed

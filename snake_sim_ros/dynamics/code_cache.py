@@ -123,6 +123,7 @@ class Locator(_CacheLocator):  # type: ignore[misc]
     def __init__(self, function: Callable[..., Any]) -> None:
         self.module = function.__module__
         self.line = function.__code__.co_firstlineno
+        self._py_file = function.__code__.co_filename  # for warnings of Numba
 
     def get_cache_path(self) -> str:
         """Return the folder of the module."""

@@ -329,8 +329,7 @@ def sample(
 
     """
     found = _begun(simulation, steps, samples)
-    kept = found.after(0)
-    advance = _Advance(simulation, kept, limits, portion, time_references)
+    advance = _Advance(simulation, found.after(0), limits, portion, time_references)
     interrupted = False
     try:
         if observe:

@@ -112,7 +112,7 @@ def run_study(
     with _store(out, names, results) as (known, keep):
         missing: list[Row] = []
         for row in given.rows():
-            result = _known_result(plan, row, known) if known else None
+            result = known_result(plan, row, known) if known else None
             if result:
                 results.append(result)
             else:
@@ -163,7 +163,7 @@ def _store(
         journal.close(remove=is_written)
 
 
-def _known_result(plan: Plan, row: Row, known: Mapping[str, Result]) -> Result | None:
+def known_result(plan: Plan, row: Row, known: Mapping[str, Result]) -> Result | None:
     """Return the result of a row that is done already, or None."""
     try:
         key = key_of_run(plan, scene_of(plan, row.values))

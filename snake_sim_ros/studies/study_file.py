@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import fields
 from pathlib import Path
@@ -94,18 +95,31 @@ def load_study(path: Path) -> Study:
         If the file is missing, or if anything in it is not usable.
 
     """
+    mapping = content_of(path)
     try:
-        mapping = parse_yaml(path.read_text(encoding='utf-8'))
+        return study_from(mapping, path.absolute().parent)
+    except ParameterError as error:
+        raise ParameterError(f'{path.name}: {error}') from None
+
+
+def content_of(path: Path) -> Any:
+    """
+    Return what a YAML file says.
+
+    Raises
+    ------
+    ParameterError
+        If the file is missing or not readable.
+
+    """
+    try:
+        return parse_yaml(path.read_text(encoding='utf-8'))
     except FileNotFoundError:
         raise ParameterError(f'no file {path}') from None
     except (OSError, UnicodeDecodeError) as error:
         raise ParameterError(f'{path}: not readable: {error}') from None
     except ParameterError as error:
         raise ParameterError(f'{path}: {error}') from None
-    try:
-        return study_from(mapping, path.absolute().parent)
-    except ParameterError as error:
-        raise ParameterError(f'{path.name}: {error}') from None
 
 
 def study_from(mapping: Any, folder: Path | None = None) -> Study:
@@ -125,25 +139,51 @@ def study_from(mapping: Any, folder: Path | None = None) -> Study:
         If anything in it is not usable.
 
     """
-    if not isinstance(mapping, Mapping):
-        raise ParameterError(f'a study must be a mapping of names to values, got {mapping!r}')
     names = [item.name for item in fields(Settings)]
-    for key in mapping:
-        if key not in (*PARTS, *names):
-            raise ParameterError(f'unknown key {key!r}; {nearest(key, (*PARTS, *names))}')
-    for key in ('scene', 'vary'):
-        if key not in mapping:
-            raise ParameterError(f'a study must have {key}')
+    check_keys(mapping, (*PARTS, *names), ('scene', 'vary'))
     settings: Settings = from_mapping(
         Settings, {key: mapping[key] for key in names if key in mapping}, 'study'
     )
-    scene, fixed = _scene(mapping['scene'], folder), _mapping(mapping.get('set', {}), 'set')
+    scene, fixed, vary = scene_and_values(mapping, folder)
+    variations = Variations(
+        {name: variation_of(name, given) for name, given in vary.items()},
+        settings.sampling, settings.samples, settings.seed,
+    )  # fmt: skip
+    metrics = metrics_of(mapping.get('metrics', USUAL_METRICS), folder)
+    return Study(scene, frozenset([*fixed, *vary]), variations, metrics, settings)
+
+
+def check_keys(mapping: Any, known: Sequence[str], needed: Sequence[str]) -> None:
+    """Raise an error unless a study is a mapping with known keys and all that it needs."""
+    if not isinstance(mapping, Mapping):
+        raise ParameterError(f'a study must be a mapping of names to values, got {mapping!r}')
+    for key in mapping:
+        if key not in known:
+            raise ParameterError(f'unknown key {key!r}; {nearest(key, known)}')
+    for key in needed:
+        if key not in mapping:
+            raise ParameterError(f'a study must have {key}')
+
+
+def scene_and_values(
+    mapping: Mapping[str, Any], folder: Path | None
+) -> tuple[Scene, Mapping[str, Any], Mapping[str, Any]]:
+    """
+    Return the scene of a study, the values that are set in it, and what `vary` says.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such scene, or no such value in it.
+
+    """
+    scene, fixed = _scene(mapping['scene'], folder), mapping_at(mapping, 'set')
     check_names(scene, list(fixed), 'set')
     try:
         scene = with_settings(scene, fixed)
     except ParameterError as error:
         raise ParameterError(f'set: {error}') from None
-    vary = _mapping(mapping['vary'], 'vary')
+    vary = mapping_at(mapping, 'vary')
     if not vary:
         raise ParameterError('vary must name a value of the scene, such as friction.longitudinal')
     check_names(scene, list(vary), 'vary')
@@ -151,12 +191,7 @@ def study_from(mapping: Any, folder: Path | None = None) -> Study:
     for name in vary:
         if name.removesuffix('_deg') in plain:
             raise ParameterError(f'{name} must be in set or in vary, it is in both')
-    variations = Variations(
-        {name: variation_of(name, given) for name, given in vary.items()},
-        settings.sampling, settings.samples, settings.seed,
-    )  # fmt: skip
-    metrics = metrics_of(mapping.get('metrics', USUAL_METRICS), folder)
-    return Study(scene, frozenset([*fixed, *vary]), variations, metrics, settings)
+    return scene, fixed, vary
 
 
 def _scene(source: Any, folder: Path | None) -> Scene:
@@ -171,7 +206,9 @@ def _scene(source: Any, folder: Path | None) -> Scene:
     return load_scene(source)
 
 
-def _mapping(given: Any, name: str) -> Mapping[str, Any]:
+def mapping_at(mapping: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """Return the mapping under a key, empty if there is none; refuse what is no mapping."""
+    given = mapping.get(name, {})
     if not isinstance(given, Mapping):
         raise ParameterError(f'{name} must be a mapping of names to values, got {given!r}')
     return given

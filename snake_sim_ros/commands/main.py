@@ -10,9 +10,9 @@ from snake_sim_ros.scene.checked_records import ParameterError
 
 # In the order of the help text: the module of each command, where its function `add_...` is.
 COMMANDS = {
-    **{name: name for name in ('run', 'study', 'export', 'record', 'view', 'figures', 'bench')},
-    **{name: name for name in ('artefacts', 'stability', 'chart', 'seal', 'levels', 'urdf')},
-    **{name: name for name in ('demo', 'pacing')},
+    **{name: name for name in ('run', 'study', 'optimize', 'export', 'record', 'view', 'figures')},
+    **{name: name for name in ('bench', 'artefacts', 'stability', 'chart', 'seal', 'levels')},
+    **{name: name for name in ('urdf', 'demo', 'pacing')},
     **dict.fromkeys(('topic', 'param', 'service'), 'graph'),
 }
 

@@ -1,0 +1,92 @@
+"""
+Searches by CMA-ES, the evolution strategy that adapts the covariance of its samples.
+
+A search sees its values as shares of their bounds, in the unit cube, and of what they achieve only
+the order. It has random numbers of its own: it is the same whatever else happens.
+"""
+
+from collections.abc import Sequence
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.parameters import Array
+
+SPREAD = 0.2  # standard deviation of the first samples, as a share of the bounds
+# What ends a search is asked here; of CMA-ES only what it cannot go on with. Ranks have no
+# tolerance.
+ENDLESS = {
+    'tolfun': 0, 'tolfunhist': 0, 'tolflatfitness': np.inf, 'tolstagnation': np.inf, 'tolx': 0,
+    'tolxstagnation': False, 'maxiter': np.inf, 'verbose': -10, 'verb_log': 0, 'seed': np.nan,
+}  # fmt: skip
+
+
+def library() -> ModuleType:
+    """
+    Return cma.
+
+    Raises
+    ------
+    ParameterError
+        If it is not installed.
+
+    """
+    try:
+        import cma
+    except ImportError as error:
+        raise ParameterError(
+            f"an optimization needs cma ({error}): pip install 'snake_sim_ros[studies]'"
+        ) from None
+    module: ModuleType = cma
+    return module
+
+
+class Search:
+    """
+    One search.
+
+    Parameters
+    ----------
+    start : ndarray, shape (values,)
+        The first mean, shares of the bounds.
+    seed : sequence of int
+    population : int
+        Samples of a generation; 0: the usual number for so many values.
+
+    """
+
+    def __init__(self, start: Array, seed: Sequence[int], population: int) -> None:
+        random = np.random.default_rng(seed)
+        options: dict[str, Any] = {
+            **ENDLESS,
+            'bounds': [0.0, 1.0],
+            'randn': lambda *shape: random.standard_normal(shape),
+        }
+        if population:
+            options['popsize'] = population
+        self.strategy = library().CMAEvolutionStrategy(start, SPREAD, options)
+        self.asked: list[Array] = []
+        self.generation = 0
+
+    def ask(self) -> list[Array]:
+        """Return the samples of the next generation, shares of the bounds."""
+        self.asked = self.strategy.ask()
+        return self.asked
+
+    def tell(self, order: Sequence[tuple[float, ...]]) -> None:
+        """Go on from what the samples achieved, each as what sorts them, best first."""
+        places = {key: place for place, key in enumerate(sorted(set(order)))}
+        self.strategy.tell(self.asked, [float(places[key]) for key in order])
+        self.generation += 1
+
+    @property
+    def spread(self) -> float:
+        """The largest standard deviation of the samples to come, as a share of the bounds."""
+        return float(np.max(self.strategy.stds))
+
+    @property
+    def is_at_its_end(self) -> bool:
+        """Whether numbers are not exact enough to go on."""
+        return bool(self.strategy.stop())

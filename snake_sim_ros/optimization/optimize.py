@@ -32,6 +32,7 @@ from snake_sim_ros.optimization.problem import Problem
 from snake_sim_ros.optimization.problem import problem_from
 from snake_sim_ros.optimization.searches import library
 from snake_sim_ros.optimization.searches import Search
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.studies import table
@@ -71,7 +72,7 @@ class Outcome:
     @cached_property
     def best(self) -> list[Evaluation]:
         """The best evaluation, or the front from the least to the largest first objective."""
-        losses, feasible = losses_of(self.evaluations)
+        losses, feasible = losses_of(self.problem, self.evaluations)
         found = [self.evaluations[k] for k in front_of(losses, feasible)]
         return sorted(found, key=lambda item: self.objectives_of(item)[0])
 
@@ -109,10 +110,10 @@ def objective_names(problem: Problem) -> list[str]:
     return ['objective'] if len(problem.objectives) == 1 else ['objective_1', 'objective_2']
 
 
-def losses_of(evaluations: Sequence[Evaluation]) -> tuple[np.ndarray, np.ndarray]:
+def losses_of(problem: Problem, evaluations: Sequence[Evaluation]) -> tuple[Array, Array]:
     """Return losses, shape (evaluations, objectives), and which evaluations are feasible."""
-    losses = np.array([item.losses for item in evaluations], dtype=float)
-    return losses, np.array([item.is_feasible for item in evaluations], dtype=bool)
+    losses = np.reshape([item.losses for item in evaluations], (-1, len(problem.objectives)))
+    return losses.astype(float), np.array([item.is_feasible for item in evaluations], dtype=bool)
 
 
 def optimize(
@@ -224,6 +225,7 @@ class _Loop:
             for k in range(len(self.weights))
         ]
         self.ended: dict[int, str] = {}
+        self.shares = [drawn[0]]  # of the bounds, for every evaluation
 
     def run(self, evaluate: Callable[[Sequence[Point]], list[Evaluation]]) -> str:
         """Evaluate generations until the optimization stops; return why."""
@@ -246,14 +248,16 @@ class _Loop:
         points = [] if first else [Point(0, -1, 0, self.present)]
         for k, search in enumerate(self.searches):
             if k not in self.ended:
-                for shares in search.ask():
+                asked = search.ask()
+                self.shares += asked
+                for shares in asked:
                     values = self.problem.values_at(shares)
                     points.append(Point(first + len(points), k, search.generation, values))
         return points
 
     def _judge(self, first: int) -> None:
         """Tell the searches what evaluations from this number on achieved, and end some."""
-        losses, feasible = losses_of(self.evaluations)
+        losses, feasible = losses_of(self.problem, self.evaluations)
         excess = [item.excess for item in self.evaluations]
         asked = np.array([item.point.search for item in self.evaluations])
         for k, search in enumerate(self.searches):
@@ -261,7 +265,11 @@ class _Loop:
                 continue
             order = ordered(scalar_losses(losses, feasible, self.weights[k]).tolist(), excess)
             own = np.flatnonzero(asked == k).tolist()
-            search.tell([order[j] for j in own if j >= first])
+            best = min(range(len(order)), key=lambda j: (order[j], j))
+            other = best not in own and len(self.problem.objectives) > 1
+            search.tell(
+                [order[j] for j in own if j >= first], self.shares[best] if other else None
+            )
             since = len(own) - 1 - min(range(len(own)), key=lambda j: (order[own[j]], j))
             if search.spread < self.problem.stop.tolerance or search.is_at_its_end:
                 self.ended[k] = 'tolerance'

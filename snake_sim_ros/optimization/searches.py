@@ -58,6 +58,8 @@ class Search:
     """
 
     def __init__(self, start: Array, seed: Sequence[int], population: int) -> None:
+        # The library cannot do with one value: then there is a second one without an effect.
+        self.count = len(start)
         random = np.random.default_rng(seed)
         options: dict[str, Any] = {
             **ENDLESS,
@@ -66,27 +68,44 @@ class Search:
         }
         if population:
             options['popsize'] = population
-        self.strategy = library().CMAEvolutionStrategy(start, SPREAD, options)
+        self.strategy = library().CMAEvolutionStrategy(self._padded(start), SPREAD, options)
         self.asked: list[Array] = []
         self.generation = 0
 
     def ask(self) -> list[Array]:
         """Return the samples of the next generation, shares of the bounds."""
         self.asked = self.strategy.ask()
-        return self.asked
+        return [shares[: self.count] for shares in self.asked]
 
-    def tell(self, order: Sequence[tuple[float, ...]]) -> None:
-        """Go on from what the samples achieved, each as what sorts them, best first."""
+    def tell(self, order: Sequence[tuple[float, ...]], better: Array | None = None) -> None:
+        """
+        Go on from what the samples achieved.
+
+        Parameters
+        ----------
+        order : sequence of tuple
+            What sorts the samples, least first.
+        better : ndarray, shape (values,), optional
+            Shares of the bounds that are better than all of them, and take the place of the worst.
+
+        """
         places = {key: place for place, key in enumerate(sorted(set(order)))}
-        self.strategy.tell(self.asked, [float(places[key]) for key in order])
+        told, losses = list(self.asked), [float(places[key]) for key in order]
+        if better is not None:
+            worst = losses.index(max(losses))
+            told[worst], losses[worst] = self._padded(better), -1.0
+        self.strategy.tell(told, losses)
         self.generation += 1
 
     @property
     def spread(self) -> float:
         """The largest standard deviation of the samples to come, as a share of the bounds."""
-        return float(np.max(self.strategy.stds))
+        return float(np.max(self.strategy.stds[: self.count]))
 
     @property
     def is_at_its_end(self) -> bool:
         """Whether numbers are not exact enough to go on."""
         return bool(self.strategy.stop())
+
+    def _padded(self, shares: Array) -> Array:
+        return shares if len(shares) > 1 else np.append(shares, 0.5)

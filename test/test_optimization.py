@@ -212,7 +212,8 @@ def test_a_front_is_sorted_and_nobody_beats_it():
     sums = np.sqrt(-front).sum(axis=1)
     assert (sums > 0.6 - 1e-12).all() and np.median(sums) < 0.61
     assert np.sqrt(-front).min(axis=0).max() < 0.05  # both ends are found
-    assert [item.point for item in outcome.checks] == [item.point for item in outcome.best]
+    numbers = {item.point.number for item in outcome.best}
+    assert set(outcome.checks) == {0, *numbers}
     assert outcome.history()['best'].sum() == len(front) == len(outcome.scenes)
 
 
@@ -340,9 +341,10 @@ def test_the_example_runs_and_its_scene_is_one(tmp_path, capsys):
     path, out = tmp_path / 'short.yaml', tmp_path / 'short.csv'
     path.write_text(yaml.safe_dump(content))
     found = outcome_of(capsys, path, '--out', out)
-    check, winner = found['check'], found['best']
-    assert check['feasible'] and check['values'] == winner['values']
-    assert check['objective'] != winner['objective']
+    winner = found['best']
+    check = winner['check']
+    assert check['feasible'] and check['objective'] != winner['objective']
+    assert found['start']['check']['status'] == 'converged'
     scene = load_scene(tmp_path / 'short.best.yaml')
     again = run(with_usual_steps(scene, (), 1 / 20), rate=20)
     assert METRICS['speed'](again) == winner['objective']

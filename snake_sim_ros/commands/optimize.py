@@ -113,7 +113,7 @@ def _optimize(options: argparse.Namespace) -> int:
     plot, workers = _plotter(options.plot, out), workers_of(options)
     if options.scheduler is None and options.processes is None:
         _compile(problem)
-    outcome, bar, begin = Outcome(problem, [], 'interrupted', []), _Bar(problem), time.monotonic()
+    outcome, bar, begin = Outcome(problem, [], 'interrupted', {}), _Bar(problem), time.monotonic()
     with bar.bar:
         try:
             run_optimization(outcome, out, workers, bar)
@@ -141,10 +141,13 @@ def _optimize(options: argparse.Namespace) -> int:
 def _tell(outcome: 'Outcome') -> None:
     """Print the best, and what its check says; or that nothing is feasible."""
     texts = [item.expression.text for item in outcome.problem.objectives]
+    check = ', '.join(f'{name} {value}' for name, value in outcome.problem.check.items())
 
-    def line(item: 'Evaluation') -> str:
+    def tell(name: str, item: 'Evaluation') -> None:
         pairs = zip(texts, outcome.objectives_of(item), strict=True)
-        return ', '.join(f'{text}: {number:.6g}' for text, number in pairs)
+        numbers = ', '.join(f'{text}: {number:.6g}' for text, number in pairs)
+        holds = 'hold' if item.is_feasible else 'DO NOT HOLD'
+        print(f'{name}: {numbers}' + f'; constraints {holds}' * bool(outcome.problem.constraints))
 
     if not outcome.best and outcome.evaluations:
         least = min(outcome.evaluations, key=lambda item: item.excess)
@@ -152,12 +155,8 @@ def _tell(outcome: 'Outcome') -> None:
             f'no evaluation holds all constraints; evaluation {least.point.number} is nearest, '
             f'off by {least.excess:.3g} of the bounds', file=sys.stderr,
         )  # fmt: skip
-    elif outcome.evaluations:
-        print(f'scene as it was: {line(outcome.evaluations[0])}')
-    settings = ', '.join(f'{name} {value}' for name, value in outcome.problem.check.items())
-    for k, item in enumerate(outcome.best):
-        print(f'evaluation {item.point.number}: {line(item)}')
-        if outcome.checks:
-            check = outcome.checks[k]
-            holds = 'constraints hold' if check.is_feasible else 'CONSTRAINTS DO NOT HOLD'
-            print(f'  checked by {settings}: {line(check)}; {holds}')
+    for item in [*outcome.evaluations[:1], *outcome.best]:
+        number = item.point.number
+        tell('scene as it was' if number == 0 else f'evaluation {number}', item)
+        if number in outcome.checks:
+            tell(f'  checked by {check}', outcome.checks[number])

@@ -1,6 +1,7 @@
 """Pictures of an optimization: the front of two objectives, or one objective as it grows."""
 
 from collections.abc import Sequence
+import math
 from pathlib import Path
 from typing import Any
 
@@ -66,11 +67,12 @@ def _draw_front(axes: Axes, outcome: Outcome) -> None:
     front = points(outcome.best)
     axes.plot(*points(good).T, 'o', ms=3, color=OTHER, label='evaluations')
     axes.plot(*front.T, 'o-', ms=4, lw=1, color=GOOD, label='front')
-    if outcome.checks:
-        axes.plot(*points(outcome.checks).T, 's', ms=5, mfc='none', color=CHECKED, label='checked')
+    checks = points([item for item in outcome.checks.values() if item.excess < math.inf])
+    if len(checks):
+        axes.plot(*checks.T, 's', ms=5, mfc='none', color=CHECKED, label='checked')
     if good and good[0].point.search < 0:
         axes.plot(*points(good[:1]).T, '*', ms=10, color=BAD, label='scene as it was')
-    shown = np.vstack([front, points(outcome.checks), points(good[:1])])
+    shown = np.vstack([front, checks, points(good[:1])])
     for k, limit in ((0, axes.set_xlim), (1, axes.set_ylim)):
         _set_limit(limit, shown[:, k])
     axes.set_xlabel(texts[0].replace('_', ' '))

@@ -59,15 +59,16 @@ class Outcome:
         In their order.
     stopped : str
         'evaluations', 'tolerance', 'stagnation' or 'seconds'; 'interrupted' until it stops.
-    checks : list of Evaluation
-        The best evaluations with the settings of the check.
+    checks : dict
+        Number of an evaluation -> what the settings of the check say of it, for the scene as it is
+        and the best.
 
     """
 
     problem: Problem
     evaluations: list[Evaluation]
     stopped: str
-    checks: list[Evaluation]
+    checks: dict[int, Evaluation]
 
     @cached_property
     def best(self) -> list[Evaluation]:
@@ -152,7 +153,7 @@ def optimize(
 
     """
     problem = problem_from({'scene': scene, 'vary': vary, **given})
-    outcome = Outcome(problem, [], 'interrupted', [])
+    outcome = Outcome(problem, [], 'interrupted', {})
     run_optimization(outcome, Path(out) if out else None, workers, observe)
     return outcome
 
@@ -175,9 +176,10 @@ def run_optimization(
         evaluate = Evaluator(problem, problem.plan(), pool, known, keep, seen)
         stopped = _Loop(problem, outcome.evaluations).run(evaluate)
         if problem.check:
-            points = [item.point for item in outcome.best]
+            points = {item.point.number: item.point for item in outcome.evaluations[:1]}
+            points |= {item.point.number: item.point for item in outcome.best}
             check = Evaluator(problem, problem.check_plan(), pool, known, keep, lambda item: None)
-            outcome.checks += check(points)
+            outcome.checks |= {item.point.number: item for item in check(list(points.values()))}
         outcome.stopped = stopped
 
 

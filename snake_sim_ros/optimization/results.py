@@ -58,23 +58,28 @@ def summary(outcome: Outcome) -> dict[str, Any]:
     }
     if evaluations:
         found['start'] = described(outcome, evaluations[0])
-    described_best = [described(outcome, item) for item in outcome.best]
-    checks = [described(outcome, item) for item in outcome.checks]
-    if len(outcome.problem.objectives) == 1:
-        found |= {'best': next(iter(described_best), None), 'check': next(iter(checks), None)}
-    else:
-        found |= {'front': described_best, 'check': checks}
-    return found
+    best = [described(outcome, item) for item in outcome.best]
+    is_front = len(outcome.problem.objectives) > 1
+    return found | ({'front': best} if is_front else {'best': next(iter(best), None)})
 
 
 def described(outcome: Outcome, item: Evaluation) -> dict[str, Any]:
-    """Return an evaluation, name -> value as JSON has them."""
+    """Return an evaluation and its check, if there is one, name -> value as JSON has them."""
+    found = {
+        'evaluation': item.point.number,
+        'values': dict(item.point.values),
+        **_achieved(outcome, item),
+    }
+    check = outcome.checks.get(item.point.number)
+    return found | ({'check': _achieved(outcome, check)} if check else {})
+
+
+def _achieved(outcome: Outcome, item: Evaluation) -> dict[str, Any]:
+    """Return what values achieve, name -> value as JSON has them."""
     names = objective_names(outcome.problem)
     return {
-        'evaluation': item.point.number,
         **_finite(dict(zip(names, outcome.objectives_of(item), strict=True))),
         'feasible': item.is_feasible,
-        'values': dict(item.point.values),
         'metrics': _finite(item.metrics),
         'status': item.status,
     }

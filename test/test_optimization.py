@@ -277,15 +277,16 @@ def outcome_of(capsys, *arguments):
     return {name: value for name, value in found.items() if name not in varying}
 
 
-def test_processes_do_the_same(tmp_path, capsys):
+def test_processes_and_a_cluster_do_the_same(tmp_path, capsys):
+    pytest.importorskip('distributed')
     path = study_file(tmp_path, stop={'evaluations': 20})
     results = []
-    for k, kind in enumerate((['--threads', '1'], ['--processes', '2'])):
+    for k, kind in enumerate((['--threads', '1'], ['--processes', '2'], ['--scheduler', 'local'])):
         out = tmp_path / f'{k}.csv'
         results.append(outcome_of(capsys, path, '--out', out, *kind))
         scene = out.with_suffix('.best.yaml').read_bytes()
         results[-1]['scene'] = scene
-    assert results[0] == results[1]
+    assert results[0] == results[1] == results[2]
 
 
 def test_what_was_killed_goes_on_and_ends_the_same(tmp_path, capsys):

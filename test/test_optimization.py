@@ -160,7 +160,7 @@ def test_what_is_refused_or_has_no_value_never_wins():
 def test_a_robust_objective_is_that_of_all_scenes():
     # max(|0.5 x - 0.3|, |1.5 x - 0.3|) is least, 0.15, at x = 0.3; the mean of squares for factors
     # f at x = 0.3 sum(f) / sum(f^2).
-    given = {'vary': {X: UNIT[X]}, 'tolerance': 1e-3, 'evaluations': 200}
+    given = {'vary': {X: UNIT[X]}, 'tolerance': 1e-3, 'evaluations': 90}
     factors = [0.5, 1.0, 1.5]
     worst = solved(minimize='abs(x - 0.3)', robust={'over': {X: 0.5}, 'measure': 'worst'}, **given)
     assert abs(best(worst)[0] - 0.3) < 5e-3
@@ -201,7 +201,7 @@ def test_a_front_is_sorted_and_nobody_beats_it():
     # where the distances sum to 0.6.
     outcome = solved(
         objectives=['-(x - 0.2) ** 2 - (y - 0.5) ** 2', '-(x - 0.8) ** 2 - (y - 0.5) ** 2'],
-        evaluations=300, check={'dt': 0.025, 'method': 'newton'}, weights=4,
+        evaluations=200, check={'dt': 0.025, 'method': 'newton'}, weights=4,
     )  # fmt: skip
     front = np.array([outcome.objectives_of(item) for item in outcome.best])
     assert len(front) > 10
@@ -436,6 +436,23 @@ def test_bad_input_gets_one_sentence(change, message, tmp_path, capsys):
     printed = capsys.readouterr()
     assert message in printed.err and printed.err.count('\n') == 1 and not printed.out
     assert not list(tmp_path.glob('bad*'))
+
+
+def test_no_other_file_is_written_over(tmp_path, capsys):
+    path, out = study_file(tmp_path), tmp_path / 'mine.csv'
+    for content in ('', 'row,speed\n1,2\n'):
+        out.write_text(content)
+        assert main(['optimize', str(path), '--out', str(out)]) == 2
+        assert 'is not the history of an optimization' in capsys.readouterr().err
+        assert out.read_text() == content
+
+
+def test_metrics_have_names_of_their_own():
+    def best(trajectory):
+        return 1.0
+
+    with pytest.raises(ParameterError, match='another column best'):
+        solved(metrics=[best], maximize='best')
 
 
 def test_goals_are_one_or_two():

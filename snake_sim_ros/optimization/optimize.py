@@ -32,6 +32,7 @@ from snake_sim_ros.optimization.problem import Problem
 from snake_sim_ros.optimization.problem import problem_from
 from snake_sim_ros.optimization.searches import library
 from snake_sim_ros.optimization.searches import Search
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
@@ -192,6 +193,7 @@ def _store(
         yield {}, lambda chunk: None
         return
     table.check_path(out)
+    _check_history(out)
     journal = Journal(journal_of(out))
     try:
         yield {row['key']: row for row in journal.rows() if row.get('key')}, journal.add
@@ -199,6 +201,23 @@ def _store(
         if outcome.evaluations:
             table.write(outcome.history(), out)
         journal.close(remove=False)
+
+
+def _check_history(path: Path) -> None:
+    """Raise an error if a file is there that is no history, which is not to be written over."""
+    if not path.exists():
+        return
+    pl = table.library()
+    try:
+        columns = (
+            pl.read_csv(path, n_rows=1).columns
+            if path.suffix == '.csv'
+            else (pl.read_parquet_schema(path))
+        )
+    except Exception:  # polars raises errors of its own and of the system
+        columns = []
+    if not {'row', 'generation', 'excess'} <= set(columns):
+        raise ParameterError(f'{path} is not the history of an optimization; name another file')
 
 
 class _Loop:

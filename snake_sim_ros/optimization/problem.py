@@ -38,6 +38,11 @@ from snake_sim_ros.studies.variations import check_names
 from snake_sim_ros.studies.variations import Range
 
 GOALS = {'maximize': -1.0, 'minimize': 1.0}  # and the sign with which a value is a loss
+# Of the history, besides values and metrics.
+COLUMNS = (
+    *('row', 'search', 'generation', 'objective', 'objective_1', 'objective_2', 'excess'),
+    *('feasible', 'best', 'status', 'failure', 'seconds'),
+)
 PARTS = (
     *('scene', 'set', 'vary', 'follow', *GOALS, 'objectives', 'constraints', 'metrics'),
     *('robust', 'stop', 'check'),
@@ -293,6 +298,9 @@ def _goals(
     if not isinstance(texts, (list, tuple)):
         texts = [texts]
     constraints = tuple(constraint_of(text, known, 'constraints') for text in texts)
+    for name in plain:
+        if name in COLUMNS or name in mapping['vary']:
+            raise ParameterError(f'metrics: the history has another column {name}; rename it')
     needed = {name for item in objectives for name in item.expression.names}
     needed |= {name for item in constraints for name in item.names}
     others = [METRICS[name] for name in METRICS if name in needed and name not in short]

@@ -53,6 +53,7 @@ ELSEWHERE = {
     './run demo': 'test_demo.py',
     './run pacing': 'test_pacing.py',
     './run chart docs/speed_accuracy/bench.csv': 'test_charts.py',
+    './run optimize examples/faster_sidewinding.yaml': 'test_optimization.py',
     './run artefacts': 'test_artefacts.py',
     './run figures --out docs/paper': 'test_figures.py',
     './run record live.mcap': 'test_record.py',

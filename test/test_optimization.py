@@ -20,6 +20,7 @@ from snake_sim_ros.optimization.evaluations import NO_VALUE
 from snake_sim_ros.optimization.fronts import front_of
 from snake_sim_ros.optimization.fronts import scalar_losses
 from snake_sim_ros.optimization.optimize import optimize
+from snake_sim_ros.optimization.problem import load_problem
 from snake_sim_ros.optimization.problem import PARTS
 from snake_sim_ros.optimization.problem import problem_from
 from snake_sim_ros.optimization.problem import Settings
@@ -374,6 +375,12 @@ def test_the_command_writes_a_front(tmp_path, capsys):
         scene = load_scene(out.with_suffix('.front') / name)
         assert scene.friction.longitudinal == item['values'][X]
     assert 'speed' in (tmp_path / 'picture.svg').read_text()
+
+
+@pytest.mark.parametrize('path', [EXAMPLE, EXAMPLE.with_name('speed_and_cost.yaml')])
+def test_examples_are_problems(path):
+    problem = load_problem(path)
+    assert problem.check and problem.present()[1]['gait.yaw.amplitude_deg'] == pytest.approx(30)
 
 
 def test_nothing_feasible_is_said(tmp_path, capsys):

@@ -51,7 +51,7 @@ def _draw_growth(axes: Axes, outcome: Outcome) -> None:
         if high > low:
             axes.set_ylim(low - 0.1 * (high - low), high + 0.1 * (high - low))
     axes.set_xlabel('evaluation')
-    axes.set_ylabel(objective.expression.text.replace('_', ' '))
+    axes.set_ylabel(_titled(outcome, objective.expression.text))
 
 
 def _draw_front(axes: Axes, outcome: Outcome) -> None:
@@ -66,7 +66,7 @@ def _draw_front(axes: Axes, outcome: Outcome) -> None:
     good = [item for item in outcome.evaluations if item.is_feasible]
     front = points(outcome.best)
     axes.plot(*points(good).T, 'o', ms=3, color=OTHER, label='evaluations')
-    axes.plot(*front.T, 'o-', ms=4, lw=1, color=GOOD, label='front')
+    axes.plot(*front.T, 'o-', ms=4, lw=1, color=GOOD, ds='steps-pre', label='front')
     checks = points([item for item in outcome.checks.values() if item.excess < math.inf])
     if len(checks):
         axes.plot(*checks.T, 's', ms=5, mfc='none', color=CHECKED, label='checked')
@@ -75,14 +75,21 @@ def _draw_front(axes: Axes, outcome: Outcome) -> None:
     shown = np.vstack([front, checks, points(good[:1])])
     for k, limit in ((0, axes.set_xlim), (1, axes.set_ylim)):
         _set_limit(limit, shown[:, k])
-    axes.set_xlabel(texts[0].replace('_', ' '))
-    axes.set_ylabel(texts[1].replace('_', ' '))
+    axes.set_xlabel(_titled(outcome, texts[0]))
+    axes.set_ylabel(_titled(outcome, texts[1]))
 
 
 def _shown(text: str) -> tuple[str, float]:
     """Return what an axis shows: of ``-cost`` the cost, and the sign that makes it so."""
     name = text.strip().removeprefix('-')
     return (name, -1.0) if name != text.strip() and name.isidentifier() else (text, 1.0)
+
+
+def _titled(outcome: Outcome, text: str) -> str:
+    """Return the title of an axis; the unit of a metric is known."""
+    units = {metric.name: metric.unit for metric in outcome.problem.metrics}
+    unit = units.get(text, '')
+    return text.replace('_', ' ') + (f' [{unit}]' if unit not in ('', '1') else '')
 
 
 def _set_limit(limit: Any, numbers: Array) -> None:

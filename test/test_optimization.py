@@ -476,3 +476,9 @@ def test_goals_are_one_or_two():
 def test_the_page_names_all_keys():
     for name in (*PARTS, *(item.name for kind in (Settings, Stop) for item in fields(kind))):
         assert re.search(rf'^\| `{name}`', PAGE, re.MULTILINE), name
+
+
+def test_the_program_of_the_page_runs(capsys):
+    (program,) = re.findall(r'^```python\n(.*?)^```', PAGE, re.MULTILINE | re.DOTALL)
+    exec(program, {})
+    assert 'gait.yaw.amplitude_deg' in capsys.readouterr().out

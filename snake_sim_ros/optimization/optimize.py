@@ -247,6 +247,7 @@ class _Loop:
         ]
         self.ended: dict[int, str] = {}
         self.shares = [drawn[0]]  # of the bounds, for every evaluation
+        self.order: list[tuple[float, float]] = []  # what sorts evaluations, least first
 
     def run(self, evaluate: Callable[[Sequence[Point]], list[Evaluation]]) -> str:
         """Evaluate generations until the optimization stops; return why."""
@@ -278,21 +279,35 @@ class _Loop:
 
     def _judge(self, first: int) -> None:
         """Tell the searches what evaluations from this number on achieved, and end some."""
-        losses, feasible = losses_of(self.problem, self.evaluations)
-        excess = [item.excess for item in self.evaluations]
-        asked = np.array([item.point.search for item in self.evaluations])
+        is_front = len(self.problem.objectives) > 1
+        if not is_front:
+            self.order += self._order(first, 1.0)
         for k, search in enumerate(self.searches):
             if k in self.ended:
                 continue
-            order = ordered(scalar_losses(losses, feasible, self.weights[k]).tolist(), excess)
-            own = np.flatnonzero(asked == k).tolist()
-            best = min(range(len(order)), key=lambda j: (order[j], j))
-            other = best not in own and len(self.problem.objectives) > 1
-            search.tell(
-                [order[j] for j in own if j >= first], self.shares[best] if other else None
-            )
-            since = len(own) - 1 - min(range(len(own)), key=lambda j: (order[own[j]], j))
+            better = None
+            if is_front:  # whose scale may have changed
+                self.order = self._order(0, self.weights[k])
+                best = min(range(len(self.order)), key=lambda j: (self.order[j], j))
+                better = None if self.evaluations[best].point.search == k else self.shares[best]
+            found = enumerate(self.evaluations[first:], first)
+            search.tell([self.order[j] for j, item in found if item.point.search == k], better)
             if search.spread < self.problem.stop.tolerance or search.is_at_its_end:
                 self.ended[k] = 'tolerance'
-            elif 0 < self.problem.stop.stagnation <= since:
+            elif 0 < self.problem.stop.stagnation <= self._since(k):
                 self.ended[k] = 'stagnation'
+
+    def _order(self, first: int, weight: float) -> list[tuple[float, float]]:
+        """Return what sorts the evaluations from a number on, for a search with a weight."""
+        found = self.evaluations[first:]
+        losses = scalar_losses(*losses_of(self.problem, found), weight)
+        return ordered(losses.tolist(), [item.excess for item in found])
+
+    def _since(self, search: int) -> int:
+        """Return the number of evaluations of a search after its best one."""
+        own = [
+            key
+            for key, item in zip(self.order, self.evaluations, strict=True)
+            if item.point.search == search
+        ]
+        return len(own) - 1 - min(range(len(own)), key=lambda j: (own[j], j))

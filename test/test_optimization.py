@@ -331,6 +331,22 @@ def test_what_was_killed_goes_on_and_ends_the_same(tmp_path, capsys):
     assert (found['evaluations'], found['found']) == (310, 300)
 
 
+def test_an_interruption_keeps_what_was_done(tmp_path):
+    def interrupt(evaluation):
+        if evaluation.point.number == 9:
+            raise KeyboardInterrupt
+
+    out = tmp_path / 'history.csv'
+    given = {'minimize': 'valley', 'evaluations': 20, 'out': out}
+    with pytest.raises(KeyboardInterrupt):
+        solved(observe=interrupt, **given)
+    assert len(out.read_text().splitlines()) == 1 + 1 + 6  # names, the scene, a generation
+    outcome = solved(**given)
+    assert not outcome.evaluations[8].is_new and outcome.evaluations[19].is_new
+    del given['out']
+    assert table(outcome).equals(table(solved(**given)))
+
+
 # ---- the command --------------------------------------------------------------------------------
 
 

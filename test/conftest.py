@@ -7,6 +7,8 @@ import signal
 
 import pytest
 
+from snake_sim_ros.dynamics.code_cache import CodeCache
+
 # All kinds of contacts are compiled anew for every method; it takes longer than all of their tests
 # without the compiler. test_without_compiler.py runs these without it, for every method, and those
 # that are here twice: with it they are longer, for the methods that are most used.
@@ -41,6 +43,7 @@ def pytest_configure(config):
     config.option.loadscopereorder = False
     # The compiler makes millions of objects that stay: a tenth of its time.
     gc.set_threshold(100_000, 20, 100)
+    CodeCache.shares_work = True  # with the other process of the tests
 
 
 def pytest_collection_modifyitems(items):

@@ -170,7 +170,8 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
         """Return the code for some types of arguments, or None: this process compiles it."""
         found = super().load_overload(sig, target_context)
         if found is None and self.shares_work and self._lock is None:
-            path = Path(self.cache_path) / f'{self._impl.filename_base}.lock'
+            types = hashlib.sha256(str(sig).encode()).hexdigest()[:16]
+            path = Path(self.cache_path) / f'{self._impl.filename_base}-{types}.lock'
             path.parent.mkdir(parents=True, exist_ok=True)
             self._lock = path.open('w')
             fcntl.flock(self._lock, fcntl.LOCK_EX)

@@ -33,7 +33,10 @@ FIGURES = (
     'residual_over_iterations',
     'where_time_goes',
 )
-TABLES = ('targets', 'robust', 'accuracy', 'agreement', 'user', 'soak', 'ensemble', 'cycle')
+TABLES = (
+    *('targets', 'robust', 'accuracy', 'agreement', 'throughput', 'user', 'soak'),
+    *('ensemble', 'cycle'),
+)
 
 
 @pytest.fixture(scope='module')

@@ -35,6 +35,7 @@ COMMANDS = [
 SHORTENED = {
     './run test': '--collect-only -q test/test_gait.py',
     './run bench --quick': 'lateral_undulation --methods newton --dt 0.001 --duration 0.1',
+    './run bench --parts throughput': '--quick --duration 0.1',
     './run stability --quick': '--maps spin',
     './run levels': 'lateral_undulation --duration 0.1',
     './run run obstacle_aided': '--duration 0.5',

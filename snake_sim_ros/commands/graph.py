@@ -62,7 +62,7 @@ def add_topic(subparsers: Any) -> None:
 
 def add_param(subparsers: Any) -> None:
     """Add the command."""
-    verbs = _group(subparsers, 'param', 'list, get, set and dump parameters, as ros2 param does')
+    verbs = _group(subparsers, 'param', 'list, get, set and describe parameters, as ros2 param')
     listing = _add(verbs, 'list', 'print the parameters of a node, or of all', _list_parameters)
     listing.add_argument('node', nargs='?')
     get = _add(verbs, 'get', 'print the value of a parameter', _get)
@@ -73,6 +73,9 @@ def add_param(subparsers: Any) -> None:
     put.add_argument('node')
     put.add_argument('name')
     put.add_argument('value', help='YAML, such as 0.5, true or "[1, 2]"')
+    describe = _add(verbs, 'describe', 'print types, meanings and ranges of parameters', _describe)
+    describe.add_argument('node')
+    describe.add_argument('names', nargs='+')
     dump = _add(verbs, 'dump', 'print all parameters of a node as a YAML file', _dump)
     dump.add_argument('node')
 
@@ -234,6 +237,10 @@ def _get(client: Any, options: argparse.Namespace) -> None:
 
 def _set(client: Any, options: argparse.Namespace) -> int:
     return int(_parameters().set_parameter(client, options.node, options.name, options.value))
+
+
+def _describe(client: Any, options: argparse.Namespace) -> None:
+    _parameters().describe_parameters(client, options.node, options.names)
 
 
 def _dump(client: Any, options: argparse.Namespace) -> None:

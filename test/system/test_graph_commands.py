@@ -172,6 +172,12 @@ def test_parameters_are_read_and_written(run, run_all):
     (refusal,) = run('param', 'set', *name, '--', '-1.0', status=1)
     assert refusal.startswith('Setting parameter failed: ') and 'friction.transversal' in refusal
     assert run('param', 'set', 'gait', 'scene', 'sidewinding') == ['Set parameter successful']
+    described = run('param', 'describe', *name, 'scene')
+    assert described[:2] == ['Parameter name: friction.transversal', '  Type: double']
+    assert described[2].startswith('  Description: ') and '    Min value: 0.0' in described
+    assert described[-2:] == ['  Constraints:', '    Read only: true']
+    (refusal,) = run('param', 'describe', '/sim', 'nothing', status=1)
+    assert 'Parameter not set: /sim has no parameter nothing' in refusal
     tree = yaml.safe_load('\n'.join(run('param', 'dump', '/sim')))
     assert tree['/sim']['ros__parameters']['friction']['transversal'] == 0.25
 

@@ -1,4 +1,4 @@
-"""The commands `param list`, `param get`, `param set` and `param dump`."""
+"""The commands `param list`, `get`, `set`, `describe` and `dump`."""
 
 import sys
 from typing import Any
@@ -25,6 +25,10 @@ LABELS = {
     ParameterType.PARAMETER_INTEGER_ARRAY: 'Integer values are:',
     ParameterType.PARAMETER_DOUBLE_ARRAY: 'Double values are:',
     ParameterType.PARAMETER_STRING_ARRAY: 'String values are:',
+}
+TYPES = {
+    kind: label.partition(' value')[0].lower() + (' array' if 'values' in label else '')
+    for kind, label in LABELS.items()
 }
 
 
@@ -74,6 +78,28 @@ def set_parameter(client: Client, node: str, name: str, text: str) -> int:
         return 1
     print(f'Set parameter successful{reason}')
     return 0
+
+
+def describe_parameters(client: Client, node: str, names: list[str]) -> None:
+    """Print what a node says of some parameters: types, meanings and ranges."""
+    remote = _remote(client, node)
+    for name in names:
+        answer = client.answer(remote.describe_parameters([name]), absolute(node))
+        if not answer.descriptors or answer.descriptors[0].type not in TYPES:
+            raise GraphError(f'Parameter not set: {absolute(node)} has no parameter {name}')
+        (found,) = answer.descriptors
+        print(f'Parameter name: {name}\n  Type: {TYPES[found.type]}')
+        if found.description:
+            print(f'  Description: {found.description}')
+        print('  Constraints:')
+        if found.read_only:
+            print('    Read only: true')
+        for limits in [*found.floating_point_range, *found.integer_range]:
+            print(f'    Min value: {limits.from_value}\n    Max value: {limits.to_value}')
+            if limits.step:
+                print(f'    Step: {limits.step}')
+        if found.additional_constraints:
+            print(f'    Additional constraints: {found.additional_constraints}')
 
 
 def dump_parameters(client: Client, node: str) -> None:

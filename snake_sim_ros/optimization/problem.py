@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
-from dataclasses import fields
 import math
 from pathlib import Path
 from typing import Any
@@ -30,10 +29,10 @@ from snake_sim_ros.studies.metrics import METRICS
 from snake_sim_ros.studies.metrics import metrics_of
 from snake_sim_ros.studies.metrics import USUAL_METRICS
 from snake_sim_ros.studies.runs import Plan
-from snake_sim_ros.studies.study_file import check_keys
-from snake_sim_ros.studies.study_file import content_of
+from snake_sim_ros.studies.study_file import loaded
 from snake_sim_ros.studies.study_file import mapping_at
 from snake_sim_ros.studies.study_file import scene_and_values
+from snake_sim_ros.studies.study_file import settings_of
 from snake_sim_ros.studies.variations import check_names
 from snake_sim_ros.studies.variations import Range
 
@@ -192,11 +191,7 @@ def load_problem(path: Path) -> Problem:
         If the file is missing, or if anything in it is not usable.
 
     """
-    mapping = content_of(path)
-    try:
-        return problem_from(mapping, path.absolute().parent)
-    except ParameterError as error:
-        raise ParameterError(f'{path.name}: {error}') from None
+    return loaded(path, problem_from)
 
 
 def problem_from(mapping: Any, folder: Path | None = None) -> Problem:
@@ -209,11 +204,7 @@ def problem_from(mapping: Any, folder: Path | None = None) -> Problem:
         If anything in it is not usable.
 
     """
-    names = [item.name for item in fields(Settings)]
-    check_keys(mapping, (*PARTS, *names), ('scene', 'vary'))
-    settings: Settings = from_mapping(
-        Settings, {key: mapping[key] for key in names if key in mapping}, 'study'
-    )
+    settings = settings_of(Settings, mapping, PARTS)
     stop: Stop = from_mapping(Stop, mapping.get('stop'), 'stop')
     scene, fixed, vary = scene_and_values(mapping, folder)
     bounds = {name: _bound(name, given, scene) for name, given in vary.items()}

@@ -1,5 +1,6 @@
 """What a study is: a scene, what varies in it, what is measured; as a record and as a file."""
 
+from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Mapping
 from collections.abc import Sequence
@@ -7,6 +8,7 @@ from dataclasses import dataclass
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
+from typing import TypeVar
 
 from snake_sim_ros.scene.checked_records import CheckedRecord
 from snake_sim_ros.scene.checked_records import from_mapping
@@ -30,6 +32,7 @@ from snake_sim_ros.studies.variations import variation_of
 from snake_sim_ros.studies.variations import Variations
 
 KEEP = ('metrics', 'trajectories')
+T = TypeVar('T')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,23 +98,27 @@ def load_study(path: Path) -> Study:
         If the file is missing, or if anything in it is not usable.
 
     """
-    mapping = content_of(path)
-    try:
-        return study_from(mapping, path.absolute().parent)
-    except ParameterError as error:
-        raise ParameterError(f'{path.name}: {error}') from None
+    return loaded(path, study_from)
 
 
-def content_of(path: Path) -> Any:
+def loaded(path: Path, make: Callable[[Any, Path], T]) -> T:
     """
-    Return what a YAML file says.
+    Return what is made of the contents of a YAML file and its folder; errors name the file.
 
     Raises
     ------
     ParameterError
-        If the file is missing or not readable.
+        If the file is missing or not readable, or if `make` raises it.
 
     """
+    mapping = _content_of(path)
+    try:
+        return make(mapping, path.absolute().parent)
+    except ParameterError as error:
+        raise ParameterError(f'{path.name}: {error}') from None
+
+
+def _content_of(path: Path) -> Any:
     try:
         return parse_yaml(path.read_text(encoding='utf-8'))
     except FileNotFoundError:
@@ -139,11 +146,7 @@ def study_from(mapping: Any, folder: Path | None = None) -> Study:
         If anything in it is not usable.
 
     """
-    names = [item.name for item in fields(Settings)]
-    check_keys(mapping, (*PARTS, *names), ('scene', 'vary'))
-    settings: Settings = from_mapping(
-        Settings, {key: mapping[key] for key in names if key in mapping}, 'study'
-    )
+    settings = settings_of(Settings, mapping, PARTS)
     scene, fixed, vary = scene_and_values(mapping, folder)
     variations = Variations(
         {name: variation_of(name, given) for name, given in vary.items()},
@@ -153,16 +156,28 @@ def study_from(mapping: Any, folder: Path | None = None) -> Study:
     return Study(scene, frozenset([*fixed, *vary]), variations, metrics, settings)
 
 
-def check_keys(mapping: Any, known: Sequence[str], needed: Sequence[str]) -> None:
-    """Raise an error unless a study is a mapping with known keys and all that it needs."""
+def settings_of(cls: type[T], mapping: Any, parts: Sequence[str]) -> T:
+    """
+    Return the settings of a study, a record of `cls`, from what its file says.
+
+    Raises
+    ------
+    ParameterError
+        If the study is no mapping, has a key that is neither a field of `cls` nor one of `parts`,
+        or has no scene or nothing that varies, or if a value is not usable.
+
+    """
     if not isinstance(mapping, Mapping):
         raise ParameterError(f'a study must be a mapping of names to values, got {mapping!r}')
+    names = [item.name for item in fields(cls)]  # type: ignore[arg-type]
     for key in mapping:
-        if key not in known:
-            raise ParameterError(f'unknown key {key!r}; {nearest(key, known)}')
-    for key in needed:
+        if key not in (*parts, *names):
+            raise ParameterError(f'unknown key {key!r}; {nearest(key, (*parts, *names))}')
+    for key in ('scene', 'vary'):
         if key not in mapping:
             raise ParameterError(f'a study must have {key}')
+    found: T = from_mapping(cls, {key: mapping[key] for key in names if key in mapping}, 'study')
+    return found
 
 
 def scene_and_values(

@@ -77,30 +77,27 @@ def axis_loads(axis, torque, damping, axis_torque, axis_damping):
 
 
 @inlined
-def applied_torque(R, twist, torque, damping, applied):
+def joint_rates(R, twist, rate):
     """
-    Fill the impulses of the controller on every joint, with the rates at the end of the step.
+    Fill the rates of all joints.
 
     Parameters
     ----------
     R : ndarray, shape (n, 3, 3)
         Link frames in I.
     twist : ndarray, shape (n, 6)
-        Twists at the end of the step.
-    torque, damping : ndarray, shape (n-1, 2)
-        As `control_impulses` fills them.
-    applied : ndarray, shape (n-1, 2)
-        Filled [N m s].
+        Twists of the links.
+    rate : ndarray, shape (n-1, 2)
+        Filled [rad/s].
 
     """
-    for j in range(len(torque)):
+    for j in range(len(rate)):
         yaw_rate = pitch_rate = 0.0
         for k in range(3):
             relative = twist[j + 1, k] - twist[j, k]
             yaw_rate += R[j, k, 1] * relative
             pitch_rate += R[j + 1, k, 0] * relative
-        applied[j, 0] = torque[j, 0] - damping[j, 0] * yaw_rate
-        applied[j, 1] = torque[j, 1] - damping[j, 1] * pitch_rate
+        rate[j, 0], rate[j, 1] = yaw_rate, pitch_rate
 
 
 @inlined

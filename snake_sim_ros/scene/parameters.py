@@ -81,6 +81,19 @@ class Robot(CheckedRecord):
     joint_limit: float = quantity(
         math.pi / 4, 'rad', 'largest joint reference accepted', above=0, maximum=math.pi / 2
     )
+    joint_stop: bool = quantity(False, '', 'whether joints hit a stop at joint_limit')
+    yaw_torque_limit: None | PerJoint = quantity(
+        None, 'N m', 'largest torque of the horizontal controller; none without limit', minimum=0
+    )
+    pitch_torque_limit: None | PerJoint = quantity(
+        None, 'N m', 'largest torque of the vertical controller; none without limit', minimum=0
+    )
+    joint_friction: PerJoint = quantity(
+        0.0, 'N m', 'Coulomb friction of both axes of a joint (assumption: none)', minimum=0
+    )
+    joint_viscous_friction: PerJoint = quantity(
+        0.0, 'N m s/rad', 'viscous friction of both axes (assumption: none)', minimum=0
+    )
 
     def __post_init__(self) -> None:
         """Check every field, the lengths of lists, and that a cylinder has a radius."""
@@ -88,7 +101,7 @@ class Robot(CheckedRecord):
         for item in fields(self):
             value = getattr(self, item.name)
             count, parts = self.link_count, 'links'
-            if item.name.endswith(('_stiffness', '_damping')):
+            if item.name.endswith(('_stiffness', '_damping', '_torque_limit', '_friction')):
                 count, parts = self.link_count - 1, 'joints'
             if isinstance(value, tuple) and len(value) != count:
                 raise ParameterError(
@@ -115,13 +128,19 @@ class Robot(CheckedRecord):
         return self._each(name, self.link_count)
 
     def per_joint(self, name: str) -> Array:
-        """Return the gains (yaw, pitch) of every joint, shape (n-1, 2): stiffness or damping."""
-        axes = [self._each(f'{axis}_{name}', self.link_count - 1) for axis in ('yaw', 'pitch')]
-        return np.column_stack(axes)
+        """
+        Return a quantity of the axes (yaw, pitch) of every joint, shape (n-1, 2).
+
+        Its name is stiffness, damping, torque_limit, friction or viscous_friction.
+        """
+        both = ('joint', 'joint') if name.endswith('friction') else ('yaw', 'pitch')
+        return np.column_stack([self._each(f'{axis}_{name}', self.link_count - 1) for axis in both])
 
     def _each(self, name: str, count: int) -> Array:
         """Return the quantity `name` of every link or every joint, shape (count,)."""
         value = getattr(self, name)
+        if value is None:
+            return np.full(count, math.inf)
         return np.array(value) if isinstance(value, tuple) else np.full(count, value)
 
     @property

@@ -19,6 +19,10 @@ from snake_sim_ros.contact.table import make_table
 from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.dynamics.free_chain import make_free_chain
+from snake_sim_ros.dynamics.joint_laws import AxisLaws
+from snake_sim_ros.dynamics.joint_laws import JointLaws
+from snake_sim_ros.dynamics.joint_laws import make_axis_laws
+from snake_sim_ros.dynamics.joint_laws import make_joint_laws
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.obstacles import pair_contacts
@@ -54,6 +58,7 @@ class Model(NamedTuple):
     contact_radius: Array  # (n,) [m]
     stiffness: Array  # (n-1, 2) of the joints (yaw, pitch) [N m/rad]
     damping: Array  # (n-1, 2) [N m s/rad]
+    joint_laws: JointLaws
     gravity: Array  # (3,) in I [m/s^2]
     laws: Laws
     activation_tolerance: float  # [m]
@@ -79,6 +84,7 @@ class Workspace(NamedTuple):
     torque: Array  # (n-1, 2) impulse of the controller, without its implicit part [N m s]
     damping: Array  # (n-1, 2) implicit part of the controller, times dt [N m s^2]
     applied: Array  # (n-1, 2) impulse of the controller with its implicit part [N m s]
+    axes: AxisLaws
     chain: Chain
     closed: Array  # (c,) begins with the numbers of the closed contacts
     operator: Operator  # of the contacts, for `bdf2`
@@ -86,12 +92,13 @@ class Workspace(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def robot_arrays(robot: Robot) -> dict[str, Array]:
-    """Return the arrays of a model that belong to its robot; models share them."""
+def robot_arrays(robot: Robot) -> dict[str, Any]:
+    """Return the fields of a model that belong to its robot; models share them."""
     links = ('mass', 'inertia_transversal', 'inertia_axial', 'contact_offset', 'contact_radius')
     arrays = {name: robot.per_link('link_mass' if name == 'mass' else name) for name in links}
     arrays |= {name: robot.per_joint(name) for name in ('stiffness', 'damping')}
-    return {'half_length': robot.per_link('link_length') / 2, **arrays}
+    half_length = robot.per_link('link_length') / 2
+    return {'half_length': half_length, 'joint_laws': make_joint_laws(robot), **arrays}
 
 
 def make_model(scene: Scene) -> Model:
@@ -155,6 +162,7 @@ def make_workspace(scene: Scene) -> Workspace:
         torque=zeros((n - 1, 2)),
         damping=zeros((n - 1, 2)),
         applied=zeros((n - 1, 2)),
+        axes=make_axis_laws(n),
         chain=Chain(
             axis=zeros((n - 1, 2, 6)),
             torque=zeros((n - 1, 2)),

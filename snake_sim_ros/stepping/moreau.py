@@ -27,9 +27,9 @@ from snake_sim_ros.contact.selection import apply_selection_rule
 from snake_sim_ros.contact.selection import PRESS_SPEED
 from snake_sim_ros.contact.solver import Problem
 from snake_sim_ros.contact.solver import solve
-from snake_sim_ros.dynamics.balance import applied_torque
 from snake_sim_ros.dynamics.balance import axis_loads
 from snake_sim_ros.dynamics.balance import control_impulses
+from snake_sim_ros.dynamics.balance import joint_rates
 from snake_sim_ros.dynamics.balance import link_inertia
 from snake_sim_ros.dynamics.balance import smooth_momentum
 from snake_sim_ros.dynamics.compilation import compiled
@@ -38,6 +38,10 @@ from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.joint_control import START
 from snake_sim_ros.dynamics.joint_drift import close_joints
 from snake_sim_ros.dynamics.joint_drift import joint_violation
+from snake_sim_ros.dynamics.joint_laws import begin_joint_laws
+from snake_sim_ros.dynamics.joint_laws import controller_impulse
+from snake_sim_ros.dynamics.joint_laws import joint_laws_change
+from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
 from snake_sim_ros.dynamics.kinematics import chain_geometry
 from snake_sim_ros.dynamics.kinematics import end_coordinates
 from snake_sim_ros.dynamics.kinematics import end_velocities
@@ -70,6 +74,8 @@ def begin_step(model, work, steps, k):
     control_impulses(
         model, work.coordinate, steps.angle[k], steps.rate[k], work.torque, work.damping
     )
+    if model.joint_laws.present:
+        begin_joint_laws(model, work)
     axis_loads(chain.axis, work.torque, work.damping, chain.torque, chain.damping)
     link_inertia(model, R, work.center, chain.bare)
     smooth_momentum(model, model.dt, u, u, R, work.center, chain.momentum)
@@ -85,12 +91,37 @@ def begin_step(model, work, steps, k):
 
 
 @inlined
+def solve_again(model, work, outcome, attempt, report):
+    """Return whether the laws of the joints ask for another solution, and prepare it."""
+    chain = work.chain
+    joint_rates(work.R, chain.twist, work.axes.rate)
+    if not model.joint_laws.present or not joint_laws_change(
+        model.joint_laws, work.axes, work.torque, work.damping, outcome, attempt, report
+    ):
+        return False
+    axis_loads(chain.axis, work.torque, work.damping, chain.torque, chain.damping)
+    return True
+
+
+@inlined
+def controller_impulses(model, work):
+    """Fill work.applied, the impulses of the controllers at the rates in work.axes."""
+    rate = work.axes.rate
+    for j in range(len(rate)):
+        for k in range(2):
+            if model.joint_laws.present:
+                work.applied[j, k] = controller_impulse(work.axes, j, k)
+            else:
+                work.applied[j, k] = work.torque[j, k] - work.damping[j, k] * rate[j, k]
+
+
+@inlined
 def end_step(model, work, steps, problem, outcome):
     """Move q and u to the end of the step; return whether the loop continues."""
     q, u, report = steps.q, steps.u, steps.report[0]
     if not turns_are_small(model.dt, work.chain.twist, report):
         return False
-    applied_torque(work.R, work.chain.twist, work.torque, work.damping, work.applied)
+    controller_impulses(model, work)
     end_velocities(work.chain.twist, work.R, work.center, u)
     end_coordinates(model.dt, work.q_mid, u, q)
     note_outcome(outcome, report)
@@ -151,7 +182,10 @@ def advance(solver, model, work, steps):
     for k in range(len(steps.angle)):
         steps.cycles[k] = cycle_counter()
         problem = begin_step(model, work, steps, k)
-        outcome = solve(solver, model, problem, steps.history)
+        for attempt in range(MOST_CHANGES):
+            outcome = solve(solver, model, problem, steps.history)
+            if not solve_again(model, work, outcome, attempt, steps.report[0]):
+                break
         goes_on = end_step(model, work, steps, problem, outcome)
         if steps.report[0].steps > k:
             keep_sample(k, model.dt, model.dt, work.applied, steps)

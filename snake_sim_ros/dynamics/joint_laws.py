@@ -1,0 +1,217 @@
+"""
+Set-valued laws on the axes of the joints: limited torque, dry friction and stops.
+
+An axis has the impulse P that its rate w at the end of a step determines:
+
+- The controller gives the impulse ``c - R w``, see `joint_control`, cut off at the limit L.
+- Friction resists with F against the sense of w; at rest it takes any value from -F to F.
+- Viscous friction resists with V w.
+- A stop keeps w between two bounds: Signorini's law, as of a contact.
+
+The set of admissible pairs (w, P) is the graph of a falling function with vertical parts, a
+maximal monotone relation. The law is therefore equivalent to ``w = resolvent(w - r P)`` for any
+r > 0, where the resolvent gives the only w of the graph with ``w - r P`` as told. A step solves
+the laws of all axes by Newton's method: where the resolvent falls on a sloped part, P is linear in
+w, with the torque and the damping of this part; on a vertical part the rate is held. Then the
+contacts are solved as without these laws, for the chain of links with these torques and dampings,
+and the rates show what has changed.
+
+A rate v is held by the impulse ``P + K (v - w)`` with a stiffness K far beyond that of the chain.
+P is that of the solution before, so that what is left of w - v vanishes with the next solution
+(augmented Lagrangian).
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Robot
+
+HOLD = 1e9  # stiffness that holds a rate, relative to inertia and damping of an axis
+SAME_RATE = 1e-12  # rates that differ by less are the same [rad/s]
+MOST_CHANGES = 60  # solutions of a step after which it counts as unconverged
+# So many times all axes go to other parts of their laws at once; then one at a time, the first.
+TOGETHER = 12
+
+
+class JointLaws(NamedTuple):
+    """The numbers of the laws for a robot of n links, axes (yaw, pitch)."""
+
+    present: bool  # whether any axis has a law besides the controller
+    torque_limit: Array  # (n-1, 2) largest torque of the controller [N m]; infinite without limit
+    friction: Array  # (n-1, 2) [N m]
+    viscous: Array  # (n-1, 2) [N m s/rad]
+    stop: float  # largest joint angle to either side [rad]; infinite without stops
+    inertia: float  # scale of 1/r: the moment of inertia across a link [kg m^2]
+
+
+class AxisLaws(NamedTuple):
+    """The laws of the axes in a part of a step, in impulses; arrays of shape (n-1, 2)."""
+
+    torque: Array  # c, impulse of the controller without its implicit part [N m s]
+    damping: Array  # R [N m s^2]
+    limit: Array  # L [N m s]
+    friction: Array  # F [N m s]
+    viscous: Array  # V [N m s^2]
+    low: Array  # bounds of the rate [rad/s]
+    high: Array
+    rate: Array  # w, of the last solution [rad/s]
+
+
+def make_joint_laws(robot: Robot) -> JointLaws:
+    """Return the laws of the joints of a robot."""
+    limit, friction, viscous = (
+        robot.per_joint(name) for name in ('torque_limit', 'friction', 'viscous_friction')
+    )
+    stop = robot.joint_limit if robot.joint_stop else math.inf
+    present = np.isfinite(limit).any() or friction.any() or viscous.any() or robot.joint_stop
+    inertia = float(robot.per_link('inertia_transversal').mean())
+    return JointLaws(bool(present), limit, friction, viscous, stop, inertia)
+
+
+def make_axis_laws(n: int) -> AxisLaws:
+    """Return the arrays for n links."""
+    return AxisLaws(*(np.zeros((n - 1, 2)) for _ in AxisLaws._fields))
+
+
+@inlined
+def begin_axis(laws, axes, h, j, k):
+    """Fill limit, friction and bounds of axis k of joint j for a time h [s], without stops."""
+    axes.limit[j, k] = h * laws.torque_limit[j, k]
+    axes.friction[j, k] = h * laws.friction[j, k]
+    axes.viscous[j, k] = h * laws.viscous[j, k]
+    axes.low[j, k], axes.high[j, k] = -math.inf, math.inf
+
+
+@inlined
+def controller_impulse(axes, j, k):
+    """Return the impulse of the controller on axis k of joint j [N m s]."""
+    P, L = axes.torque[j, k] - axes.damping[j, k] * axes.rate[j, k], axes.limit[j, k]
+    return min(max(P, -L), L)
+
+
+@inlined
+def first_law(inertia, axes, j, k):
+    """Return torque and damping to begin with, from the rate in axes.rate; see `axis_law`."""
+    torque, damping, _ = axis_law(inertia, axes, j, k, controller_impulse(axes, j, k))
+    return torque, damping
+
+
+@compiled
+def axis_law(inertia, axes, j, k, impulse):
+    """
+    Return the part of the law of axis k of joint j that a trial solution falls on.
+
+    Parameters
+    ----------
+    inertia : float
+        `JointLaws.inertia`.
+    axes : AxisLaws
+        Its rate is that of the trial solution.
+    j, k : int
+    impulse : float
+        P of the trial solution [N m s].
+
+    Returns
+    -------
+    torque, damping : float
+        The part as ``P = torque - damping w`` [N m s], [N m s^2].
+    miss : float
+        Difference of the trial rate and the resolvent, 0 in a solution [rad/s].
+
+    """
+    F, low, high = axes.friction[j, k], axes.low[j, k], axes.high[j, k]
+    r = 1.0 / (inertia + axes.damping[j, k])
+    z = axes.rate[j, k] - r * impulse
+    w, torque, damping = sloped_part(axes, j, k, r, z, F)
+    if F > 0.0 and not w > 0.0:
+        w, torque, damping = sloped_part(axes, j, k, r, z, -F)
+        if not w < 0.0:
+            w = 0.0
+            torque, damping = held_part(inertia, axes, j, k, r, z, w)
+    if not low <= w <= high:
+        w = low if w < low else high
+        torque, damping = held_part(inertia, axes, j, k, r, z, w)
+    return torque, damping, abs(axes.rate[j, k] - w)
+
+
+@inlined
+def sloped_part(axes, j, k, r, z, F):
+    """Return the rate w with ``w - r P = z`` while friction F acts, and torque and damping of P."""
+    c, R, L, V = axes.torque[j, k], axes.damping[j, k], axes.limit[j, k], axes.viscous[j, k]
+    w = (z + r * (c - F)) / (1.0 + r * (R + V))
+    P = c - R * w
+    if abs(P) <= L:
+        return w, c - F, R + V
+    L = L if P > 0.0 else -L
+    return (z + r * (L - F)) / (1.0 + r * V), L - F, V
+
+
+@inlined
+def held_part(inertia, axes, j, k, r, z, w):
+    """Return torque and damping of the impulse that holds the rate w with ``w - r P = z``."""
+    K = HOLD * (inertia + axes.damping[j, k] + axes.viscous[j, k])
+    return (w - z) / r + K * w, K
+
+
+@merged
+def begin_joint_laws(model, work):
+    """
+    Begin a step of the paper with the laws of the joints; work has those of the controller.
+
+    Of `stepping.model.Workspace`, torque and damping are replaced, and axes is filled.
+    """
+    laws, axes, mid = model.joint_laws, work.axes, work.coordinate[1]
+    for j in range(len(axes.rate)):
+        for k in range(2):
+            axes.torque[j, k], axes.damping[j, k] = work.torque[j, k], work.damping[j, k]
+            axes.rate[j, k] = mid[j, k, 1]
+            begin_axis(laws, axes, model.dt, j, k)
+            if mid[j, k, 0] >= laws.stop:
+                axes.high[j, k] = 0.0
+            elif mid[j, k, 0] <= -laws.stop:
+                axes.low[j, k] = 0.0
+            work.torque[j, k], work.damping[j, k] = first_law(laws.inertia, axes, j, k)
+
+
+@inlined
+def joint_laws_change(laws, axes, torque, damping, outcome, attempt, report):
+    """
+    Fill torques and dampings, shape (n-1, 2), of the next solution; return whether there is one.
+
+    Parameters
+    ----------
+    laws : JointLaws
+    axes : AxisLaws
+        Its rates are those of the last solution.
+    torque, damping : ndarray, shape (n-1, 2)
+        Those of the last solution [N m s], [N m s^2].
+    outcome : Outcome
+        That of the contacts in the last solution.
+    attempt : int
+        Number of the solution, from 0.
+    report : record
+        It counts the iterations of all solutions but the last one, and a step without an end.
+
+    """
+    misses = moves = False
+    for j in range(len(torque)):
+        for k in range(2):
+            impulse = torque[j, k] - damping[j, k] * axes.rate[j, k]
+            new_torque, new_damping, miss = axis_law(laws.inertia, axes, j, k, impulse)
+            if miss > SAME_RATE:
+                misses, is_other = True, new_damping != damping[j, k]
+                if not is_other or attempt < TOGETHER or not moves:
+                    torque[j, k], damping[j, k] = new_torque, new_damping
+                    moves = moves or is_other
+    if misses and attempt + 1 == MOST_CHANGES:
+        report.unconverged += outcome.converged
+        return False
+    if misses:
+        report.iterations += outcome.iterations
+    return misses

@@ -61,6 +61,8 @@ class AxisLaws(NamedTuple):
     low: Array  # bounds of the rate [rad/s]
     high: Array
     rate: Array  # w, of the last solution [rad/s]
+    cut: Array  # sign of the limit that the controller is at; 0: it follows
+    slip: Array  # sign of the rate against which friction acts; 0: it does not, or it holds
 
 
 def make_joint_laws(robot: Robot) -> JointLaws:
@@ -98,6 +100,7 @@ def controller_impulse(axes, j, k):
 @inlined
 def first_law(inertia, axes, j, k):
     """Return torque and damping to begin with, from the rate in axes.rate; see `axis_law`."""
+    axes.cut[j, k] = axes.slip[j, k] = 0.0
     torque, damping, _ = axis_law(inertia, axes, j, k, controller_impulse(axes, j, k))
     return torque, damping
 
@@ -107,12 +110,15 @@ def axis_law(inertia, axes, j, k, impulse):
     """
     Return the part of the law of axis k of joint j that a trial solution falls on.
 
+    From one limit to the other, and from sliding one way to the other, it goes over the part
+    between them. Else Newton's method would go to and fro.
+
     Parameters
     ----------
     inertia : float
         `JointLaws.inertia`.
     axes : AxisLaws
-        Its rate is that of the trial solution.
+        Its rate is that of the trial solution; cut and slip are replaced by those of the part.
     j, k : int
     impulse : float
         P of the trial solution [N m s].
@@ -126,37 +132,44 @@ def axis_law(inertia, axes, j, k, impulse):
 
     """
     F, low, high = axes.friction[j, k], axes.low[j, k], axes.high[j, k]
-    r = 1.0 / (inertia + axes.damping[j, k])
-    z = axes.rate[j, k] - r * impulse
-    w, torque, damping = sloped_part(axes, j, k, r, z, F)
-    if F > 0.0 and not w > 0.0:
-        w, torque, damping = sloped_part(axes, j, k, r, z, -F)
-        if not w < 0.0:
-            w = 0.0
-            torque, damping = held_part(inertia, axes, j, k, r, z, w)
-    if not low <= w <= high:
-        w = low if w < low else high
-        torque, damping = held_part(inertia, axes, j, k, r, z, w)
-    return torque, damping, abs(axes.rate[j, k] - w)
-
-
-@inlined
-def sloped_part(axes, j, k, r, z, F):
-    """Return the rate w with ``w - r P = z`` while friction F acts, and torque and damping of P."""
     c, R, L, V = axes.torque[j, k], axes.damping[j, k], axes.limit[j, k], axes.viscous[j, k]
-    w = (z + r * (c - F)) / (1.0 + r * (R + V))
-    P = c - R * w
-    if abs(P) <= L:
-        return w, c - F, R + V
-    L = L if P > 0.0 else -L
-    return (z + r * (L - F)) / (1.0 + r * V), L - F, V
+    r = 1.0 / (inertia + R)
+    z = axes.rate[j, k] - r * impulse
+    slip = 1.0 if F > 0.0 else 0.0
+    w, cut = rate_on_slope(c - F, R, F, L, V, r, z)
+    if F > 0.0 and not w > 0.0:
+        slip = -1.0
+        w, cut = rate_on_slope(c + F, R, -F, L, V, r, z)
+        if not w < 0.0:
+            w = slip = cut = 0.0
+    w = min(max(w, low), high)
+    miss = abs(axes.rate[j, k] - w)
+    if slip * axes.slip[j, k] < 0.0:
+        w = slip = cut = 0.0
+    elif cut * axes.cut[j, k] < 0.0:
+        cut = 0.0
+    axes.slip[j, k], axes.cut[j, k] = slip, cut
+    if (F > 0.0 and slip == 0.0) or w in (low, high):
+        K = HOLD * (inertia + R + V)
+        return (w - z) / r + K * w, K, miss
+    if cut == 0.0:
+        return c - slip * F, R + V, miss
+    return cut * L - slip * F, V, miss
 
 
 @inlined
-def held_part(inertia, axes, j, k, r, z, w):
-    """Return torque and damping of the impulse that holds the rate w with ``w - r P = z``."""
-    K = HOLD * (inertia + axes.damping[j, k] + axes.viscous[j, k])
-    return (w - z) / r + K * w, K
+def rate_on_slope(torque, R, F, L, V, r, z):
+    """
+    Return the rate w with ``w - r P = z`` while friction F acts, and the sign of the limit there.
+
+    `torque` is that of controller and friction; the sign is 0 where the limit is not reached.
+    """
+    w = (z + r * torque) / (1.0 + r * (R + V))
+    P = torque + F - R * w
+    if abs(P) <= L:
+        return w, 0.0
+    cut = 1.0 if P > 0.0 else -1.0
+    return (z + r * (cut * L - F)) / (1.0 + r * V), cut
 
 
 @merged
@@ -203,12 +216,16 @@ def joint_laws_change(laws, axes, torque, damping, outcome, attempt, report):
     for j in range(len(torque)):
         for k in range(2):
             impulse = torque[j, k] - damping[j, k] * axes.rate[j, k]
+            cut, slip = axes.cut[j, k], axes.slip[j, k]
             new_torque, new_damping, miss = axis_law(laws.inertia, axes, j, k, impulse)
             if miss > SAME_RATE:
-                misses, is_other = True, new_damping != damping[j, k]
-                if not is_other or attempt < TOGETHER or not moves:
+                misses = True
+                is_same = cut == axes.cut[j, k] and slip == axes.slip[j, k]
+                if is_same or attempt < TOGETHER or not moves:
                     torque[j, k], damping[j, k] = new_torque, new_damping
-                    moves = moves or is_other
+                    moves = moves or not is_same
+                else:
+                    axes.cut[j, k], axes.slip[j, k] = cut, slip
     if misses and attempt + 1 == MOST_CHANGES:
         report.unconverged += outcome.converged
         return False

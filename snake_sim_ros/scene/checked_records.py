@@ -16,6 +16,7 @@ import math
 from types import UnionType
 from typing import Any
 from typing import get_args
+from typing import get_origin
 from typing import get_type_hints
 from typing import NamedTuple
 
@@ -124,8 +125,9 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
             return int(value)
         if float in kinds:
             return number
-    if isinstance(value, (list, tuple, np.ndarray)) and kinds[-1] not in KIND_NAMES:
-        return tuple(_converted(name, entry, get_args(kinds[-1])[0]) for entry in value)
+    listed = [each for each in kinds if get_origin(each) is tuple]
+    if isinstance(value, (list, tuple, np.ndarray)) and listed:
+        return tuple(_converted(name, entry, get_args(listed[0])[0]) for entry in value)
     wanted = KIND_NAMES.get(kinds[0], 'numbers')
     raise ParameterError(f'{name} must be {wanted}, got {value!r}')
 

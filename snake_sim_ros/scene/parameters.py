@@ -82,10 +82,10 @@ class Robot(CheckedRecord):
         math.pi / 4, 'rad', 'largest joint reference accepted', above=0, maximum=math.pi / 2
     )
     joint_stop: bool = quantity(False, '', 'whether joints hit a stop at joint_limit')
-    yaw_torque_limit: None | PerJoint = quantity(
+    yaw_torque_limit: PerJoint | None = quantity(
         None, 'N m', 'largest torque of the horizontal controller; none without limit', minimum=0
     )
-    pitch_torque_limit: None | PerJoint = quantity(
+    pitch_torque_limit: PerJoint | None = quantity(
         None, 'N m', 'largest torque of the vertical controller; none without limit', minimum=0
     )
     joint_friction: PerJoint = quantity(
@@ -134,7 +134,8 @@ class Robot(CheckedRecord):
         Its name is stiffness, damping, torque_limit, friction or viscous_friction.
         """
         both = ('joint', 'joint') if name.endswith('friction') else ('yaw', 'pitch')
-        return np.column_stack([self._each(f'{axis}_{name}', self.link_count - 1) for axis in both])
+        count = self.link_count - 1
+        return np.column_stack([self._each(f'{axis}_{name}', count) for axis in both])
 
     def _each(self, name: str, count: int) -> Array:
         """Return the quantity `name` of every link or every joint, shape (count,)."""

@@ -48,9 +48,14 @@ from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
 from snake_sim_ros.dynamics.kinematics import chain_coordinates
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.bdf2_axes import axes_change
+from snake_sim_ros.stepping.bdf2_axes import begin_axes
+from snake_sim_ros.stepping.bdf2_axes import begin_impact
+from snake_sim_ros.stepping.bdf2_axes import joints_meet_stops
 from snake_sim_ros.stepping.bdf2_memory import keep_state
 from snake_sim_ros.stepping.bdf2_memory import recognize
 from snake_sim_ros.stepping.events import closed_at_end
@@ -100,12 +105,13 @@ IMPLICIT_SCHEMES = ('average', 'end')
 
 
 @merged
-def begin(model, own, work, h, h_q, late, speed, history):
+def begin(model, own, work, angle, h, h_q, late, speed, history):
     """
     Return the contact problem for the predicted end of the step.
 
     Its closed contacts are those that can close in the step, at a given speed [m/s]. h and h_q are
-    those of `formula`, and `late` is as in `events.leave_gaps`.
+    those of `formula`, `late` is as in `events.leave_gaps`, and `angle`, shape (n-1, 2), are the
+    joint angles at the start.
     """
     chain = work.chain
     for j in range(len(own.end_angle)):
@@ -115,6 +121,8 @@ def begin(model, own, work, h, h_q, late, speed, history):
             chain.torque[j, k] = h * (torque + damping * own.end_rate[j, k])
             chain.damping[j, 2 * k] = h * (damping + h_q * stiffness)
         chain.damping[j, 1] = 0.0
+    if model.joint_laws.present:
+        begin_axes(model.joint_laws, own, work, angle, h, h_q)
     link_inertia(model, work.R, work.center, chain.bare)
     smooth_momentum(model, h, own.hat.u, own.star.u, work.R, work.center, chain.momentum)
     reach = max(model.activation_tolerance, speed * h_q)
@@ -150,26 +158,26 @@ def solve_landing(model, own, work, problem, h, h_q, history, report):
     found = Events(False, False, 0)
     for impact in range(2):  # one call of the solver, which is compiled where it is called
         landing = Problem(laws, closed, contacts, chain)
-        prepare_contacts(work.operator, landing)
-        outcome = solve_prepared(work.operator, model, landing, history)
+        for attempt in range(MOST_CHANGES):
+            prepare_contacts(work.operator, landing)
+            outcome = solve_prepared(work.operator, model, landing, history)
+            if not axes_change(model.joint_laws, work, outcome, attempt, report):
+                break
         note_outcome(outcome, report)
         if not turns_are_small(model.dt, chain.twist, report):
             return False, found, closed
         if impact:
             break
         keep_velocities(work, own.moving)
-        for j in range(len(own.moving.rate)):
-            for k in range(2):
-                resistance = chain.damping[j, 2 * k] * own.moving.rate[j, k]
-                work.applied[j, k] = chain.torque[j, k] - resistance
+        meets = joints_meet_stops(model.joint_laws, own.moving.rate, work)
         find_end_gaps(h_q, closed, contacts)
         found = events(model, h, closed, contacts)
+        if meets:
+            found = Events(True, True, found.closed)
         if not found.lands:
             break
         closed = closed[: closed_at_end(model.activation_tolerance, closed, contacts)]
-        for j in range(len(own.moving.rate)):  # in an impact the torques stay what they are
-            for k in range(2):
-                chain.torque[j, k], chain.damping[j, 2 * k] = work.applied[j, k], 0.0
+        begin_impact(model.joint_laws, own.moving.rate, work)
     return True, found, closed
 
 
@@ -200,7 +208,9 @@ def one_part(own, model, work, dt, speed, steps):
             history.impulse[a, j] *= scale
         history.change[a, 0] *= scale
     contact_history = without_memory(history)
-    problem = begin(model, own, work, h, h_q, dt - h_q, speed, contact_history)
+    problem = begin(
+        model, own, work, memory.end.angle, h, h_q, dt - h_q, speed, contact_history
+    )
     is_small, found, closed = solve_landing(
         model, own, work, problem, h, h_q, contact_history, report
     )

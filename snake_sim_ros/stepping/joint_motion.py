@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.dynamics.balance import joint_rates
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.kinematics import chain_coordinates
@@ -159,13 +160,7 @@ def keep_velocities(work, motion):
     """Fill the velocities of a motion with the solution of the chain."""
     R, twist = work.R, work.chain.twist
     end_velocities(twist, R, work.center, motion.u)
-    for j in range(len(motion.rate)):
-        yaw_rate = pitch_rate = 0.0
-        for k in range(3):
-            relative = twist[j + 1, k] - twist[j, k]
-            yaw_rate += R[j, k, 1] * relative
-            pitch_rate += R[j + 1, k, 0] * relative
-        motion.rate[j, 0], motion.rate[j, 1] = yaw_rate, pitch_rate
+    joint_rates(R, twist, motion.rate)
 
 
 @inlined

@@ -1,0 +1,102 @@
+"""
+The laws on the axes of joints in a part of a step of method `bdf2`; see `dynamics.joint_laws`.
+
+Joint angles are coordinates of this method, so that a stop is exact: the rate of the end leads to
+the stop at most, ``w <= (limit - angle_hat)/h_q``. A joint that meets its stop lands as a contact
+does. The rate after the impact is that of a second solution, in which the impulses of controllers
+and friction stay what they are, and the stop holds with the bound 0.
+"""
+
+import math
+
+from snake_sim_ros.dynamics.balance import joint_rates
+from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.joint_laws import begin_axis
+from snake_sim_ros.dynamics.joint_laws import controller_impulse
+from snake_sim_ros.dynamics.joint_laws import first_law
+from snake_sim_ros.dynamics.joint_laws import joint_laws_change
+from snake_sim_ros.dynamics.joint_laws import SAME_RATE
+
+
+@merged
+def begin_axes(laws, own, work, angle, h, h_q):
+    """
+    Begin a part with the laws of the joints; the chain has the controllers of its predicted end.
+
+    `angle`, shape (n-1, 2), are the joint angles at the start [rad]. A joint beyond its stop there
+    goes no further.
+    """
+    axes, chain = work.axes, work.chain
+    for j in range(len(axes.rate)):
+        for k in range(2):
+            axes.torque[j, k], axes.damping[j, k] = chain.torque[j, k], chain.damping[j, 2 * k]
+            axes.rate[j, k] = own.star.rate[j, k]
+            begin_axis(laws, axes, h, j, k)
+            if laws.stop < math.inf:
+                hat = own.hat.angle[j, k]
+                axes.low[j, k] = (min(-laws.stop, angle[j, k]) - hat) / h_q
+                axes.high[j, k] = (max(laws.stop, angle[j, k]) - hat) / h_q
+            chain.torque[j, k], chain.damping[j, 2 * k] = first_law(laws.inertia, axes, j, k)
+
+
+@inlined
+def axes_change(laws, work, outcome, attempt, report):
+    """Return whether the laws of the joints ask for another solution, and prepare it."""
+    if not laws.present:
+        return False
+    chain = work.chain
+    joint_rates(work.R, chain.twist, work.axes.rate)
+    return joint_laws_change(
+        laws, work.axes, chain.torque, chain.damping[:, ::2], outcome, attempt, report
+    )
+
+
+@inlined
+def joints_meet_stops(laws, rate, work):
+    """
+    Return whether joints with rates (n-1, 2) meet their stops, and fill work.applied.
+
+    These are the impulses of the controllers in a part.
+    """
+    meets, axes, chain = False, work.axes, work.chain
+    for j in range(len(rate)):
+        for k in range(2):
+            w = rate[j, k]
+            work.applied[j, k] = chain.torque[j, k] - chain.damping[j, 2 * k] * w
+            if laws.present:
+                work.applied[j, k] = controller_impulse(axes, j, k)
+                if abs(w) > SAME_RATE:
+                    meets = meets or is_at(w, axes.low[j, k]) or is_at(w, axes.high[j, k])
+    return meets
+
+
+@inlined
+def is_at(rate, bound):
+    """Return whether a rate is that of a bound [rad/s]."""
+    return abs(rate - bound) <= SAME_RATE
+
+
+@inlined
+def begin_impact(laws, rate, work):
+    """Fill the laws of the joints in an impact after a part with rates (n-1, 2)."""
+    axes, chain = work.axes, work.chain
+    for j in range(len(rate)):
+        for k in range(2):
+            w, known = rate[j, k], work.applied[j, k]
+            if laws.present:
+                low, high = is_at(w, axes.low[j, k]), is_at(w, axes.high[j, k])
+                if low or high:  # friction of a joint that slides, without the reaction of a stop
+                    known -= axes.viscous[j, k] * w
+                    if abs(w) > SAME_RATE:
+                        known -= math.copysign(axes.friction[j, k], w)
+                else:
+                    known = chain.torque[j, k] - chain.damping[j, 2 * k] * w
+                axes.torque[j, k], axes.damping[j, k], axes.limit[j, k] = known, 0.0, math.inf
+                axes.friction[j, k] = axes.viscous[j, k] = 0.0
+                axes.low[j, k] = 0.0 if low else -math.inf
+                axes.high[j, k] = 0.0 if high else math.inf
+                known, chain.damping[j, 2 * k] = first_law(laws.inertia, axes, j, k)
+            else:
+                chain.damping[j, 2 * k] = 0.0
+            chain.torque[j, k] = known

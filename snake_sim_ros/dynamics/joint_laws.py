@@ -172,6 +172,51 @@ def rate_on_slope(torque, R, F, L, V, r, z):
     return (z + r * (cut * L - F)) / (1.0 + r * V), cut
 
 
+@inlined
+def is_at_stop(axes, j, k):
+    """Return whether axis k of joint j meets a stop: it moves at the rate that leads there."""
+    w = axes.rate[j, k]
+    met = is_at(w, axes.low[j, k]) or is_at(w, axes.high[j, k])
+    return met and abs(w) > SAME_RATE
+
+
+@inlined
+def is_at(rate, bound):
+    """Return whether a rate is that of a bound [rad/s]."""
+    return abs(rate - bound) <= SAME_RATE
+
+
+@inlined
+def begin_axis_impact(laws, axes, j, k, torque, damping):
+    """
+    Return torque and damping of axis k of joint j in an impact after a part of a step.
+
+    The impulses of controller and friction stay what they are; a stop that was reached holds.
+
+    Parameters
+    ----------
+    laws : JointLaws
+    axes : AxisLaws
+        Its rate is that of the part; the rest is replaced.
+    j, k : int
+    torque, damping : float
+        Those of the solution of the part [N m s], [N m s^2].
+
+    """
+    w = axes.rate[j, k]
+    low, high = is_at(w, axes.low[j, k]), is_at(w, axes.high[j, k])
+    known = torque - damping * w
+    if low or high:  # without the reaction of the stop
+        known = controller_impulse(axes, j, k) - axes.viscous[j, k] * w
+        if abs(w) > SAME_RATE:
+            known -= math.copysign(axes.friction[j, k], w)
+    axes.torque[j, k], axes.damping[j, k], axes.limit[j, k] = known, 0.0, math.inf
+    axes.friction[j, k] = axes.viscous[j, k] = 0.0
+    axes.low[j, k] = 0.0 if low else -math.inf
+    axes.high[j, k] = 0.0 if high else math.inf
+    return first_law(laws.inertia, axes, j, k)
+
+
 @merged
 def begin_joint_laws(model, work):
     """
@@ -202,8 +247,8 @@ def joint_laws_change(laws, axes, torque, damping, outcome, attempt, report):
     laws : JointLaws
     axes : AxisLaws
         Its rates are those of the last solution.
-    torque, damping : ndarray, shape (n-1, 2)
-        Those of the last solution [N m s], [N m s^2].
+    torque, damping : ndarray, shape (n-1, 2) or (n-1, 1)
+        Those of the last solution [N m s], [N m s^2], of both axes or of yaw.
     outcome : Outcome
         That of the contacts in the last solution.
     attempt : int
@@ -213,20 +258,21 @@ def joint_laws_change(laws, axes, torque, damping, outcome, attempt, report):
 
     """
     misses = moves = False
+    is_last = attempt + 1 == MOST_CHANGES
     for j in range(len(torque)):
-        for k in range(2):
+        for k in range(torque.shape[1]):
             impulse = torque[j, k] - damping[j, k] * axes.rate[j, k]
             cut, slip = axes.cut[j, k], axes.slip[j, k]
             new_torque, new_damping, miss = axis_law(laws.inertia, axes, j, k, impulse)
             if miss > SAME_RATE:
                 misses = True
                 is_same = cut == axes.cut[j, k] and slip == axes.slip[j, k]
-                if is_same or attempt < TOGETHER or not moves:
+                if not is_last and (is_same or attempt < TOGETHER or not moves):
                     torque[j, k], damping[j, k] = new_torque, new_damping
                     moves = moves or not is_same
                 else:
                     axes.cut[j, k], axes.slip[j, k] = cut, slip
-    if misses and attempt + 1 == MOST_CHANGES:
+    if misses and is_last:
         report.unconverged += outcome.converged
         return False
     if misses:

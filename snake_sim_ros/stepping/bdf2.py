@@ -177,7 +177,7 @@ def solve_landing(model, own, work, problem, h, h_q, history, report):
         if not found.lands:
             break
         closed = closed[: closed_at_end(model.activation_tolerance, closed, contacts)]
-        begin_impact(model.joint_laws, own.moving.rate, work)
+        begin_impact(model.joint_laws, work)
     return True, found, closed
 
 

@@ -13,10 +13,11 @@ from snake_sim_ros.dynamics.balance import joint_rates
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.joint_laws import begin_axis
+from snake_sim_ros.dynamics.joint_laws import begin_axis_impact
 from snake_sim_ros.dynamics.joint_laws import controller_impulse
 from snake_sim_ros.dynamics.joint_laws import first_law
+from snake_sim_ros.dynamics.joint_laws import is_at_stop
 from snake_sim_ros.dynamics.joint_laws import joint_laws_change
-from snake_sim_ros.dynamics.joint_laws import SAME_RATE
 
 
 @merged
@@ -62,41 +63,22 @@ def joints_meet_stops(laws, rate, work):
     meets, axes, chain = False, work.axes, work.chain
     for j in range(len(rate)):
         for k in range(2):
-            w = rate[j, k]
-            work.applied[j, k] = chain.torque[j, k] - chain.damping[j, 2 * k] * w
+            work.applied[j, k] = chain.torque[j, k] - chain.damping[j, 2 * k] * rate[j, k]
             if laws.present:
                 work.applied[j, k] = controller_impulse(axes, j, k)
-                if abs(w) > SAME_RATE:
-                    meets = meets or is_at(w, axes.low[j, k]) or is_at(w, axes.high[j, k])
+                meets = meets or is_at_stop(axes, j, k)
     return meets
 
 
 @inlined
-def is_at(rate, bound):
-    """Return whether a rate is that of a bound [rad/s]."""
-    return abs(rate - bound) <= SAME_RATE
-
-
-@inlined
-def begin_impact(laws, rate, work):
-    """Fill the laws of the joints in an impact after a part with rates (n-1, 2)."""
+def begin_impact(laws, work):
+    """Fill the laws of the joints in an impact: the torques stay what they are."""
     axes, chain = work.axes, work.chain
-    for j in range(len(rate)):
+    for j in range(len(work.applied)):
         for k in range(2):
-            w, known = rate[j, k], work.applied[j, k]
             if laws.present:
-                low, high = is_at(w, axes.low[j, k]), is_at(w, axes.high[j, k])
-                if low or high:  # friction of a joint that slides, without the reaction of a stop
-                    known -= axes.viscous[j, k] * w
-                    if abs(w) > SAME_RATE:
-                        known -= math.copysign(axes.friction[j, k], w)
-                else:
-                    known = chain.torque[j, k] - chain.damping[j, 2 * k] * w
-                axes.torque[j, k], axes.damping[j, k], axes.limit[j, k] = known, 0.0, math.inf
-                axes.friction[j, k] = axes.viscous[j, k] = 0.0
-                axes.low[j, k] = 0.0 if low else -math.inf
-                axes.high[j, k] = 0.0 if high else math.inf
-                known, chain.damping[j, 2 * k] = first_law(laws.inertia, axes, j, k)
+                chain.torque[j, k], chain.damping[j, 2 * k] = begin_axis_impact(
+                    laws, axes, j, k, chain.torque[j, k], chain.damping[j, 2 * k]
+                )
             else:
-                chain.damping[j, 2 * k] = 0.0
-            chain.torque[j, k] = known
+                chain.torque[j, k], chain.damping[j, 2 * k] = work.applied[j, k], 0.0

@@ -15,6 +15,7 @@ from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.joint_control import implicit_pd_law
+from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.bdf2_memory import CONSISTENT_SPEED
 from snake_sim_ros.stepping.parts import aligned_size
@@ -30,6 +31,11 @@ from snake_sim_ros.stepping.parts import restore_history
 from snake_sim_ros.stepping.parts import SMOOTH
 from snake_sim_ros.stepping.parts import TICKS
 from snake_sim_ros.stepping.parts import UNKNOWN
+from snake_sim_ros.stepping.planar.axes import begin_planar_impact
+from snake_sim_ros.stepping.planar.axes import begin_yaw_axis
+from snake_sim_ros.stepping.planar.axes import first_yaw_law
+from snake_sim_ros.stepping.planar.axes import joint_impulses_in_plane
+from snake_sim_ros.stepping.planar.axes import yaw_axes_change
 from snake_sim_ros.stepping.planar.equilibrium import fill_momentum
 from snake_sim_ros.stepping.planar.equilibrium import place_links_in_plane
 from snake_sim_ros.stepping.planar.moreau import end_planar_velocities
@@ -79,6 +85,7 @@ class PlanarBdf2Arrays(NamedTuple):
     star: PlanarMotion  # velocities at the predicted end; the rest is not used
     end: PlanarMotion
     before: PlanarMotion  # start of the step of the scene, for one that is not taken
+    moving: Array  # (n, 3) velocities that move the coordinates: those of end before an impact
     end_angle: Array  # (n-1, 2)
     end_rate: Array  # (n-1, 2)
     kept: Array  # (3, contacts, 5)
@@ -101,7 +108,9 @@ def make_planar_arrays(n: int, contacts: int) -> PlanarBdf2Arrays:
     """Return the arrays for n links and a number of contacts."""
     hat, star, end, before = (make_planar_motion(n) for _ in range(4))
     angle, rate = np.zeros((2, n - 1, 2))
-    return PlanarBdf2Arrays(hat, star, end, before, angle, rate, np.zeros((3, contacts, 5)))
+    return PlanarBdf2Arrays(
+        hat, star, end, before, np.zeros((n, 3)), angle, rate, np.zeros((3, contacts, 5))
+    )
 
 
 @inlined
@@ -201,9 +210,13 @@ def predict_loads(h, dt, work, memory, history):
 
 
 @merged
-def begin_planar_part(model, own, work, h, h_q):
-    """Fill the workspace for the contact solver, with the references in own.end_angle."""
-    hat, u_star = own.hat, own.star.u
+def begin_planar_part(model, own, work, start, h, h_q):
+    """
+    Fill the workspace for the contact solver, with the references in own.end_angle.
+
+    `start`, shape (n,), are the headings at the start of the part [rad].
+    """
+    hat, u_star, stop = own.hat, own.star.u, model.joint_laws.stop
     for i in range(len(u_star)):
         theta = hat.heading[i] + h_q * u_star[i, 2]
         work.heading[i, 0], work.heading[i, 1] = math.cos(theta), math.sin(theta)
@@ -215,6 +228,13 @@ def begin_planar_part(model, own, work, h, h_q):
             h_q, bend, 0.0, reference, model.stiffness[j], model.damping[j]
         )
         work.torque[j], work.chain.damping[j] = torque * h, damping * h
+        if model.joint_laws.present:
+            begin_yaw_axis(model, work, j, h, u_star[j + 1, 2] - u_star[j, 2])
+            if stop < math.inf:  # as in `bdf2_axes`
+                angle = start[j + 1] - start[j]
+                work.axes.low[j, 0] = (min(-stop, angle) - bend) / h_q
+                work.axes.high[j, 0] = (max(stop, angle) - bend) / h_q
+            first_yaw_law(model, work, j)
     fill_momentum(model, work, hat.u, u_star)
 
 
@@ -228,22 +248,36 @@ def planar_part(own, model, work, dt, steps):
     outcome : Outcome
     h, h_q : float
         As from `planar_formula`.
+    meets : bool
+        Whether a joint meets its stop. own.end then has the velocities after this impact.
 
     """
-    history, memory = steps.history, steps.history.memory.scheme
+    history, memory, report = steps.history, steps.history.memory.scheme, steps.report[0]
     h, h_q = planar_formula(model, dt, memory, own)
     predict_loads(h, dt, work, memory, history)
-    begin_planar_part(model, own, work, h, h_q)
-    outcome = solve_planar_contacts(
-        PlanarNewton(None), model, work, work.closed, without_memory(history)
-    )
-    note_outcome(outcome, steps.report[0])
-    end_planar_velocities(model, work, own.end.u)
-    return outcome, h, h_q
+    begin_planar_part(model, own, work, memory.end.heading, h, h_q)
+    contact_history, meets = without_memory(history), False
+    for impact in range(2):  # one call of the solver, which is compiled where it is called
+        for attempt in range(MOST_CHANGES):
+            outcome = solve_planar_contacts(
+                PlanarNewton(None), model, work, work.closed, contact_history
+            )
+            if not yaw_axes_change(model, work, outcome, attempt, report):
+                break
+        note_outcome(outcome, report)
+        if impact:
+            break
+        end_planar_velocities(work, own.moving)
+        meets = joint_impulses_in_plane(model, work)
+        if not (meets and outcome.converged):
+            break
+        begin_planar_impact(model, work)
+    end_planar_velocities(work, own.end.u)
+    return outcome, h, h_q, meets
 
 
 @merged
-def take_planar(own, model, work, dt, h, h_q, memory):
+def take_planar(own, model, work, dt, h, h_q, meets, memory):
     """Go on to the state that `planar_part` found."""
     keep_planar(memory.end, memory.start)
     for k in range(2):
@@ -252,13 +286,13 @@ def take_planar(own, model, work, dt, h, h_q, memory):
         memory.end.heading[i] = own.hat.heading[i]
         for k in range(3):
             memory.end.u[i, k] = own.end.u[i, k]
-    move_planar(model, h_q, own.end.u, memory.end)
+    move_planar(model, h_q, own.moving, memory.end)
     for j in range(len(work.applied)):
         for axis in range(2):
             work.applied[j, axis] *= model.dt / h
     stop_impact(work)
     memory.span[0], memory.dt[0] = h, dt
-    memory.phase[0] = ANEW if memory.phase[0] == UNKNOWN else SMOOTH
+    memory.phase[0] = ANEW if meets or memory.phase[0] == UNKNOWN else SMOOTH
 
 
 @merged
@@ -279,13 +313,13 @@ def planar_step(own, model, work, steps, k):
         end_references(model.dt, late, known, angle, rate, memory, own)
         if model.path_tolerance > 0.0:
             keep_history(steps.history, own.kept)
-        outcome, h, h_q = planar_part(own, model, work, dt, steps)
-        error = path_error(dt, 2, own.end.u, own.star.u)
+        outcome, h, h_q, meets = planar_part(own, model, work, dt, steps)
+        error = path_error(dt, 2, own.moving, own.star.u)
         taken, next_size = judge_part(model.path_tolerance, error, size)
         if not taken:
             restore_history(own.kept, steps.history)
         elif is_planar(model, work, steps, outcome):
-            take_planar(own, model, work, dt, h, h_q, memory)
+            take_planar(own, model, work, dt, h, h_q, meets, memory)
             done += size
         else:
             keep_planar(own.before, memory.end)

@@ -10,6 +10,9 @@ from snake_sim_ros.contact.table import make_table
 from snake_sim_ros.dynamics.compilation import record_array
 from snake_sim_ros.dynamics.hinge_chain import HingeChain
 from snake_sim_ros.dynamics.joint_drift import CENTER_OF_MASS
+from snake_sim_ros.dynamics.joint_laws import AxisLaws
+from snake_sim_ros.dynamics.joint_laws import JointLaws
+from snake_sim_ros.dynamics.joint_laws import make_axis_laws
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.obstacles import first_peg
 from snake_sim_ros.scene.parameters import Array
@@ -25,6 +28,7 @@ STANDING = np.dtype(
         ('least_load', float),  # smallest normal impulse [N s]
         ('roll', float),  # largest roll of a link, with the sign of that of the middle link [rad]
         ('part', float),  # share of a step for which the loads act
+        ('overloaded', np.int64),  # whether a pitch joint cannot hold the robot flat
         ('slips', np.int64),  # whether the step is not planar only because of slip by rolling
     ]
 )
@@ -83,6 +87,7 @@ class PlanarModel(NamedTuple):
     radius: float  # contact_radius of all links [m]
     stiffness: Array  # (n-1,) of the yaw joints [N m/rad]
     damping: Array  # (n-1,) [N m s/rad]
+    joint_laws: JointLaws
     hold: Array  # (n-1,) springs of the pitch joints in `PlanarWorkspace.upright` [m^2]
     roll_compliance: float  # roll of a link over its turning in `PlanarWorkspace.upright`
     fall: float  # vertical velocity that the weight adds in a step [m/s]
@@ -115,6 +120,7 @@ class PlanarWorkspace(NamedTuple):
     momentum: Array  # (n, 3) impulse wrenches in the plane without contacts and torques
     bare: Array  # (n, 6) inertias of the links about O, in the plane
     applied: Array  # (n-1, 2) impulses of the joints with the implicit part [N m s]
+    axes: AxisLaws
     impact: Array  # (n, 3) momentum out of the plane that the first step stops
     weight: Array  # (n, 3) loads out of the plane without those of the contacts
     no_torque: Array  # (n-1,) zeros
@@ -152,6 +158,7 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         radius=float(spatial.contact_radius[0]),
         stiffness=np.ascontiguousarray(stiffness[:, 0]),
         damping=np.ascontiguousarray(damping[:, 0]),
+        joint_laws=spatial.joint_laws,
         hold=hold * pitch / stiffest,
         roll_compliance=hold / (stiffest * dt),
         fall=dt * scene.gravity[2],
@@ -186,6 +193,7 @@ def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
         momentum=np.zeros((n, 3)),
         bare=np.zeros((n, 6)),
         applied=np.zeros((n - 1, 2)),
+        axes=make_axis_laws(n),
         impact=np.zeros((n, 3)),
         weight=np.zeros((n, 3)),
         no_torque=np.zeros(n - 1),

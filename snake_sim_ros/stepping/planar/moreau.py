@@ -30,6 +30,12 @@ from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.joint_control import pd_law
+from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
+from snake_sim_ros.stepping.planar.axes import begin_yaw_axis
+from snake_sim_ros.stepping.planar.axes import first_yaw_law
+from snake_sim_ros.stepping.planar.axes import is_overloaded
+from snake_sim_ros.stepping.planar.axes import joint_impulses_in_plane
+from snake_sim_ros.stepping.planar.axes import yaw_axes_change
 from snake_sim_ros.stepping.planar.equilibrium import fill_momentum
 from snake_sim_ros.stepping.planar.equilibrium import place_links_in_plane
 from snake_sim_ros.stepping.planar.model import ROLL_LIMIT
@@ -68,6 +74,14 @@ def begin_planar_step(model, work, steps, k):
             (angle[j, 0], rate[j, 0]), model.stiffness[j], model.damping[j],
         )  # fmt: skip
         work.torque[j], chain.damping[j] = torque * dt, damping * dt
+        if model.joint_laws.present:
+            begin_yaw_axis(model, work, j, dt, turn)
+            angle_mid, stop = difference + dt / 2 * turn, model.joint_laws.stop
+            if angle_mid >= stop:
+                work.axes.high[j, 0] = 0.0
+            elif angle_mid <= -stop:
+                work.axes.low[j, 0] = 0.0
+            first_yaw_law(model, work, j)
     fill_momentum(model, work, u, u)
     return 2 * n + find_peg_contacts(model, work, q, u)
 
@@ -81,9 +95,11 @@ def is_planar(model, work, steps, outcome):
     """
     report = steps.report[0]
     work.standing.slips[0] = 0
+    work.standing.overloaded[0] = is_overloaded(model, work)
     if not (
         (outcome.converged or model.patient)
         and work.standing.least_load[0] > 0.0
+        and work.standing.overloaded[0] == 0
         and abs(work.standing.roll[0]) <= model.most_roll
     ):
         report.not_planar = 1
@@ -125,14 +141,10 @@ def slips_too_far(model, work, memory):
 
 
 @inlined
-def end_planar_velocities(model, work, u):
-    """Fill u (n, 3) from the twists, and the impulses of the joints."""
-    twist, n = work.twist, len(u)
-    for j in range(n - 1):
-        yaw_rate = twist[j + 1, 0] - twist[j, 0]
-        work.applied[j, 0] = work.torque[j] - work.chain.damping[j] * yaw_rate
-        work.applied[j, 1] = -model.hold[j] * work.upright.rate[j]
-    for i in range(n):
+def end_planar_velocities(work, u):
+    """Fill u (n, 3) from the twists."""
+    twist = work.twist
+    for i in range(len(u)):
         u[i, 0] = twist[i, 1] - twist[i, 0] * work.center[i, 1]
         u[i, 1] = twist[i, 2] + twist[i, 0] * work.center[i, 0]
         u[i, 2] = twist[i, 0]
@@ -162,7 +174,8 @@ def end_planar_step(model, work, steps, count, outcome):
         return False
     before_x, before_y = held_point(model, q)
     move_in_plane(model, 0.5 * model.dt, q, u)
-    end_planar_velocities(model, work, u)
+    joint_impulses_in_plane(model, work)
+    end_planar_velocities(work, u)
     stop_impact(work)
     move_in_plane(model, 0.5 * model.dt, q, u)
     after_x, after_y = held_point(model, q)
@@ -225,7 +238,10 @@ def advance_in_plane(solver, model, work, steps):
     for k in range(len(steps.angle)):
         steps.cycles[k] = cycle_counter()
         count = begin_planar_step(model, work, steps, k)
-        outcome = solve_in_plane(solver, model, work, work.closed[:count], history)
+        for attempt in range(MOST_CHANGES):
+            outcome = solve_in_plane(solver, model, work, work.closed[:count], history)
+            if not yaw_axes_change(model, work, outcome, attempt, steps.report[0]):
+                break
         if not end_planar_step(model, work, steps, count, outcome):
             break
         keep_planar_sample(k, model.dt, model.dt, work.applied, steps)

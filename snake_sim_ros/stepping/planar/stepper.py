@@ -229,6 +229,8 @@ class PlanarStepper:
                 f'rolling would shift the robot by more than {100 * self.model.most_slip:g} % of '
                 'its way'
             )
+        if self.is_overloaded:
+            return 'a pitch joint would need more torque than its limit to hold the robot flat'
         if not self.rolls_or_lifts:
             return 'the contacts in the plane did not converge'
         return 'the robot would roll: its pitch joints do not hold it flat'
@@ -237,6 +239,11 @@ class PlanarStepper:
     def slips(self) -> bool:
         """Whether the last step was not planar because contacts slip too far by rolling."""
         return bool(self.work.standing['slips'][0])
+
+    @property
+    def is_overloaded(self) -> bool:
+        """Whether the last step was not planar because of the torque of a pitch joint."""
+        return bool(self.work.standing['overloaded'][0])
 
     @property
     def rolls_or_lifts(self) -> bool:

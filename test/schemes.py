@@ -105,7 +105,8 @@ class Bdf2Step(DenseStep):
         kept = bdf2_reference.closed_at_end(
             self.contacts, P[:, 0], gap, self.scene.solver.activation_tolerance
         )
-        impact = self.dynamics.with_torques(self.terms.h * torque.ravel())
+        known = self.terms.h * torque.ravel()
+        impact = self.dynamics._replace(torque=known, resistance=np.zeros(known.shape))
         return replace(
             self,
             active=self.active[kept],

@@ -208,9 +208,7 @@ def one_part(own, model, work, dt, speed, steps):
             history.impulse[a, j] *= scale
         history.change[a, 0] *= scale
     contact_history = without_memory(history)
-    problem = begin(
-        model, own, work, memory.end.angle, h, h_q, dt - h_q, speed, contact_history
-    )
+    problem = begin(model, own, work, memory.end.angle, h, h_q, dt - h_q, speed, contact_history)
     is_small, found, closed = solve_landing(
         model, own, work, problem, h, h_q, contact_history, report
     )

@@ -25,7 +25,8 @@ where all W are those of the predicted end, ``u* = u_A + w (u_A - u_B)`` and
 - UNKNOWN, if u_A violates the joints: backward Euler, ``u_hat = u_A``, ``x_hat = x_A``, h = dt.
 
 The joint controller acts at the end (vii), ``tau_E = K (ref_E - angle_E) + D (ref_rate_E -
-rate_E)`` with ``angle_E = angle_hat + h_q rate_E``. Contacts have the laws of `contact`, with
+rate_E)`` with ``angle_E = angle_hat + h_q rate_E``, within the laws of `dynamics.joint_laws`; a
+stop bounds rate_E so that angle_E reaches it at most. Contacts have the laws of `contact`, with
 ``gamma_N + shift`` for gamma_N (viii): a contact that may close has the shift gap_hat/h_q, where
 ``gap_hat = gap(x*) - h_q gamma_N*`` is its gap without the motion of the part; see `shifts`.
 If such a contact closes, u_E moves the coordinates, and an impact gives the velocity afterwards:
@@ -51,6 +52,9 @@ from snake_sim_ros.contact.selection import IMPACT_WEIGHTS
 from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
 from snake_sim_ros.contact.selection import selection_center
 from snake_sim_ros.contact.selection import selection_compliance
+from snake_sim_ros.dynamics.dense_joint_laws import dense_laws
+from snake_sim_ros.dynamics.dense_joint_laws import DenseLaws
+from snake_sim_ros.dynamics.dense_joint_laws import solve_laws_of_axes
 from snake_sim_ros.dynamics.force_directions import joint_directions
 from snake_sim_ros.dynamics.force_directions import mass_matrix
 from snake_sim_ros.dynamics.force_directions import mean_delassus
@@ -58,6 +62,7 @@ from snake_sim_ros.dynamics.force_directions import scene_contacts
 from snake_sim_ros.dynamics.force_directions import scene_gaps
 from snake_sim_ros.dynamics.force_directions import smooth_forces
 from snake_sim_ros.dynamics.force_directions import torque_directions
+from snake_sim_ros.dynamics.joint_laws import make_joint_laws
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
@@ -143,18 +148,10 @@ class Balance(NamedTuple):
         return np.asarray(self.smooth + self.W_tau @ self.torque)
 
     def velocities(self, loads: Array) -> Array:
-        """Return velocities (6n, m) with closed joints, ``W_J^T u = 0``, for loads (6n, m)."""
+        """Return velocities (6n, m) with closed joints for loads (6n, m)."""
         rows, joints = self.W_J.shape
         K = np.block([[self.A, -self.W_J], [self.W_J.T, np.zeros((joints, joints))]])
         return np.linalg.solve(K, np.vstack([loads, np.zeros((joints, loads.shape[1]))]))[:rows]
-
-    def with_torques(self, torque: Array) -> 'Balance':
-        """Return the balance (ix), with impulses (2(n-1),) of the controller that are known."""
-        return self._replace(resistance=np.zeros(torque.shape), torque=torque)
-
-    def torques(self, u_E: Array) -> Array:
-        """Return the impulses of the controller (2(n-1),) in the solution u_E (n, 6) of (iv)."""
-        return np.asarray(self.torque - self.resistance * (self.W_tau.T @ u_E.ravel()))
 
 
 class PartEnd(NamedTuple):
@@ -273,6 +270,19 @@ def solve_contacts(terms: Balance, contacts: Contacts) -> tuple[Array, Array]:
     return u_E.reshape(-1, 6), P.reshape(-1, 5) * contacts.friction
 
 
+def solve_all(
+    scene: Scene, dynamics: Balance, contacts: Contacts, laws: DenseLaws, rate: Array
+) -> tuple[tuple[Array, Array, Balance], Array, Array, bool]:
+    """Return what `solve_laws_of_axes` does, with u_E, P and the balance that they satisfy."""
+
+    def solve(torque: Array, damping: Array) -> tuple[Array, tuple[Array, Array, Balance]]:
+        terms = dynamics._replace(torque=torque.ravel(), resistance=damping.ravel())
+        u_E, P = solve_contacts(terms, contacts)
+        return (terms.W_tau.T @ u_E.ravel()).reshape(-1, 2), (u_E, P, terms)
+
+    return solve_laws_of_axes(laws, make_joint_laws(scene.robot).inertia, rate, solve)
+
+
 def jumps(contacts: Contacts, P_N: Array, weight: float) -> bool:
     """
     Return whether velocities jump: a contact meets the floor, or an impulse is that of an impact.
@@ -364,16 +374,22 @@ def part(
 ) -> PartEnd:  # fmt: skip
     """Return the end of a part of length dt; the parameters are those of `problem`."""
     terms, contacts, dynamics = problem(scene, history, dt, angle, rate, speed)
-    u_E, P = solve_contacts(dynamics, contacts)
+    of_joints, angle_A = make_joint_laws(scene.robot), history.memory.end.angle
+    stops = np.minimum(-of_joints.stop, angle_A), np.maximum(of_joints.stop, angle_A)
+    bounds = ((stop - terms.hat.angle) / terms.h_q for stop in stops)
+    laws = dense_laws(of_joints, terms.h, dynamics.torque, dynamics.resistance, *bounds)
+    solution, joint_rate, torque, _ = solve_all(scene, dynamics, contacts, laws, terms.star.rate)
+    u_E, P, dynamics = solution
     weight = -terms.h * scene.gravity[2] * float(scene.robot.per_link('link_mass').sum())
-    lands = bool((contacts.shift[P[:, 0] > 0.0] != 0.0).any())
+    meets = bool(laws.meets_stop(joint_rate).any())
+    lands = meets or bool((contacts.shift[P[:, 0] > 0.0] != 0.0).any())
     anew = lands or jumps(contacts, P[:, 0], weight)
     gap, moving = end_gaps(contacts, u_E, terms.h_q), u_E
     if lands:  # (ix)
         closed = closed_at_end(contacts, P[:, 0], gap, scene.solver.activation_tolerance)
         contacts, gap = contacts.without_gaps(closed), gap[closed]
-        dynamics = dynamics.with_torques(dynamics.torques(u_E))
-        u_E, P = solve_contacts(dynamics, contacts)
+        laws = laws.in_impact(joint_rate, torque)
+        u_E, P, dynamics = solve_all(scene, dynamics, contacts, laws, joint_rate)[0]
     contacts = contacts._replace(loaded=P[:, 0] > 0.0)
     q_A = coordinates(scene.robot, history.memory.end.pose, history.memory.end.angle)
     start_gap = scene_gaps(scene, q_A)[contacts.active]

@@ -79,6 +79,8 @@ def what_is_not_planar(scene: Scene, name: str, method: Method) -> str:
         )
     if scene.solver.normal_compliance == 0.0:
         return 'solver.normal_compliance is 0, and loads in the plane follow the selection rule'
+    if scene.robot.per_joint('friction').any():
+        return 'robot.joint_friction may hold pitch joints, and in the plane only springs do'
     if scene.drift_correction == 'none':
         return 'drift_correction is none, and in the plane joints do not drift'
     return ''

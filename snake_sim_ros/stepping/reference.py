@@ -21,6 +21,8 @@ from snake_sim_ros.contact.projections import prox_half_line
 from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
 from snake_sim_ros.contact.selection import selection_center
 from snake_sim_ros.contact.selection import selection_compliance
+from snake_sim_ros.dynamics.dense_joint_laws import dense_laws
+from snake_sim_ros.dynamics.dense_joint_laws import solve_laws_of_axes
 from snake_sim_ros.dynamics.force_directions import E_X
 from snake_sim_ros.dynamics.force_directions import E_Y
 from snake_sim_ros.dynamics.force_directions import E_Z
@@ -33,6 +35,7 @@ from snake_sim_ros.dynamics.force_directions import scene_gaps
 from snake_sim_ros.dynamics.force_directions import smooth_forces
 from snake_sim_ros.dynamics.force_directions import torque_directions
 from snake_sim_ros.dynamics.joint_control import pd_law
+from snake_sim_ros.dynamics.joint_laws import make_joint_laws
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene import posture
 from snake_sim_ros.scene.parameters import Array
@@ -183,6 +186,17 @@ class SelectionRule(NamedTuple):
     center: Array  # (k,) normal impulses about which it is compliant [N s]
 
 
+class Solution(NamedTuple):
+    """The solution of the contacts of a step, for known laws of the joints."""
+
+    terms: Terms
+    rule: SelectionRule
+    P: Array  # (k, 5) impulses of the active contacts [N s]
+    last_P: Array  # (k, 5) those before the last projection
+    u_E: Array  # (6n,)
+    converged: bool
+
+
 class ReferenceStepper:
     """The time step (72)-(93) of the paper for a scene; see `base.Stepper`."""
 
@@ -230,11 +244,27 @@ class ReferenceStepper:
         scene, robot, dt = self.scene, self.scene.robot, self.scene.dt
         n, history = robot.link_count, copied(history)
         q_M = middle_coordinates(state, dt)  # (72)
-        torque, damping = joint_torque_law(scene, state, q_M, angle, rate)
-        terms = self.terms(state, q_M, torque, damping)
-        P = history.impulse[terms.active]
-        rule = self.selection_rule(terms, state.u.ravel(), P)
-        P, last_P, u_E, iterations, converged = self.iterate(terms, rule, P)
+        control = (dt * term for term in joint_torque_law(scene, state, q_M, angle, rate))
+        of_joints, angle_M, iterations = make_joint_laws(robot), posture.joint_angles(q_M), 0
+        low = np.where(angle_M <= -of_joints.stop, 0.0, -np.inf)
+        high = np.where(angle_M >= of_joints.stop, 0.0, np.inf)
+        laws = dense_laws(of_joints, dt, *control, low, high)
+
+        def solve(torque: Array, damping: Array) -> tuple[Array, Solution]:
+            nonlocal iterations
+            terms = self.terms(state, q_M, torque.ravel(), damping.ravel())
+            P = history.impulse[terms.active]
+            rule = self.selection_rule(terms, state.u.ravel(), P)
+            P, last_P, u_E, spent, converged = self.iterate(terms, rule, P)
+            iterations += spent
+            return (terms.W_tau.T @ u_E).reshape(-1, 2), Solution(
+                terms, rule, P, last_P, u_E, converged
+            )
+
+        found, joint_rate, _, settled = solve_laws_of_axes(
+            laws, of_joints.inertia, posture.joint_rates(q_M, state.u), solve
+        )
+        terms, rule, P, last_P, u_E, converged = found
         history.impulse[terms.active] = P
 
         gamma, u_E = terms.velocities(u_E), u_E.reshape(n, 6)
@@ -252,19 +282,19 @@ class ReferenceStepper:
             steps=1,
             iterations=iterations,
             iterations_max=iterations,
-            unconverged=int(not converged),
+            unconverged=int(not (converged and settled)),
             residual_max=residual(rule.compliance),
             printed_residual_max=residual(0.0),
             penetration_max=max(0.0, -float(scene_gaps(scene, q_E).min())),
             joint_gap_max=_largest(g_J[:, :3]),
             joint_twist_max=_largest(g_J[:, 3]),
             contacts=len(terms.active),
-            joint_torque=(torque - damping * (terms.W_tau.T @ u_E.ravel())).reshape(n - 1, 2),
+            joint_torque=laws.controller(joint_rate) / dt,
         )
         return State(q_E, u_E), history, report
 
     def terms(self, state: State, q_M: Array, torque: Array, damping: Array) -> Terms:
-        """Return the terms of the balance (75) at the middle of a step."""
+        """Return the terms of (75) for torques [N m s] and dampings of the axes, (2(n-1),)."""
         scene, robot, dt = self.scene, self.scene.robot, self.scene.dt
         R = rotation_matrices(q_M[:, 3:])
         gap, *directions = scene_contacts(scene, q_M)
@@ -282,8 +312,8 @@ class ReferenceStepper:
             W_V=W_V,
             W_J=joint_directions(robot, R),
             W_tau=W_tau,
-            M_inv=np.linalg.inv(mass_matrix(robot) + dt * (W_tau * damping) @ W_tau.T),
-            momentum=mass_matrix(robot) @ state.u.ravel() + h * dt + W_tau @ torque * dt,
+            M_inv=np.linalg.inv(mass_matrix(robot) + (W_tau * damping) @ W_tau.T),
+            momentum=mass_matrix(robot) @ state.u.ravel() + h * dt + W_tau @ torque,
         )
 
     def selection_rule(self, terms: Terms, u_A: Array, P: Array) -> SelectionRule:

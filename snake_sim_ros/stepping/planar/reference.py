@@ -12,6 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.projections import prox_ellipse
+from snake_sim_ros.dynamics.dense_joint_laws import dense_laws
+from snake_sim_ros.dynamics.dense_joint_laws import DenseLaws
+from snake_sim_ros.dynamics.dense_joint_laws import solve_laws_of_axes
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import PD_SCHEMES
@@ -140,10 +143,11 @@ class Terms(NamedTuple):
     theta: Array  # (n,) headings [rad]
     W_J: Array  # (3n, 2(n-1))
     W_T: Array  # (3n, 4n)
-    M_inv: Array  # (3n, 3n)
-    momentum: Array  # (3n,)
-    torque: Array  # (n-1,) impulses of the joint controllers [N m s]
-    damping: Array  # (n-1,) their implicit part [N m s^2]
+    W_tau: Array  # (3n, n-1)
+    M: Array  # (3n, 3n)
+    momentum: Array  # (3n,) without the joint axes
+    laws: DenseLaws  # of the yaw axes (n-1, 1)
+    M_inv: Array  # (3n, 3n) with the implicit part of the laws of the axes
 
 
 class Solution(NamedTuple):
@@ -171,9 +175,8 @@ class DenseLoop:
         record = steps.record
         for k, (angle, rate) in enumerate(zip(steps.angle, steps.rate, strict=True)):
             terms = self.terms(model, steps.q, steps.u, angle[:, 0], rate[:, 0])
-            impulse = steps.history.impulse
-            solution = self.iterate(model, terms, impulse[:, 0], impulse[:, 1:3])
-            if not self.finish(model, work, steps, terms, solution):
+            solution, yaw_torque = self.solve(model, terms, steps)
+            if not self.finish(model, work, steps, terms, solution, yaw_torque):
                 steps.report['not_planar'][:] = 1
                 break
             row = row_after(k, record.every, record.first, len(record.span))
@@ -181,6 +184,20 @@ class DenseLoop:
                 record.q[row], record.u[row] = steps.q, steps.u
                 record.torque[row] = work.applied / self.scene.dt
                 record.impulse[row], record.span[row] = steps.history.impulse, self.scene.dt
+
+    def solve(self, model: PlanarModel, terms: Terms, steps: Steps) -> tuple[Solution, Array]:
+        """Return the solution of a step with the laws of its joints, and the yaw impulses."""
+        impulse = steps.history.impulse
+
+        def solve(torque: Array, damping: Array) -> tuple[Array, Solution]:
+            known = self.with_law(terms, torque[:, 0], damping[:, 0])
+            found = self.iterate(model, known, impulse[:, 0], impulse[:, 1:3])
+            return np.diff(found.u_E.reshape(-1, 3)[:, 2])[:, None], found
+
+        turn, inertia = np.diff(steps.u[:, 2])[:, None], model.joint_laws.inertia
+        found, turn, _, settled = solve_laws_of_axes(terms.laws, inertia, turn, solve)
+        converged = found.converged and settled
+        return found._replace(converged=converged), terms.laws.controller(turn)[:, 0]
 
     def terms(self, model: PlanarModel, q: Array, u: Array, angle: Array, rate: Array) -> Terms:
         """Return the terms of the balance at the middle of a step, for yaw references (n-1,)."""
@@ -195,15 +212,25 @@ class DenseLoop:
             for j in range(len(start))
         ]  # fmt: skip
         torque, damping = np.array(law).reshape(-1, 2).T * dt
-        M_inv = np.linalg.inv(np.diag(mass) + (W_tau * damping) @ W_tau.T)
-        momentum = mass * u.ravel() + W_tau @ torque
-        return Terms(theta, W_J, W_T, M_inv, momentum, torque, damping)
+        angle_mid, stop = (start + dt / 2 * turn)[:, None], model.joint_laws.stop
+        low = np.where(angle_mid <= -stop, 0.0, -np.inf)
+        high = np.where(angle_mid >= stop, 0.0, np.inf)
+        laws = dense_laws(model.joint_laws, dt, torque, damping, low, high)
+        return Terms(theta, W_J, W_T, W_tau, np.diag(mass), mass * u.ravel(), laws, np.diag(mass))
+
+    def with_law(self, terms: Terms, torque: Array, damping: Array) -> Terms:
+        """Return the terms with impulses (n-1,) [N m s] and dampings of the yaw axes."""
+        W_tau = terms.W_tau
+        return terms._replace(
+            M_inv=np.linalg.inv(terms.M + (W_tau * damping) @ W_tau.T),
+            momentum=terms.momentum + W_tau @ torque,
+        )
 
     def iterate(
         self, model: PlanarModel, terms: Terms, normal: Array, tangential: Array
     ) -> Solution:
         """Iterate loads and friction from some impulses, eqs. (84)-(93)."""
-        solver, (theta, W_J, W_T, M_inv, momentum, _, _) = self.scene.solver, terms
+        solver, (theta, W_J, W_T, _, _, momentum, _, M_inv) = self.scene.solver, terms
         n, half, offset = len(theta), model.half_length, model.offset
         reaction = M_inv @ W_J @ np.linalg.inv(W_J.T @ M_inv @ W_J) if n > 1 else W_J
         c, s = np.cos(theta), np.sin(theta)
@@ -239,6 +266,7 @@ class DenseLoop:
         steps: Steps,
         terms: Terms,
         found: Solution,
+        yaw_torque: Array,
     ) -> bool:
         """Move to the end of the step and report it, unless it is not planar; return whether."""
         q, u, history, dt = steps.q, steps.u, steps.history, self.scene.dt
@@ -246,6 +274,11 @@ class DenseLoop:
         work.contacts['impulse'][:, 0] = found.P_N
         standing['least_load'][:], standing['roll'][:] = found.P_N.min(), roll
         standing['part'][:], standing['slips'][:] = 1.0, 0
+        laws = model.joint_laws
+        most = dt * (laws.torque_limit + laws.friction)[:, 1]
+        standing['overloaded'][:] = (np.abs(found.pitch_torque) > most).any()
+        if standing['overloaded'][0]:
+            return False
         if not (found.P_N.min() > 0.0 and abs(roll) <= model.most_roll):
             return False
         u_E = found.u_E.reshape(-1, 3)
@@ -258,7 +291,6 @@ class DenseLoop:
         q[2:] += dt / 2 * (u + u_E)[:, 2]
         q[:2] += held_point - model.share @ centers(q, half)  # section VII-C
         u[:] = u_E
-        yaw_torque = terms.torque - terms.damping * np.diff(u[:, 2])
         work.applied[:] = np.column_stack([yaw_torque, found.pitch_torque])
         report['steps'] += 1
         report['iterations'] += found.iterations

@@ -41,6 +41,9 @@ FRICTIONS = {
     'across only': Friction(longitudinal=0.0, transversal=0.4),
 }
 RESIDUAL = 1e-14  # m/s
+# Impulses that hold a joint are stiffness times rounding of rates: 1e7 N m s^2 times 1e-14 rad/s,
+# here of links of 1e-3 kg m^2.
+HELD_AGREEMENT = 1e-6
 # Velocities up to 10 m/s and rad/s are rounded in dense systems with a condition of 1e2 to 1e3.
 AGREEMENT, FASTEST = 1e-12, 10.0
 INSIDE = 1e-2  # m
@@ -152,14 +155,14 @@ def both(case):
     )
 
 
-def assert_agreement(end, after, parts):
+def assert_agreement(end, after, parts, agreement=AGREEMENT):
     """
     Assert that the compiled step ended where the dense parts did.
 
     In the next part an error of a gap is one of a velocity that closes it in h, here some ms, so
     that each part passes on up to ten times its error.
     """
-    part, bound = parts[-1], AGREEMENT * 10.0 ** (len(parts) - 1)
+    part, bound = parts[-1], agreement * 10.0 ** (len(parts) - 1)
     assert np.abs(end.q - part.state.q).max() < bound
     assert np.abs(end.u - part.state.u).max() < bound * FASTEST
     for name, size in (('pose', 1.0), ('angle', 1.0), ('rate', 2 * FASTEST), ('u', FASTEST)):
@@ -217,6 +220,37 @@ def test_it_is_in_free_flight(ratio):
             end, after, _, parts = both(case)
             assert_agreement(end, after, parts)
             assert not parts[-1].jumps
+
+
+@pytest.mark.parametrize('lift', [0.0, 5.0])
+def test_it_is_with_laws_of_the_joints(lift):
+    seen = np.zeros(3, int)
+    for seed in range(60):
+        rng = np.random.default_rng([seed, 9])
+        phase = (SMOOTH, ANEW)[seed % 2]
+        case = random_case([seed, 8], (2, 5)[seed // 2 % 2], Friction(), phase, 1.0, lift=lift)
+        scene, state = case[:2]
+        robot = replace(
+            scene.robot,
+            yaw_torque_limit=rng.choice([0.05, 0.5, 5.0]),
+            pitch_torque_limit=rng.choice([0.5, 5.0, 50.0]),
+            joint_friction=rng.choice([0.0, 0.05, 0.5]),
+            joint_viscous_friction=rng.choice([0.0, 0.01]),
+            joint_limit=max(0.02, float(np.abs(joint_angles(state.q)).max()) - 0.01),
+            joint_stop=bool(rng.integers(2)),
+        )
+        end, after, report, parts = both((replace(scene, robot=robot), *case[1:]))
+        if report.unconverged or not all(part.settled for part in parts):
+            continue
+        assert_agreement(end, after, parts, HELD_AGREEMENT)
+        limits = robot.per_joint('torque_limit')
+        seen += (
+            bool((np.abs(report.joint_torque) >= limits * (1 - 1e-12)).any()),
+            bool((np.abs(after.memory.end.rate) < 1e-11).any()),
+            robot.joint_stop and any(part.lands for part in parts),
+        )
+    # The test has seen joints at their limits, joints that friction holds, and stops.
+    assert seen.min() >= 3
 
 
 def beside_links(rng, scene, q, count):

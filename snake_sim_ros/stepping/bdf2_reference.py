@@ -163,6 +163,7 @@ class PartEnd(NamedTuple):
     h: float  # time for which they acted [s]
     lands: bool  # whether there was a second solution
     jumps: bool  # whether the next part starts anew
+    settled: bool  # whether the laws of the joint axes hold
 
 
 def formula(robot: Robot, memory: Bdf2Memory, dt: float) -> Formula:
@@ -378,7 +379,9 @@ def part(
     stops = np.minimum(-of_joints.stop, angle_A), np.maximum(of_joints.stop, angle_A)
     bounds = ((stop - terms.hat.angle) / terms.h_q for stop in stops)
     laws = dense_laws(of_joints, terms.h, dynamics.torque, dynamics.resistance, *bounds)
-    solution, joint_rate, torque, _ = solve_all(scene, dynamics, contacts, laws, terms.star.rate)
+    solution, joint_rate, torque, settled = solve_all(
+        scene, dynamics, contacts, laws, terms.star.rate
+    )
     u_E, P, dynamics = solution
     weight = -terms.h * scene.gravity[2] * float(scene.robot.per_link('link_mass').sum())
     meets = bool(laws.meets_stop(joint_rate).any())
@@ -400,4 +403,4 @@ def part(
     end = end._replace(rate=(dynamics.W_tau.T @ u_E.ravel()).reshape(-1, 2), u=u_E)
     impulse = np.zeros(history.impulse.shape)
     impulse[contacts.active] = np.where(P[:, :1] > 0.0, P, 0.0)
-    return PartEnd(State(q_E, u_E), end, impulse, terms.h, lands, anew)
+    return PartEnd(State(q_E, u_E), end, impulse, terms.h, lands, anew, settled)

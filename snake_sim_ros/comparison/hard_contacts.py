@@ -73,7 +73,8 @@ def reports_by_limit(problem: StoredStep, method: str, most: int) -> Iterator[Re
             'solver.tolerance': 1e-14,
         }
         stepper = make_stepper(with_settings(problem.scene, settings))
-        history = problem.history._replace(memory=stepper.empty_history().memory)
+        empty = stepper.empty_history()
+        history = problem.history._replace(control=empty.control, memory=empty.memory)
         _, _, report = stepper.advance(
             problem.state, history, problem.angle[None], problem.rate[None]
         )

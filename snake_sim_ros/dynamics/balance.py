@@ -6,18 +6,21 @@ O is the center of the middle link; twists, wrenches and inertias are in axes of
 
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.control_loop import loop_law
 from snake_sim_ros.dynamics.joint_control import pd_law
 
 
 @merged
-def control_impulses(model, coordinate, angle, rate, torques, dampings):
+def control_impulses(model, control, coordinate, angle, rate, torques, dampings):
     """
     Fill the impulses and the implicit damping of the controller on every joint axis.
 
     Parameters
     ----------
     model : Model
-        Gains, PD scheme and time step; see `stepping.model`.
+        Gains, PD scheme, control loop and time step; see `stepping.model`.
+    control : ControlMemory
+        That of the control loop, after its sample.
     coordinate : ndarray, shape (2, n-1, 2, 2)
         At start and middle of the step: (yaw, pitch) x (angle [rad], rate [rad/s]).
     angle, rate : ndarray, shape (n-1, 2)
@@ -40,6 +43,11 @@ def control_impulses(model, coordinate, angle, rate, torques, dampings):
                 model.stiffness[j, k],
                 model.damping[j, k],
             )
+            if model.control.present:
+                torque, damping = loop_law(
+                    model.control, control, j, k, model.stiffness[j, k], model.damping[j, k],
+                    torque, damping,
+                )  # fmt: skip
             torques[j, k] = torque * model.dt
             dampings[j, k] = damping * model.dt
 

@@ -91,6 +91,21 @@ class Robot(CheckedRecord):
     joint_friction: PerJoint = quantity(
         0.0, 'N m', 'Coulomb friction of both axes of a joint (assumption: none)', minimum=0
     )
+    control_rate: float = quantity(
+        0.0, 'Hz', 'how often controllers read their encoders; 0: always', minimum=0
+    )
+    reference_rate: float = quantity(
+        0.0, 'Hz', 'how often controllers take a reference and hold it; 0: always', minimum=0
+    )
+    command_delay: float = quantity(
+        0.0, 's', 'time after which a reference counts (assumption: none)', minimum=0, maximum=10
+    )
+    encoder_resolution: float = quantity(
+        0.0, 'rad', 'step of the measured joint angles; 0: exact', minimum=0, maximum=1
+    )
+    effort_commands: bool = quantity(
+        False, '', 'whether commands may carry torques, besides angles and rates'
+    )
     joint_viscous_friction: PerJoint = quantity(
         0.0, 'N m s/rad', 'viscous friction of both axes (assumption: none)', minimum=0
     )
@@ -108,6 +123,11 @@ class Robot(CheckedRecord):
                     f'{item.name} must be one number or one for each of the {count} {parts}, '
                     f'got {len(value)} numbers'
                 )
+        if self.encoder_resolution > 0.0 and self.control_rate == 0.0:
+            raise ParameterError(
+                f'encoder_resolution {self.encoder_resolution:g} rad needs a control_rate, at '
+                'which encoders are read, got 0 Hz'
+            )
         if self.inertia == 'consistent' and not self.per_link('contact_radius').all():
             raise ParameterError(
                 'contact_radius must be above 0 m for the inertia of a cylinder (consistent), '

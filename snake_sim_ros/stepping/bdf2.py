@@ -48,6 +48,8 @@ from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.control_loop import loop_law
+from snake_sim_ros.dynamics.control_loop import read_by_controllers
 from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
 from snake_sim_ros.dynamics.kinematics import chain_coordinates
 from snake_sim_ros.scene.parameters import Array
@@ -105,21 +107,26 @@ IMPLICIT_SCHEMES = ('average', 'end')
 
 
 @merged
-def begin(model, own, work, angle, h, h_q, late, speed, history):
+def begin(model, own, work, angle, control, h, h_q, late, speed, history):
     """
     Return the contact problem for the predicted end of the step.
 
     Its closed contacts are those that can close in the step, at a given speed [m/s]. h and h_q are
     those of `formula`, `late` is as in `events.leave_gaps`, and `angle`, shape (n-1, 2), are the
-    joint angles at the start.
+    joint angles at the start; `control` is the memory of the control loop.
     """
     chain = work.chain
     for j in range(len(own.end_angle)):
         for k in range(2):
             stiffness, damping = model.stiffness[j, k], model.damping[j, k]
             torque = stiffness * (own.end_angle[j, k] - own.hat.angle[j, k])
-            chain.torque[j, k] = h * (torque + damping * own.end_rate[j, k])
-            chain.damping[j, 2 * k] = h * (damping + h_q * stiffness)
+            torque += damping * own.end_rate[j, k]
+            resistance = damping + h_q * stiffness
+            if model.control.present:
+                torque, resistance = loop_law(
+                    model.control, control, j, k, stiffness, damping, torque, resistance
+                )
+            chain.torque[j, k], chain.damping[j, 2 * k] = h * torque, h * resistance
         chain.damping[j, 1] = 0.0
     if model.joint_laws.present:
         begin_axes(model.joint_laws, own, work, angle, h, h_q)
@@ -208,7 +215,18 @@ def one_part(own, model, work, dt, speed, steps):
             history.impulse[a, j] *= scale
         history.change[a, 0] *= scale
     contact_history = without_memory(history)
-    problem = begin(model, own, work, memory.end.angle, h, h_q, dt - h_q, speed, contact_history)
+    problem = begin(
+        model,
+        own,
+        work,
+        memory.end.angle,
+        history.control,
+        h,
+        h_q,
+        dt - h_q,
+        speed,
+        contact_history,
+    )
     is_small, found, closed = solve_landing(
         model, own, work, problem, h, h_q, contact_history, report
     )
@@ -277,7 +295,10 @@ def take(own, model, work, dt, part, steps):
 def step(own, model, work, steps, k):
     """Take step k in parts; return whether the loop continues."""
     report, memory = steps.report[0], steps.history.memory
-    angle, rate = steps.angle[k], steps.rate[k]
+    start = memory.end.angle, memory.end.rate, 0.0
+    angle, rate = read_by_controllers(
+        model.control, steps.history.control, model.dt, start, steps.angle[k], steps.rate[k]
+    )
     known, before = memory.span[0] > 0.0, noted(report)
     report.contacts = 0
     keep_state(steps.q, steps.u, own.q_start, own.u_start)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.dynamics.control_loop import make_control_loop
 from snake_sim_ros.dynamics.kinematics import FLAT_GAP
 from snake_sim_ros.dynamics.kinematics import FLAT_TILT
 from snake_sim_ros.dynamics.kinematics import STILL_SPEED
@@ -81,6 +82,8 @@ def what_is_not_planar(scene: Scene, name: str, method: Method) -> str:
         return 'solver.normal_compliance is 0, and loads in the plane follow the selection rule'
     if scene.robot.per_joint('friction').any():
         return 'robot.joint_friction may hold pitch joints, and in the plane only springs do'
+    if make_control_loop(scene).present:
+        return 'the robot has a control loop of its own, and in the plane pitch joints are rigid'
     if scene.drift_correction == 'none':
         return 'drift_correction is none, and in the plane joints do not drift'
     return ''

@@ -17,6 +17,8 @@ from snake_sim_ros.contact.newton import Operator
 from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
 from snake_sim_ros.contact.table import make_table
 from snake_sim_ros.dynamics.articulated_body import Chain
+from snake_sim_ros.dynamics.control_loop import ControlLoop
+from snake_sim_ros.dynamics.control_loop import make_control_loop
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.dynamics.free_chain import make_free_chain
 from snake_sim_ros.dynamics.joint_laws import AxisLaws
@@ -59,6 +61,7 @@ class Model(NamedTuple):
     stiffness: Array  # (n-1, 2) of the joints (yaw, pitch) [N m/rad]
     damping: Array  # (n-1, 2) [N m s/rad]
     joint_laws: JointLaws
+    control: ControlLoop
     gravity: Array  # (3,) in I [m/s^2]
     laws: Laws
     activation_tolerance: float  # [m]
@@ -118,6 +121,7 @@ def make_model(scene: Scene) -> Model:
     )
     return Model(
         **robot_arrays(robot),
+        control=make_control_loop(scene),
         gravity=np.array(scene.gravity),
         laws=laws,
         activation_tolerance=solver.activation_tolerance,

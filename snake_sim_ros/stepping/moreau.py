@@ -35,6 +35,7 @@ from snake_sim_ros.dynamics.balance import smooth_momentum
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.control_loop import read_by_controllers
 from snake_sim_ros.dynamics.joint_control import START
 from snake_sim_ros.dynamics.joint_drift import close_joints
 from snake_sim_ros.dynamics.joint_drift import joint_violation
@@ -71,9 +72,13 @@ def begin_step(model, work, steps, k):
     rates_in_inertial_frame(R, u, work.omega)
     joint_coordinates(R, work.omega, work.coordinate[1])
     chain_geometry(model.half_length, R, work.center, chain.axis)
-    control_impulses(
-        model, work.coordinate, steps.angle[k], steps.rate[k], work.torque, work.damping
+    control = steps.history.control
+    mid = work.coordinate[1]
+    start = mid[:, :, 0], mid[:, :, 1], 0.5 * model.dt
+    angle, rate = read_by_controllers(
+        model.control, control, model.dt, start, steps.angle[k], steps.rate[k]
     )
+    control_impulses(model, control, work.coordinate, angle, rate, work.torque, work.damping)
     if model.joint_laws.present:
         begin_joint_laws(model, work)
     axis_loads(chain.axis, work.torque, work.damping, chain.torque, chain.damping)

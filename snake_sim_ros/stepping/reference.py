@@ -21,6 +21,9 @@ from snake_sim_ros.contact.projections import prox_half_line
 from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
 from snake_sim_ros.contact.selection import selection_center
 from snake_sim_ros.contact.selection import selection_compliance
+from snake_sim_ros.dynamics.control_loop import ControlMemory
+from snake_sim_ros.dynamics.control_loop import dense_control
+from snake_sim_ros.dynamics.control_loop import loop_law
 from snake_sim_ros.dynamics.dense_joint_laws import dense_laws
 from snake_sim_ros.dynamics.dense_joint_laws import solve_laws_of_axes
 from snake_sim_ros.dynamics.force_directions import E_X
@@ -58,17 +61,23 @@ from snake_sim_ros.stepping.state import State
 
 
 def joint_torque_law(
-    scene: Scene, state: State, q_M: Array, angle: Array, rate: Array
+    scene: Scene, state: State, q_M: Array, control: ControlMemory, angle: Array, rate: Array
 ) -> tuple[Array, Array]:
-    """Return torque [N m] and damping [N m s] of `pd_law` for all joint axes, shapes (2(n-1),)."""
+    """Return torque [N m] and damping [N m s] of the controllers of all axes, (2(n-1),)."""
     robot = scene.robot
     kp, kd = robot.per_joint('stiffness'), robot.per_joint('damping')
     starts = np.stack([posture.joint_angles(state.q), posture.joint_rates(state.q, state.u)], -1)
     mids = np.stack([posture.joint_angles(q_M), posture.joint_rates(q_M, state.u)], -1)
-    scheme = PD_SCHEMES.index(scene.pd_scheme)
+    scheme, measured = (
+        PD_SCHEMES.index(scene.pd_scheme),
+        mids[..., 0] - scene.dt / 2 * mids[..., 1],
+    )
+    angle, rate, loop = dense_control(scene, control, measured, angle, rate)
     terms = [
-        pd_law(scheme, scene.dt, tuple(starts[j, k]), tuple(mids[j, k]),
-               (angle[j, k], rate[j, k]), kp[j, k], kd[j, k])
+        loop_law(loop, control, j, k, kp[j, k], kd[j, k], *pd_law(
+            scheme, scene.dt, tuple(starts[j, k]), tuple(mids[j, k]), (angle[j, k], rate[j, k]),
+            kp[j, k], kd[j, k],
+        ))
         for j in range(robot.link_count - 1)
         for k in range(2)
     ]  # fmt: skip
@@ -209,7 +218,7 @@ class ReferenceStepper:
 
     def empty_history(self) -> History:
         """Return the history before the first step."""
-        return empty_history(obstacles.contact_count(self.scene))
+        return empty_history(self.scene)
 
     def advance(
         self, state: State, history: History, angle: Array, rate: Array,
@@ -244,11 +253,13 @@ class ReferenceStepper:
         scene, robot, dt = self.scene, self.scene.robot, self.scene.dt
         n, history = robot.link_count, copied(history)
         q_M = middle_coordinates(state, dt)  # (72)
-        control = (dt * term for term in joint_torque_law(scene, state, q_M, angle, rate))
+        law = (
+            dt * term for term in joint_torque_law(scene, state, q_M, history.control, angle, rate)
+        )
         of_joints, angle_M, iterations = make_joint_laws(robot), posture.joint_angles(q_M), 0
         low = np.where(angle_M <= -of_joints.stop, 0.0, -np.inf)
         high = np.where(angle_M >= of_joints.stop, 0.0, np.inf)
-        laws = dense_laws(of_joints, dt, *control, low, high)
+        laws = dense_laws(of_joints, dt, *law, low, high)
 
         def solve(torque: Array, damping: Array) -> tuple[Array, Solution]:
             nonlocal iterations

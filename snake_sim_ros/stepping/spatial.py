@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.base import Report
@@ -49,7 +48,7 @@ class SpatialStepper:
         self.model = make_model(scene)
         self.work = make_workspace(scene)
         self.loop = loop
-        self.empty = empty_history(contact_count(scene), memory)
+        self.empty = empty_history(scene, memory)
         self.returned = Returned(scene.robot.link_count, self.empty)
         self.no_samples = make_samples(scene, 0, 0)
         self.cycles = np.zeros(1, np.int64)

@@ -11,7 +11,9 @@ from typing import TypeVar
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.control_loop import make_control_memory
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.obstacles import same_contacts
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
@@ -58,6 +60,8 @@ class History(NamedTuple):
         Change of the normal impulse in that step [N s], and of the other velocities [m/s].
     settling : ndarray, shape (1,)
         Steps for which the robot must yet lie flat and still before it is planar; see `levels`.
+    control : ControlMemory
+        What the control loop of the robot keeps; see `dynamics.control_loop`.
     memory : NamedTuple of arrays, or None
         What the method keeps at its level, in a type of its own; None if it keeps nothing.
 
@@ -67,6 +71,7 @@ class History(NamedTuple):
     velocity: Array
     change: Array
     settling: Array
+    control: Any = None
     memory: Any = None
 
 
@@ -77,13 +82,13 @@ def without_memory(history):
 
     The solvers are then compiled once for all methods.
     """
-    return History(history.impulse, history.velocity, history.change, history.settling, None)
+    return History(history.impulse, history.velocity, history.change, history.settling, None, None)
 
 
-def empty_history(contacts: int, memory: Any = None) -> History:
-    """Return the history before the first step of a scene with that number of contacts."""
-    zeros = np.zeros((3, contacts, 5))
-    return History(zeros[0], zeros[1], zeros[2], np.zeros(1), memory)
+def empty_history(scene: Scene, memory: Any = None) -> History:
+    """Return the history before the first step of a scene."""
+    zeros, control = np.zeros((3, contact_count(scene), 5)), make_control_memory(scene)
+    return History(zeros[0], zeros[1], zeros[2], np.zeros(1), control, memory)
 
 
 def named_arrays(record: Any, name: str = 'history') -> dict[str, Array]:
@@ -159,6 +164,7 @@ def check_history(links: int, empty: History, state: State, history: History) ->
 
     """
     check_state(links, len(empty.impulse), state, history)
+    _check_memory('history.control', history.control, empty.control)
     _check_memory('history.memory', history.memory, empty.memory)
 
 
@@ -282,4 +288,6 @@ def carried(
     taken.impulse[:] *= scale
     taken.change[:, 0] *= scale
     taken.settling[:] = history.settling
+    if before.robot == after.robot:
+        taken = taken._replace(control=copied(history.control))
     return taken

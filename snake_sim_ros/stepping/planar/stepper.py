@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import FLAT
@@ -122,7 +121,7 @@ class PlanarStepper:
         self.work = make_planar_workspace(scene)
         self.loop = loop
         n = scene.robot.link_count
-        self.empty = empty_history(contact_count(scene), make_planar_memory(n, scheme))
+        self.empty = empty_history(scene, make_planar_memory(n, scheme))
         self.made = np.empty((n, 7)), np.empty((n, 6))  # see is_recalled
         self.returned = Returned(n, self.empty)
         self.no_samples = make_samples(scene, 0, 0)

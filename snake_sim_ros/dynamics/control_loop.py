@@ -1,0 +1,219 @@
+"""
+The control loop of a real robot: sampled angles, late commands, encoders, and torques as commands.
+
+Without it the controller of a joint knows angles, rates and references at any time. With a rate of
+references it takes one once a period and goes to that angle, as a servo on a bus does. With a rate
+of control it also reads the encoders once a period and holds what it read, so that its spring
+pulls with a constant torque until the next period. The damper acts all the time, as the back-EMF
+of a motor does. A sampled spring is stable for periods up to about 2 K_d/K_p, as an explicit one.
+Assumption: the paper has no such loop.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Scene
+
+
+class ControlLoop(NamedTuple):
+    """The numbers of the loop of a scene."""
+
+    present: bool  # whether controllers know less than everything, or follow torques
+    period: int  # steps from one reading of the encoders to the next; 0: they are read always
+    hold: int  # steps from one reference that is taken to the next; 0: all are taken
+    delay: int  # steps after which a reference counts
+    resolution: float  # of the encoders [rad]; 0: they are exact
+
+
+class ControlMemory(NamedTuple):
+    """What the loop keeps from step to step, of axes (yaw, pitch); empty without a loop."""
+
+    effort: Array  # (n-1, 2) torques that are commanded, besides that of the controller [N m]
+    error: Array  # (n-1, 2) held difference of reference and measured angle [rad]
+    rate: Array  # (n-1, 2) held reference rate [rad/s]
+    wait: Array  # (2,) steps to the next reading of the encoders, and of the references
+    next: Array  # (1,) the oldest place in the queue; -1 before the first step
+    queue: Array  # (delay, 2, n-1, 2) references (angle, rate) that do not count yet
+    late: Array  # (2, n-1, 2) references that count in this step
+    told: Array  # (2, n-1, 2) references that are held, with rates 0
+
+
+def make_control_loop(scene: Scene) -> ControlLoop:
+    """
+    Return the loop of a scene.
+
+    Raises
+    ------
+    ParameterError
+        If the period or the delay is no multiple of the time step.
+
+    """
+    robot, dt = scene.robot, scene.dt
+    rate, delay = robot.control_rate, robot.command_delay
+    period = _steps('control period', 1.0 / rate, dt) if rate > 0.0 else 0
+    taken = robot.reference_rate
+    hold = _steps('reference period', 1.0 / taken, dt) if taken > 0.0 else 0
+    late = _steps('robot.command_delay', delay, dt) if delay > 0.0 else 0
+    present = period + hold + late > 0 or robot.effort_commands
+    return ControlLoop(present, period, hold, late, robot.encoder_resolution)
+
+
+def _steps(name: str, time: float, dt: float) -> int:
+    """Return how many steps of dt [s] a time takes [s]."""
+    steps = round(time / dt)
+    if steps < 1 or abs(steps * dt - time) > 1e-9 * time:
+        raise ParameterError(f'dt must divide the {name}: got dt={dt:g} s, {name} {time:g} s')
+    return steps
+
+
+def make_control_memory(scene: Scene) -> ControlMemory:
+    """Return the memory before the first step."""
+    loop = make_control_loop(scene)
+    axes = (scene.robot.link_count - 1 if loop.present else 0, 2)
+    return ControlMemory(
+        effort=np.zeros(axes),
+        error=np.zeros(axes),
+        rate=np.zeros(axes),
+        wait=np.zeros(2),
+        next=np.full(1, -1.0),
+        queue=np.zeros((loop.delay, 2, *axes)),
+        late=np.zeros((2, *axes)),
+        told=np.zeros((2, *axes)),
+    )
+
+
+@compiled
+def references_that_count(loop, memory, angle, rate):
+    """
+    Return the references of a step, shapes (n-1, 2), of which those given are the newest.
+
+    Before the first step the robot was told its first angles for ever.
+    """
+    if loop.delay == 0:
+        return angle, rate
+    queue, late = memory.queue, memory.late
+    if memory.next[0] < 0.0:
+        for i in range(loop.delay):
+            for j in range(len(angle)):
+                for k in range(2):
+                    queue[i, 0, j, k], queue[i, 1, j, k] = angle[j, k], 0.0
+        memory.next[0] = 0.0
+    oldest = int(memory.next[0])
+    for j in range(len(angle)):
+        for k in range(2):
+            late[0, j, k], late[1, j, k] = queue[oldest, 0, j, k], queue[oldest, 1, j, k]
+            queue[oldest, 0, j, k], queue[oldest, 1, j, k] = angle[j, k], rate[j, k]
+    memory.next[0] = (oldest + 1) % loop.delay
+    return late[0], late[1]
+
+
+@compiled
+def references_that_are_held(loop, memory, dt, angle, rate):
+    """Return the references of a step as a loop holds them that takes one once a period."""
+    if loop.hold == 0:
+        return angle, rate
+    if memory.wait[1] == 0.0:
+        memory.wait[1] = loop.hold
+        for j in range(len(angle)):
+            for k in range(2):
+                memory.told[0, j, k] = angle[j, k] - 0.5 * dt * rate[j, k]
+    memory.wait[1] -= 1.0
+    return memory.told[0], memory.told[1]
+
+
+@inlined
+def read_by_controllers(loop, memory, dt, start, angle, rate):
+    """
+    Return the references (n-1, 2) that count in a step, after what the loop reads at its start.
+
+    Parameters
+    ----------
+    loop : ControlLoop
+    memory : ControlMemory
+    dt : float
+        Time step [s].
+    start : tuple of ndarray and float
+        Joint angles and rates, shapes (n-1, 2), and how long after the start of the step they
+        were so [rad], [rad/s], [s].
+    angle, rate : ndarray, shape (n-1, 2)
+        References at the middle of the step [rad], [rad/s].
+
+    """
+    if not loop.present:
+        return angle, rate
+    angle, rate = references_that_count(loop, memory, angle, rate)
+    angle, rate = references_that_are_held(loop, memory, dt, angle, rate)
+    if loop.period > 0:
+        if memory.wait[0] == 0.0:
+            memory.wait[0] = loop.period
+            for j in range(len(angle)):
+                for k in range(2):
+                    read = start[0][j, k] - start[2] * start[1][j, k]
+                    if loop.resolution > 0.0:
+                        read = loop.resolution * math.floor(read / loop.resolution + 0.5)
+                    memory.error[j, k] = angle[j, k] - 0.5 * dt * rate[j, k] - read
+                    memory.rate[j, k] = rate[j, k]
+        memory.wait[0] -= 1.0
+    return angle, rate
+
+
+@compiled
+def loop_law(loop, memory, j, k, stiffness, damping, torque, resistance):
+    """
+    Return torque [N m] and damping [N m s/rad] of axis k of joint j with the loop.
+
+    Parameters
+    ----------
+    loop : ControlLoop
+    memory : ControlMemory
+    j, k : int
+    stiffness, damping : float
+        Gains [N m/rad], [N m s/rad].
+    torque, resistance : float
+        Torque and damping of a controller that knows everything; see `joint_control`.
+
+    """
+    if loop.period > 0:
+        torque = stiffness * memory.error[j, k] + damping * memory.rate[j, k]
+        resistance = damping
+    if len(memory.effort) > 0:
+        torque += memory.effort[j, k]
+    return torque, resistance
+
+
+def dense_control(
+    scene: Scene, memory: ControlMemory, measured: Array, angle: Array, rate: Array
+) -> tuple[Array, Array, ControlLoop]:
+    """
+    Return what `read_by_controllers` does, in NumPy, for measured angles (n-1, 2), and the loop.
+
+    The memory is changed in place.
+    """
+    loop, dt = make_control_loop(scene), scene.dt
+    if not loop.present:
+        return angle, rate, loop
+    if loop.delay > 0:
+        if memory.next[0] < 0.0:
+            memory.queue[:, 0], memory.queue[:, 1], memory.next[0] = angle, 0.0, 0.0
+        oldest = int(memory.next[0])
+        newest, (angle, rate) = (angle, rate), memory.queue[oldest].copy()
+        memory.queue[oldest] = newest
+        memory.next[0] = (oldest + 1) % loop.delay
+    if loop.hold > 0:
+        if memory.wait[1] == 0.0:
+            memory.wait[1], memory.told[0] = loop.hold, angle - dt / 2 * rate
+        memory.wait[1] -= 1.0
+        angle, rate = memory.told
+    if loop.period > 0:
+        if memory.wait[0] == 0.0:
+            memory.wait[0], step = loop.period, loop.resolution
+            read = step * np.floor(measured / step + 0.5) if step > 0.0 else measured
+            memory.error[:], memory.rate[:] = angle - dt / 2 * rate - read, rate
+        memory.wait[0] -= 1.0
+    return angle, rate, loop

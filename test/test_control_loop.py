@@ -1,0 +1,171 @@
+"""The control loop of a real robot on every method: samples, delays, encoders and torques."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_joint_laws import AXES
+from test_joint_laws import DT
+from test_joint_laws import EVERY
+from test_joint_laws import floating
+from test_joint_laws import hinge
+from test_joint_laws import of_joint
+
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.state import initial_state
+
+
+def angles(scene, axis, references):
+    """Return the joint angles after every step, and the last state."""
+    stepper, state = make_stepper(scene), hinge(scene, axis, 0.0)
+    history, found = stepper.empty_history(), []
+    for reference in references:
+        angle = np.zeros((1, 1, 2))
+        angle[0, 0, AXES[axis]] = reference
+        state, history, report = stepper.advance(state, history, angle, np.zeros((1, 1, 2)))
+        assert not report.failure and not report.unconverged
+        found.append(of_joint(state, axis)[0])
+    return np.array(found)
+
+
+def sampled_hinge(scene, stiffness, references, period, resolution=0.0):
+    """
+    Return the angles of a hinge whose spring is read once a period; the torque is constant since.
+
+    Each link turns about its own center: the relative acceleration is 2 torque/Theta.
+    """
+    angle, rate, found = 0.0, 0.0, []
+    for k, reference in enumerate(references):
+        if k % period == 0:
+            read = resolution * np.floor(angle / resolution + 0.5) if resolution else angle
+            acceleration = 2 * stiffness * (reference - read) / scene.robot.inertia_transversal
+        angle += DT * rate + DT**2 / 2 * acceleration
+        rate += DT * acceleration
+        found.append(angle)
+    return np.array(found)
+
+
+@pytest.mark.parametrize(('method', 'axis'), EVERY)
+@pytest.mark.parametrize('resolution', [0.0, 2e-3])
+def test_a_sampled_spring_is_a_recursion(method, axis, resolution):
+    stiffness, references = 0.05, np.full(40, 0.02)
+    scene = floating(
+        method, control_rate=200.0, encoder_resolution=resolution,
+        **{f'{axis}_stiffness': stiffness},
+    )  # fmt: skip
+    expected = sampled_hinge(scene, stiffness, references, 5, resolution)
+    found = angles(scene, axis, references)
+    # The torque jumps at samples: the formula of two steps is off by its jump times dt^2 there.
+    # The links turn by up to 0.04, whose square is lost in the closed form.
+    jump = 2 * stiffness * np.abs(references).max() / scene.robot.inertia_transversal
+    allowed = 1e-4 * np.abs(expected).max() + (len(references) * DT**2 * jump / 2
+                                               if method == 'bdf2' else 0.0)  # fmt: skip
+    assert np.abs(found - expected).max() < allowed + 0.04**2 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(('method', 'axis'), EVERY)
+def test_a_delay_shifts_the_motion(method, axis):
+    scene = floating(method, **{f'{axis}_stiffness': 0.5, f'{axis}_damping': 0.01})
+    references = np.concatenate([[0.0], np.sin(0.3 * np.arange(30)) * 0.05])
+    prompt = angles(scene, axis, references)
+    late = angles(
+        replace(scene, robot=replace(scene.robot, command_delay=7 * DT)), axis, references
+    )
+    assert np.abs(late[:7]).max() < 1e-12
+    # Before the first command counts the robot is at rest; then it does the same, up to rounding.
+    assert np.abs(late[7:] - prompt[:-7]).max() < 1e-10
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_a_reference_is_held_for_a_period(method):
+    scene = floating(method, yaw_stiffness=0.5, yaw_damping=0.01)
+    references = 0.05 * np.sin(0.3 * np.arange(30))
+    held = replace(scene, robot=replace(scene.robot, reference_rate=200.0))
+    every_fifth = references[5 * (np.arange(30) // 5)]
+    found = angles(held, 'yaw', references)
+    assert np.abs(found - angles(scene, 'yaw', every_fifth)).max() < 1e-12
+
+
+@pytest.mark.parametrize(('method', 'axis'), EVERY)
+def test_a_commanded_torque_accelerates(method, axis):
+    effort, steps = 1e-2, 10
+    scene = floating(method, effort_commands=True)
+    stepper, zeros = make_stepper(scene), np.zeros((steps, 1, 2))
+    history = stepper.empty_history()
+    history.control.effort[0, AXES[axis]] = effort
+    state, _, report = stepper.advance(hinge(scene, axis, 0.0), history, zeros, zeros)
+    acceleration = 2 * effort / scene.robot.inertia_transversal
+    angle, rate = of_joint(state, axis)
+    assert rate == pytest.approx(acceleration * steps * DT, rel=2 * angle**2 + 1e-9)
+    assert report.joint_torque[0, AXES[axis]] == pytest.approx(effort, rel=1e-12)
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_a_commanded_torque_is_limited(method):
+    scene = floating(method, effort_commands=True, yaw_torque_limit=2e-3)
+    stepper, zeros = make_stepper(scene), np.zeros((3, 1, 2))
+    history = stepper.empty_history()
+    history.control.effort[0, 0] = 1.0
+    _, _, report = stepper.advance(hinge(scene, 'yaw', 0.0), history, zeros, zeros)
+    assert report.joint_torque[0, 0] == pytest.approx(2e-3, rel=1e-12)
+
+
+@pytest.mark.parametrize('method', ['newton', 'bdf2'])
+def test_calls_of_any_length_are_the_same_bits(method):
+    settings = {'robot.reference_rate': 50.0, 'robot.command_delay': 0.03, 'method': method}
+    scene = with_settings(load_scene('sidewinding'), settings | {'dt': 1 / 200, 'duration': 0.5})
+    assert not run(scene, rate=100).report.failure
+    angle = np.zeros((100, 10, 2))
+    angle[:, :, 0] = np.linspace(0.0, 0.3, 100)[:, None]
+    ends = []
+    for length in (100, 7, 1):
+        stepper = make_stepper(scene)
+        state, history = initial_state(scene), stepper.empty_history()
+        for start in range(0, 100, length):
+            part = angle[start : start + length]
+            state, history, _ = stepper.advance(state, history, part, np.zeros(part.shape))
+        ends.append(state)
+    for end in ends[1:]:
+        assert (end.q == ends[0].q).all() and (end.u == ends[0].u).all()
+
+
+def test_no_more_than_the_scene_needs_is_kept():
+    history = make_stepper(load_scene('lateral_undulation')).empty_history()
+    assert sum(part.size for part in history.control) == 3  # counters
+
+
+@pytest.mark.parametrize(
+    ('settings', 'said'),
+    [
+        ({'robot.control_rate': 300.0}, 'dt must divide the control period'),
+        ({'robot.reference_rate': 300.0}, 'dt must divide the reference period'),
+        ({'robot.command_delay': 1.3e-4}, 'dt must divide the robot.command_delay'),
+        ({'robot.control_rate': -1.0}, 'control_rate must be at least 0 Hz'),
+        ({'robot.control_rate': float('nan')}, 'control_rate must be finite'),
+        ({'robot.encoder_resolution': 0.01}, 'needs a control_rate'),
+        ({'robot.command_delay': 11.0}, 'command_delay must be at most 10 s'),
+    ],
+)
+def test_what_does_not_fit_is_one_sentence(settings, said):
+    with pytest.raises(ParameterError, match=said):
+        make_stepper(with_settings(load_scene('sidewinding'), settings))
+
+
+def test_a_loop_is_at_the_spatial_level():
+    scene = with_settings(load_scene('lateral_undulation'), {'robot.reference_rate': 1000.0})
+    assert set(run(replace(scene, duration=0.05)).level) == {'spatial'}
+    with pytest.raises(ParameterError, match='control loop'):
+        make_stepper(replace(scene, level='planar'))
+
+
+def test_defaults_are_none():
+    robot = Robot()
+    assert robot.control_rate == robot.reference_rate == robot.command_delay == 0.0
+    assert robot.encoder_resolution == 0.0
+    assert not robot.effort_commands

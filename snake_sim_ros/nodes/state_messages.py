@@ -24,13 +24,13 @@ from sensor_msgs.msg import JointState
 
 from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.recording.from_messages import TO_WIRE
+from snake_sim_ros.recording.from_messages import WIRE_AXES
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.state import State
 
 WORLD, ODOM, BASE = 'world', 'odom', 'base_link'
-WIRE_AXES = [2, 0, 1]  # components of a vector in B along x, y, z of the wire frame
 TURNED = np.array([-1.0, -1.0, 1.0])  # signs of such components in a frame turned around
 ENCAPSULATION = 4  # bytes at the begin of a message, which name its encoding
 MARK = math.pi  # a number that can be found in the bytes of a message

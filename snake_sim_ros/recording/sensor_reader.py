@@ -1,0 +1,109 @@
+"""The sensors of a simulation as it advances, sample by sample."""
+
+import numpy as np
+
+from snake_sim_ros.recording.sensor_noise import contact_noise
+from snake_sim_ros.recording.sensor_noise import imu_noise
+from snake_sim_ros.recording.sensor_noise import joint_noise
+from snake_sim_ros.recording.sensors import ACCELERATION
+from snake_sim_ros.recording.sensors import ANGULAR_VELOCITY
+from snake_sim_ros.recording.sensors import imu_readings
+from snake_sim_ros.recording.sensors import Sensors
+from snake_sim_ros.recording.sensors import wrenches_on_links
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.stepping.contact_forces import last_span
+from snake_sim_ros.stepping.contact_forces import sampled_forces
+from snake_sim_ros.stepping.simulation import Simulation
+
+MEASURED = slice(ANGULAR_VELOCITY.start, ACCELERATION.stop)  # what an IMU measures with errors
+
+
+class SensorReader:
+    """
+    Reads the sensors at the states of a simulation, one after the other.
+
+    Parameters
+    ----------
+    simulation : Simulation
+    sensors : Sensors
+    steps : int
+        Steps from one state to the next.
+    rate : float
+        States a second [Hz].
+
+    Attributes
+    ----------
+    links : list of int
+        Indices of the links with an IMU.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such link, or the rate of the sensors does not divide that of the states.
+
+    """
+
+    def __init__(self, simulation: Simulation, sensors: Sensors, steps: int, rate: float) -> None:
+        n = simulation.scene.robot.link_count
+        self.links = sensors.links(n)
+        self._simulation, self._steps = simulation, steps
+        self._steps_in_sample = steps * sensors.states_in_sample(rate)
+        self._joints = joint_noise(sensors, n)
+        self._imus = [imu_noise(sensors, link) for link in self.links]
+        self._contacts = [contact_noise(sensors, link) for link in range(n)]
+        self.restart()
+
+    def restart(self) -> None:
+        """Make the present state the first sample, from which on all noise begins anew."""
+        self._begin, self._row = self._simulation.step_count, 0
+        self.rest()
+
+    def rest(self) -> None:
+        """Take the present velocities as those before, too: the robot was put here."""
+        self._before = self._velocity = self._velocities()
+
+    def _velocities(self) -> Array:
+        return np.array(self._simulation.state.u[self.links, :3])
+
+    def is_due(self) -> bool:
+        """Return whether the present state is a sample of the IMUs and of the contacts."""
+        return (self._simulation.step_count - self._begin) % self._steps_in_sample == 0
+
+    def _row_at(self, steps: int) -> int:
+        return int(self._simulation.step_count - self._begin) // steps
+
+    def imus(self) -> Array:
+        """Return the readings of the IMUs, shape (links, 10), as `sensors.imu_readings` does."""
+        simulation, row = self._simulation, self._row_at(self._steps_in_sample)
+        if row != self._row:
+            self._row, self._before = row, self._velocity
+            self._velocity = self._velocities()
+        state, time = simulation.state, self._steps_in_sample * simulation.scene.dt
+        found = imu_readings(
+            simulation.scene.gravity, state.q[self.links], state.u[self.links], self._before, time
+        )
+        for reading, noise in zip(found, self._imus, strict=True):
+            reading[MEASURED] = noise.added(reading[MEASURED], row)
+        return found
+
+    def wrenches(self) -> Array:
+        """Return the wrenches of the contacts, shape (n, 6), as `sensors.wrenches_on_links`."""
+        simulation, row = self._simulation, self._row_at(self._steps_in_sample)
+        scene, state, history = simulation.scene, simulation.state, simulation.history
+        span, q = np.array([last_span(scene, history)]), state.q[None]
+        contacts = sampled_forces(scene, q, state.u[None], history.impulse[None], span)
+        found: Array = wrenches_on_links(scene, q, *contacts)[0]
+        for link, noise in enumerate(self._contacts):
+            found[link] = noise.added(found[link], row)
+        return found
+
+    def joints(self, angle: Array, rate: Array, torque: Array) -> Array:
+        """Return angles, rates and torques of the joints with their noise, (3, n-1, 2)."""
+        values = np.stack([angle, rate, torque])
+        row = self._row_at(self._steps)
+        return np.reshape(self._joints.added(values.ravel(), row), values.shape)
+
+    @property
+    def joints_are_exact(self) -> bool:
+        """Whether joints are measured without noise."""
+        return self._joints.is_exact

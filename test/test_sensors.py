@@ -1,0 +1,396 @@
+"""What sensors measure: closed forms, noise from a seed, and the same bits live and recorded."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import DT
+from scenes import each_method
+from scenes import EPS
+from scenes import every_method
+from scenes import isotropic
+from scenes import MASS
+from scenes import ROBOT
+from scenes import slope
+from schemes import press_of
+
+from snake_sim_ros.recording.from_messages import TO_WIRE
+from snake_sim_ros.recording.recorded_sensors import recorded_sensors
+from snake_sim_ros.recording.sensor_noise import imu_noise
+from snake_sim_ros.recording.sensor_noise import Noise
+from snake_sim_ros.recording.sensor_reader import SensorReader
+from snake_sim_ros.recording.sensors import ACCELERATION
+from snake_sim_ros.recording.sensors import ANGULAR_VELOCITY
+from snake_sim_ros.recording.sensors import imu_readings
+from snake_sim_ros.recording.sensors import link_index
+from snake_sim_ros.recording.sensors import ORIENTATION
+from snake_sim_ros.recording.sensors import Sensors
+from snake_sim_ros.recording.sensors import wrenches_on_links
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.obstacles import contact_count
+from snake_sim_ros.scene.obstacles import contact_links
+from snake_sim_ros.scene.parameters import Gait
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Pegs
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.contact_forces import contact_forces
+from snake_sim_ros.stepping.sampling import joint_motion
+from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.state import State
+
+G, STEPS = 9.81, 4
+EXACT = Solver(tolerance=1e-12, residual_tolerance=1e-10)
+ALL = Sensors(imu_links=(1, 'link_2', 3))
+
+
+def still(method, dt, **values):
+    """Return the scene of three links that hold a straight posture."""
+    robot = replace(ROBOT, link_count=3)
+    return Scene(robot=robot, gait=Gait(), method=method, dt=dt, solver=EXACT, **values)
+
+
+def read(scene, periods, start=None, sensors=ALL):
+    """Return the readings of the IMUs after each of some periods of STEPS steps, from rest."""
+    simulation = Simulation(scene)
+    if start is not None:
+        simulation.state = start
+    reader = SensorReader(simulation, sensors, STEPS, 1 / (STEPS * scene.dt))
+    found = [reader.imus()]
+    for _ in range(periods):
+        simulation.advance(*simulation.gait_reference(STEPS))
+        assert not simulation.report.failure
+        found.append(reader.imus())
+    return simulation, np.array(found)
+
+
+def residual_speed(scene):
+    """
+    Return a bound of the velocity that solvers leave of a robot at rest [m/s].
+
+    A sweep takes a twentieth of an error away at least, from 12 components of friction and normal
+    impulses of 3 links of 0.68 kg; other solvers stop at a residual in m/s. The selection rule may
+    press a contact into the floor.
+    """
+    sweeps = 20 * 12 * scene.solver.tolerance / MASS
+    return sweeps + 12 * scene.solver.residual_tolerance + press_of(scene)
+
+
+# ---- imu ----------------------------------------------------------------------------------------
+
+
+@each_method
+@pytest.mark.parametrize('angle', [0.0, 0.2])
+def test_at_rest_it_measures_what_carries_it(method, dt, angle):
+    # Friction of 1 holds the robot on a slope of 0.2.
+    scene = still(method, dt, gravity=slope(angle), friction=isotropic(1.0))
+    _, found = read(scene, 5)
+    expected = -np.array(scene.gravity)  # links lie along x of I: its axes are those of messages
+    bound = 2 * residual_speed(scene) / (STEPS * dt)
+    assert np.abs(found[0, :, ACCELERATION] - expected).max() < 1e-12  # nothing has moved yet
+    assert np.abs(found[1:, :, ACCELERATION] - expected).max() < bound
+    assert np.linalg.norm(expected) == pytest.approx(G)
+    assert np.abs(found[..., ORIENTATION] - [0, 0, 0, 1]).max() < 1e-6
+
+
+@each_method
+def test_in_free_fall_it_measures_nothing(method, dt):
+    scene = still(method, dt)
+    q = Simulation(scene).state.q + np.array([0, 0, 1.0, 0, 0, 0, 0])
+    simulation, found = read(scene, 5, State(q, np.zeros((3, 6))))
+    # The change of a velocity up to g t is rounded, and so is the solution for three links.
+    fallen = G * simulation.time
+    assert np.abs(found[1:, :, ACCELERATION]).max() < 1e3 * EPS * fallen / (STEPS * dt)
+    assert found[0, :, ACCELERATION] == pytest.approx(np.tile([0, 0, G], (3, 1)))
+
+
+@every_method
+def test_in_a_turn_it_measures_the_centripetal_acceleration(method):
+    # Three links turn about the middle one in the air: w^2 L toward the center.
+    w, dt = 2.0, 1 / 4000
+    scene = replace(still(method, dt, gravity=(0.0, 0.0, 0.0)), level='spatial')
+    q, u = Simulation(scene).state.q.copy(), np.zeros((3, 6))
+    q[:, 2] += 1.0
+    u[:, 4] = w  # about e_y of B, which is up
+    length = scene.robot.link_length
+    u[0, 1], u[2, 1] = -w * length, w * length
+    _, found = read(scene, 5, State(q, u))
+    # x points from link 1 to link 3. In a period the frame turns by a = w T; the mean of the
+    # acceleration over it lags by a/2, and is shorter by a^2/24.
+    a = w * STEPS * dt
+    size = w**2 * length * np.sin(a / 2) / (a / 2)
+    expected = size * np.array([np.cos(a / 2), -np.sin(a / 2), 0.0])
+    # Velocities of the paper's step fit the joints at its middle: they lag by half a step, but for
+    # those of the start. Both formulas have errors of second order in an angle over a period.
+    lag = 0.0 if method == 'bdf2' else size * w * dt / 2
+    bound = lag + size * 10 * (w * dt) ** 2 / a + 1e-9 / (STEPS * dt)
+    assert np.abs(found[2:, 0, ACCELERATION] - expected).max() < bound < 1e-2 * size
+    assert np.abs(found[2:, 2, ACCELERATION] + expected).max() < bound
+    assert np.abs(found[2:, 1, ACCELERATION]).max() < bound
+    # Each of 20 steps may change the velocity by that square.
+    assert np.abs(found[..., ANGULAR_VELOCITY] - [0, 0, w]).max() < 20 * w * (w * dt) ** 2
+
+
+@every_method
+def test_specific_force_and_gravity_make_the_velocity(method):
+    scene = with_settings(load_scene('sidewinding'), {'robot.link_count': 5, 'dt': 1 / 400})
+    simulation = Simulation(replace(scene, method=method, level='spatial'))
+    simulation.advance(*simulation.gait_reference(200))
+    reader = SensorReader(simulation, Sensors(imu_links=(4,)), STEPS, 100.0)
+    reader.imus()
+    v = simulation.state.u[3, :3].copy()
+    for _ in range(10):
+        simulation.advance(*simulation.gait_reference(STEPS))
+        reading = reader.imus()[0]
+        R = rotation_matrices(simulation.state.q[3, 3:])[:, [2, 0, 1]]
+        v += (R @ reading[ACCELERATION] + scene.gravity) * STEPS * scene.dt
+        omega = R @ reading[ANGULAR_VELOCITY]
+        B = rotation_matrices(simulation.state.q[3, 3:])
+        assert omega == pytest.approx(B @ simulation.state.u[3, 3:], abs=1e-12)
+    assert v == pytest.approx(simulation.state.u[3, :3], abs=1e-12)
+    assert np.abs(v).max() > 0.01
+
+
+def test_orientation_is_that_of_link_poses():
+    rng = np.random.default_rng(0)
+    q = rng.normal(size=(50, 7))
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
+    found = imu_readings((0, 0, -G), q, np.zeros((50, 6)), np.zeros((50, 3)), 1.0)[:, ORIENTATION]
+    expected = q[:, 3:] @ TO_WIRE
+    expected *= np.where(expected[:, 3:] < 0, -1.0, 1.0)
+    assert np.abs(found - expected).max() < 4 * EPS
+    assert (found[:, 3] >= 0).all()
+
+
+# ---- contact forces -----------------------------------------------------------------------------
+
+
+@each_method
+@pytest.mark.parametrize('level', ['planar', 'spatial'])
+def test_at_rest_wrenches_carry_the_weight(method, dt, level):
+    scene = replace(still(method, dt), level=level)
+    simulation = Simulation(scene)
+    reader = SensorReader(simulation, Sensors(), STEPS, 1 / (STEPS * dt))
+    assert (reader.wrenches() == 0.0).all()  # before the first step
+    simulation.advance(*simulation.gait_reference(20))
+    wrench, mass = reader.wrenches(), scene.robot.per_link('link_mass')
+    # Links lie flat along x: frames of messages are parallel to I.
+    bound = mass.sum() * residual_speed(scene) / dt
+    assert wrench[:, :3].sum(axis=0) == pytest.approx([0, 0, G * mass.sum()], abs=bound)
+    # About the middle link no torque is left, and none about any axis along it.
+    arm = simulation.state.q[:, 0] - simulation.state.q[1, 0]
+    torque = wrench[:, 4] - arm * wrench[:, 2]  # y of r x F + T
+    assert torque.sum() == pytest.approx(0.0, abs=bound * 2 * arm.max())
+    assert np.abs(wrench[:, [3, 5]]).max() < bound
+
+
+def test_wrenches_are_sums_of_forces_and_their_moments():
+    # Of a robot that sidewinds, whose links are not parallel to anything.
+    scene = load_scene('sidewinding')
+    simulation = Simulation(scene)
+    simulation.advance(*simulation.gait_reference(3000))
+    reader = SensorReader(simulation, Sensors(), 20, 200.0)
+    wrench, q = reader.wrenches(), simulation.state.q
+    points, forces = contact_forces(scene, simulation.state, simulation.history)
+    axes = rotation_matrices(q[:, 3:])[:, :, [2, 0, 1]]
+    force = np.einsum('nij,nj->ni', axes, wrench[:, :3])
+    torque = np.einsum('nij,nj->ni', axes, wrench[:, 3:]) + np.cross(q[:, :3], force)
+    assert force.sum(axis=0) == pytest.approx(forces.sum(axis=0), abs=1e-12)
+    assert torque.sum(axis=0) == pytest.approx(np.cross(points, forces).sum(axis=0), abs=1e-12)
+    assert (np.abs(wrench).max(axis=1) > 0).any()
+    assert (np.abs(wrench).max(axis=1) == 0).any()  # links in the air
+
+
+@every_method
+def test_a_robot_at_a_peg_feels_it(method):
+    # On a slope without friction it leans with its first link against a peg: m g sin.
+    angle, dt = 0.1, 1 / 400
+    gravity = (-G * np.sin(angle), 0.0, -G * np.cos(angle))
+    start = Simulation(still(method, dt)).state.q[0, 0]
+    reach = ROBOT.contact_offset + ROBOT.contact_radius + 0.05 + 1e-4
+    scene = still(
+        method, dt, gravity=gravity, friction=isotropic(0.0),
+        pegs=Pegs(x=(float(start - reach),), y=(0.0,), radius=0.05, friction=0.0),
+    )  # fmt: skip
+    simulation = Simulation(scene)
+    reader = SensorReader(simulation, Sensors(), STEPS, 1 / (STEPS * dt))
+    simulation.advance(*simulation.gait_reference(120))
+    wrench = reader.wrenches()
+    weight = G * np.sin(angle) * scene.robot.per_link('link_mass').sum()
+    bound = scene.robot.per_link('link_mass').sum() * residual_speed(scene) / dt
+    assert wrench[0, 0] == pytest.approx(weight, abs=bound)
+    assert np.abs(wrench[1:, 0]).max() < bound
+
+
+def test_links_that_touch_feel_opposite_forces():
+    scene = Scene(self_contact=True)
+    q = Simulation(scene).state.q[None]
+    number = np.array([contact_count(scene) - 1])
+    point, force = np.array([[0.1, 0.2, 0.3]]), np.array([[1.0, -2.0, 3.0]])
+    i, j = contact_links(scene)[number[0]]
+    found = wrenches_on_links(scene, q, np.array([0]), number, point, force)[0]
+    axes = rotation_matrices(q[0, :, 3:])[:, :, [2, 0, 1]]
+    world = np.einsum('nij,nj->ni', axes, found[:, :3])
+    assert world[i] == pytest.approx(force[0])
+    assert world[j] == pytest.approx(-force[0])
+    total = world + 0.0
+    moments = np.einsum('nij,nj->ni', axes, found[:, 3:]) + np.cross(q[0, :, :3], total)
+    assert np.abs(moments.sum(axis=0)).max() < 1e-14
+    assert np.count_nonzero(found.any(axis=1)) == 2
+
+
+# ---- noise --------------------------------------------------------------------------------------
+
+NOISY = Sensors(
+    imu_links=('link_2', 3),
+    sensor_seed=7,
+    imu_angular_velocity_noise=0.01,
+    imu_acceleration_noise=0.1,
+    imu_acceleration_bias=(0.1, 0.2, 0.3),
+    imu_angular_velocity_bias=0.05,
+    contact_force_noise=0.5,
+    contact_torque_noise=0.2,
+    joint_position_noise=1e-3,
+    joint_velocity_noise=1e-2,
+    joint_effort_noise=1e-1,
+)
+
+
+def test_noise_has_its_mean_and_deviation():
+    noise, count = imu_noise(NOISY, 1), 100_000
+    drawn = noise.added_to_all(np.zeros((count, 6)))
+    deviation, bias = np.repeat([0.01, 0.1], 3), [0.05, 0.05, 0.05, 0.1, 0.2, 0.3]
+    # Five deviations of the mean and of the deviation of so many draws.
+    assert (np.abs(drawn.mean(axis=0) - bias) < 5 * deviation / np.sqrt(count)).all()
+    assert (np.abs(drawn.std(axis=0) / deviation - 1) < 5 / np.sqrt(2 * count)).all()
+    assert np.abs(np.corrcoef(drawn.T) - np.eye(6)).max() < 5 / np.sqrt(count)
+
+
+def test_noise_depends_on_seed_sensor_and_number_of_the_sample_alone():
+    deviation, none = np.ones(4), np.zeros(4)
+    whole = Noise(3, 5, deviation, none).added_to_all(np.zeros((300, 4)))
+    noise = Noise(3, 5, deviation, none)
+    for row in (0, 0, 1, 2, 2, 17, 299, 5, 5, 6):  # republished, left out, and back
+        assert (noise.added(np.zeros(4), row) == whole[row]).all()
+    spawned = np.random.Generator(np.random.PCG64(np.random.SeedSequence(3).spawn(6)[5]))
+    assert (whole == spawned.standard_normal((300, 4))).all()
+    for other in (Noise(4, 5, deviation, none), Noise(3, 6, deviation, none)):
+        assert not np.isin(other.added_to_all(np.zeros((300, 4))), whole).any()
+
+
+def test_without_noise_there_are_no_draws():
+    reading = np.arange(6.0)
+    noise = imu_noise(Sensors(), 0)
+    assert noise.is_exact
+    assert noise.added(reading, 3) is reading
+
+
+# ---- live and recorded --------------------------------------------------------------------------
+
+
+def measured_live(scene, sensors, rate, wrenches=True):
+    """Return what `recorded_sensors` does, read as the scene advances."""
+    simulation = Simulation(scene)
+    steps = round(1 / rate / scene.dt)
+    reader = SensorReader(simulation, sensors, steps, rate)
+    found = {'sensor_time': [], 'imu': [], 'contact_wrench': [], 'joints': []}
+
+    def observe(simulation):
+        if reader.is_due():
+            found['sensor_time'].append(simulation.time)
+            found['imu'].append(reader.imus())
+            if wrenches:
+                found['contact_wrench'].append(reader.wrenches())
+        state = simulation.state
+        motion = joint_motion(state.q[None], state.u[None])
+        torque = simulation.last.joint_torque
+        found['joints'].append(reader.joints(motion[0][0], motion[1][0], torque))
+
+    run(scene, rate=rate, observe=lambda other: follow(simulation, other, observe))
+    return {name: np.array(values) for name, values in found.items()}
+
+
+def follow(simulation, other, observe):
+    """Advance a simulation to the step of another one, then observe it."""
+    if count := other.step_count - simulation.step_count:
+        simulation.advance(*simulation.gait_reference(count))
+    observe(simulation)
+
+
+@pytest.mark.parametrize('case', ['lateral_undulation', 'sidewinding', 'obstacle_aided'])
+@pytest.mark.parametrize('method', ['newton', 'bdf2'])
+@pytest.mark.parametrize(
+    'sensors', [ALL, replace(NOISY, sensor_rate=50.0)], ids=['exact', 'noisy']
+)
+def test_recorded_and_live_have_the_same_bits(case, method, sensors):
+    dt = 1 / 400 if method == 'bdf2' else DT
+    scene = replace(load_scene(case), duration=0.5, method=method, dt=dt)
+    live = measured_live(scene, sensors, 100.0)
+    found = recorded_sensors(run(scene, rate=100.0), sensors, contact_forces=True)
+    assert (found['sensor_time'] == live['sensor_time']).all()
+    assert (found['imu_orientation'] == live['imu'][..., ORIENTATION]).all()
+    assert (found['imu_angular_velocity'] == live['imu'][..., ANGULAR_VELOCITY]).all()
+    assert (found['imu_linear_acceleration'] == live['imu'][..., ACCELERATION]).all()
+    assert (found['contact_wrench'] == live['contact_wrench']).all()
+    assert np.abs(found['contact_wrench']).max() > 1.0
+    assert len(found['sensor_time']) == (51 if sensors is ALL else 26)
+    if sensors is ALL:
+        assert 'measured_joint_angle' not in found
+    else:
+        names = ('angle', 'velocity', 'torque')
+        measured = np.stack([found[f'measured_joint_{name}'] for name in names], axis=1)
+        assert (measured == live['joints']).all()
+
+
+def test_files_have_no_velocities_for_an_imu():
+    trajectory = run(replace(load_scene('sidewinding'), duration=0.05))
+    read_again = replace(trajectory, velocity=np.zeros(0))
+    assert set(recorded_sensors(read_again, Sensors(), contact_forces=True)) == {
+        'sensor_time',
+        'contact_wrench',
+    }
+    assert recorded_sensors(read_again, Sensors()) == {}
+    with pytest.raises(ParameterError, match='an IMU needs the velocities of a run'):
+        recorded_sensors(read_again, ALL)
+
+
+# ---- bad values ---------------------------------------------------------------------------------
+
+
+def test_links_have_names_and_numbers_from_1():
+    assert link_index('link_6', 11, 'x') == link_index(6, 11, 'x') == link_index('6', 11, 'x') == 5
+    assert Sensors(imu_links='link_6').links(11) == Sensors(imu_links=6).links(11) == [5]
+    assert Sensors(imu_links=[3, 'link_3', 1]).links(11) == [0, 2]
+    for name in ('link_0', 'link_12', 0, -1, 12, 'head', 'link_', 'link_6_end', '²'):
+        said = rf'^imu_links: no link {name!r}; the links are link_1 to link_11$'
+        with pytest.raises(ParameterError, match=said):
+            Sensors(imu_links=(name,)).links(11)
+
+
+@pytest.mark.parametrize(
+    ('values', 'said'),
+    [
+        ({'imu_links': 1.5}, 'imu_links'),
+        ({'imu_acceleration_noise': -1.0}, 'imu_acceleration_noise must be at least 0 m/s^2'),
+        ({'imu_acceleration_noise': float('nan')}, 'imu_acceleration_noise must be finite'),
+        ({'imu_acceleration_bias': (1.0, 2.0)}, 'must be one number or three, got 2'),
+        ({'sensor_rate': -5.0}, 'sensor_rate must be at least 0 Hz'),
+        ({'sensor_seed': -1}, 'sensor_seed must be at least 0'),
+        ({'sensor_seed': 0.5}, 'sensor_seed must be a whole number'),
+    ],
+)
+def test_values_that_are_not_usable_are_refused(values, said):
+    with pytest.raises(ParameterError) as caught:
+        Sensors(**values)
+    assert said in str(caught.value)
+
+
+def test_rates_that_do_not_divide_are_refused():
+    assert Sensors(sensor_rate=50.0).states_in_sample(200.0) == 4
+    assert Sensors().states_in_sample(200.0) == 1
+    for rate in (70.0, 400.0):
+        with pytest.raises(ParameterError, match='sensor_rate must divide the rate of the states'):
+            Sensors(sensor_rate=rate).states_in_sample(200.0)

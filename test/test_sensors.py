@@ -44,7 +44,7 @@ from snake_sim_ros.stepping.state import State
 
 G, STEPS = 9.81, 4
 EXACT = Solver(tolerance=1e-12, residual_tolerance=1e-10)
-ALL = Sensors(imu_links=(1, 'link_2', 3))
+ALL = Sensors(imu_links=(1, 'link_2', 3), contact_force_links='all')
 
 
 def still(method, dt, **values):
@@ -173,7 +173,7 @@ def test_orientation_is_that_of_link_poses():
 def test_at_rest_wrenches_carry_the_weight(method, dt, level):
     scene = replace(still(method, dt), level=level)
     simulation = Simulation(scene)
-    reader = SensorReader(simulation, Sensors(), STEPS, 1 / (STEPS * dt))
+    reader = SensorReader(simulation, ALL, STEPS, 1 / (STEPS * dt))
     assert (reader.wrenches() == 0.0).all()  # before the first step
     simulation.advance(*simulation.gait_reference(20))
     wrench, mass = reader.wrenches(), scene.robot.per_link('link_mass')
@@ -192,7 +192,7 @@ def test_wrenches_are_sums_of_forces_and_their_moments():
     scene = load_scene('sidewinding')
     simulation = Simulation(scene)
     simulation.advance(*simulation.gait_reference(3000))
-    reader = SensorReader(simulation, Sensors(), 20, 200.0)
+    reader = SensorReader(simulation, ALL, 20, 200.0)
     wrench, q = reader.wrenches(), simulation.state.q
     points, forces = contact_forces(scene, simulation.state, simulation.history)
     axes = rotation_matrices(q[:, 3:])[:, :, [2, 0, 1]]
@@ -216,7 +216,7 @@ def test_a_robot_at_a_peg_feels_it(method):
         pegs=Pegs(x=(float(start - reach),), y=(0.0,), radius=0.05, friction=0.0),
     )  # fmt: skip
     simulation = Simulation(scene)
-    reader = SensorReader(simulation, Sensors(), STEPS, 1 / (STEPS * dt))
+    reader = SensorReader(simulation, ALL, STEPS, 1 / (STEPS * dt))
     simulation.advance(*simulation.gait_reference(120))
     wrench = reader.wrenches()
     weight = G * np.sin(angle) * scene.robot.per_link('link_mass').sum()
@@ -246,6 +246,7 @@ def test_links_that_touch_feel_opposite_forces():
 
 NOISY = Sensors(
     imu_links=('link_2', 3),
+    contact_force_links=(1, 2, 3, 'link_8'),
     sensor_seed=7,
     imu_angular_velocity_noise=0.01,
     imu_acceleration_noise=0.1,
@@ -305,9 +306,10 @@ def measured_live(scene, sensors, rate, wrenches=True):
             if wrenches:
                 found['contact_wrench'].append(reader.wrenches())
         state = simulation.state
-        motion = joint_motion(state.q[None], state.u[None])
-        torque = simulation.last.joint_torque
-        found['joints'].append(reader.joints(motion[0][0], motion[1][0], torque))
+        angle, rate = joint_motion(state.q[None], state.u[None])
+        joints = angle[0], rate[0], simulation.last.joint_torque.copy()
+        reader.add_noise(*joints)
+        found['joints'].append(joints)
 
     run(scene, rate=rate, observe=lambda other: follow(simulation, other, observe))
     return {name: np.array(values) for name, values in found.items()}
@@ -329,7 +331,7 @@ def test_recorded_and_live_have_the_same_bits(case, method, sensors):
     dt = 1 / 400 if method == 'bdf2' else DT
     scene = replace(load_scene(case), duration=0.5, method=method, dt=dt)
     live = measured_live(scene, sensors, 100.0)
-    found = recorded_sensors(run(scene, rate=100.0), sensors, contact_forces=True)
+    found = recorded_sensors(run(scene, rate=100.0), sensors)
     assert (found['sensor_time'] == live['sensor_time']).all()
     assert (found['imu_orientation'] == live['imu'][..., ORIENTATION]).all()
     assert (found['imu_angular_velocity'] == live['imu'][..., ANGULAR_VELOCITY]).all()
@@ -348,8 +350,9 @@ def test_recorded_and_live_have_the_same_bits(case, method, sensors):
 def test_files_have_no_velocities_for_an_imu():
     trajectory = run(replace(load_scene('sidewinding'), duration=0.05))
     read_again = replace(trajectory, velocity=np.zeros(0))
-    assert set(recorded_sensors(read_again, Sensors(), contact_forces=True)) == {
+    assert set(recorded_sensors(read_again, Sensors(contact_force_links=(1,)))) == {
         'sensor_time',
+        'contact_link',
         'contact_wrench',
     }
     assert recorded_sensors(read_again, Sensors()) == {}
@@ -362,12 +365,15 @@ def test_files_have_no_velocities_for_an_imu():
 
 def test_links_have_names_and_numbers_from_1():
     assert link_index('link_6', 11, 'x') == link_index(6, 11, 'x') == link_index('6', 11, 'x') == 5
-    assert Sensors(imu_links='link_6').links(11) == Sensors(imu_links=6).links(11) == [5]
-    assert Sensors(imu_links=[3, 'link_3', 1]).links(11) == [0, 2]
+    assert Sensors(imu_links='link_6').links('imu_links', 11) == [5]
+    assert Sensors(contact_force_links=6).links('contact_force_links', 11) == [5]
+    assert Sensors(imu_links='all').links('imu_links', 3) == [0, 1, 2]
+    assert Sensors().links('imu_links', 3) == []
+    assert Sensors(imu_links=[3, 'link_3', 1]).links('imu_links', 11) == [0, 2]
     for name in ('link_0', 'link_12', 0, -1, 12, 'head', 'link_', 'link_6_end', '²'):
         said = rf'^imu_links: no link {name!r}; the links are link_1 to link_11$'
         with pytest.raises(ParameterError, match=said):
-            Sensors(imu_links=(name,)).links(11)
+            Sensors(imu_links=(name,)).links('imu_links', 11)
 
 
 @pytest.mark.parametrize(

@@ -57,9 +57,10 @@ def declare(node: Node, name: str, value: Any, limits: Mapping[str, Any], read_o
             )
         ]
     if isinstance(value, tuple):
-        # A parameter cannot be a list of lists, and an empty list has no type: both become text.
-        nested = not value or any(isinstance(entry, tuple) for entry in value)
-        value = json.dumps(value) if nested else list(value)
+        # A parameter cannot be a list of lists or of several types, and an empty list has no type:
+        # they become text.
+        is_plain = len({type(entry) for entry in value}) == 1 and not isinstance(value[0], tuple)
+        value = list(value) if is_plain else json.dumps(value)
     if node.has_parameter(name):
         node.undeclare_parameter(name)
     node.declare_parameter(name, value, descriptor, ignore_override=True)
@@ -101,7 +102,8 @@ def settle(
 
     """
     given = given_parameters(node)
-    own = {name: given[name] for name in flat_fields(kind()) if name in given}
+    usual = flat_fields(kind())
+    own = {name: _read(given[name], usual[name][0]) for name in usual if name in given}
     settings = from_mapping(kind, own, node.get_name())
     scene = load_scene(settings.scene)
     names = [name for name in flat_fields(scene) if name.startswith(of_scene)]
@@ -109,10 +111,8 @@ def settle(
     for name in given:
         if name not in known and name not in OF_RCLPY and not name.startswith('qos_overrides.'):
             raise ParameterError(f'unknown parameter {name!r}; {nearest(name, sorted(known))}')
-    values = {name: given[name] for name in names if name in given}
-    for name, value in values.items():
-        if isinstance(value, str) and isinstance(flat_fields(scene)[name][0], tuple):
-            values[name] = parse_yaml(value)
+    fields = flat_fields(scene)
+    values = {name: _read(given[name], fields[name][0]) for name in names if name in given}
     scene = with_settings(scene, values)
     if complete:
         scene = complete(settings, scene, given)
@@ -121,6 +121,12 @@ def settle(
         declare(node, name, *item, read_only=name not in changeable)
     node.add_pre_set_parameters_callback(lambda parameters: keep_types(node, parameters))
     return settings, scene
+
+
+def _read(value: Any, usual: Any) -> Any:
+    """Return a value that the user gave; where a list is usual, text may be one, see `declare`."""
+    is_list = isinstance(value, str) and isinstance(usual, tuple)
+    return parse_yaml(value) if is_list else value
 
 
 class UnknownParameter(ParameterNotDeclaredException):

@@ -25,9 +25,11 @@ from snake_sim_ros.nodes.diagnostics import status_of
 from snake_sim_ros.nodes.diagnostics import values_of
 from snake_sim_ros.nodes.executors import make_executor
 from snake_sim_ros.nodes.executors import serve_some
+from snake_sim_ros.nodes.handling import Handling
 from snake_sim_ros.nodes.load_meter import LoadMeter
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import run_node
+from snake_sim_ros.nodes.refusals import Refusals
 from snake_sim_ros.nodes.sim_parameters import CHANGEABLE
 from snake_sim_ros.nodes.sim_parameters import changed
 from snake_sim_ros.nodes.sim_parameters import Settings
@@ -62,6 +64,8 @@ class SimNode(Node):
         The joint reference that it follows.
     state_publishers : StatePublishers
         The topics of its state.
+    handling : Handling
+        Pushes, and where the robot is put.
     load : LoadMeter
         Real-time factor and processor time.
     paused : bool
@@ -101,6 +105,9 @@ class SimNode(Node):
                 raise
             reason = str(error).partition(', at ')[0] or 'a value is of the wrong type'
             raise ParameterError(f'qos_overrides of {", ".join(overrides)}: {reason}') from None
+        self.handling = Handling(
+            self, self.simulation, self.settings, Refusals(self.warn), self._on_moved
+        )
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._on_parameters_set)
         self.compiler: Compiler | None = None
@@ -164,6 +171,8 @@ class SimNode(Node):
         """
         simulation, level = self.simulation, self.simulation.last.level
         reference = self.inbox.sample(simulation.midpoints(self.steps))
+        if not self.compiler:  # A step that waits for the compiler would be pushed twice.
+            self.handling.act(self.period)
         try:
             with watched(refuse) if self.compiler else nullcontext():
                 report = simulation.advance(*reference)
@@ -198,7 +207,14 @@ class SimNode(Node):
         if state:
             simulation.reset()
         self.inbox.hold(angle, runs=state and not (time or self.paused))
+        self.handling.pushes.clear()
+        self.state_publishers.sensors.reader.restart()
         self.publish_state()
+
+    def _on_moved(self) -> None:
+        self.state_publishers.sensors.reader.rest()
+        if self.halted:
+            self.publish_state()
 
     def publish_state(self) -> None:
         """Publish the state, then the clock."""
@@ -213,7 +229,7 @@ class SimNode(Node):
             warnings.append(self.compiling)
         if not self.halted and self.load.real_time_factor + self.period < 0.95 * factor:
             warnings.append(f'real-time factor {self.load.real_time_factor:.2f} of {factor:g}')
-        warnings += self.inbox.remarks()
+        warnings += self.inbox.remarks() + self.handling.refusals.remarks()
         values = {
             'real_time_factor': f'{self.load.real_time_factor:.4g}',
             'processor': f'{self.load.processor:.3f}',
@@ -221,6 +237,7 @@ class SimNode(Node):
             'level_changes': self.level_changes,
             'rejected_commands': self.inbox.rejected,
             'clamped_commands': self.inbox.clamped,
+            'rejected_pushes_and_poses': self.handling.refusals.count,
             **values_of(self.simulation),
         }
         state = 'paused' if self.paused else 'running'
@@ -245,7 +262,7 @@ class SimNode(Node):
 
     def _on_parameters_set(self, parameters: list[Parameter]) -> None:
         self.settings, scene = changed(self.settings, self.simulation.scene, parameters)
-        self.inbox.settings = self.settings
+        self.inbox.settings = self.handling.settings = self.settings
         if scene != self.simulation.scene:
             self.simulation.change(scene)
 

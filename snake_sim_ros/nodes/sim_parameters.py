@@ -9,9 +9,11 @@ from typing import Any
 
 from rclpy.parameter import Parameter
 
-from snake_sim_ros.scene.checked_records import CheckedRecord
+from snake_sim_ros.recording.sensors import link_index
+from snake_sim_ros.recording.sensors import Sensors
 from snake_sim_ros.scene.checked_records import flat_fields
 from snake_sim_ros.scene.checked_records import quantity
+from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.stepping.accuracy import with_accuracy
@@ -20,13 +22,13 @@ CHANGEABLE = (
     *('real_time_factor', 'command_horizon', 'command_timeout'),
     *('friction.longitudinal', 'friction.transversal', 'friction.rolling', 'pegs.friction'),
     *('robot.yaw_stiffness', 'robot.yaw_damping', 'robot.pitch_stiffness', 'robot.pitch_damping'),
-    *('self_contact_friction', 'gravity'),
+    *('self_contact_friction', 'gravity', 'push_link', 'push_duration'),
 )
 
 
 @dataclass(frozen=True, kw_only=True)
-class Settings(CheckedRecord):
-    """Parameters of the node besides those of the scene."""
+class Settings(Sensors):
+    """Parameters of the node besides those of the scene: those of its sensors, and its own."""
 
     scene: str = quantity(
         'lateral_undulation', '', 'scene: a YAML file or the name of one in config/'
@@ -50,6 +52,18 @@ class Settings(CheckedRecord):
         'auto', '', 'what the frames odom and base_link begin with; auto: namespace and a slash'
     )
     start_paused: bool = quantity(False, '', 'wait for ~/pause or ~/step')
+    push_link: str | int = quantity(
+        '', '', 'link that ~/push in frame world pushes: name or number from 1; empty: the middle'
+    )
+    push_duration: float = quantity(
+        0.1, 's', 'how long a message on ~/push acts, in simulated time', above=0
+    )
+
+    def pushed_link(self, robot: Robot) -> int:
+        """Return the index of the link that is pushed in frame world; raise if there is none."""
+        if self.push_link == '':
+            return robot.middle_link
+        return link_index(self.push_link, robot.link_count, 'push_link')
 
 
 def within_publish_period(settings: Settings, scene: Scene, given: Container[str]) -> Scene:
@@ -87,4 +101,6 @@ def changed(
         if item.name in CHANGEABLE
     }
     own: dict[str, Any] = {n: given.pop(n) for n in flat_fields(settings) if n in given}
-    return replace(settings, **own), with_settings(scene, given)
+    settings = replace(settings, **own)
+    settings.pushed_link(scene.robot)
+    return settings, with_settings(scene, given)

@@ -15,6 +15,7 @@ from visualization_msgs.msg import MarkerArray
 from snake_sim_ros.gaits.joint_reference import JointReference
 from snake_sim_ros.nodes.markers import MARKER_PERIOD
 from snake_sim_ros.nodes.markers import SceneMarkers
+from snake_sim_ros.nodes.sensor_publishers import SensorPublishers
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.nodes.state_messages import StateMessages
@@ -29,7 +30,14 @@ LATEST = QoSProfile(depth=1)  # A newer time replaces one that waits.
 
 
 class StatePublishers:
-    """Publishes the state of a simulation, and at once the robot description, which stays."""
+    """
+    Publishes the state of a simulation, and at once the robot description, which stays.
+
+    Attributes
+    ----------
+    sensors : SensorPublishers
+
+    """
 
     def __init__(self, node: Node, simulation: Simulation, settings: Settings) -> None:
         self._simulation = simulation
@@ -37,6 +45,7 @@ class StatePublishers:
         if prefix == 'auto':
             prefix = f'{node.get_namespace()}/'.lstrip('/')
         self._messages = StateMessages(scene.robot, prefix)
+        self.sensors = SensorPublishers(node, simulation, settings, prefix)
         self._joint_states = node.create_publisher(
             JointState,
             'joint_states',
@@ -74,11 +83,13 @@ class StatePublishers:
         messages, simulation = self._messages, self._simulation
         motion = (held.angle, held.rate) if held else None
         messages.fill(nanoseconds, simulation.state, simulation.last.joint_torque, motion)
+        self.sensors.reader.add_noise(messages.angle, messages.rate, messages.torque)
         self._joint_states.publish(bytes(messages.joint_states))
         self._link_poses.publish(bytes(messages.link_poses))
         self._odom.publish(bytes(messages.odom))
         if self._transforms:
             self._transforms.publish(stamp_from(nanoseconds), messages.base.tolist())
+        self.sensors.publish(nanoseconds, contacts=held is None)
         if not held:
             self.publish_markers(nanoseconds)
         if self._clock:

@@ -17,9 +17,7 @@ from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 
-def recorded_sensors(
-    trajectory: Trajectory, sensors: Sensors, *, contact_forces: bool = False
-) -> dict[str, Array]:
+def recorded_sensors(trajectory: Trajectory, sensors: Sensors) -> dict[str, Array]:
     """
     Return what sensors would have measured in a run, as the node `sim` publishes it.
 
@@ -29,8 +27,6 @@ def recorded_sensors(
         Of `simulation.run`; its samples are the states of the node. In files there are no
         velocities.
     sensors : Sensors
-    contact_forces : bool, optional
-        Whether the forces of the contacts are measured.
 
     Returns
     -------
@@ -38,9 +34,10 @@ def recorded_sensors(
         ``sensor_time`` (s,) [s] with an entry for each of s samples. If there are IMUs,
         ``imu_link`` (k,) with numbers from 1, ``imu_orientation`` (s, k, 4) x y z w,
         ``imu_angular_velocity`` (s, k, 3) [rad/s] and ``imu_linear_acceleration`` (s, k, 3), the
-        specific force [m/s^2]. If asked for, ``contact_wrench`` (s, n, 6) [N, N m]. If joints
-        have noise, ``measured_joint_angle``, ``measured_joint_velocity`` and
-        ``measured_joint_torque`` (m, n-1, 2), at all m states.
+        specific force [m/s^2]. If contact forces are measured, ``contact_link`` (c,) with numbers
+        from 1, and ``contact_wrench`` (s, c, 6) [N], [N m]. If joints have noise,
+        ``measured_joint_angle``, ``measured_joint_velocity`` and ``measured_joint_torque``
+        (m, n-1, 2), at all m states.
 
     Raises
     ------
@@ -51,20 +48,21 @@ def recorded_sensors(
     """
     scene, m = trajectory.scene, len(trajectory.time)
     n = scene.robot.link_count
-    links = sensors.links(n)
+    imus, touching = sensors.links('imu_links', n), sensors.links('contact_force_links', n)
     steps = round((trajectory.time[1] - trajectory.time[0]) / scene.dt) if m > 1 else 1
     every = sensors.states_in_sample(1.0 / (steps * scene.dt))
     found: dict[str, Array] = {}
-    if links or contact_forces:
+    if imus or touching:
         found['sensor_time'] = trajectory.time[::every]
-    if links:
-        readings = _imus(trajectory, sensors, links, every, every * steps * scene.dt)
-        found['imu_link'] = np.array(links) + 1
+    if imus:
+        readings = _imus(trajectory, sensors, imus, every, every * steps * scene.dt)
+        found['imu_link'] = np.array(imus) + 1
         found['imu_orientation'] = readings[..., ORIENTATION]
         found['imu_angular_velocity'] = readings[..., ANGULAR_VELOCITY]
         found['imu_linear_acceleration'] = readings[..., ACCELERATION]
-    if contact_forces:
-        found['contact_wrench'] = _wrenches(trajectory, sensors, every)
+    if touching:
+        found['contact_link'] = np.array(touching) + 1
+        found['contact_wrench'] = _wrenches(trajectory, sensors, touching, every)
     noise = joint_noise(sensors, n)
     if not noise.is_exact:
         names = ('angle', 'velocity', 'torque')
@@ -89,15 +87,15 @@ def _imus(
     return readings
 
 
-def _wrenches(trajectory: Trajectory, sensors: Sensors, every: int) -> Array:
-    """Return the wrenches of the contacts on all links at every so many states."""
+def _wrenches(trajectory: Trajectory, sensors: Sensors, links: list[int], every: int) -> Array:
+    """Return the wrenches of the contacts on links at every so many states."""
     kept = trajectory.every(every)
     if (kept.contact_number < 0).any():
         raise ParameterError('the run does not say which contacts its forces are those of')
     wrenches = wrenches_on_links(
         kept.scene, kept.coordinates, kept.contact_sample, kept.contact_number,
         kept.contact_point, kept.contact_force,
-    )  # fmt: skip
-    for link in range(kept.scene.robot.link_count):
-        wrenches[:, link] = contact_noise(sensors, link).added_to_all(wrenches[:, link])
+    )[:, links]  # fmt: skip
+    for k, link in enumerate(links):
+        wrenches[:, k] = contact_noise(sensors, link).added_to_all(wrenches[:, k])
     return wrenches

@@ -33,8 +33,8 @@ class SensorReader:
 
     Attributes
     ----------
-    links : list of int
-        Indices of the links with an IMU.
+    imu_links, contact_links : list of int
+        Indices of the links with an IMU, and of those whose contact forces are measured.
 
     Raises
     ------
@@ -45,12 +45,13 @@ class SensorReader:
 
     def __init__(self, simulation: Simulation, sensors: Sensors, steps: int, rate: float) -> None:
         n = simulation.scene.robot.link_count
-        self.links = sensors.links(n)
+        self.imu_links = sensors.links('imu_links', n)
+        self.contact_links = sensors.links('contact_force_links', n)
         self._simulation, self._steps = simulation, steps
         self._steps_in_sample = steps * sensors.states_in_sample(rate)
         self._joints = joint_noise(sensors, n)
-        self._imus = [imu_noise(sensors, link) for link in self.links]
-        self._contacts = [contact_noise(sensors, link) for link in range(n)]
+        self._imus = [imu_noise(sensors, link) for link in self.imu_links]
+        self._contacts = [contact_noise(sensors, link) for link in self.contact_links]
         self.restart()
 
     def restart(self) -> None:
@@ -63,7 +64,7 @@ class SensorReader:
         self._before = self._velocity = self._velocities()
 
     def _velocities(self) -> Array:
-        return np.array(self._simulation.state.u[self.links, :3])
+        return np.array(self._simulation.state.u[self.imu_links, :3])
 
     def is_due(self) -> bool:
         """Return whether the present state is a sample of the IMUs and of the contacts."""
@@ -80,30 +81,32 @@ class SensorReader:
             self._velocity = self._velocities()
         state, time = simulation.state, self._steps_in_sample * simulation.scene.dt
         found = imu_readings(
-            simulation.scene.gravity, state.q[self.links], state.u[self.links], self._before, time
+            simulation.scene.gravity,
+            state.q[self.imu_links],
+            state.u[self.imu_links],
+            self._before,
+            time,
         )
         for reading, noise in zip(found, self._imus, strict=True):
             reading[MEASURED] = noise.added(reading[MEASURED], row)
         return found
 
     def wrenches(self) -> Array:
-        """Return the wrenches of the contacts, shape (n, 6), as `sensors.wrenches_on_links`."""
+        """Return the wrenches of the contacts, (links, 6), as `sensors.wrenches_on_links`."""
         simulation, row = self._simulation, self._row_at(self._steps_in_sample)
         scene, state, history = simulation.scene, simulation.state, simulation.history
         span, q = np.array([last_span(scene, history)]), state.q[None]
         contacts = sampled_forces(scene, q, state.u[None], history.impulse[None], span)
-        found: Array = wrenches_on_links(scene, q, *contacts)[0]
-        for link, noise in enumerate(self._contacts):
-            found[link] = noise.added(found[link], row)
+        found: Array = wrenches_on_links(scene, q, *contacts)[0, self.contact_links]
+        for wrench, noise in zip(found, self._contacts, strict=True):
+            wrench[:] = noise.added(wrench, row)
         return found
 
-    def joints(self, angle: Array, rate: Array, torque: Array) -> Array:
-        """Return angles, rates and torques of the joints with their noise, (3, n-1, 2)."""
-        values = np.stack([angle, rate, torque])
-        row = self._row_at(self._steps)
-        return np.reshape(self._joints.added(values.ravel(), row), values.shape)
-
-    @property
-    def joints_are_exact(self) -> bool:
-        """Whether joints are measured without noise."""
-        return self._joints.is_exact
+    def add_noise(self, angle: Array, rate: Array, torque: Array) -> None:
+        """Add the noise of the present state to angles, rates and torques of joints (n-1, 2)."""
+        if self._joints.is_exact:
+            return
+        parts = (angle, rate, torque)
+        measured = self._joints.added(np.stack(parts).ravel(), self._row_at(self._steps))
+        for part, found in zip(parts, measured.reshape(3, *angle.shape), strict=True):
+            part[:] = found

@@ -22,6 +22,7 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
 
+Links = str | int | tuple[str | int, ...]  # names and numbers of links, or all
 ORIENTATION, ANGULAR_VELOCITY, ACCELERATION = slice(0, 4), slice(4, 7), slice(7, 10)
 
 
@@ -29,8 +30,11 @@ ORIENTATION, ANGULAR_VELOCITY, ACCELERATION = slice(0, 4), slice(4, 7), slice(7,
 class Sensors(CheckedRecord):
     """Which sensors there are, and how well they measure; deviations are those of noise."""
 
-    imu_links: str | int | tuple[str | int, ...] = quantity(
-        (), '', 'links with an IMU: names such as link_6, or numbers from 1'
+    imu_links: Links = quantity(
+        (), '', 'links with an IMU: names such as link_6, numbers from 1, or all'
+    )
+    contact_force_links: Links = quantity(
+        (), '', 'links whose contact forces are measured: names, numbers from 1, or all'
     )
     sensor_rate: float = quantity(
         0.0, 'Hz', 'samples a second of imu and contact_forces; 0 is as often as states', minimum=0
@@ -72,10 +76,28 @@ class Sensors(CheckedRecord):
             if isinstance(value, tuple) and len(value) != 3:
                 raise ParameterError(f'{name} must be one number or three, got {len(value)}')
 
-    def links(self, count: int) -> list[int]:
-        """Return the indices of the links with an IMU, of so many, each once and in order."""
-        given = self.imu_links if isinstance(self.imu_links, tuple) else (self.imu_links,)
-        return sorted({link_index(name, count, 'imu_links') for name in given})
+    def links(self, name: str, count: int) -> list[int]:
+        """
+        Return the indices of links, each once and in order.
+
+        Parameters
+        ----------
+        name : str
+            `imu_links` or `contact_force_links`.
+        count : int
+            Number of links of the robot.
+
+        Raises
+        ------
+        ParameterError
+            If there is no such link.
+
+        """
+        given = getattr(self, name)
+        if given == 'all':
+            return list(range(count))
+        given = given if isinstance(given, tuple) else (given,)
+        return sorted({link_index(link, count, name) for link in given})
 
     def states_in_sample(self, rate: float) -> int:
         """

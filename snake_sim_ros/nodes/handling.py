@@ -1,0 +1,147 @@
+"""
+What is done to the robot of the node `sim` from outside, besides commands: pushes and placing.
+
+A message on ``~/push`` (geometry_msgs/WrenchStamped) pushes a link for `push_duration`. Its frame
+is that of a link, which is pushed, and whose axes the force keeps; or `world`, and the link is
+`push_link`. A message on ``~/set_pose`` (geometry_msgs/PoseStamped) puts ``base_link``, as
+``odom`` has it, into a pose, with the joint angles that the robot has, at rest.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import WrenchStamped
+import numpy as np
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from snake_sim_ros.nodes.refusals import Refusals
+from snake_sim_ros.nodes.sim_parameters import Settings
+from snake_sim_ros.nodes.state_messages import BASE
+from snake_sim_ros.nodes.state_messages import ODOM
+from snake_sim_ros.nodes.state_messages import WORLD
+from snake_sim_ros.recording.from_messages import WIRE_AXES
+from snake_sim_ros.recording.sensors import link_index
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.rotations import FLAT
+from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.stepping.placing import place
+from snake_sim_ros.stepping.pushes import Pushes
+from snake_sim_ros.stepping.simulation import Simulation
+
+UNIT_ERROR = 1e-3  # by which the norm of a quaternion may be off 1
+LATEST = QoSProfile(depth=1)
+SEVERAL = QoSProfile(depth=10)  # pushes on several links at once
+
+
+class Handling:
+    """
+    Takes pushes and poses.
+
+    Parameters
+    ----------
+    node : Node
+    simulation : Simulation
+    settings : Settings
+    refusals : Refusals
+    moved : callable
+        Called when the robot was put elsewhere.
+
+    Attributes
+    ----------
+    settings : Settings
+        The node replaces them when its parameters change.
+    pushes : Pushes
+    refusals : Refusals
+
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        simulation: Simulation,
+        settings: Settings,
+        refusals: Refusals,
+        moved: Callable[[], Any],
+    ) -> None:
+        self.settings, self.refusals = settings, refusals
+        self._simulation, self._moved = simulation, moved
+        self.pushes = Pushes(simulation.scene.robot)
+        settings.pushed_link(simulation.scene.robot)
+        node.create_subscription(WrenchStamped, '~/push', self._on_push, SEVERAL)
+        node.create_subscription(PoseStamped, '~/set_pose', self._on_pose, LATEST)
+
+    def act(self, period: float) -> None:
+        """Change velocities by what pushes in the period that begins [s]."""
+        if self.pushes:
+            self._simulation.state = self.pushes.act(self._simulation.state, period)
+
+    def place(self, frame: str, position: Any, orientation: Any) -> None:
+        """
+        Put the robot where ``base_link`` has a pose.
+
+        Parameters
+        ----------
+        frame : str
+            Name of the frame of the pose.
+        position, orientation : Point, Quaternion
+            Of geometry_msgs.
+
+        Raises
+        ------
+        ParameterError
+            If the pose is not usable.
+
+        """
+        if frame.rpartition('/')[2] not in ('', WORLD, ODOM):
+            raise ParameterError(f'the frame must be {WORLD} or {ODOM}, got {frame!r}')
+        r = numbers_of(position, 'xyz', 'position')
+        x, y, z, w = numbers_of(orientation, 'xyzw', 'orientation')
+        norm = float(np.linalg.norm((x, y, z, w)))
+        if not abs(norm - 1.0) <= UNIT_ERROR:
+            raise ParameterError(
+                f'orientation must be a unit quaternion, got a norm of {norm:.4g}'
+            )
+        # The base is the middle link, turned by half a turn about its z axis.
+        p = product(product(np.array([w, x, y, z]) / norm, np.array([0.0, 0.0, 0.0, -1.0])), FLAT)
+        place(self._simulation, r, p)
+        self._moved()
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        pose = message.pose
+        try:
+            self.place(message.header.frame_id, pose.position, pose.orientation)
+        except ParameterError as error:
+            self.refusals.add('set_pose', error)
+
+    def _on_push(self, message: WrenchStamped) -> None:
+        try:
+            self._begin(message)
+        except ParameterError as error:
+            self.refusals.add('push', error)
+
+    def _begin(self, message: WrenchStamped) -> None:
+        robot, frame = self._simulation.scene.robot, message.header.frame_id.rpartition('/')[2]
+        force = numbers_of(message.wrench.force, 'xyz', 'force')
+        torque = numbers_of(message.wrench.torque, 'xyz', 'torque')
+        turns = False
+        if frame == BASE:
+            raise ParameterError(
+                f'the frame {BASE} is not that of a link; link_{robot.middle_link + 1} is there'
+            )
+        if frame in ('', WORLD, ODOM):
+            link = self.settings.pushed_link(robot)
+        else:
+            link, turns = link_index(frame, robot.link_count, 'header.frame_id'), True
+            force, torque = force[np.argsort(WIRE_AXES)], torque[np.argsort(WIRE_AXES)]
+        self.pushes.begin(link, force, torque, duration=self.settings.push_duration, turns=turns)
+
+
+def numbers_of(message: Any, names: str, what: str) -> Array:
+    """Return fields of a message as numbers; raise an error if one is not finite."""
+    found = np.array([getattr(message, name) for name in names])
+    if not np.isfinite(found).all():
+        raise ParameterError(f'{what} must be finite, got ({", ".join(f"{x:g}" for x in found)})')
+    return found

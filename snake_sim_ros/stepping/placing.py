@@ -1,0 +1,71 @@
+"""A robot that is put somewhere else as it is: same joint angles, at rest."""
+
+import numpy as np
+
+from snake_sim_ros.dynamics.force_directions import scene_gaps
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.obstacles import contact_links
+from snake_sim_ros.scene.obstacles import first_peg
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.levels import what_does_not_lie
+from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.state import State
+
+INSIDE = 1e-6  # how far a link may be inside something, as where it lies [m]
+CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def place(simulation: Simulation, position: Array, orientation: Array) -> None:
+    """
+    Put the robot at rest where its middle link has a pose; nothing changes if that is refused.
+
+    Parameters
+    ----------
+    simulation : Simulation
+    position : ndarray, shape (3,)
+        Center of the middle link [m, frame I].
+    orientation : ndarray, shape (4,)
+        Unit Euler parameters of its frame B, scalar first.
+
+    Raises
+    ------
+    ParameterError
+        If a link would be inside the floor or an obstacle, if the scene stays in the plane and the
+        robot would not, or if the simulation has diverged.
+
+    """
+    scene = simulation.scene
+    if simulation.report.failure:
+        raise ParameterError('the simulation has diverged: reset it first')
+    state = placed(scene, simulation.state, position, orientation)
+    _refuse_inside(scene, state.q)
+    if scene.level == 'planar' and (why := what_does_not_lie(scene, state)):
+        raise ParameterError(f'level is planar, but there {why}')
+    simulation.state = state
+    simulation.history = simulation.stepper.empty_history()
+
+
+def placed(scene: Scene, state: State, position: Array, orientation: Array) -> State:
+    """Return a robot moved as a rigid body to a pose of its middle link, see `place`, at rest."""
+    middle = scene.robot.middle_link
+    turn = product(orientation, CONJUGATE * state.q[middle, 3:])
+    q = np.empty(state.q.shape)
+    arm = state.q[:, :3] - state.q[middle, :3]
+    q[:, :3] = position + arm @ rotation_matrices(turn).T
+    q[:, 3:] = product(turn, state.q[:, 3:])
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
+    return State(q, np.zeros(state.u.shape))
+
+
+def _refuse_inside(scene: Scene, q: Array) -> None:
+    """Raise an error if a link is inside something."""
+    gap = scene_gaps(scene, q)
+    a = int(gap.argmin())
+    if gap[a] >= -INSIDE:
+        return
+    link, other = contact_links(scene)[a]
+    what = f'link {other + 1}' if other >= 0 else 'the floor' if a < first_peg(scene) else 'a peg'
+    raise ParameterError(f'link {link + 1} would be {-gap[a]:.3g} m inside {what}')

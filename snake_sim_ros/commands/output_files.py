@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Callable
+from collections.abc import Mapping
 from functools import partial
 import math
 from pathlib import Path
@@ -11,6 +12,7 @@ from tqdm import tqdm
 from snake_sim_ros.recording import csv_table
 from snake_sim_ros.recording import npz
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 FORMATS = {'out': '.npz', 'csv': '.csv', 'bag': '.mcap', 'gif': '.gif', 'mp4': '.mp4'}
@@ -64,7 +66,13 @@ def outputs(options: argparse.Namespace) -> dict[str, Path]:
     return files
 
 
-def write(trajectory: Trajectory, files: dict[str, Path], title: str, speed: float) -> None:
+def write(
+    trajectory: Trajectory,
+    files: dict[str, Path],
+    title: str,
+    speed: float,
+    sensors: Mapping[str, Array] | None = None,
+) -> None:
     """
     Write a trajectory in every format but that of a bag, which is written as a scene runs.
 
@@ -77,12 +85,14 @@ def write(trajectory: Trajectory, files: dict[str, Path], title: str, speed: flo
         The text beside the time in animations.
     speed : float
         Seconds of the run in a second of an animation.
+    sensors : mapping, optional
+        Arrays as `recorded_sensors` returns them.
 
     """
     if 'out' in files:
-        npz.write(trajectory, files['out'])
+        npz.write(trajectory, files['out'], sensors)
     if 'csv' in files:
-        csv_table.write(trajectory, files['csv'])
+        csv_table.write(trajectory, files['csv'], sensors)
     for name in ('gif', 'mp4'):
         if name in files:
             frames = partial(tqdm, desc=files[name].name, unit=' frames', leave=False)

@@ -24,7 +24,11 @@ from snake_sim_ros.commands.scene_options import add_accuracy
 from snake_sim_ros.commands.scene_options import add_method
 from snake_sim_ros.commands.scene_options import add_scene_options
 from snake_sim_ros.commands.scene_options import scene_with_accuracy
+from snake_sim_ros.commands.sensor_options import add_sensors
+from snake_sim_ros.commands.sensor_options import sensors_of
 from snake_sim_ros.recording.recorded_runs import summary
+from snake_sim_ros.recording.recorded_sensors import recorded_sensors
+from snake_sim_ros.recording.sensors import Sensors
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.base import Status
@@ -49,6 +53,7 @@ def add_run(subparsers: Any) -> None:
     add_accuracy(command)
     add_method(command)
     add_scene_options(command)
+    add_sensors(command)
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -61,8 +66,10 @@ def _run(options: argparse.Namespace) -> int:
     scene = scene_with_accuracy(options, options.scene, 1.0 / rate)
     make_stepper(scene)
     samples_of(scene, rate)
-    trajectory = _recorded(scene, rate, files.get('bag'))
-    write(trajectory, files, title_of(options.scene), options.speed)
+    sensors = sensors_of(options, scene.robot.link_count, rate)
+    trajectory = _recorded(scene, rate, files.get('bag'), sensors)
+    measured = recorded_sensors(trajectory, sensors)
+    write(trajectory, files, title_of(options.scene), options.speed, measured)
     report, link = trajectory.report, scene.robot.middle_link
     x, y, z = trajectory.position[-1, link]
     print(f'link {link + 1} at ({x:.4f}, {y:.4f}, {z:.4f}) m after {trajectory.time[-1]:g} s')
@@ -75,7 +82,7 @@ def _run(options: argparse.Namespace) -> int:
     return 130 if trajectory.interrupted else 0
 
 
-def _recorded(scene: Scene, rate: float, bag: Path | None) -> Trajectory:
+def _recorded(scene: Scene, rate: float, bag: Path | None, sensors: Sensors) -> Trajectory:
     """Return what a scene does, sampled at a rate [Hz]; show its progress, and write a bag."""
     from snake_sim_ros.commands.compiling import compile_first
     from snake_sim_ros.stepping.simulation import run
@@ -83,7 +90,7 @@ def _recorded(scene: Scene, rate: float, bag: Path | None) -> Trajectory:
     compile_first(scene)
     layout = '{percentage:3.0f} %|{bar}| {n:.2f} of {total:g} s, {remaining} left'
     with ExitStack() as stack:
-        keep = _bag(stack, bag, scene) if bag else None
+        keep = _bag(stack, bag, scene, sensors, rate) if bag else None
         bar = stack.enter_context(tqdm(total=scene.duration, bar_format=layout))
 
         def observe(simulation: 'Simulation') -> None:
@@ -98,17 +105,22 @@ def _recorded(scene: Scene, rate: float, bag: Path | None) -> Trajectory:
         return run(scene, rate=rate, observe=observe if keep else None, progress=progress)
 
 
-def _bag(stack: ExitStack, path: Path, scene: Scene) -> Callable[['Simulation'], None]:
+def _bag(
+    stack: ExitStack, path: Path, scene: Scene, sensors: Sensors, rate: float
+) -> Callable[['Simulation'], None]:
     """Open a bag for a run; return what writes a sample to it."""
     try:
         from snake_sim_ros.nodes.bag_writer import BagWriter
         from snake_sim_ros.nodes.bag_writer import RunTopics
+        from snake_sim_ros.nodes.sensor_topics import SensorTopics
     except ImportError as error:
         raise ParameterError(
             f'--bag needs ROS 2 and mcap ({error}): source a ROS 2 installation, or ./run run, '
             f"and pip install 'snake_sim_ros[bags]'"
         ) from None
-    return RunTopics(stack.enter_context(BagWriter(path, scene)), scene).observe
+    writer = stack.enter_context(BagWriter(path, scene))
+    measure = SensorTopics(writer, sensors, rate).measure if sensors != Sensors() else None
+    return RunTopics(writer, scene, measure).observe
 
 
 @contextmanager

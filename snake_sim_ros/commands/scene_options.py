@@ -80,19 +80,25 @@ def scene_from(options: argparse.Namespace, source: str) -> Scene:
 
 def given_settings(options: argparse.Namespace) -> dict[str, Any]:
     """Return the values that the options of a command give, by their dotted names in a scene."""
-    settings: dict[str, Any] = {}
-    for item in options.set:
-        key, separator, value = item.partition('=')
-        if not separator:
-            raise ParameterError(f'--set must be KEY=VALUE, got {item!r}')
-        try:
-            settings[key] = parse_yaml(value)
-        except ParameterError as error:
-            raise ParameterError(f'--set {key}: {error}') from None
+    settings = given_values(options.set, '--set')
     for key in ('duration', 'method', 'accuracy'):
         if getattr(options, key, None) is not None:
             settings[key] = getattr(options, key)
     return settings
+
+
+def given_values(items: list[str], option: str) -> dict[str, Any]:
+    """Return the values of KEY=VALUE items that were given with an option, by their keys."""
+    values: dict[str, Any] = {}
+    for item in items:
+        key, separator, value = item.partition('=')
+        if not separator:
+            raise ParameterError(f'{option} must be KEY=VALUE, got {item!r}')
+        try:
+            values[key] = parse_yaml(value)
+        except ParameterError as error:
+            raise ParameterError(f'{option} {key}: {error}') from None
+    return values
 
 
 def scene_with_accuracy(options: argparse.Namespace, source: str, period: float) -> Scene:

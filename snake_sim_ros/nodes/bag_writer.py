@@ -5,6 +5,7 @@ The bag of a run without ROS has the topics of the nodes `sim` and `gait`, made 
 functions, at the same simulated times.
 """
 
+from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -52,6 +53,7 @@ DIAGNOSTICS_PERIOD = 1.0  # s
 # Bytes too many that rclpy adds to a message which ends with an empty sequence of numbers.
 SURPLUS = 4
 STATES = QoSProfile(depth=10)
+Measure = Callable[[Simulation, int, StateMessages], object]
 
 
 class BagWriter:
@@ -192,11 +194,14 @@ class RunTopics:
     ----------
     bag : BagWriter
     scene : Scene
+    measure : callable, optional
+        Called with simulation, simulated time [ns] and state messages, which it may change,
+        before these are written.
 
     """
 
-    def __init__(self, bag: BagWriter, scene: Scene) -> None:
-        self._bag, self._scene = bag, scene
+    def __init__(self, bag: BagWriter, scene: Scene, measure: Measure | None = None) -> None:
+        self._bag, self._scene, self._measure = bag, scene, measure
         self._messages, self._markers = StateMessages(scene.robot), SceneMarkers(scene)
         self._names = joint_names(scene.robot.link_count)
         self._due = {'/markers': 0.0, '/diagnostics': DIAGNOSTICS_PERIOD}
@@ -226,6 +231,8 @@ class RunTopics:
         command = command_message(self._names, stamp_from(now), *reference)
         self._bag.write('/joint_command', now, serialize_message(command)[:-SURPLUS])
         messages.fill(now, simulation.state, simulation.last.joint_torque)
+        if self._measure:
+            self._measure(simulation, now, messages)
         self._bag.write('/joint_states', now, bytes(messages.joint_states))
         self._bag.write('/link_poses', now, bytes(messages.link_poses))
         self._bag.write('/odom', now, bytes(messages.odom))

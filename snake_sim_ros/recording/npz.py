@@ -6,6 +6,7 @@ from dataclasses import fields
 from io import BytesIO
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,13 +24,25 @@ ARRAYS = (
 )
 
 
-def write(trajectory: Trajectory, path: Path) -> None:
-    """Write a trajectory, without the velocities and impulses that other programs do not need."""
+def write(trajectory: Trajectory, path: Path, sensors: Mapping[str, Array] | None = None) -> None:
+    """
+    Write a trajectory, without the velocities and impulses that other programs do not need.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    path : Path
+    sensors : mapping, optional
+        More arrays by their names, as `recorded_sensors` returns them.
+
+    """
     buffer = BytesIO()
+    arrays: dict[str, Any] = {name: getattr(trajectory, name) for name in ARRAYS}
+    arrays |= sensors or {}
     np.savez_compressed(
         buffer,
         format=FORMAT,
-        **{name: getattr(trajectory, name) for name in ARRAYS},
+        **arrays,
         scene=scene_to_text(trajectory.scene),
         report=report_to_text(trajectory.report),
         seconds=trajectory.seconds,

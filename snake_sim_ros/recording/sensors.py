@@ -24,6 +24,7 @@ from snake_sim_ros.scene.rotations import rotation_matrices
 
 Links = str | int | tuple[str | int, ...]  # names and numbers of links, or all
 ORIENTATION, ANGULAR_VELOCITY, ACCELERATION = slice(0, 4), slice(4, 7), slice(7, 10)
+MEASURED = slice(4, 10)  # what an IMU measures with errors
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,9 +19,12 @@ from snake_sim_ros.nodes.bag_writer import RunTopics
 from snake_sim_ros.nodes.bag_writer import schema_text
 from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.markers import SceneMarkers
+from snake_sim_ros.nodes.sensor_topics import SensorTopics
 from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.recording.bag_reader import read_bag
+from snake_sim_ros.recording.recorded_sensors import recorded_sensors
+from snake_sim_ros.recording.sensors import Sensors
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
@@ -255,3 +258,35 @@ def test_other_number_of_links(tmp_path):
         ParameterError, match='link_poses must have the 7 links of the robot, got 11'
     ):
         read_bag(path)
+
+
+def test_sensors_in_a_bag_are_those_of_the_run(scene, tmp_path):
+    sensors = Sensors(
+        imu_links=(6,), contact_force_links=(1, 11), sensor_rate=100.0, sensor_seed=2,
+        imu_acceleration_noise=0.1, joint_position_noise=1e-3,
+    )  # fmt: skip
+    path, shorter = tmp_path / 'run.mcap', replace(scene, duration=0.2)
+    with BagWriter(path, shorter) as bag:
+        topics = RunTopics(bag, shorter, SensorTopics(bag, sensors, 200.0).measure)
+        found = recorded_sensors(run(shorter, rate=200.0, observe=topics.observe), sensors)
+    heard = {}
+    with Reader(path) as reader:
+        for connection in reader.connections:
+            heard[connection.topic] = [
+                TYPES.deserialize_cdr(data, connection.msgtype)
+                for _, _, data in reader.messages([connection])
+            ]
+    imus = heard['/imu/link_6']
+    assert [item.header.stamp.nanosec for item in imus] == [10_000_000 * k for k in range(21)]
+    accelerations = [item.linear_acceleration for item in imus]
+    expected = found['imu_linear_acceleration'][:, 0]
+    assert [(a.x, a.y, a.z) for a in accelerations] == [tuple(row) for row in expected.tolist()]
+    for k, link in enumerate((1, 11)):
+        wrenches = [item.wrench for item in heard[f'/contact_forces/link_{link}']]
+        forces = [(w.force.x, w.force.y, w.force.z) for w in wrenches]
+        torques = [(w.torque.x, w.torque.y, w.torque.z) for w in wrenches]
+        assert (np.hstack([forces, torques]) == found['contact_wrench'][:, k]).all()
+    angles = np.array([item.position for item in heard['/joint_states']]).reshape(41, 10, 2)
+    assert (angles == found['measured_joint_angle']).all()
+    # It is still a run for those who know nothing of sensors.
+    assert len(read_bag(path).time) == 41

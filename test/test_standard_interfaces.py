@@ -5,13 +5,27 @@ Neither package is on PyPI. The stand-ins have only the names and numbers of the
 tests check the content of answers and messages, not their transport.
 """
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point
+from geometry_msgs.msg import Pose
+from geometry_msgs.msg import Quaternion
+from geometry_msgs.msg import Twist
+import numpy as np
 import pytest
+from std_msgs.msg import Header
 
+from snake_sim_ros.nodes import entity_services
 from snake_sim_ros.nodes import simulation_services
 from snake_sim_ros.nodes import transforms
+from snake_sim_ros.nodes.handling import Handling
+from snake_sim_ros.nodes.sim_parameters import Settings
+from snake_sim_ros.nodes.state_messages import StateMessages
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.simulation import Simulation
 
 
 class State:
@@ -19,10 +33,12 @@ class State:
 
 
 class Result:
-    RESULT_FEATURE_UNSUPPORTED, RESULT_OK, RESULT_OPERATION_FAILED = 0, 1, 4
+    RESULT_FEATURE_UNSUPPORTED, RESULT_OK, RESULT_NOT_FOUND = 0, 1, 2
+    RESULT_OPERATION_FAILED = 4
 
 
 class Features:
+    ENTITY_STATE_GETTING, ENTITY_STATE_SETTING = 10, 11
     SIMULATION_RESET, SIMULATION_RESET_TIME, SIMULATION_RESET_STATE = 20, 21, 22
     SIMULATION_STATE_GETTING, SIMULATION_STATE_SETTING, SIMULATION_STATE_PAUSE = 24, 25, 26
     STEP_SIMULATION_SINGLE, STEP_SIMULATION_MULTIPLE = 31, 32
@@ -110,7 +126,7 @@ def test_without_the_package_only_our_own_are_served(monkeypatch):
 
 def test_features_are_those_that_are_served(node):
     _, answer = node.call('get_simulator_features')
-    assert answer.features.features == [20, 21, 22, 24, 25, 26, 31, 32]
+    assert answer.features.features == [10, 11, 20, 21, 22, 24, 25, 26, 31, 32]
     assert 'publish period' in answer.features.custom_info
 
 
@@ -182,6 +198,116 @@ def test_steps_are_taken_while_paused(node):
     node.failure = 'too far'
     result, answer = node.call('step_simulation', steps=1)
     assert (result, answer.result.error_message) == (Result.RESULT_OPERATION_FAILED, 'too far')
+
+
+def entity_state(position=(0.0, 0.0, 0.0), turned=(0.0, 0.0, 0.0, 1.0), speed=0.0, frame=''):
+    """Return what has the fields of an EntityState."""
+    state = SimpleNamespace(header=Header(frame_id=frame), pose=Pose(), twist=Twist())
+    state.pose.position = Point(**dict(zip('xyz', position, strict=True)))
+    state.pose.orientation = Quaternion(**dict(zip('xyzw', turned, strict=True)))
+    state.twist.linear.x = speed
+    return state
+
+
+class Entities:
+    """The services of entities of a simulation, and how often the robot was put elsewhere."""
+
+    def __init__(self):
+        self.simulation, self.services, self.moved = Simulation(Scene()), {}, 0
+        node = SimpleNamespace(
+            create_subscription=lambda *_: None,
+            create_service=lambda kind, name, callback: self.services.update({name: callback}),
+        )
+        handling = Handling(node, self.simulation, Settings(), None, self.count)
+        entity_services.serve_entities(node, self.simulation, handling)
+
+    def count(self):
+        self.moved += 1
+
+    def get(self, entity):
+        answer = SimpleNamespace(result=SimpleNamespace(), state=entity_state())
+        return self.services['~/get_entity_state'](SimpleNamespace(entity=entity), answer)
+
+    def set(self, entity, state):
+        answer = SimpleNamespace(result=SimpleNamespace())
+        request = SimpleNamespace(entity=entity, state=state)
+        result = self.services['~/set_entity_state'](request, answer).result
+        return result.result, result.error_message
+
+
+@pytest.fixture
+def entities(monkeypatch):
+    kinds = SimpleNamespace(GetEntityState=Answer, SetEntityState=Answer)
+    monkeypatch.setattr(entity_services, 'standard', SimpleNamespace(Result=Result))
+    monkeypatch.setattr(entity_services, 'standard_services', kinds)
+    return Entities()
+
+
+def test_an_older_package_has_no_services_of_entities(monkeypatch):
+    monkeypatch.setattr(entity_services, 'standard', SimpleNamespace(Result=Result))
+    monkeypatch.setattr(entity_services, 'standard_services', SimpleNamespace())
+    assert not Entities().services
+    monkeypatch.setattr(entity_services, 'standard', None)
+    assert not Entities().services
+
+
+def test_the_robot_is_where_odom_says(entities):
+    simulation = entities.simulation
+    velocities = np.random.default_rng(0).normal(size=(11, 6))
+    simulation.state = replace(simulation.state, u=velocities)
+    messages = StateMessages(simulation.scene.robot)
+    messages.fill(0, simulation.state, np.zeros((10, 2)))
+    answer = entities.get('snake_robot')
+    assert answer.result.result == Result.RESULT_OK
+    pose, twist = answer.state.pose, answer.state.twist
+    place, turned = pose.position, pose.orientation
+    assert [place.x, place.y, place.z] == pytest.approx(messages.base[:3])
+    found = np.array([turned.x, turned.y, turned.z, turned.w])
+    assert abs(found @ messages.base[3:]) == pytest.approx(1.0)  # the same turn, or its opposite
+    q, u = simulation.state.q[5], simulation.state.u[5]
+    assert [twist.linear.x, twist.linear.y, twist.linear.z] == u[:3].tolist()
+    spin = rotation_matrices(q[3:]) @ u[3:]
+    assert [twist.angular.x, twist.angular.y, twist.angular.z] == pytest.approx(spin)
+    link = entities.get('link_3').state.pose
+    assert [link.position.x, link.position.y, link.position.z] == simulation.state.q[
+        2, :3
+    ].tolist()
+    result = entities.get('tail').result
+    assert result.result == Result.RESULT_NOT_FOUND
+    said = "entity: no link 'tail'; the links are link_1 to link_11, the robot snake_robot"
+    assert result.error_message == said
+
+
+def test_the_robot_is_put_where_it_is_told(entities):
+    half = float(np.sqrt(0.5))
+    for wanted in (
+        entity_state((1.0, 2.0, 0.0525), (0.0, 0.0, half, half)),
+        entity_state((0.0, 0.0, 2.0), (half, 0.0, half, 0.0), frame='world'),
+    ):
+        assert entities.set('snake_robot', wanted) == (Result.RESULT_OK, '')
+        pose = entities.get('snake_robot').state.pose
+        there, asked = pose.position, wanted.pose.position
+        assert (there.x, there.y, there.z) == pytest.approx((asked.x, asked.y, asked.z))
+        there, asked = pose.orientation, wanted.pose.orientation
+        turned = there.x * asked.x + there.y * asked.y + there.z * asked.z + there.w * asked.w
+        assert abs(turned) == pytest.approx(1.0)  # the same turn, or its opposite
+    assert entities.moved == 2
+    assert not entities.simulation.state.u.any()
+
+
+def test_what_cannot_be_set_is_refused(entities):
+    before = entities.simulation.state
+    for entity, state, code, said in (
+        ('link_3', entity_state(), Result.RESULT_NOT_FOUND, 'entity must be snake_robot'),
+        ('snake_robot', entity_state(speed=1.0), Result.RESULT_FEATURE_UNSUPPORTED, 'twist'),
+        ('snake_robot', entity_state(), Result.RESULT_OPERATION_FAILED, 'inside the floor'),
+        ('snake_robot', entity_state(frame='map'), Result.RESULT_OPERATION_FAILED, "got 'map'"),
+    ):
+        result, message = entities.set(entity, state)
+        assert result == code
+        assert said in message
+    assert entities.simulation.state is before
+    assert not entities.moved
 
 
 def test_transforms_lead_from_world_to_the_base(monkeypatch):

@@ -31,6 +31,7 @@ from snake_sim_ros.stepping.placing import place
 from snake_sim_ros.stepping.pushes import Pushes
 from snake_sim_ros.stepping.simulation import Simulation
 
+TURN = np.array([0.0, 0.0, 0.0, 1.0])  # half a turn about z, from the middle link to the base
 UNIT_ERROR = 1e-3  # by which the norm of a quaternion may be off 1
 LATEST = QoSProfile(depth=1)
 SEVERAL = QoSProfile(depth=10)  # pushes on several links at once
@@ -104,9 +105,7 @@ class Handling:
             raise ParameterError(
                 f'orientation must be a unit quaternion, got a norm of {norm:.4g}'
             )
-        # The base is the middle link, turned by half a turn about its z axis.
-        p = product(product(np.array([w, x, y, z]) / norm, np.array([0.0, 0.0, 0.0, -1.0])), FLAT)
-        place(self._simulation, r, p)
+        place(self._simulation, r, product(product(np.array([w, x, y, z]) / norm, -TURN), FLAT))
         self._moved()
 
     def _on_pose(self, message: PoseStamped) -> None:
@@ -137,6 +136,12 @@ class Handling:
             link, turns = link_index(frame, robot.link_count, 'header.frame_id'), True
             force, torque = force[np.argsort(WIRE_AXES)], torque[np.argsort(WIRE_AXES)]
         self.pushes.begin(link, force, torque, duration=self.settings.push_duration, turns=turns)
+
+
+def base_of_link(quaternion: Array) -> Array:
+    """Return the orientation x y z w of ``base_link`` from that of the middle link."""
+    x, y, z, w = quaternion
+    return np.roll(product(np.array([w, x, y, z]), TURN), -1)
 
 
 def numbers_of(message: Any, names: str, what: str) -> Array:

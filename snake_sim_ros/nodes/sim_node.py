@@ -23,6 +23,7 @@ from snake_sim_ros.nodes.compiling import NotCompiledError
 from snake_sim_ros.nodes.compiling import refuse
 from snake_sim_ros.nodes.diagnostics import status_of
 from snake_sim_ros.nodes.diagnostics import values_of
+from snake_sim_ros.nodes.entity_services import serve_entities
 from snake_sim_ros.nodes.executors import make_executor
 from snake_sim_ros.nodes.executors import serve_some
 from snake_sim_ros.nodes.handling import Handling
@@ -122,6 +123,7 @@ class SimNode(Node):
         else:
             self.begin(time.perf_counter() - begin)
         serve(self)
+        serve_entities(self, self.simulation, self.handling)
         serve_trajectories(self, self.inbox)
 
     def _load(self, level: str) -> None:

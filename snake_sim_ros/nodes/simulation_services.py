@@ -20,6 +20,7 @@ except ImportError:  # The ROS 2 packages on PyPI do not have it.
 DIVERGED = 'diverged: call ~/reset first'
 STILL_RUNNING = 'not paused: call ~/pause with true first'
 FEATURES = (
+    *('ENTITY_STATE_GETTING', 'ENTITY_STATE_SETTING'),
     *('SIMULATION_RESET', 'SIMULATION_RESET_TIME', 'SIMULATION_RESET_STATE'),
     *('SIMULATION_STATE_GETTING', 'SIMULATION_STATE_SETTING', 'SIMULATION_STATE_PAUSE'),
     *('STEP_SIMULATION_SINGLE', 'STEP_SIMULATION_MULTIPLE'),
@@ -108,7 +109,9 @@ class StandardServices:
 
     def _on_features(self, _: Any, response: Any) -> Any:
         features = standard.SimulatorFeatures
-        response.features.features = [getattr(features, name) for name in FEATURES]
+        # An older version of the package does not have all of them.
+        known = [name for name in FEATURES if hasattr(features, name)]
+        response.features.features = [getattr(features, name) for name in known]
         response.features.custom_info = 'snake_sim_ros: a step is one publish period'
         return response
 

@@ -26,6 +26,7 @@ from snake_sim_ros.scene.parameters import Robot
 
 # Mass and moments of inertia of a cross, relative to those of the link that hangs on it. Parsers
 # accept moments above 1e-14 kg m^2, which those of 200 links of 7 mm still exceed.
+ROBOT_NAME = 'snake_robot'
 CROSS = np.array([1e-6, 1e-5, 1e-5, 1e-5])
 COLORS = {
     'head': (0.80, 0.25, 0.10, 1.0),
@@ -44,7 +45,7 @@ def robot_description(robot: Robot) -> str:
     torque of the controller within these limits, when reference and joint are at opposite limits.
     The model itself does not limit the torque.
     """
-    root = ElementTree.Element('robot', name='snake_robot')
+    root = ElementTree.Element('robot', name=ROBOT_NAME)
     for name, color in COLORS.items():
         element(element(root, 'material', name=name), 'color', rgba=color)
     middle, half = robot.middle_link, robot.per_link('link_length') / 2

@@ -1,6 +1,10 @@
 """What sensors measure: closed forms, noise from a seed, and the same bits live and recorded."""
 
+import csv
+import dataclasses
 from dataclasses import replace
+from pathlib import Path
+import re
 
 import numpy as np
 import pytest
@@ -14,6 +18,8 @@ from scenes import ROBOT
 from scenes import slope
 from schemes import press_of
 
+from snake_sim_ros.commands.main import main
+from snake_sim_ros.recording import npz
 from snake_sim_ros.recording.from_messages import TO_WIRE
 from snake_sim_ros.recording.recorded_sensors import recorded_sensors
 from snake_sim_ros.recording.sensor_noise import imu_noise
@@ -42,6 +48,7 @@ from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import State
 
+PAGE = (Path(__file__).parents[1] / 'docs' / 'sensors.md').read_text(encoding='utf-8')
 G, STEPS = 9.81, 4
 EXACT = Solver(tolerance=1e-12, residual_tolerance=1e-10)
 ALL = Sensors(imu_links=(1, 'link_2', 3), contact_force_links='all')
@@ -379,7 +386,8 @@ def test_links_have_names_and_numbers_from_1():
 @pytest.mark.parametrize(
     ('values', 'said'),
     [
-        ({'imu_links': 1.5}, 'imu_links'),
+        ({'imu_links': 1.5}, 'imu_links must be names or numbers of links, got 1.5'),
+        ({'contact_force_links': (1, None)}, 'must be names or numbers of links'),
         ({'imu_acceleration_noise': -1.0}, 'imu_acceleration_noise must be at least 0 m/s^2'),
         ({'imu_acceleration_noise': float('nan')}, 'imu_acceleration_noise must be finite'),
         ({'imu_acceleration_bias': (1.0, 2.0)}, 'must be one number or three, got 2'),
@@ -400,3 +408,81 @@ def test_rates_that_do_not_divide_are_refused():
     for rate in (70.0, 400.0):
         with pytest.raises(ParameterError, match='sensor_rate must divide the rate of the states'):
             Sensors(sensor_rate=rate).states_in_sample(200.0)
+
+
+# ---- files and docs/sensors.md ------------------------------------------------------------------
+
+
+def test_a_run_writes_its_sensors(tmp_path, capsys):
+    out, table = tmp_path / 'run.npz', tmp_path / 'run.csv'
+    options = ['--imu', '2', '--imu', 'link_1', '--contact-forces', 'all', '--rate', '100']
+    options += [f'--sensor={key}' for key in ('sensor_rate=50', 'joint_velocity_noise=0.01')]
+    options += ['--method', 'newton', '--duration', '0.1']
+    assert main(['run', 'sidewinding', *options, '--out', str(out), '--csv', str(table)]) == 0
+    sensors = Sensors(
+        imu_links=(1, 2), contact_force_links='all', sensor_rate=50, joint_velocity_noise=0.01
+    )
+    scene = replace(load_scene('sidewinding'), method='newton', duration=0.1)
+    expected = recorded_sensors(run(scene, rate=100.0), sensors)
+    with np.load(out) as found:
+        assert expected.keys() <= set(found.files)
+        assert all((found[name] == expected[name]).all() for name in expected)
+    assert len(npz.read(out).time) == 11  # and it is still a run
+    with table.open(encoding='utf-8') as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 11
+    column = [row['link_2 imu acceleration z [m/s^2]'] for row in rows]
+    readings = expected['imu_linear_acceleration'][:, 1, 2]
+    assert [float(cell) for cell in column[::2]] == readings.tolist()
+    assert set(column[1::2]) == {''}
+    column = [row['link_11 contact torque y [N m]'] for row in rows]
+    assert [float(cell) for cell in column[::2]] == expected['contact_wrench'][:, 10, 4].tolist()
+    column = [float(row['joint_10_pitch measured velocity [rad/s]']) for row in rows]
+    assert column == expected['measured_joint_velocity'][:, 9, 1].tolist()
+    capsys.readouterr()
+
+
+def test_a_run_without_sensors_has_files_as_before(tmp_path, capsys):
+    out, table = tmp_path / 'run.npz', tmp_path / 'run.csv'
+    options = ['--method', 'newton', '--duration', '0.1', '--out', str(out), '--csv', str(table)]
+    assert main(['run', 'sidewinding', *options]) == 0
+    with np.load(out) as found:
+        assert not [name for name in found.files if 'imu' in name or 'measured' in name]
+        assert 'sensor_time' not in found.files
+    with table.open(encoding='utf-8') as file:
+        assert next(csv.reader(file))[-1] == 'level'
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ('options', 'said'),
+    [
+        (['--imu', 'head'], "imu_links: no link 'head'; the links are link_1 to link_11"),
+        (['--contact-forces', '12'], 'contact_force_links: no link 12; the links are'),
+        (['--sensor', 'imu_noise=1'], "--sensor: unknown key 'imu_noise'"),
+        (['--sensor', 'sensor_rate'], "--sensor must be KEY=VALUE, got 'sensor_rate'"),
+        (['--sensor', 'sensor_rate=70'], 'sensor_rate must divide the rate of the states, 100 Hz'),
+        (['--imu', '3', '--sensor', 'imu_links=[2]'], 'by --imu and by --sensor imu_links'),
+    ],
+)
+def test_unusable_options_of_sensors(options, said, capsys):
+    assert main(['run', 'sidewinding', *options]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
+
+
+def test_the_page_has_every_parameter_and_every_array():
+    names = set(re.findall(r'`(\w+)`', PAGE))
+    fields = {item.name for item in dataclasses.fields(Sensors)}
+    assert fields <= names
+    sensors = replace(NOISY, imu_links=(1,))
+    scene = replace(load_scene('sidewinding'), duration=0.05)
+    assert recorded_sensors(run(scene), sensors).keys() <= names
+
+
+def test_the_programs_of_the_page_run(capsys):
+    programs = re.findall(r'^```python\n(.*?)^```', PAGE, re.MULTILINE | re.DOTALL)
+    assert len(programs) == 2
+    for program in programs:
+        exec(compile(program, 'docs/sensors.md', 'exec'), {'__name__': 'example'})
+    assert len(capsys.readouterr().out.split()) > 6

@@ -70,7 +70,12 @@ class Sensors(CheckedRecord):
     )
 
     def __post_init__(self) -> None:
-        """Check every field, and that biases have three components."""
+        """Check every field, that links can be such, and that biases have three components."""
+        for name in ('imu_links', 'contact_force_links'):
+            value = getattr(self, name)
+            links = value if isinstance(value, (list, tuple)) else [value]
+            if not all(isinstance(link, (str, int)) and link is not True for link in links):
+                raise ParameterError(f'{name} must be names or numbers of links, got {value!r}')
         super().__post_init__()
         for name in ('imu_angular_velocity_bias', 'imu_acceleration_bias'):
             value = getattr(self, name)

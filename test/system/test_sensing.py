@@ -4,20 +4,25 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
+from offline import bits
 from offline import nanoseconds
 from offline import PERIOD
 from offline import wire_axes
 import pytest
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.duration import Duration
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Imu
 from sim_client import connected
 from sim_client import SimClient
+from sim_client import with_twin
 
 from snake_sim_ros.recording.recorded_sensors import recorded_sensors
 from snake_sim_ros.recording.sensors import Sensors
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.stepping.pushes import Pushes
 from snake_sim_ros.stepping.simulation import run
 
 # A robot that is told nothing slides down a slope.
@@ -224,6 +229,31 @@ def test_a_push_gives_a_free_robot_its_momentum(free):
         free.step()
     expected = 0.0125 * (axes @ [2.0, 0.0, 0.0] + np.array([0.0, 0.0, 3.0]))
     assert free.velocity() == pytest.approx(expected, abs=1e-3)
+
+
+def test_a_pushed_robot_moves_as_offline(robot):
+    scene = load_scene('lateral_undulation')
+    sim, twin = with_twin(robot, scene)
+    request = SetParametersAtomically.Request(
+        parameters=[
+            Parameter('push_link', value='link_2').to_parameter_msg(),
+            Parameter('push_duration', value=0.052).to_parameter_msg(),
+        ]
+    )
+    answer = sim.graph.call(SetParametersAtomically, 'sim/set_parameters_atomically', request)
+    assert answer.result.successful, answer.result.reason
+    sim.push_with('world', (3.0, 8.0, 0.0), (0.0, 0.0, 0.1))
+    pushes = Pushes(scene.robot)
+    pushes.begin(1, (3.0, 8.0, 0.0), (0.0, 0.0, 0.1), duration=0.052)
+    for _ in range(20):
+        joint_states, *_ = sim.step()
+        simulation = twin.simulation
+        simulation.state = pushes.act(simulation.state, 1 / 200)
+        sample = twin.advance()
+        expected = (sample.angle, sample.rate, sample.torque)
+        assert bits(joint_states) == b''.join(part.tobytes() for part in expected)
+    assert not pushes
+    assert np.abs(sample.angle).max() > 1e-3
 
 
 def test_a_reset_ends_a_push(free):

@@ -1,5 +1,6 @@
 """Reading bags: an MCAP file of `snake-sim`, `ros2 bag` or a real robot becomes a trajectory."""
 
+from collections.abc import Callable
 from collections.abc import Iterator
 from os import SEEK_END
 from pathlib import Path
@@ -54,11 +55,7 @@ def read_bag(path: Path, namespace: str | None = None) -> Trajectory:
         If it is no such file, is not complete, or has neither link poses nor joint states.
 
     """
-    found: dict[str, Raw] = {}
-    others: dict[str, str] = {}
-    text = ''
-    for file in _files(path):
-        text = _read(file, found, others) or text
+    found, others, text = read_messages(path, _is_of_a_state)
     robots = _robots(found, namespace)
     if not robots:
         there = ', '.join(f'{name} ({kind})' for name, kind in others.items()) or 'no messages'
@@ -78,6 +75,38 @@ def read_bag(path: Path, namespace: str | None = None) -> Trajectory:
         return _trajectory(of_robot, text)
     except ParameterError as error:
         raise ParameterError(f'{path}: {error}') from None
+
+
+def read_messages(
+    path: Path, wanted: Callable[[str, str], bool]
+) -> tuple[dict[str, Raw], dict[str, str], str]:
+    """
+    Return messages of a bag by topic, the types of its other topics, and the scene of its run.
+
+    Parameters
+    ----------
+    path : Path
+        An MCAP file, or a folder of them.
+    wanted : callable
+        ``wanted(topic, type)`` says whether the messages of a topic are read.
+
+    Raises
+    ------
+    ParameterError
+        If it is no such file, or is not complete.
+
+    """
+    found: dict[str, Raw] = {}
+    others: dict[str, str] = {}
+    text = ''
+    for file in _files(path):
+        text = _read(file, found, others, wanted) or text
+    return found, others, text
+
+
+def _is_of_a_state(topic: str, kind: str) -> bool:
+    """Return whether a trajectory is made of a topic."""
+    return KINDS.get(topic.rpartition('/')[2]) == kind
 
 
 def _robots(found: dict[str, Raw], namespace: str | None) -> list[str]:
@@ -144,7 +173,12 @@ def _files(path: Path) -> list[Path]:
     return files
 
 
-def _read(path: Path, found: dict[str, Raw], others: dict[str, str]) -> str:
+def _read(
+    path: Path,
+    found: dict[str, Raw],
+    others: dict[str, str],
+    wanted: Callable[[str, str], bool],
+) -> str:
     """Add the messages and topics of a file in the order of their times; return its scene."""
     try:
         from mcap.reader import make_reader
@@ -167,7 +201,7 @@ def _read(path: Path, found: dict[str, Raw], others: dict[str, str]) -> str:
         try:
             reader = make_reader(file, validate_crcs=True)
             scene = [r.metadata['scene'] for r in reader.iter_metadata() if r.name == METADATA]
-            for topic, *raw in _decoded(reader, others):
+            for topic, *raw in _decoded(reader, others, wanted):
                 found.setdefault(topic, []).append(tuple(raw))
         except Exception as error:  # On broken data decoders raise errors of any type.
             raise ParameterError(
@@ -182,14 +216,15 @@ def _last(file: BinaryIO) -> bytes:
     return file.read()
 
 
-def _decoded(reader: Any, others: dict[str, str]) -> Iterator[tuple[str, float, float, Any]]:
-    """Yield topic, stamp [s], time [s] and message of known topics; collect the other topics."""
+def _decoded(
+    reader: Any, others: dict[str, str], wanted: Callable[[str, str], bool]
+) -> Iterator[tuple[str, float, float, Any]]:
+    """Yield topic, stamp [s], time [s] and message of wanted topics; collect the other topics."""
     from mcap_ros2.decoder import DecoderFactory
 
     factory, decoders = DecoderFactory(), dict[int, Any]()
     for schema, channel, message in reader.iter_messages():
-        name = channel.topic.rpartition('/')[2]
-        if schema is None or schema.name != KINDS.get(name):
+        if schema is None or not wanted(channel.topic, schema.name):
             others[channel.topic] = schema.name if schema else channel.message_encoding
             continue
         if channel.id not in decoders:

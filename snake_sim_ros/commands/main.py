@@ -10,7 +10,8 @@ from snake_sim_ros.scene.checked_records import ParameterError
 
 # In the order of the help text: the module of each command, where its function `add_...` is.
 COMMANDS = {
-    **{name: name for name in ('run', 'study', 'optimize', 'export', 'record', 'view', 'figures')},
+    **{name: name for name in ('run', 'study', 'optimize', 'fit', 'export')},
+    **{name: name for name in ('record', 'view', 'figures')},
     **{name: name for name in ('bench', 'artefacts', 'stability', 'chart', 'seal', 'levels')},
     **{name: name for name in ('urdf', 'demo', 'pacing')},
     **dict.fromkeys(('topic', 'param', 'service'), 'graph'),

@@ -7,6 +7,7 @@ begin after a burn-in. Place and heading are not forgotten, but on a floor they 
 path of every segment is moved and turned about the vertical to where it fits best.
 """
 
+from collections.abc import Container
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -28,6 +29,8 @@ from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping import bdf2
+from snake_sim_ros.stepping.accuracy import RESIDUAL
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.levels import is_vertical
 from snake_sim_ros.stepping.methods import make_stepper
@@ -36,6 +39,7 @@ from snake_sim_ros.stepping.methods import what_is_not_planar
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.state import State
 
+ACCURACY = 3e-4
 PERIOD = 0.01  # s between two states of which those at the times of samples are interpolated
 TURNS = 4  # iterations for the heading that fits best
 LEAST_SAMPLES = 5  # of poses and of angles in a segment
@@ -117,6 +121,7 @@ class Replay:
         self, recording: Recording, scene: Scene, settings: Settings, law: str
     ) -> None:
         self.recording, self.scene, self.settings = recording, scene, settings
+        self.law = law
         self.every = max(1, round(PERIOD / scene.dt))
         self.period = self.every * scene.dt
         first = np.ceil(recording.begin / self.period - 1e-6) * self.period
@@ -301,11 +306,22 @@ def _turn(a: Array, b: Array) -> Array:
     return np.asarray(2.0 * turn[..., 1:] * np.where(turn[..., :1] < 0.0, -1.0, 1.0))
 
 
-def with_fit_steps(scene: Scene, given: frozenset[str]) -> Scene:
-    """Return a scene with the steps of a fit, unless method, dt or accuracy are given."""
-    if given & {'method', 'dt', 'accuracy'}:
+def with_fit_steps(scene: Scene, given: Container[str] = ()) -> Scene:
+    """
+    Return a scene with the steps of a fit.
+
+    They are those of an accuracy, if `method` and `dt` are not given and `bdf2` can run the scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    given : container of str
+        Dotted names of the values that a user gave beside the file of the scene.
+
+    """
+    if 'method' in given or 'dt' in given or bdf2.what_is_not_possible(scene):
         return scene
-    return with_settings(
-        scene,
-        {'method': 'bdf2', 'dt': PERIOD, 'accuracy': 3e-4, 'solver.residual_tolerance': 1e-8},
-    )
+    settings = {'method': 'bdf2', 'dt': PERIOD, 'solver.residual_tolerance': RESIDUAL}
+    if 'accuracy' not in given:
+        settings['accuracy'] = ACCURACY
+    return with_settings(scene, settings)

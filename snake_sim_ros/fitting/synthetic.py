@@ -7,6 +7,7 @@ import numpy as np
 from snake_sim_ros.fitting.recording import Recording
 from snake_sim_ros.fitting.references import references
 from snake_sim_ros.fitting.replay import between
+from snake_sim_ros.fitting.replay import PERIOD
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
@@ -40,10 +41,12 @@ def without_noise(
 
     """
     begin, dt = recording.begin, scene.dt
-    steps = int(np.ceil((recording.end - begin) / dt - 1e-6))
+    every = max(1, round(PERIOD / dt))
+    rows = int(np.ceil((recording.end - begin) / (every * dt) - 1e-6))
+    steps = every * rows
     middles = begin + (np.arange(steps) + 0.5) * dt
     told = references(recording, scene.robot, middles, law, horizon)
-    simulation, samples = Simulation(scene), make_samples(scene, 1, steps)
+    simulation, samples = Simulation(scene), make_samples(scene, every, rows)
     simulation.state = state
     report = simulation.advance(*told, samples)
     if report.failure:
@@ -56,8 +59,8 @@ def without_noise(
     )
     kept = np.isin(recording.joint_time, joints)
     missing = np.isnan(recording.joint_angle[kept])
-    angle = joint_angles(between(q, u, dt, joints - begin))
-    links = between(q, u, dt, poses - begin)[:, recording.links]
+    angle = joint_angles(between(q, u, every * dt, joints - begin))
+    links = between(q, u, every * dt, poses - begin)[:, recording.links]
     return replace(
         recording,
         joint_time=joints,

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from snake_sim_ros.fitting.replay import Replay
 
 GLOBAL = 400  # simulations of a global stage
-CHECKED_BY = {'method': 'newton', 'dt': 1 / 4000, 'accuracy': 0.0}
+FINER = 4  # shorter steps of synthetic recordings
 
 
 def add_fit(subparsers: Any) -> None:
@@ -213,10 +213,9 @@ def _check(options: argparse.Namespace, found: 'Fit') -> dict[str, Any]:
 
     replay, settings = found.replay, found.replay.settings
     repeats: list[tuple[Fit, Judgement]] = []
-    exact = without_noise(
-        replay.recording, with_settings(found.scene, CHECKED_BY), replay.start(found.scene),
-        replay.law, settings.horizon,
-    )  # fmt: skip
+    finer = with_settings(found.scene, {'dt': found.scene.dt / FINER})
+    start = replay.start(found.scene)
+    exact = without_noise(replay.recording, finer, start, replay.law, settings.horizon)
     for number in tqdm(range(options.check), unit=' recordings'):
         noisy = with_noise(
             exact, settings.noise_position, settings.noise_angle, options.seed + number

@@ -1,4 +1,4 @@
-"""The picture of a fit: residuals over time, their distribution, and what each segment asks for."""
+"""The picture of a fit: residuals over time, as a distribution, and what segments ask for."""
 
 from pathlib import Path
 

@@ -14,6 +14,7 @@ from snake_sim_ros.fitting.replay import ALIGNED
 from snake_sim_ros.fitting.replay import LOST
 from snake_sim_ros.fitting.replay import Replay
 from snake_sim_ros.fitting.replay import Residual
+from snake_sim_ros.fitting.replay import Segment
 from snake_sim_ros.fitting.unknowns import scene_at
 from snake_sim_ros.fitting.unknowns import step_of
 from snake_sim_ros.fitting.unknowns import Unknown
@@ -90,9 +91,7 @@ class _Evaluations:
         """Return the residuals of all segments at some points."""
         segments = self.replay.segments
         parts = [segments[k :: self.threads] for k in range(self.threads)]
-        waiting = [
-            [self.pool.submit(self._residuals, x, part) for part in parts] for x in points
-        ]
+        waiting = [[self.pool.submit(self._residuals, x, part) for part in parts] for x in points]
         found = []
         for futures in waiting:
             residuals: list[Residual] = [None] * len(segments)  # type: ignore[list-item]
@@ -102,7 +101,7 @@ class _Evaluations:
         self.count += len(points)
         return found
 
-    def _residuals(self, x: Array, part: tuple) -> list[Residual]:
+    def _residuals(self, x: Array, part: tuple[Segment, ...]) -> list[Residual]:
         try:
             scene = scene_at(self.replay.scene, self.unknowns, x)
             return self.replay.residuals(scene, part)

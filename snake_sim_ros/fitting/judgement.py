@@ -144,13 +144,12 @@ def _bootstrap(curvature: Array, score: Array, seed: int) -> Array:
     steps = np.einsum('bij,bj->bi', np.linalg.pinv(drawn, hermitian=True), told)
     ends = np.array([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     # Few segments tell their spread badly: as for a mean, by the distribution of Student.
-    wider = stats.t.ppf(ends[1], count - 1) / stats.norm.ppf(ends[1]) * np.sqrt(count / (count - 1))
+    wider = stats.t.ppf(ends[1], count - 1) / stats.norm.ppf(ends[1])
+    wider *= np.sqrt(count / (count - 1))
     return np.asarray(wider * np.quantile(steps, ends, axis=0).T)
 
 
-def _combinations(
-    found: Fit, A: Array, scale: float
-) -> tuple[Array, tuple[Combination, ...]]:
+def _combinations(found: Fit, A: Array, scale: float) -> tuple[Array, tuple[Combination, ...]]:
     """Return singular values and combinations, the one that is told best first."""
     unit = np.array([
         1.0 if unknown.is_positive else max(abs(value), 0.05)

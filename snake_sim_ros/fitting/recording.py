@@ -157,10 +157,11 @@ def read_recording(
         joint_time, joint_angle, lost = _joint_angles(
             found[prefix + 'joint_states'], clock, used.robot
         )
-        *poses, missing = _poses(source, found[source], clock, used.robot, link)
+        poses = _poses(source, found[source], clock, used.robot, link)
+        pose_time, links, position, orientation, missing = poses
         return Recording(
-            used, bool(text), _commands(found, prefix, clock), joint_time, joint_angle, *poses,
-            dropped=lost + missing,
+            used, bool(text), _commands(found, prefix, clock), joint_time, joint_angle,
+            pose_time, links, position, orientation, dropped=lost + missing,
         )  # fmt: skip
     except ParameterError as error:
         raise ParameterError(f'{path}: {error}') from None
@@ -279,8 +280,6 @@ def _poses(
     n = robot.link_count
     if link is not None and not 1 <= link <= n:
         raise ParameterError(f'--link must be 1 to {n}, got {link}')
-    rows = list[tuple[float, Sequence[float]]]()
-    turned = np.zeros(0, dtype=bool)
     arrays = [len(message.poses) for _, _, message in raw if hasattr(message, 'poses')]
     if arrays:
         if set(arrays) != {n}:
@@ -318,7 +317,7 @@ def _single_poses(
 
     That frame is the frame of the link, turned around.
     """
-    rows, turned = [], []
+    rows, turned = list[tuple[float, Sequence[float]]](), list[bool]()
     for stamp, recorded, message in raw:
         for item in getattr(message, 'transforms', [message]):
             frame = getattr(item, 'child_frame_id', '').rpartition('/')[2]

@@ -66,23 +66,21 @@ def references(
     return angle, rate
 
 
-def _after(
-    command: Command, last: JointReference, robot: Robot, horizon: float
-) -> JointReference:
+def _after(command: Command, last: JointReference, robot: Robot, horizon: float) -> JointReference:
     """Return the reference after a command; one that is not usable changes nothing."""
     message, limit = command.message, robot.joint_limit
-    names = robot.link_count - 1, 2
+    count = robot.link_count - 1
     if command.topic == 'position_commands':
         angle = np.array(message.data, dtype=float)
-        if len(angle) != 2 * names[0] or not np.isfinite(angle).all():
+        if len(angle) != 2 * count or not np.isfinite(angle).all():
             return last
         still = np.zeros(len(angle))
-        told = np.arange(len(angle)), command.time, np.clip(angle, -limit, limit), still
-        return last.commanded(*told)
+        axes = np.arange(len(angle))
+        return last.commanded(axes, command.time, np.clip(angle, -limit, limit), still)
     if command.topic == 'joint_trajectory':
         return _moved(command, last, robot, horizon)
-    angle = joint_axes(message.name, message.position, names[0]).ravel()
-    rate = joint_axes(message.name, message.velocity, names[0]).ravel()
+    angle = joint_axes(message.name, message.position, count).ravel()
+    rate = joint_axes(message.name, message.velocity, count).ravel()
     axes = np.flatnonzero(np.isfinite(angle))
     if not len(axes) or command.time < last.stamp.flat[axes].max():
         return last

@@ -1,10 +1,10 @@
 """
 A recording simulated again in segments, and what is left between simulation and measurement.
 
-Each segment starts from a measured state. Such a state is not exact, and a robot forgets it: angles
-and velocities by sliding, with a time constant of 0.3 s in lateral undulation. Residuals therefore
-begin after a burn-in. Place and heading are not forgotten, but on a floor they do not matter: the
-path of every segment is moved and turned about the vertical to where it fits best.
+Each segment starts from a measured state. Such a state is not exact, and a robot forgets it:
+angles and velocities by sliding, with a time constant of 0.3 s in lateral undulation. Residuals
+therefore begin after a burn-in. Place and heading are not forgotten, but on a floor they do not
+matter: the path of every segment is moved and turned about the vertical to where it fits best.
 """
 
 from collections.abc import Container
@@ -117,9 +117,7 @@ class Replay:
 
     """
 
-    def __init__(
-        self, recording: Recording, scene: Scene, settings: Settings, law: str
-    ) -> None:
+    def __init__(self, recording: Recording, scene: Scene, settings: Settings, law: str) -> None:
         self.recording, self.scene, self.settings = recording, scene, settings
         self.law = law
         self.every = max(1, round(PERIOD / scene.dt))
@@ -285,14 +283,14 @@ def aligned(segment: Segment, q: Array, noise_position: float, noise_angle: floa
 
     """
     place, p = q[..., :3], q[..., 3:]
+    ratio = (noise_position / noise_angle) ** 2
     for _ in range(TURNS):
         off = segment.position - place
         center, shift = place.mean(axis=(0, 1)), off.mean(axis=(0, 1))
         across = (place - center)[..., [1, 0]] * (-1.0, 1.0)
         turn = _turn(segment.orientation, p)
-        weight = 1 / noise_position**2, 1 / noise_angle**2
-        torque = weight[0] * (across * (off - shift)[..., :2]).sum() + weight[1] * turn[..., 2].sum()
-        heading = torque / (weight[0] * (across**2).sum() + weight[1] * turn[..., 2].size)
+        asked = (across * (off - shift)[..., :2]).sum() + ratio * turn[..., 2].sum()
+        heading = asked / ((across**2).sum() + ratio * turn[..., 2].size)
         by = about(2, float(heading))
         place = (place - center) @ rotation_matrices(by).T + center + shift
         p = product(np.broadcast_to(by, p.shape), p)

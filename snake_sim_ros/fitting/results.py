@@ -40,9 +40,7 @@ def write_scene(found: Fit, scene: Scene, source: Path, path: Path) -> None:
 def lines(found: Fit, judgement: Judgement) -> list[str]:
     """Return what was found in lines of text."""
     told = []
-    rows = zip(
-        found.unknowns, found.values, judgement.interval, judgement.bootstrap, strict=True
-    )
+    rows = zip(found.unknowns, found.values, judgement.interval, judgement.bootstrap, strict=True)
     for unknown, value, (low, high), drawn in rows:
         unit = '' if unknown.unit == '1' else f' {unknown.unit}'
         told.append(
@@ -119,7 +117,8 @@ def coverage(truth: Sequence[float], repeats: Sequence[tuple[Fit, Judgement]]) -
 
     def share(intervals: list[Any]) -> dict[str, float]:
         low, high = np.moveaxis(np.array(intervals), -1, 0)
-        return dict(zip(names, ((low <= true) & (true <= high)).mean(axis=0).tolist(), strict=True))
+        covers = (low <= true) & (true <= high)
+        return dict(zip(names, covers.mean(axis=0).tolist(), strict=True))
 
     error = np.sqrt(((values - true) ** 2).mean(axis=0)).tolist()
     largest = np.abs(values - true).max(axis=0).tolist()

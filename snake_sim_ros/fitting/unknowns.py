@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
-import numpy as np
-
 from snake_sim_ros.scene.checked_records import flat_fields
 from snake_sim_ros.scene.checked_records import nearest
 from snake_sim_ros.scene.checked_records import ParameterError
@@ -96,11 +94,11 @@ def unknowns_of(scene: Scene, free: Sequence[str]) -> tuple[Unknown, ...]:
             seen.add(name)
             _check(name, scene)
         start, limits = known[names[0]]
-        at_zero = 1e-9 if start == 0.0 else 0.0
-        low = max(limits['minimum'], limits['above'] + 1e-12 if limits['above'] >= 0.0 else -np.inf)
+        above = limits['above'] + 1e-12 if limits['above'] >= 0.0 else -math.inf
+        low = max(limits['minimum'], above)
         found.append(Unknown(
             names, float(start), float(low), float(limits['maximum']), limits['unit'],
-            is_positive=low >= 0.0 and start > at_zero,
+            is_positive=low >= 0.0 and start > 0.0,
         ))  # fmt: skip
     if not found:
         raise ParameterError('--free must name at least one value, such as friction.transversal')

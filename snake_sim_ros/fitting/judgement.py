@@ -25,11 +25,12 @@ from snake_sim_ros.scene.parameters import Array
 CONFIDENCE = 0.95
 FALSE_ALARM = 0.01  # probability that a right model fails the tests
 SIZE_LIMIT = 1.3  # mean square over the stated one up to which noise may be stated wrongly
+LEAST = 1e-12  # probability below which a number says no more
 LAGS = 10
 RESAMPLES = 2000
 UNTOLD = 0.25  # standard deviation, as a share of the value, beyond which a value is not told
 CHANGE = 0.1  # change of values whose effect is compared with the noise
-FAINT = 0.1  # effect of that change, as a share of the noise, below which it hardly matters
+FAINT = 0.5  # effect of that change, as a share of the noise, below which it hardly matters
 LARGE_PART = 0.3  # share of a combination from which a name is said
 
 
@@ -212,15 +213,20 @@ def _failures(
     ]
     if constancy < FALSE_ALARM / 2:
         failures.append(
-            f'parts of the recording ask for different values (probability {constancy:.1g} if '
-            f'they were the same)'
+            f'parts of the recording ask for different values (probability '
+            f'{_small(constancy)} if they were the same)'
         )
     if memory < FALSE_ALARM / 2:
         failures.append(
             f'what is left is not noise, since it depends on the samples before (probability '
-            f'{memory:.1g} if it did not)'
+            f'{_small(memory)} if it did not)'
         )
     return tuple(failures)
+
+
+def _small(probability: float) -> str:
+    """Return a small probability as text."""
+    return f'{probability:.1g}' if probability > LEAST else f'below {LEAST:g}'
 
 
 def what_is_not_told(found: Fit, judgement: Judgement) -> list[str]:

@@ -23,7 +23,8 @@ def test_a_live_recording_tells_the_values_of_the_simulator(make_graph, tmp_path
     with background():
         recorder = Process([*RECORD, str(path)], graph.domain)
     recorder.wait_for('recording all topics')
-    graph.start('sim', *(f'-p {name}:={value}' for name, value in TRUTH.items()))
+    twice = {'real_time_factor': 2.0, **TRUTH}
+    graph.start('sim', *(f'-p {name}:={value}' for name, value in twice.items()))
     graph.start('gait', '-p use_sim_time:=true')
     states = graph.record(JointState, 'joint_states')
     graph.until(lambda: states and states[-1].header.stamp.sec >= DURATION, 'seven seconds')

@@ -41,7 +41,7 @@ from snake_sim_ros.stepping.simulation import Simulation
 
 PAGE = (Path(__file__).parent.parent / 'docs' / 'fit.md').read_text(encoding='utf-8')
 SETTINGS = Settings(segment=2.0, burn_in=1.5)
-DURATION, RATE = 7.5, 50.0  # s, Hz
+DURATION, RATE = 7.7, 50.0  # s, Hz
 BOTH = ['friction.longitudinal', 'friction.transversal']
 ALL = [*BOTH, 'robot.yaw_stiffness']
 
@@ -275,7 +275,7 @@ def test_commands_of_the_page_run(tmp_path, monkeypatch, capsys):
     for line in ran:
         words = shlex.split(line)
         assert words[0] == './run', line
-        shorter = ['--duration', '6'] if '--bag' in words else []
+        shorter = ['--duration', '7'] if '--bag' in words else []
         if words[1] == 'fit':
             shorter = ['--segment', '2', '--burn-in', '1.5']
         if '--check' in words:
@@ -311,7 +311,7 @@ def test_the_command_writes_a_scene_and_a_picture(recording, folder, tmp_path, c
     [
         (['--free', 'dt', '--segment', '2'], '--free dt'),
         (['--free', *BOTH, '--noise-position', '0'], 'noise_position must be above 0 m, got 0 m'),
-        (['--free', *BOTH, '--segment', '60'], 'must have at least 122 s with commands'),
+        (['--free', *BOTH, '--segment', '60'], 'must have at least 122.1'),
         (['--free', *BOTH, '--threads', '0'], '--threads must be at least 1, got 0'),
         (['--free', *BOTH, '--global', '-1'], '--global must be at least 0, got -1'),
         (['--free', *BOTH, '--out', 'fitted.txt'], '--out must end in .yaml, got fitted.txt'),

@@ -19,6 +19,7 @@ from snake_sim_ros.fitting.start_states import CONJUGATE
 from snake_sim_ros.fitting.start_states import Measured
 from snake_sim_ros.fitting.start_states import measured_at
 from snake_sim_ros.fitting.start_states import start_state
+from snake_sim_ros.fitting.start_states import WINDOW
 from snake_sim_ros.scene.checked_records import CheckedRecord
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.checked_records import quantity
@@ -122,13 +123,14 @@ class Replay:
         self.law = law
         self.every = max(1, round(PERIOD / scene.dt))
         self.period = self.every * scene.dt
-        first = np.ceil(recording.begin / self.period - 1e-6) * self.period
+        first = np.ceil((recording.begin + WINDOW) / self.period - 1e-6) * self.period
         steps = int((recording.end - first) / scene.dt + 1e-6)
-        wanted = settings.burn_in + 2 * settings.segment
-        if steps * scene.dt < wanted - self.period:
+        wanted = WINDOW + settings.burn_in + 2 * settings.segment
+        there = max(0.0, recording.end - recording.begin)
+        if steps * scene.dt < wanted - WINDOW - self.period:
             raise ParameterError(
                 f'the recording must have at least {wanted:g} s with commands, angles and poses, '
-                f'a burn-in and two segments; it has {max(0.0, recording.end - first):.3g} s'
+                f'a burn-in and two segments; it has {there:.3g} s'
             )
         middles = first + (np.arange(steps) + 0.5) * scene.dt
         told = references(recording, scene.robot, middles, law, settings.horizon)

@@ -6,6 +6,7 @@ flat on a floor, it does so exactly: heading and yaw angles are measured, the re
 """
 
 from dataclasses import dataclass
+import math
 
 import numpy as np
 
@@ -16,13 +17,13 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import along_link
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.state import State
 
 WINDOW = 0.12  # s before and after the time within which samples are used
-LEAST_SAMPLES = 4
+LEAST_SAMPLES = 2  # on each side: a parabola at its end says little
+ROUNDING = 1e-6  # s
 MOMENT = 1e-3  # s before and after the time between which velocities are differences
 CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
@@ -36,17 +37,17 @@ class Measured:
     ----------
     angle : ndarray, shape (2, n-1, 2)
         [rad], [rad/s]
-    link : int
-        Index of the link whose pose it is.
-    position : ndarray, shape (2, 3)
+    links : ndarray of int, shape (l,)
+        Indices of the links whose poses they are.
+    position : ndarray, shape (2, l, 3)
         [m], [m/s]
-    orientation : ndarray, shape (2, 4)
+    orientation : ndarray, shape (2, l, 4)
         Euler parameters, scalar first, and their rates [1/s].
 
     """
 
     angle: Array
-    link: int
+    links: Array
     position: Array
     orientation: Array
 
@@ -66,23 +67,25 @@ def measured_at(recording: Recording, time: float, told: Array) -> Measured | No
     """
     joints = _near(recording.joint_time, time)
     poses = _near(recording.pose_time, time)
-    if min(len(joints), len(poses)) < LEAST_SAMPLES:
+    if joints is None or poses is None:
         return None
     angle = told.copy()
     values = recording.joint_angle[joints]
     known = np.isfinite(values).all(axis=0)
     angle[:, known] = _parabola(recording.joint_time[joints] - time, values[:, known])
-    middle = recording.scene.robot.middle_link
-    place = int(np.abs(recording.links - middle).argmin())
     since = recording.pose_time[poses] - time
-    p = recording.orientation[poses, place]
-    p = p * np.where(p @ p[0] < 0.0, -1.0, 1.0)[:, None]
-    position = _parabola(since, recording.position[poses, place])
-    return Measured(angle, int(recording.links[place]), position, _parabola(since, p))
+    p = recording.orientation[poses]
+    p = p * np.where((p * p[0]).sum(axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
+    position = _parabola(since, recording.position[poses])
+    return Measured(angle, recording.links, position, _parabola(since, p))
 
 
-def _near(times: Array, time: float) -> Array:
-    begin, end = np.searchsorted(times, [time - WINDOW, time + WINDOW])
+def _near(times: Array, time: float) -> Array | None:
+    """Return the rows of samples around a time; None if there are not enough on both sides."""
+    ends = [time - WINDOW, time + ROUNDING, time + WINDOW]
+    begin, middle, end = np.searchsorted(times, ends)
+    if min(middle - begin, end - middle) < LEAST_SAMPLES:
+        return None
     return np.arange(begin, end)
 
 
@@ -131,14 +134,14 @@ def _coordinates(scene: Scene, measured: Measured, moment: float, is_flat: bool)
     )
     if is_flat:
         angle[:, 1] = 0.0
-    q, i = chain_coordinates(scene.robot, angle), measured.link
-    p = p / np.linalg.norm(p)
+    q, i = chain_coordinates(scene.robot, angle), measured.links
+    turns = product(p / np.linalg.norm(p, axis=-1, keepdims=True), q[i, 3:] * CONJUGATE)
+    turn = (turns * np.where(turns @ turns[0] < 0.0, -1.0, 1.0)[:, None]).mean(axis=0)
+    turn /= np.linalg.norm(turn)
     if is_flat:
-        (ax, ay, _), (bx, by, _) = along_link(q[i, 3:]), along_link(p)
-        turn = about(2, float(np.arctan2(by, bx) - np.arctan2(ay, ax)))
-    else:
-        turn = product(p, q[i, 3:] * CONJUGATE)
-    q[:, :3] = (q[:, :3] - q[i, :3]) @ rotation_matrices(turn).T + position
+        turn = about(2, 2.0 * math.atan2(turn[3], turn[0]))
+    q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
+    q[:, :3] += (position - q[i, :3]).mean(axis=0)
     if is_flat:
         q[:, 2] = 0.0
     q[:, 3:] = product(np.broadcast_to(turn, (len(q), 4)), q[:, 3:])

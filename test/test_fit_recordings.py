@@ -207,9 +207,9 @@ def test_a_recording_must_be_long_enough(scene, measured, tmp_path):
     recording = read_recording(path, scene)
     with pytest.raises(ParameterError, match=r'at least 10\.12 s with commands'):
         Replay(recording, scene, Settings(), 'held')
-    rare = replace(recording, pose_time=recording.pose_time[::100],
-                   position=recording.position[::100],
-                   orientation=recording.orientation[::100])  # fmt: skip
+    rare = replace(recording, pose_time=recording.pose_time[::110],
+                   position=recording.position[::110],
+                   orientation=recording.orientation[::110])  # fmt: skip
     with pytest.raises(ParameterError, match='the recording has 0 segments of'):
         Replay(rare, scene, EXACT, 'held')
 

@@ -182,7 +182,7 @@ def test_a_wrong_statement_of_noise_is_found(found):
 
 def test_a_global_stage_finds_the_way_from_far_off(recording):
     pytest.importorskip('cma')
-    replay = replay_of(recording, seed=1, **{'friction.transversal': 1.5})
+    replay = replay_of(recording, seed=1, **{'friction.transversal': 1.5, 'level': 'planar'})
     unknowns = unknowns_of(replay.scene, ['friction.transversal'])
     result = fit(replay, unknowns, globally=12, seed=4)
     assert result.values == pytest.approx([0.5], rel=0.05)
@@ -237,6 +237,7 @@ def test_alignment_removes_a_motion_of_the_whole_path(recording):
         (['robot.link_count'], 'this one is chosen'),
         (['robot.joint_limit'], 'this one is chosen'),
         (['method'], "--free method: a fit finds numbers, this is 'newton'"),
+        (['robot.yaw_torque_limit'], 'has no value in the scene; --set one to start from'),
         (['gravity'], 'a fit finds one number, this is a list of 3'),
         (['friction.transversal', 'friction.transversal'], 'is given twice'),
         (['friction.transversal=friction.transversal'], 'is given twice'),

@@ -123,6 +123,8 @@ def _check(name: str, scene: Scene) -> None:
             f'--free {name}: a fit finds one number, this is a list of {len(value)}; give one '
             f'number in the scene'
         )
+    if value is None:
+        raise ParameterError(f'--free {name} has no value in the scene; --set one to start from')
     if isinstance(value, (str, bool)):
         raise ParameterError(f'--free {name}: a fit finds numbers, this is {value!r}')
     raise ParameterError(

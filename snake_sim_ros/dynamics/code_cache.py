@@ -177,16 +177,17 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
             fcntl.flock(self._lock, fcntl.LOCK_EX)
             found = super().load_overload(sig, target_context)
             if found is not None:
-                self._unlock()
+                self.unlock()
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save the code for some types of arguments."""
         with locked():  # Numba reads the index of a function, and then writes it with one more.
             super().save_overload(sig, data)
-        self._unlock()
+        self.unlock()
 
-    def _unlock(self) -> None:
+    def unlock(self) -> None:
+        """Let other processes compile the function that this one has begun with."""
         if self._lock:
             self._lock.close()
             self._lock = None

@@ -176,7 +176,13 @@ class _Teller(event.Listener):  # type: ignore[misc]
         self.tell = tell
 
     def on_start(self, started: Any) -> None:
-        self.tell(started.data['dispatcher'].py_func.__name__)
+        function = started.data['dispatcher']
+        try:
+            self.tell(function.py_func.__name__)
+        except BaseException:
+            if isinstance(function._cache, code_cache.CodeCache):
+                function._cache.unlock()  # another process may compile it
+            raise
 
     def on_end(self, ended: Any) -> None:
         pass

@@ -4,6 +4,7 @@ import re
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
+import numpy as np
 
 from snake_sim_ros.stepping.methods import method_of
 from snake_sim_ros.stepping.simulation import Simulation
@@ -28,7 +29,14 @@ def values_of(simulation: Simulation) -> dict[str, object]:
         'unconverged_steps': report.unconverged,
         'penetration_max': f'{report.penetration_max:.3g}',
         'contacts': last.contacts,
+        'saturated_joints': saturated_joints(simulation),
     }
+
+
+def saturated_joints(simulation: Simulation) -> int:
+    """Return how many joint axes are at their torque limit after the last step."""
+    limit = simulation.scene.robot.per_joint('torque_limit')
+    return int((np.abs(simulation.last.joint_torque) >= limit * (1.0 - 1e-9)).sum())
 
 
 def shown(status: DiagnosticStatus) -> dict[str, str]:

@@ -41,9 +41,9 @@ def robot_description(robot: Robot) -> str:
     """
     Return a robot as a URDF.
 
-    Joints are limited to the angles and rates that references may have. The effort is the largest
-    torque of the controller within these limits, when reference and joint are at opposite limits.
-    The model itself does not limit the torque.
+    Joints are limited to the angles and rates that references may have. The effort is the torque
+    limit of the robot or, without one, the largest torque of the controller within these limits,
+    when reference and joint are at opposite limits. Friction of a joint is its dynamics.
     """
     root = ElementTree.Element('robot', name=ROBOT_NAME)
     for name, color in COLORS.items():
@@ -67,6 +67,12 @@ def robot_description(robot: Robot) -> str:
             joint = _join(root, f'joint_{j + 1}_{axis}', inner, outer, x, 'revolute')
             element(joint, 'axis', xyz=sign * AXES[axis])
             element(joint, 'limit', **_limits(robot, j, axis))
+            friction, viscous = (
+                float(robot.per_joint(name)[j, list(AXES).index(axis)])
+                for name in ('friction', 'viscous_friction')
+            )
+            if friction > 0.0 or viscous > 0.0:
+                element(joint, 'dynamics', damping=viscous, friction=friction)
         _join(root, end, end, f'link_{child + 1}', sign * half[child])
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding='unicode')
@@ -205,7 +211,7 @@ def _limits(robot: Robot, j: int, axis: str) -> dict[str, float]:
     angle, rate = robot.joint_limit, robot.joint_rate_limit
     k = list(AXES).index(axis)
     stiffness, damping = (robot.per_joint(name)[j, k] for name in ('stiffness', 'damping'))
-    effort = 2 * (stiffness * angle + damping * rate)
+    effort = min(2 * (stiffness * angle + damping * rate), robot.per_joint('torque_limit')[j, k])
     return {'lower': -angle, 'upper': angle, 'velocity': rate, 'effort': effort}
 
 

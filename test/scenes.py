@@ -9,7 +9,6 @@ import pytest
 
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
@@ -17,6 +16,7 @@ from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper

@@ -26,7 +26,6 @@ from snake_sim_ros.dynamics.kinematics import chain_geometry
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene import posture
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
-from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.parameters import Scene
@@ -36,6 +35,7 @@ from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import H_bar
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping import reference
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import empty_history

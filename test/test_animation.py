@@ -11,11 +11,11 @@ from PIL import ImageSequence
 import pytest
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Ground
-from snake_sim_ros.scene.parameters import Pegs
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import FLAT
+from snake_sim_ros.scene.surroundings import Ground
+from snake_sim_ros.scene.surroundings import Pegs
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.view import animation

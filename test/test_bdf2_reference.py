@@ -9,8 +9,6 @@ from random_states import random_robot
 
 from snake_sim_ros.contact import dense_laws
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.parameters import Friction
-from snake_sim_ros.scene.parameters import Pegs
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.posture import chain_coordinates
@@ -19,6 +17,8 @@ from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.surroundings import Friction
+from snake_sim_ros.scene.surroundings import Pegs
 from snake_sim_ros.stepping import bdf2_reference_motion
 from snake_sim_ros.stepping import bdf2_reference_parts
 from snake_sim_ros.stepping.bdf2_memory import Bdf2Memory

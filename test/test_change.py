@@ -21,12 +21,12 @@ from scenes import same_bits
 
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Ground
 from snake_sim_ros.scene.parameters import LEVELS
-from snake_sim_ros.scene.parameters import Pegs
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.surroundings import Ground
+from snake_sim_ros.scene.surroundings import Pegs
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.methods import empty_history

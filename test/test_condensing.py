@@ -24,10 +24,10 @@ from snake_sim_ros.dynamics.articulated_body import factor_chain
 from snake_sim_ros.dynamics.articulated_body import reset_chain
 from snake_sim_ros.dynamics.articulated_body import solve_chain
 from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.posture import chain_coordinates
+from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.model import make_model
 from snake_sim_ros.stepping.model import make_workspace

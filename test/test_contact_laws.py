@@ -15,14 +15,14 @@ from snake_sim_ros.contact.projections import prox_disc
 from snake_sim_ros.contact.projections import prox_ellipse
 from snake_sim_ros.contact.projections import prox_half_line
 from snake_sim_ros.dynamics import force_directions
-from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.parameters import STICKY
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import chain_coordinates
+from snake_sim_ros.scene.surroundings import Friction
+from snake_sim_ros.scene.surroundings import STICKY
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.simulation import Simulation

@@ -12,10 +12,10 @@ from snake_sim_ros.comparison.entrants import entrants
 from snake_sim_ros.comparison.judges import spread_rows
 from snake_sim_ros.comparison.judges import Trial
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Pegs
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.surroundings import Friction
+from snake_sim_ros.scene.surroundings import Pegs
 
 SETTINGS = CenicSettings(1e-3)
 

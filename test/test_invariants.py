@@ -31,7 +31,6 @@ from snake_sim_ros.contact.selection import selection_compliance
 from snake_sim_ros.dynamics.force_directions import contact_directions
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.parameters import Robot
@@ -42,6 +41,7 @@ from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.bdf2 import IMPLICIT_SCHEMES
 from snake_sim_ros.stepping.methods import empty_history

@@ -17,7 +17,6 @@ from schemes import of_two_states
 from schemes import step_of
 from schemes import undisturbed
 
-from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
@@ -27,6 +26,7 @@ from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper

@@ -20,7 +20,6 @@ from snake_sim_ros.dynamics.kinematics import STILL_SPEED
 from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.recording import npz
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
@@ -31,6 +30,7 @@ from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import empty_history

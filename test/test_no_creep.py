@@ -8,13 +8,13 @@ import pytest
 
 from snake_sim_ros.contact.selection import PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import joint_gaps
-from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper

@@ -10,15 +10,15 @@ import pytest
 
 from snake_sim_ros.scene.checked_records import from_mapping
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import Ground
-from snake_sim_ros.scene.parameters import Pegs
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.parameters import Wave
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.surroundings import Friction
+from snake_sim_ros.scene.surroundings import Ground
+from snake_sim_ros.scene.surroundings import Pegs
 
 FIELDS = [
     (record, item)

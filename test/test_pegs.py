@@ -34,13 +34,13 @@ from scenes import SPEED
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Pegs
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.surroundings import Pegs
 from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.state import State
 

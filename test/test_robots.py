@@ -18,7 +18,6 @@ from scenes import run
 
 from snake_sim_ros.comparison import timing
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
@@ -27,6 +26,7 @@ from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.posture import joint_rates
+from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import METHODS

@@ -11,7 +11,6 @@ from scenes import same_bits
 
 from snake_sim_ros.dynamics.kinematics import STILL_SPEED
 from snake_sim_ros.gaits.joint_reference import start_posture
-from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
@@ -21,6 +20,7 @@ from snake_sim_ros.scene.parameters import Wave
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping import levels
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import empty_history

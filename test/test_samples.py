@@ -7,10 +7,10 @@ import pytest
 
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Pegs
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.surroundings import Pegs
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.samples import make_samples

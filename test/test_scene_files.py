@@ -9,7 +9,6 @@ from snake_sim_ros.scene.checked_records import flat_fields
 from snake_sim_ros.scene.checked_records import from_mapping
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import CONFIG
-from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
@@ -18,6 +17,7 @@ from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.parameters import scene_to_text
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.scene.surroundings import Friction
 
 ROBOTS = ('aiko', 'slender')
 SCENES = sorted(path.stem for path in CONFIG.glob('*.yaml') if path.stem not in ROBOTS)

@@ -23,9 +23,7 @@ from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.dynamics.force_directions import scene_contacts
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import Pegs
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
@@ -33,6 +31,8 @@ from snake_sim_ros.scene.parameters import Wave
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.surroundings import Friction
+from snake_sim_ros.scene.surroundings import Pegs
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.simulation import Simulation

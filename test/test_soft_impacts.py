@@ -21,13 +21,13 @@ from scenes import SPEED
 
 from snake_sim_ros.dynamics.force_directions import scene_contacts
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.parameters import Ground
-from snake_sim_ros.scene.parameters import Pegs
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.surroundings import Ground
+from snake_sim_ros.scene.surroundings import Pegs
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.state import State
 

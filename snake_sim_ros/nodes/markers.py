@@ -21,8 +21,8 @@ from snake_sim_ros.scene.obstacles import cell_centers
 from snake_sim_ros.scene.obstacles import FOUNDATION
 from snake_sim_ros.scene.obstacles import PEG_HEIGHT
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Ground
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.surroundings import Ground
 
 POINT_SIZE = 0.012  # m
 LINE_WIDTH = 0.004  # m

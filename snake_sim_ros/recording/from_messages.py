@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Ground
-from snake_sim_ros.scene.parameters import Pegs
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.robot_description import robot_of
 from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.surroundings import Ground
+from snake_sim_ros.scene.surroundings import Pegs
 
 B_TO_WIRE = np.array(
     [0.5, -0.5, -0.5, -0.5]

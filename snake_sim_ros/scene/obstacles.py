@@ -25,11 +25,11 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Ground
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import cross
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.surroundings import Ground
 
 NEIGHBOR_SLOTS = 6  # of the cells beside the two spheres of a link: along x, along y, diagonal
 E_X, E_Y, E_Z = np.eye(3)

@@ -29,10 +29,10 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import cell_at
 from snake_sim_ros.scene.obstacles import cell_height
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Ground
 from snake_sim_ros.scene.robot_description import color_name
 from snake_sim_ros.scene.robot_description import COLORS
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.surroundings import Ground
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 Bar = Callable[[Array], Iterable[int]]  # returns the samples, and shows how many are left

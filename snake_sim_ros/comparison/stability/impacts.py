@@ -24,12 +24,12 @@ from snake_sim_ros.comparison.stability.scenes import turned
 from snake_sim_ros.comparison.stability.scenes import WEIGHTLESS
 from snake_sim_ros.comparison.stability.scenes import with_method
 from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
-from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.trajectory import Trajectory
 

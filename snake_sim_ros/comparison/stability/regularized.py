@@ -20,9 +20,9 @@ from snake_sim_ros.comparison.stability.scenes import stepper_of
 from snake_sim_ros.comparison.stability.scenes import with_method
 from snake_sim_ros.dynamics.force_directions import contact_directions
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Friction
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.state import initial_state
 
 

@@ -1,0 +1,85 @@
+"""What surrounds the robot, as records of a scene: friction, pegs and the ground."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from snake_sim_ros.scene.checked_records import CheckedRecord
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.checked_records import quantity
+
+Numbers = tuple[float, ...]
+PerLink = float | Numbers
+
+STICKY = 1e6  # largest friction: with it everything sticks whose load is more than rounding
+
+
+@dataclass(frozen=True, kw_only=True)
+class Friction(CheckedRecord):
+    """Coefficients of spatial Coulomb friction (an ellipse) and of rolling friction."""
+
+    longitudinal: float = quantity(
+        0.1, '1', 'Coulomb mu_Tx along the link', minimum=0, maximum=STICKY
+    )
+    transversal: float = quantity(
+        0.5, '1', 'Coulomb mu_Ty across the link', minimum=0, maximum=STICKY
+    )
+    rolling: float = quantity(
+        0.0, '1', 'rolling friction mu_V (assumption: none)', minimum=0, maximum=STICKY
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pegs(CheckedRecord):
+    """Round vertical posts of any height, fixed to the ground, one entry for each."""
+
+    x: Numbers = quantity((), 'm', 'x of the peg axes')
+    y: Numbers = quantity((), 'm', 'y of the peg axes')
+    radius: PerLink = quantity(0.05, 'm', 'radius of all pegs or of each', above=0)
+    friction: float = quantity(
+        0.2, '1', 'Coulomb friction in all directions', minimum=0, maximum=STICKY
+    )
+
+    def __post_init__(self) -> None:
+        """Check every field, and that there are as many x as y and radii."""
+        super().__post_init__()
+        if len(self.x) != len(self.y):
+            raise ParameterError(
+                f'x and y must be of one length, got {len(self.x)} and {len(self.y)} numbers'
+            )
+        if isinstance(self.radius, tuple) and len(self.radius) != len(self.x):
+            raise ParameterError(
+                f'radius must be one number or one for each of the {len(self.x)} pegs, '
+                f'got {len(self.radius)} numbers'
+            )
+
+    @property
+    def axes(self) -> NDArray[Any]:
+        """x, y and radius of every peg, shape (pegs, 3) [m]."""
+        radius = np.broadcast_to(np.asarray(self.radius, dtype=float), (len(self.x),))
+        return np.column_stack([self.x, self.y, radius]).reshape(-1, 3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ground(CheckedRecord):
+    """The ground as square cells of constant height; everywhere else it is z = 0."""
+
+    heights: tuple[Numbers, ...] = quantity(
+        (), 'm', 'heights of the cells: along x in a row, the rows along y'
+    )
+    cell: float = quantity(0.2, 'm', 'side of a cell', above=0)
+    origin: Numbers = quantity((0.0, 0.0), 'm', 'corner of the cells with the least x and y')
+
+    def __post_init__(self) -> None:
+        """Check every field, that rows have one length, and that the origin is a point."""
+        super().__post_init__()
+        lengths = sorted({len(row) for row in self.heights})
+        if len(lengths) > 1:
+            raise ParameterError(
+                f'heights must be rows of one length, got rows of {lengths[0]} and of '
+                f'{lengths[-1]} numbers'
+            )
+        if len(self.origin) != 2:
+            raise ParameterError(f'origin must have 2 components, got {len(self.origin)}')

@@ -13,6 +13,9 @@ import numpy as np
 
 from snake_sim_ros.contact.laws import make_disc
 from snake_sim_ros.contact.laws import OtherFriction
+from snake_sim_ros.contact.patches import make_patches
+from snake_sim_ros.contact.patches import patch_factor
+from snake_sim_ros.contact.patches import Patches
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.scene.obstacles import first_pair
@@ -24,7 +27,7 @@ from snake_sim_ros.scene.parameters import Scene
 
 
 class Obstacles(NamedTuple):
-    """Ground and pegs of a scene; see `parameters.Ground` and `parameters.Pegs`."""
+    """Ground and pegs of a scene; see `surroundings.Ground` and `surroundings.Pegs`."""
 
     heights: Array  # (rows, columns) [m]
     cell: float  # side of a cell [m]
@@ -34,6 +37,7 @@ class Obstacles(NamedTuple):
     first_peg: int  # number of the first contact with a peg
     first_pair: int  # number of the first contact of two links
     pair_count: int  # number of such contacts
+    patches: Patches
 
 
 def make_obstacles(scene: Scene) -> Obstacles | None:
@@ -51,15 +55,18 @@ def make_obstacles(scene: Scene) -> Obstacles | None:
         first_peg=first_peg(scene),
         first_pair=first_pair(scene),
         pair_count=len(pair_contacts(scene)),
+        patches=make_patches(scene),
     )
 
 
 def make_other_friction(scene: Scene, proximal: float) -> OtherFriction | None:
-    """Return the isotropic friction of pegs and between links, for a compliance [1/kg]."""
+    """Return friction backward, of pegs and between links, for a compliance [1/kg]."""
     if is_flat(scene):
         return None
+    floor = scene.friction
     mu, mu_pair = scene.pegs.friction, scene.self_contact_friction
     return OtherFriction(
+        backward=make_disc(1, floor.against_backward, floor.transversal, proximal),
         first_peg=first_peg(scene),
         first_pair=first_pair(scene),
         peg=make_disc(1, mu, mu, proximal),
@@ -177,6 +184,7 @@ def find_obstacle_contacts(
                     count += 1
                     place_contact(contacts, a, gap, arm, radius[i], axis, center[i], (nx, ny, nz))
                     contacts.link[a], contacts.other_link[a] = i, -1
+                    contacts.grip[a] = patch_factor(obstacles.patches, x, y)
                     fill_contact_frame(frame[a], (nx, ny, nz), axis)
         for k in range(len(obstacles.pegs)):
             px, py, peg_radius = obstacles.pegs[k, 0], obstacles.pegs[k, 1], obstacles.pegs[k, 2]
@@ -342,7 +350,7 @@ def find_pair_contacts(a, tolerance, offset, radius, q, R, center, closed, conta
 @inlined
 def place_contact(contacts, a, gap, arm, radius, axis, center, normal):
     """Fill gap, radius and point of contact a, on a sphere around a point of the link axis."""
-    contacts.gap[a] = gap
+    contacts.gap[a], contacts.grip[a] = gap, 1.0
     contacts.shift[a] = 0.0
     contacts.radius[a] = radius
     for k in range(3):

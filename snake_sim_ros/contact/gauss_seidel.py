@@ -15,6 +15,7 @@ from snake_sim_ros.contact.condensing import condense
 from snake_sim_ros.contact.delassus import condensed_twists
 from snake_sim_ros.contact.delassus import condensed_velocities
 from snake_sim_ros.contact.delassus import Delassus
+from snake_sim_ros.contact.laws import grip
 from snake_sim_ros.contact.laws import rolling_disc
 from snake_sim_ros.contact.laws import sliding_disc
 from snake_sim_ros.contact.natural_map import natural_map
@@ -36,11 +37,12 @@ def sweep(laws, closed, width, contacts, delassus, impulse):
     for k, a in enumerate(closed):
         row = width * k
         P_N = project_normal(laws, G, gamma, rows, row, contacts, impulse, a)
-        project_sliding(laws, G, gamma, rows, row, impulse, a, P_N)
+        radius = grip(laws.other, contacts, a) * P_N
+        project_sliding(laws, G, gamma, rows, row, impulse, a, radius)
         if width == 5:
             r = 1.0 / largest_eigenvalue(G, row + 3)
             x, y = impulse[a, 3] - r * gamma[row + 3], impulse[a, 4] - r * gamma[row + 4]
-            x, y = prox_disc(x, y, rolling_disc(laws, laws.other, a).mu_x * P_N)
+            x, y = prox_disc(x, y, rolling_disc(laws, laws.other, a).mu_x * radius)
             set_impulse(G, gamma, rows, row + 3, impulse, a, 3, x)
             set_impulse(G, gamma, rows, row + 4, impulse, a, 4, y)
         else:
@@ -80,16 +82,17 @@ def project_normal(laws, G, gamma, rows, row, contacts, impulse, a):
 
 
 @compiled
-def project_sliding(laws, G, gamma, rows, row, impulse, a, P_N):
+def project_sliding(laws, G, gamma, rows, row, impulse, a, radius):
     """
     Project the sliding impulse of contact a.
 
-    Parameters are those of `project_normal`; P_N is the normal impulse of the contact [N s].
+    Parameters are those of `project_normal`; `radius` is the normal impulse of the contact times
+    its grip [N s].
     """
     r = 1.0 / largest_eigenvalue(G, row + 1)
     x, y = impulse[a, 1] - r * gamma[row + 1], impulse[a, 2] - r * gamma[row + 2]
-    disc = sliding_disc(laws, laws.other, a)
-    x, y = prox_ellipse(x, y, disc.mu_x * P_N, disc.mu_y * P_N)
+    disc = sliding_disc(laws, laws.other, a, x)
+    x, y = prox_ellipse(x, y, disc.mu_x * radius, disc.mu_y * radius)
     set_impulse(G, gamma, rows, row + 1, impulse, a, 1, x)
     set_impulse(G, gamma, rows, row + 2, impulse, a, 2, y)
 

@@ -50,8 +50,17 @@ def make_disc(column: int, mu_x: float, mu_y: float, proximal: float) -> Disc:
 
 
 class OtherFriction(NamedTuple):
-    """Friction of contacts that are not with the ground: with pegs, then between two links."""
+    """
+    Friction besides one ellipse everywhere on the ground.
 
+    A contact with the ground has the ellipse `Laws.sliding` while its impulse along the link is
+    negative, against sliding forward, and `backward` while it is positive. Both have the same half
+    axis across, so that the admissible set, half of each, is convex, and the ellipse in which an
+    impulse lies has the same normals. The friction of a contact with the ground is multiplied by
+    its `grip` in the table; see `grip`. Contacts with pegs follow, then those of two links.
+    """
+
+    backward: Disc
     first_peg: int  # number of the first contact with a peg
     first_pair: int  # number of the first contact of two links
     peg: Disc
@@ -74,13 +83,34 @@ class Laws(NamedTuple):
 
 
 @inlined
-def sliding_disc(laws, other, a):
-    """Return the sliding friction of contact a."""
+def sliding_disc(laws, other, a, P_x):
+    """Return the sliding friction of contact a, for an impulse P_x along its link."""
     if other is None:
         return laws.sliding
     if a >= other.first_pair:
         return other.pair
-    return other.peg if a >= other.first_peg else laws.sliding
+    if a >= other.first_peg:
+        return other.peg
+    return other.backward if P_x > 0.0 else laws.sliding
+
+
+@inlined
+def anchored_disc(laws, other, contacts, a):
+    """Return the sliding friction of contact a for its anchor or, from 0, against its trial."""
+    P_x = contacts.anchor[a, 1]
+    return sliding_disc(laws, other, a, P_x if P_x != 0.0 else -contacts.trial[a, 1])
+
+
+@inlined
+def changes_side(other, contacts, a):
+    """Return whether the iterate of contact a has friction of another side than its anchor."""
+    return False if other is None else contacts.iterate[a, 1] * contacts.anchor[a, 1] < 0.0
+
+
+@inlined
+def grip(other, contacts, a):
+    """Return the factor of all friction of contact a: 1 but for patches of the ground."""
+    return 1.0 if other is None else contacts.grip[a]
 
 
 @inlined

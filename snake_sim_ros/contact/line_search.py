@@ -6,8 +6,9 @@ With held disc radii the contact problem is convex, and the search finds its min
 
 import math
 
+from snake_sim_ros.contact.laws import anchored_disc
+from snake_sim_ros.contact.laws import grip
 from snake_sim_ros.contact.laws import rolling_disc
-from snake_sim_ros.contact.laws import sliding_disc
 from snake_sim_ros.contact.linear_laws import disc_law
 from snake_sim_ros.contact.linear_laws import normal_law
 from snake_sim_ros.contact.table import FREE
@@ -42,11 +43,13 @@ def law_error(laws, closed, contacts, fraction):
             contacts.trial[a, 0] + fraction * step,
         )
         radius = P_N if contacts.disc_radius[a] == FREE else contacts.disc_radius[a]
+        radius *= grip(laws.other, contacts, a)
         P = contacts.iterate[a, 0]
         d = P + fraction * (contacts.impulse[a, 0] - P) - P_N
         normal = max(normal, abs(d))
         slope += d * step
-        d, along = disc_law_error(sliding_disc(laws, laws.other, a), contacts, a, radius, fraction)
+        disc = anchored_disc(laws, laws.other, contacts, a)
+        d, along = disc_law_error(disc, contacts, a, radius, fraction)
         sliding = max(sliding, d)
         slope += along
         if laws.rolling.mu_x > 0.0:

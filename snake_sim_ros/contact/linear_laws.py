@@ -3,9 +3,11 @@ The contact laws as impulses that follow from velocities, and their linear form 
 
 With the selection rule a normal impulse is ``P_N = max(0, -gamma_N/compliance)``. A tangential
 law is first scaled by its coefficients, S = diag(mu_x, mu_y): the ellipse becomes the disc of
-radius P_N, and the law keeps its form. Then ``S^-1 P = prox_disc(S^-1 anchor - S gamma/epsilon)``.
-The anchor is the impulse of the last iterate; when it no longer changes, this is the law itself
-(proximal point method [1]_), and nothing creeps.
+radius P_N, and the law keeps its form. Then ``S^-1 P = prox_disc(S^-1 anchor -
+S gamma/epsilon)``. The anchor is the impulse of the last iterate; when it no longer changes, this
+is the law itself (proximal point method [1]_), and nothing creeps. In patches of the ground the
+radius is P_N times a factor, and where friction differs forward and backward, mu_x follows the
+sign of the anchor; see `laws`.
 
 The derivative of the impulses with respect to the velocity adds a 6x6 matrix to the inertia of the
 link that a contact touches. The matrix is not symmetric because sliding friction follows the
@@ -16,8 +18,9 @@ normal impulse. What remains to be solved is the forward dynamics of a chain, se
 
 import math
 
+from snake_sim_ros.contact.laws import anchored_disc
+from snake_sim_ros.contact.laws import grip
 from snake_sim_ros.contact.laws import rolling_disc
-from snake_sim_ros.contact.laws import sliding_disc
 from snake_sim_ros.contact.table import FREE
 from snake_sim_ros.contact.table import ROLLING
 from snake_sim_ros.contact.table import SLIDING
@@ -41,10 +44,12 @@ def linearize(laws, closed, contacts):
         )
         contacts.law_impulse[a, 0] = P_N
         contacts.P_0[a, 0], contacts.S_N[a] = P_N + S_N * contacts.trial[a, 0], S_N
+        factor = grip(laws.other, contacts, a)
         radius, follow = (
             (P_N, S_N) if contacts.disc_radius[a] == FREE else (contacts.disc_radius[a], 0.0)
         )
-        linearize_disc(sliding_disc(laws, laws.other, a), contacts, a, radius, follow)
+        radius, follow = factor * radius, factor * follow
+        linearize_disc(anchored_disc(laws, laws.other, contacts, a), contacts, a, radius, follow)
         if laws.rolling.mu_x > 0.0:
             linearize_disc(rolling_disc(laws, laws.other, a), contacts, a, radius, follow)
 
@@ -91,7 +96,7 @@ def linearize_disc(disc, contacts, a, radius, S_N):
     a : int
         Number of the contact.
     radius : float
-        Radius of the friction disc: the normal impulse [N s].
+        Radius of the friction disc: the normal impulse times the grip [N s].
     S_N : float
         Minus the derivative of the radius with respect to gamma_N [kg]; 0 if it is held.
 

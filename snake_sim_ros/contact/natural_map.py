@@ -2,6 +2,7 @@
 
 import math
 
+from snake_sim_ros.contact.laws import grip
 from snake_sim_ros.contact.laws import rolling_disc
 from snake_sim_ros.contact.laws import sliding_disc
 from snake_sim_ros.contact.projections import prox_ellipse
@@ -45,15 +46,17 @@ def natural_map(laws, closed, contacts, enough):
         rule = laws.compliance * (P_N - contacts.selection_center[a])
         selected = max(selected, abs(P_N - max(0.0, x - laws.r_N * rule)))
         printed = max(printed, abs(P_N - max(0.0, x)))
+        P_x, gamma_x, radius = contacts.impulse[a, 1], contacts.gamma[a, 1], P_N
+        radius *= grip(laws.other, contacts, a)
         slide = disc_residual(
-            contacts.impulse[a, 1], contacts.impulse[a, 2], contacts.gamma[a, 1],
-            contacts.gamma[a, 2], sliding_disc(laws, laws.other, a), P_N, laws.r_T, enough,
+            P_x, contacts.impulse[a, 2], gamma_x, contacts.gamma[a, 2],
+            sliding_disc(laws, laws.other, a, P_x - laws.r_T * gamma_x), radius, laws.r_T, enough,
         )  # fmt: skip
         tangential = max(tangential, slide)
         if laws.rolling.mu_x > 0.0:
             roll = disc_residual(
                 contacts.impulse[a, 3], contacts.impulse[a, 4], contacts.gamma[a, 3],
-                contacts.gamma[a, 4], rolling_disc(laws, laws.other, a), P_N, laws.r_V, enough,
+                contacts.gamma[a, 4], rolling_disc(laws, laws.other, a), radius, laws.r_V, enough,
             )  # fmt: skip
             tangential = max(tangential, roll)
     return max(selected / laws.r_N, tangential), max(printed / laws.r_N, tangential)
@@ -64,9 +67,9 @@ def sliding_bound(laws, other, closed, contacts):
     """
     Return upper bounds of both results of `natural_map`, or infinity.
 
-    The bounds take one square root per contact. They hold on a flat floor without rolling
-    friction. `other` is ``laws.other``, an argument of its own so that Numba leaves out branches
-    on None.
+    The bounds take one square root per contact. They hold where nothing but `laws.sliding` acts:
+    on a flat floor without rolling friction. `other` is ``laws.other``, an argument of its own so
+    that Numba leaves out branches on None.
     """
     if other is not None:
         return math.inf, math.inf

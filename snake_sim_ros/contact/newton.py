@@ -26,6 +26,7 @@ from snake_sim_ros.contact.condensing import condense
 from snake_sim_ros.contact.delassus import condensed_twists
 from snake_sim_ros.contact.delassus import Delassus
 from snake_sim_ros.contact.delassus import make_delassus
+from snake_sim_ros.contact.laws import grip
 from snake_sim_ros.contact.laws import rolling_disc
 from snake_sim_ros.contact.laws import sliding_disc
 from snake_sim_ros.contact.line_search import law_error
@@ -63,8 +64,10 @@ def anchor_at_iterate(laws, closed, contacts):
     for a in closed:
         P_N = max(0.0, contacts.iterate[a, 0])
         contacts.anchor[a, 0] = P_N
-        anchor_disc(sliding_disc(laws, laws.other, a), contacts, a, P_N)
-        anchor_disc(rolling_disc(laws, laws.other, a), contacts, a, P_N)
+        radius = grip(laws.other, contacts, a) * P_N
+        disc = sliding_disc(laws, laws.other, a, contacts.iterate[a, 1])
+        anchor_disc(disc, contacts, a, radius)
+        anchor_disc(rolling_disc(laws, laws.other, a), contacts, a, radius)
 
 
 @inlined

@@ -56,3 +56,15 @@ def prox_ellipse(x, y, a, b):
         step = square * (math.sqrt(square) - 1.0) / (p * over_a + q * over_b)
         t += step
     return x * aa / (t + aa), y * bb / (t + bb)
+
+
+@compiled
+def prox_half_ellipses(x, y, forward, backward, b):
+    """
+    Return the nearest point of two half ellipses: Coulomb friction that differs along a line.
+
+    The half axis along x is `forward` where x is negative, against sliding forward, and `backward`
+    where x is positive; both halves have the half axis b along y. The set is convex. The nearest
+    point lies on the side of x, and is that of the whole ellipse of this side, which is symmetric.
+    """
+    return prox_ellipse(x, y, backward if x > 0.0 else forward, b)

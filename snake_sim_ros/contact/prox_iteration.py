@@ -7,6 +7,7 @@ from snake_sim_ros.contact.condensing import condense
 from snake_sim_ros.contact.delassus import condensed_velocities
 from snake_sim_ros.contact.delassus import Delassus
 from snake_sim_ros.contact.delassus import end_twists
+from snake_sim_ros.contact.laws import grip
 from snake_sim_ros.contact.laws import rolling_disc
 from snake_sim_ros.contact.laws import sliding_disc
 from snake_sim_ros.contact.natural_map import natural_map
@@ -51,13 +52,10 @@ def prox_sweep(laws, closed, contacts, impulse):
         P_N, P_x, P_y = contacts.impulse[a, 0], contacts.impulse[a, 1], contacts.impulse[a, 2]
         rule = laws.compliance * (P_N - contacts.selection_center[a])
         new = prox_half_line(P_N - laws.r_N * (contacts.gamma[a, 0] + rule))
-        disc = sliding_disc(laws, laws.other, a)
-        new_x, new_y = prox_ellipse(
-            P_x - laws.r_T * contacts.gamma[a, 1],
-            P_y - laws.r_T * contacts.gamma[a, 2],
-            disc.mu_x * new,
-            disc.mu_y * new,
-        )
+        radius = grip(laws.other, contacts, a) * new
+        x, y = P_x - laws.r_T * contacts.gamma[a, 1], P_y - laws.r_T * contacts.gamma[a, 2]
+        disc = sliding_disc(laws, laws.other, a, x)
+        new_x, new_y = prox_ellipse(x, y, disc.mu_x * radius, disc.mu_y * radius)
         normal += (new - P_N) ** 2
         sliding += (new_x - P_x) ** 2 + (new_y - P_y) ** 2
         impulse[a, 0], impulse[a, 1], impulse[a, 2] = new, new_x, new_y
@@ -67,7 +65,7 @@ def prox_sweep(laws, closed, contacts, impulse):
             new_x, new_y = prox_disc(
                 P_x - laws.r_V * contacts.gamma[a, 3],
                 P_y - laws.r_V * contacts.gamma[a, 4],
-                rolling_disc(laws, laws.other, a).mu_x * new,
+                rolling_disc(laws, laws.other, a).mu_x * radius,
             )
         rolling += (new_x - P_x) ** 2 + (new_y - P_y) ** 2
         impulse[a, 3], impulse[a, 4] = new_x, new_y

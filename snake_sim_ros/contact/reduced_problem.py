@@ -20,8 +20,9 @@ import numpy as np
 
 from snake_sim_ros.contact.delassus import condensed_velocities
 from snake_sim_ros.contact.delassus import fill_free_velocities
+from snake_sim_ros.contact.laws import anchored_disc
+from snake_sim_ros.contact.laws import grip
 from snake_sim_ros.contact.laws import rolling_disc
-from snake_sim_ros.contact.laws import sliding_disc
 from snake_sim_ros.contact.linear_laws import disc_law
 from snake_sim_ros.contact.linear_laws import normal_law
 from snake_sim_ros.contact.table import FREE
@@ -116,11 +117,12 @@ def reduce_laws(laws, closed, contacts, reduced):
             radius = P_N
         else:
             normal = -1
-        disc = sliding_disc(laws, laws.other, a)
-        count = reduce_disc(disc, contacts, a, radius, normal, count, reduced)
+        factor = grip(laws.other, contacts, a)
+        disc = anchored_disc(laws, laws.other, contacts, a)
+        count = reduce_disc(disc, contacts, a, radius, factor, normal, count, reduced)
         if laws.rolling.mu_x > 0.0:
             disc = rolling_disc(laws, laws.other, a)
-            count = reduce_disc(disc, contacts, a, radius, normal, count, reduced)
+            count = reduce_disc(disc, contacts, a, radius, factor, normal, count, reduced)
     return count
 
 
@@ -133,7 +135,7 @@ def add_unknown(count, row, x, y, compliance, reduced):
 
 
 @merged
-def reduce_disc(disc, contacts, a, radius, normal, count, reduced):
+def reduce_disc(disc, contacts, a, radius, factor, normal, count, reduced):
     """
     Add the unknowns of one kind of friction at contact a; return how many there are then.
 
@@ -145,7 +147,9 @@ def reduce_disc(disc, contacts, a, radius, normal, count, reduced):
     a : int
         Number of the contact.
     radius : float
-        Radius of the friction disc [N s].
+        Normal impulse that limits the friction [N s].
+    factor : float
+        Radius of the friction disc over that impulse; see `laws.grip`.
     normal : int
         Number of the unknown that the radius follows, -1 if it is held.
     count : int
@@ -157,7 +161,7 @@ def reduce_disc(disc, contacts, a, radius, normal, count, reduced):
     row = contacts.row[a] + k
     x, y = contacts.trial[a, k], contacts.trial[a, k + 1]
     P_x, P_y, S_xx, _, S_yy, d_x, d_y = disc_law(
-        disc, contacts.anchor[a, k], contacts.anchor[a, k + 1], x, y, radius
+        disc, contacts.anchor[a, k], contacts.anchor[a, k + 1], x, y, factor * radius
     )
     reduced.impulse[row] = reduced.impulse[row + 1] = 0.0
     if d_x == 0.0 and d_y == 0.0:  # it sticks, or there is no friction
@@ -171,7 +175,7 @@ def reduce_disc(disc, contacts, a, radius, normal, count, reduced):
             count += 1
         return count
     if normal >= 0:
-        reduced.follow[normal, k - 1], reduced.follow[normal, k] = d_x, d_y
+        reduced.follow[normal, k - 1], reduced.follow[normal, k] = factor * d_x, factor * d_y
     else:
         reduced.impulse[row], reduced.impulse[row + 1] = P_x, P_y
     t_x, t_y = disc.mu_x * disc.over_y * d_y, -disc.mu_y * disc.over_x * d_x

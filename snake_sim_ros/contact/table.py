@@ -22,6 +22,7 @@ CONTACT = np.dtype(
         ('point', float, 3),  # contact point, from O in axes of I [m]
         ('heading', float, 2),  # horizontal direction of the link axis: e_x of the contact frame
         ('radius', float),  # radius of the contact sphere [m]
+        ('grip', float),  # factor of friction where there is more than a flat floor; `laws.grip`
         ('gamma', float, 5),  # relative velocities [m/s]
         ('impulse', float, 5),  # impulses P [N s]
         ('gap', float),  # gap g [m]

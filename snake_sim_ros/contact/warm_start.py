@@ -5,6 +5,7 @@ import math
 from snake_sim_ros.contact.delassus import condensed_velocities
 from snake_sim_ros.contact.gauss_seidel import project_normal
 from snake_sim_ros.contact.gauss_seidel import set_impulse
+from snake_sim_ros.contact.laws import grip
 from snake_sim_ros.contact.laws import rolling_disc
 from snake_sim_ros.contact.laws import sliding_disc
 from snake_sim_ros.dynamics.compilation import inlined
@@ -59,10 +60,13 @@ def improve(laws, closed, contacts, delassus, sweeps):
         for a in closed:
             row = contacts.row[a]
             P_N = project_normal(laws, G, gamma, rows, row, contacts, impulse, a)
-            for disc in (sliding_disc(laws, laws.other, a), rolling_disc(laws, laws.other, a)):
+            radius = grip(laws.other, contacts, a) * P_N
+            P_x = impulse[a, 1] if impulse[a, 1] != 0.0 else -gamma[row + 1]
+            sliding = sliding_disc(laws, laws.other, a, P_x)
+            for disc in (sliding, rolling_disc(laws, laws.other, a)):
                 if disc.column < width:
                     k = row + disc.column
-                    sticks = project_scaled(disc, G, gamma, rows, k, impulse, a, P_N)
+                    sticks = project_scaled(disc, G, gamma, rows, k, impulse, a, radius)
                     if sweep == sweeps - 1:
                         for j in range(2):
                             contacts.trial[a, disc.column + j] = 0.0 if sticks else gamma[k + j]

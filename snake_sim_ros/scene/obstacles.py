@@ -39,8 +39,14 @@ PEG_HEIGHT, FOUNDATION = 4.0, 0.01
 
 
 def is_flat(scene: Scene) -> bool:
-    """Return whether there is nothing but the floor z = 0."""
-    return not scene.ground.heights and not scene.pegs.x and not scene.self_contact
+    """
+    Return whether there is nothing but the floor z = 0, with one ellipse of friction.
+
+    Friction that differs forward and backward or in patches is compiled with the obstacles, so
+    that scenes without it do not pay for it.
+    """
+    friction = scene.friction.has_direction or scene.patches.factors
+    return not (scene.ground.heights or scene.pegs.x or scene.self_contact or friction)
 
 
 def first_peg(scene: Scene) -> int:
@@ -118,14 +124,41 @@ def contact_links(scene: Scene) -> Array:
     return np.array(of_world + [(i, j) for i, j, _, _ in pair_contacts(scene)])
 
 
-def contact_friction(scene: Scene, a: int) -> tuple[float, float, float]:
-    """Return mu along e_x and e_y of the contact frame, and of rolling, of contact a."""
-    if a >= first_pair(scene):
-        return scene.self_contact_friction, scene.self_contact_friction, 0.0
-    if a >= first_peg(scene):
-        return scene.pegs.friction, scene.pegs.friction, 0.0
-    floor = scene.friction
-    return floor.longitudinal, floor.transversal, floor.rolling
+def contact_friction(scene: Scene, contacts: Array, q: Array) -> Array:
+    """
+    Return the coefficients of friction of some contacts, for link coordinates q (n, 7).
+
+    Returns
+    -------
+    ndarray, shape (k, 4)
+        mu along e_x of the contact frame, against sliding forward and backward; mu along e_y, and
+        that of rolling.
+
+    """
+    n, first, found = scene.robot.link_count, first_peg(scene), []
+    center, axis, offset, _ = make_capsules(scene.robot, q)
+    for a in map(int, contacts):
+        if a >= first:
+            is_pair = a >= first_pair(scene)
+            mu = scene.self_contact_friction if is_pair else scene.pegs.friction
+            found.append((mu, mu, mu, 0.0))
+            continue
+        slot, i = divmod(a, n)
+        front = slot == 0 or 2 <= slot < 2 + NEIGHBOR_SLOTS // 2
+        x, y, _ = center[i] + (1 if front else -1) * offset[i] * axis[i]
+        found.append(floor_friction(scene, x, y))
+    return np.array(found).reshape(-1, 4)
+
+
+def floor_friction(scene: Scene, x: float, y: float) -> tuple[float, float, float, float]:
+    """Return the coefficients of the ground at (x, y) of I [m], as `contact_friction` does."""
+    patches, floor, factor = scene.patches, scene.friction, 1.0
+    column = math.floor((x - patches.origin[0]) / patches.cell)
+    row = math.floor((y - patches.origin[1]) / patches.cell)
+    if 0 <= row < len(patches.factors) and 0 <= column < len(patches.factors[0]):
+        factor = patches.factors[row][column]
+    along, back = factor * floor.longitudinal, factor * floor.against_backward
+    return along, back, factor * floor.transversal, factor * floor.rolling
 
 
 def cell_height(ground: Ground, column: int, row: int) -> float:

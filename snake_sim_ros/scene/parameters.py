@@ -30,6 +30,7 @@ from snake_sim_ros.scene.checked_records import to_mapping
 from snake_sim_ros.scene.checked_records import with_values
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.scene.surroundings import Ground
+from snake_sim_ros.scene.surroundings import Patches
 from snake_sim_ros.scene.surroundings import Pegs
 from snake_sim_ros.scene.surroundings import PerLink
 from snake_sim_ros.scene.surroundings import STICKY
@@ -235,6 +236,7 @@ class Scene(CheckedRecord):
 
     robot: Robot = Robot()
     friction: Friction = Friction()
+    patches: Patches = Patches()
     ground: Ground = Ground()
     pegs: Pegs = Pegs()
     self_contact: bool = quantity(False, '', 'whether links that are not neighbors touch')

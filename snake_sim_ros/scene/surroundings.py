@@ -18,10 +18,23 @@ STICKY = 1e6  # largest friction: with it everything sticks whose load is more t
 
 @dataclass(frozen=True, kw_only=True)
 class Friction(CheckedRecord):
-    """Coefficients of spatial Coulomb friction (an ellipse) and of rolling friction."""
+    """
+    Coefficients of spatial Coulomb friction and of rolling friction.
+
+    A link slides forward along e_z of its frame, from link 1 to link n. What resists that is
+    `longitudinal`; `backward` resists sliding the other way, and is equal if it is not given. The
+    admissible forces are then two halves of ellipses, which share the half axis `transversal`.
+    """
 
     longitudinal: float = quantity(
         0.1, '1', 'Coulomb mu_Tx along the link', minimum=0, maximum=STICKY
+    )
+    backward: float | None = quantity(
+        None,
+        '1',
+        'Coulomb mu_Tx of a link that slides backward; default: longitudinal',
+        minimum=0,
+        maximum=STICKY,
     )
     transversal: float = quantity(
         0.5, '1', 'Coulomb mu_Ty across the link', minimum=0, maximum=STICKY
@@ -29,6 +42,16 @@ class Friction(CheckedRecord):
     rolling: float = quantity(
         0.0, '1', 'rolling friction mu_V (assumption: none)', minimum=0, maximum=STICKY
     )
+
+    @property
+    def against_backward(self) -> float:
+        """Coefficient along a link that slides backward."""
+        return self.longitudinal if self.backward is None else self.backward
+
+    @property
+    def has_direction(self) -> bool:
+        """Whether forward and backward sliding differ."""
+        return self.against_backward != self.longitudinal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,11 +98,41 @@ class Ground(CheckedRecord):
     def __post_init__(self) -> None:
         """Check every field, that rows have one length, and that the origin is a point."""
         super().__post_init__()
-        lengths = sorted({len(row) for row in self.heights})
-        if len(lengths) > 1:
-            raise ParameterError(
-                f'heights must be rows of one length, got rows of {lengths[0]} and of '
-                f'{lengths[-1]} numbers'
-            )
-        if len(self.origin) != 2:
-            raise ParameterError(f'origin must have 2 components, got {len(self.origin)}')
+        _check_cells('heights', self.heights, self.origin)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Patches(CheckedRecord):
+    """
+    Square patches of the ground with another friction; everywhere else the factor is 1.
+
+    A factor multiplies all coefficients of `Friction` for the spheres whose centers are above the
+    cell. Walls belong to the cell that the sphere is above.
+    """
+
+    factors: tuple[Numbers, ...] = quantity(
+        (),
+        '1',
+        'factors of friction of the cells: along x in a row, the rows along y',
+        minimum=0,
+        maximum=STICKY,
+    )
+    cell: float = quantity(0.2, 'm', 'side of a cell', above=0)
+    origin: Numbers = quantity((0.0, 0.0), 'm', 'corner of the cells with the least x and y')
+
+    def __post_init__(self) -> None:
+        """Check every field, that rows have one length, and that the origin is a point."""
+        super().__post_init__()
+        _check_cells('factors', self.factors, self.origin)
+
+
+def _check_cells(name: str, rows: tuple[Numbers, ...], origin: Numbers) -> None:
+    """Raise an error if rows of cells differ in length, or if their origin is not a point."""
+    lengths = sorted({len(row) for row in rows})
+    if len(lengths) > 1:
+        raise ParameterError(
+            f'{name} must be rows of one length, got rows of {lengths[0]} and of '
+            f'{lengths[-1]} numbers'
+        )
+    if len(origin) != 2:
+        raise ParameterError(f'origin must have 2 components, got {len(origin)}')

@@ -108,7 +108,8 @@ class Contacts(NamedTuple):
     last: Array  # (k,) normal impulses of the part before, for a time h [N s]
     loaded: Array  # (k,) whether they carry load
     shift: Array  # (k,) eq. (viii) [m/s]
-    friction: Array  # (k, 5) impulses per scaled impulse: 1, mu_x, mu_y, mu_V, mu_V
+    friction: Array  # (k, 5) impulses per scaled impulse: 1, largest mu_x, mu_y, mu_V, mu_V
+    share: Array  # (k, 2) of mu_x in the largest one, against sliding forward and backward
     compliance: float  # of the selection rule [1/kg]
     center: Array  # (k,) normal impulses about which the rule is compliant [N s]
 
@@ -123,6 +124,7 @@ class Contacts(NamedTuple):
             loaded=self.loaded[kept],
             shift=np.zeros(kept.sum()),
             friction=self.friction[kept],
+            share=self.share[kept],
             center=self.center[kept],
         )
 
@@ -227,10 +229,14 @@ def contacts_of(
     shift = shifts(gap, approach, last, h_q, dt, solver.activation_tolerance)
     gamma[:, 0] += shift
     compliance, center = selection_rule(scene, active, h, gamma[:, :3], gap, last)
-    mu = np.array([obstacles.contact_friction(scene, a) for a in active.tolist()]).reshape(-1, 3)
-    friction = np.hstack([np.ones((len(mu), 1)), mu, mu[:, 2:]])
+    mu = obstacles.contact_friction(scene, active, q)
+    along = mu[:, :2].max(axis=1, keepdims=True)
+    share = np.divide(mu[:, :2], along, out=np.ones((len(mu), 2)), where=along > 0.0)
+    friction = np.hstack([np.ones((len(mu), 1)), along, mu[:, 2:], mu[:, 3:]])
     loaded = last > 0.0
-    return Contacts(active, W, gap, approach, last, loaded, shift, friction, compliance, center)
+    return Contacts(
+        active, W, gap, approach, last, loaded, shift, friction, share, compliance, center
+    )
 
 
 def selection_rule(
@@ -254,10 +260,10 @@ def solve_contacts(terms: Balance, contacts: Contacts) -> tuple[Array, Array]:
     """
     Return u_E (n, 6) and the impulses (k, 5) that satisfy the balance (iv) and the laws (viii).
 
-    Impulses are scaled with the coefficients of friction, so that the ellipses become discs of
-    radius P_N: the impulses of a contact are ``friction * P`` and the laws those of
-    ``friction * gamma``, with ``gamma = G P + gamma_free``. The selection rule adds ``compliance
-    (P_N - center)`` to gamma_N.
+    Impulses are scaled with the coefficients of friction, so that ellipses become discs of
+    radius P_N, of which `share` leaves less on one side: the impulses of a contact are ``friction
+    * P`` and the laws those of ``friction * gamma``, with ``gamma = G P + gamma_free``. The
+    selection rule adds ``compliance (P_N - center)`` to gamma_N.
     """
     W = (contacts.W * contacts.friction).reshape(len(terms.M), -1)
     solution = terms.velocities(np.column_stack([terms.momentum, W]))
@@ -266,7 +272,7 @@ def solve_contacts(terms: Balance, contacts: Contacts) -> tuple[Array, Array]:
     normals = np.arange(0, len(G), 5)
     G[normals, normals] += contacts.compliance
     gamma_free[:, 0] += contacts.shift - contacts.compliance * contacts.center
-    P = solve_laws(G, gamma_free.ravel())
+    P = solve_laws(G, gamma_free.ravel(), contacts.share)
     u_E = free + response @ P
     return u_E.reshape(-1, 6), P.reshape(-1, 5) * contacts.friction
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.projections import prox_disc
-from snake_sim_ros.contact.projections import prox_ellipse
+from snake_sim_ros.contact.projections import prox_half_ellipses
 from snake_sim_ros.contact.projections import prox_half_line
 from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
 from snake_sim_ros.contact.selection import selection_center
@@ -144,7 +144,7 @@ def without_drift(robot: Robot, q: Array, rule: str) -> Array:
 def contact_prox(
     r: Solver,
     compliance: float,
-    friction: tuple[float, float, float],
+    friction: list[float],
     center: float,
     P: list[float],
     gamma: list[float],
@@ -158,14 +158,14 @@ def contact_prox(
     The normal forces of a robot that lies flat are not unique, and friction depends on them; this
     tiny compliance makes them the ones of least norm. The scene can switch it off.
     """
-    mu_x, mu_y, mu_V = friction
+    forward, backward, mu_y, mu_V = friction
     r_T, r_V, (P_N, *P_k), (gamma_N, *gamma_k) = r.r_sliding, r.r_rolling, P, gamma
     P_N = prox_half_line(P_N - r.r_normal * (gamma_N + compliance * (P_N - center)))
     x, y, roll_x, roll_y = (
         P_1 - r_1 * gamma_1
         for P_1, r_1, gamma_1 in zip(P_k, (r_T, r_T, r_V, r_V), gamma_k, strict=True)
     )
-    P_T = prox_ellipse(x, y, mu_x * P_N, mu_y * P_N)
+    P_T = prox_half_ellipses(x, y, forward * P_N, backward * P_N, mu_y * P_N)
     return P_N, *P_T, *prox_disc(roll_x, roll_y, mu_V * P_N)
 
 
@@ -174,6 +174,7 @@ class Terms(NamedTuple):
 
     active: Array  # (k,) numbers of the active contacts
     gap: Array  # (k,) [m]
+    friction: Array  # (k, 4) as `obstacles.contact_friction` returns it
     W_N: Array  # (6n, k)
     W_T: Array  # (6n, 2k)
     W_V: Array  # (6n, 2k)
@@ -284,9 +285,10 @@ class ReferenceStepper:
         g_J = joint_gaps(robot, without_drift(robot, q_free, 'none'))
 
         def residual(compliance: float) -> float:
-            each = zip(terms.active.tolist(), rule.center, last_P, gamma, strict=True)
+            each = zip(terms.friction, rule.center, last_P, gamma, strict=True)
             return max(
-                (contact_natural_map(scene, compliance, *contact) for contact in each), default=0.0
+                (contact_natural_map(scene.solver, compliance, *contact) for contact in each),
+                default=0.0,
             )
 
         report = Report(
@@ -318,6 +320,7 @@ class ReferenceStepper:
         return Terms(
             active=active,
             gap=gap[active],
+            friction=obstacles.contact_friction(scene, active, q_M),
             W_N=W_N,
             W_T=W_T,
             W_V=W_V,
@@ -359,8 +362,8 @@ class ReferenceStepper:
 
         """
         solver, centers = self.scene.solver, rule.center.tolist()
-        friction = [obstacles.contact_friction(self.scene, a) for a in terms.active.tolist()]
-        _, _, W_N, W_T, W_V, W_J, _, M_inv, momentum = terms
+        friction = terms.friction.tolist()
+        _, _, _, W_N, W_T, W_V, W_J, _, M_inv, momentum = terms
         G_J = W_J.T @ M_inv @ W_J
         last_P, u_E, iterations, change = P, M_inv @ momentum, 0, math.inf
         while not change < solver.tolerance and iterations < solver.iteration_limit:
@@ -381,12 +384,12 @@ class ReferenceStepper:
 
 
 def contact_natural_map(
-    scene: Scene, compliance: float, a: int, center: float, P: Array, gamma: Array
+    r: Solver, compliance: float, friction: Array, center: float, P: Array, gamma: Array
 ) -> float:
-    """Return ``max |P - prox_C(P - r gamma)|/r`` of contact a, sets of the given P_N [m/s]."""
-    (mu_x, mu_y, mu_V), r = obstacles.contact_friction(scene, a), scene.solver
-    P_T = prox_ellipse(*(P[1:3] - r.r_sliding * gamma[1:3]), mu_x * P[0], mu_y * P[0])
-    P_V = prox_disc(*(P[3:] - r.r_rolling * gamma[3:]), mu_V * P[0])
+    """Return ``max |P - prox_C(P - r gamma)|/r`` of a contact, sets of the given P_N [m/s]."""
+    *radii, radius = friction * P[0]
+    P_T = prox_half_ellipses(*(P[1:3] - r.r_sliding * gamma[1:3]), *radii)
+    P_V = prox_disc(*(P[3:] - r.r_rolling * gamma[3:]), radius)
     P_N = prox_half_line(P[0] - r.r_normal * (gamma[0] + compliance * (P[0] - center)))
     sliding = float(np.linalg.norm(P[1:3] - P_T)) / r.r_sliding
     rolling = float(np.linalg.norm(P[3:] - P_V)) / r.r_rolling

@@ -11,6 +11,7 @@ import math
 from typing import NamedTuple
 
 from snake_sim_ros.contact.delassus import end_twists
+from snake_sim_ros.contact.laws import grip
 from snake_sim_ros.contact.laws import link_of
 from snake_sim_ros.contact.laws import sliding_disc
 from snake_sim_ros.contact.natural_map import natural_map
@@ -56,13 +57,14 @@ def penalty_forces(law, laws, closed, contacts, mass):
         push = (
             max(0.0, -law.stiffness * gap - damping * contacts.gamma[a, 0]) if gap < 0.0 else 0.0
         )
-        disc = sliding_disc(laws, laws.other, a)
+        disc = sliding_disc(laws, laws.other, a, -contacts.gamma[a, 1])
+        grips = push * grip(laws.other, contacts, a)
         x, y = disc.mu_x * contacts.gamma[a, 1], disc.mu_y * contacts.gamma[a, 2]
         scale = max(disc.mu_x, disc.mu_y) * law.sliding_velocity
         drag = 0.0
         if scale > 0.0:
             s = math.sqrt(x * x + y * y) / scale
-            drag = push * share_over_speed(law.rational, s) / scale
+            drag = grips * share_over_speed(law.rational, s) / scale
         contacts.impulse[a, 0] = push
         contacts.impulse[a, 1] = -drag * disc.mu_x * x
         contacts.impulse[a, 2] = -drag * disc.mu_y * y

@@ -18,6 +18,7 @@ from snake_sim_ros.contact.delassus import condensed_velocities
 from snake_sim_ros.contact.delassus import Delassus
 from snake_sim_ros.contact.gauss_seidel import project_normal
 from snake_sim_ros.contact.gauss_seidel import set_impulse
+from snake_sim_ros.contact.laws import grip
 from snake_sim_ros.contact.laws import sliding_disc
 from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.projections import prox_half_line
@@ -41,11 +42,12 @@ def sweep_pyramid(laws, closed, contacts, delassus, impulse):
     for k, a in enumerate(closed):
         row = 3 * k
         P_N = project_normal(laws, G, gamma, rows, row, contacts, impulse, a)
-        disc = sliding_disc(laws, laws.other, a)
+        radius = grip(laws.other, contacts, a) * P_N
         x = impulse[a, 1] - gamma[row + 1] / G[row + 1, row + 1]
-        set_impulse(G, gamma, rows, row + 1, impulse, a, 1, clipped(x, disc.mu_x * P_N))
+        disc = sliding_disc(laws, laws.other, a, x)
+        set_impulse(G, gamma, rows, row + 1, impulse, a, 1, clipped(x, disc.mu_x * radius))
         y = impulse[a, 2] - gamma[row + 2] / G[row + 2, row + 2]
-        set_impulse(G, gamma, rows, row + 2, impulse, a, 2, clipped(y, disc.mu_y * P_N))
+        set_impulse(G, gamma, rows, row + 2, impulse, a, 2, clipped(y, disc.mu_y * radius))
 
 
 @merged
@@ -58,9 +60,10 @@ def pyramid_map(laws, closed, contacts):
         normal = max(
             normal, abs(P_N - prox_half_line(P_N - laws.r_N * (contacts.gamma[a, 0] + rule)))
         )
-        disc, r = sliding_disc(laws, laws.other, a), laws.r_T
-        x = clipped(P_x - r * contacts.gamma[a, 1], disc.mu_x * P_N)
-        y = clipped(P_y - r * contacts.gamma[a, 2], disc.mu_y * P_N)
+        radius, r = grip(laws.other, contacts, a) * P_N, laws.r_T
+        x, y = P_x - r * contacts.gamma[a, 1], P_y - r * contacts.gamma[a, 2]
+        disc = sliding_disc(laws, laws.other, a, x)
+        x, y = clipped(x, disc.mu_x * radius), clipped(y, disc.mu_y * radius)
         sliding = max(sliding, abs(P_x - x), abs(P_y - y))
     return max(normal / laws.r_N, sliding / laws.r_T)
 

@@ -36,6 +36,7 @@ from snake_sim_ros.stepping.planar.axes import begin_yaw_axis
 from snake_sim_ros.stepping.planar.axes import first_yaw_law
 from snake_sim_ros.stepping.planar.axes import joint_impulses_in_plane
 from snake_sim_ros.stepping.planar.axes import yaw_axes_change
+from snake_sim_ros.stepping.planar.equilibrium import fill_grips
 from snake_sim_ros.stepping.planar.equilibrium import fill_momentum
 from snake_sim_ros.stepping.planar.equilibrium import place_links_in_plane
 from snake_sim_ros.stepping.planar.moreau import end_planar_velocities
@@ -44,8 +45,8 @@ from snake_sim_ros.stepping.planar.moreau import is_planar
 from snake_sim_ros.stepping.planar.moreau import keep_planar_sample
 from snake_sim_ros.stepping.planar.moreau import stop_impact
 from snake_sim_ros.stepping.planar.newton import PlanarNewton
-from snake_sim_ros.stepping.planar.newton import SECOND_CHANGE
 from snake_sim_ros.stepping.planar.newton import solve_planar_contacts
+from snake_sim_ros.stepping.planar.warm_start import SECOND_CHANGE
 from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import count_steps
 from snake_sim_ros.stepping.steps import note_outcome
@@ -235,7 +236,20 @@ def begin_planar_part(model, own, work, start, h, h_q):
                 work.axes.low[j, 0] = (min(-stop, angle) - bend) / h_q
                 work.axes.high[j, 0] = (max(stop, angle) - bend) / h_q
             first_yaw_law(model, work, j)
+    fill_predicted_grips(model.patches, model, own, work, h_q)
     fill_momentum(model, work, hat.u, u_star)
+
+
+@inlined
+def fill_predicted_grips(patches, model, own, work, h_q):
+    """Fill the grip of the contacts at the predicted end; see `equilibrium.fill_grips`."""
+    if patches is None:
+        return
+    x, y = own.hat.pose[0], own.hat.pose[1]
+    for i in range(len(work.center)):
+        x += model.share[i] * (h_q * own.star.u[i, 0] - work.center[i, 0])
+        y += model.share[i] * (h_q * own.star.u[i, 1] - work.center[i, 1])
+    fill_grips(patches, model, work, x, y)
 
 
 @merged

@@ -6,6 +6,7 @@ Functions take a `model.PlanarModel` as `model`, and fill a `model.PlanarWorkspa
 
 import math
 
+from snake_sim_ros.contact.patches import patch_factor
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges
@@ -79,6 +80,25 @@ def place_links_in_plane(model, work, weight_velocity):
     A[0] += unheld
     A[3] += unheld
     factor_hinges(work.upright)
+
+
+@inlined
+def fill_grips(patches, model, work, x, y):
+    """
+    Fill the grip of the contacts with the floor, for O at (x, y) in I [m].
+
+    `patches` is ``model.patches``, an argument of its own so that Numba leaves out the branch on
+    None.
+    """
+    if patches is None:
+        return
+    n = len(work.heading)
+    for i in range(n):
+        center_x, center_y = x + work.center[i, 0], y + work.center[i, 1]
+        arm_x, arm_y = model.offset[i] * work.heading[i, 0], model.offset[i] * work.heading[i, 1]
+        contacts = work.contacts
+        contacts.grip[i] = patch_factor(patches, center_x + arm_x, center_y + arm_y)
+        contacts.grip[n + i] = patch_factor(patches, center_x - arm_x, center_y - arm_y)
 
 
 @inlined

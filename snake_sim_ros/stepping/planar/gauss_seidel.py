@@ -5,6 +5,7 @@ from typing import NamedTuple
 from snake_sim_ros.contact.delassus import condensed_velocities
 from snake_sim_ros.contact.delassus import Delassus
 from snake_sim_ros.contact.gauss_seidel import project_sliding
+from snake_sim_ros.contact.laws import grip
 from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.projections import prox_half_line
 from snake_sim_ros.contact.prox_iteration import copy_impulses
@@ -38,7 +39,7 @@ def sweep_in_plane(model, work, delassus, impulse):
         for k, a in enumerate(closed):
             last = impulse[a, 0] if impulse[a, 0] > 0.0 else contacts.impulse[a, 0]
             impulse[a, 0] = 0.5 * (last + contacts.impulse[a, 0])
-            radius = prox_half_line(impulse[a, 0])
+            radius = prox_half_line(impulse[a, 0]) * grip(model.laws.other, contacts, a)
             G, gamma = delassus.operator, delassus.packed
             project_sliding(model.laws, G, gamma, rows, 3 * k, impulse, a, radius)
         iterations += 1

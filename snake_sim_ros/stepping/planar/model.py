@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.laws import Laws
+from snake_sim_ros.contact.patches import make_patches
+from snake_sim_ros.contact.patches import Patches
 from snake_sim_ros.contact.table import make_table
 from snake_sim_ros.dynamics.compilation import record_array
 from snake_sim_ros.dynamics.hinge_chain import HingeChain
@@ -15,6 +17,7 @@ from snake_sim_ros.dynamics.joint_laws import JointLaws
 from snake_sim_ros.dynamics.joint_laws import make_axis_laws
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.obstacles import first_peg
+from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.scene.parameters import PD_SCHEMES
@@ -77,7 +80,7 @@ def forget(memory: PlanarMemory) -> None:
 
 
 class PlanarModel(NamedTuple):
-    """The numbers of a planar scene, as `stepping.model.Model`; pegs are the only obstacles."""
+    """The numbers of a planar scene, as `stepping.model.Model`, with pegs and patches."""
 
     half_length: Array
     mass: Array
@@ -109,6 +112,7 @@ class PlanarModel(NamedTuple):
     pegs: Array  # (pegs, 3) x, y and radius of the pegs [m]
     first_peg: int  # number of the first contact with a peg
     activation_tolerance: float
+    patches: Patches | None  # None where there is nothing but a flat floor
 
 
 class PlanarWorkspace(NamedTuple):
@@ -178,6 +182,7 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         pegs=scene.pegs.axes,
         first_peg=first_peg(scene),
         activation_tolerance=scene.solver.activation_tolerance,
+        patches=None if is_flat(scene) else make_patches(scene),
     )
 
 

@@ -36,6 +36,7 @@ from snake_sim_ros.stepping.planar.axes import first_yaw_law
 from snake_sim_ros.stepping.planar.axes import is_overloaded
 from snake_sim_ros.stepping.planar.axes import joint_impulses_in_plane
 from snake_sim_ros.stepping.planar.axes import yaw_axes_change
+from snake_sim_ros.stepping.planar.equilibrium import fill_grips
 from snake_sim_ros.stepping.planar.equilibrium import fill_momentum
 from snake_sim_ros.stepping.planar.equilibrium import place_links_in_plane
 from snake_sim_ros.stepping.planar.model import ROLL_LIMIT
@@ -82,6 +83,8 @@ def begin_planar_step(model, work, steps, k):
             elif angle_mid <= -stop:
                 work.axes.low[j, 0] = 0.0
             first_yaw_law(model, work, j)
+    x, y = q[0] + dt / 2 * u[0, 0], q[1] + dt / 2 * u[0, 1]
+    fill_grips(model.patches, model, work, x - work.center[0, 0], y - work.center[0, 1])
     fill_momentum(model, work, u, u)
     return 2 * n + find_peg_contacts(model, work, q, u)
 

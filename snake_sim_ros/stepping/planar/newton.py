@@ -14,6 +14,9 @@ from typing import NamedTuple
 
 from snake_sim_ros.contact.delassus import Delassus
 from snake_sim_ros.contact.delassus import solve_condensed
+from snake_sim_ros.contact.laws import anchored_disc
+from snake_sim_ros.contact.laws import changes_side
+from snake_sim_ros.contact.laws import grip
 from snake_sim_ros.contact.laws import sliding_disc
 from snake_sim_ros.contact.line_search import law_error
 from snake_sim_ros.contact.line_search import line_search
@@ -41,9 +44,9 @@ from snake_sim_ros.stepping.planar.equilibrium import planar_contact_velocities
 from snake_sim_ros.stepping.planar.equilibrium import planar_twists
 from snake_sim_ros.stepping.planar.pegs import peg_velocities
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
+from snake_sim_ros.stepping.planar.warm_start import predict_sliding
+from snake_sim_ros.stepping.planar.warm_start import remember_sliding
 
-# Component of `change` in history for the change of the change of a load: nothing rolls here.
-SECOND_CHANGE = 3
 COUPLED_ITERATIONS = 4  # iterations before the radii are held
 MOST_COUPLED_ITERATIONS = 20  # of these, while the residual falls
 HELD_ITERATIONS = 30  # iterations with held radii, at most
@@ -52,50 +55,7 @@ STILL_SHARE = 0.1  # share of the tolerance up to which the velocity of a contac
 
 
 @inlined
-def predict_sliding(closed, contacts, history):
-    """Fill disc radii, trial and anchor: loads and velocities continue to change as they did."""
-    last, velocity, change = history.impulse, history.velocity, history.change
-    for a in closed:
-        P_N = last[a, 0]
-        contacts.disc_radius[a] = max(0.0, P_N + change[a, 0] + change[a, SECOND_CHANGE])
-        for k in range(3):
-            contacts.anchor[a, k] = last[a, k]
-        x, y = velocity[a, 1], velocity[a, 2]
-        next_x, next_y = x + change[a, 1], y + change[a, 2]
-        ahead = x * next_x + y * next_y > 0.0
-        x, y = (next_x, next_y) if ahead else (x, y)
-        known = P_N > 0.0
-        contacts.trial[a, 0] = 0.0 if known else contacts.gamma[a, 0]
-        contacts.trial[a, 1] = x if known else contacts.gamma[a, 1]
-        contacts.trial[a, 2] = y if known else contacts.gamma[a, 2]
-
-
-@merged
-def remember_sliding(closed, contacts, history):
-    """Fill the history with impulses, velocities and changes, 0 for open contacts."""
-    last, velocity, change = history.impulse, history.velocity, history.change
-    for a in closed:
-        contacts.is_closed[a] = 1
-        P_N = contacts.impulse[a, 0]
-        before = last[a, 0] > 0.0
-        difference = P_N - last[a, 0] if before else 0.0
-        change[a, SECOND_CHANGE] = difference - change[a, 0] if before else 0.0
-        change[a, 0] = difference
-        last[a, 0] = P_N
-        for k in range(1, 3):
-            gamma = contacts.gamma[a, k]
-            change[a, k] = gamma - velocity[a, k] if before else 0.0
-            velocity[a, k] = gamma
-            last[a, k] = contacts.impulse[a, k]
-    for a in range(len(contacts) if len(contacts) > len(closed) else 0):
-        if contacts.is_closed[a] == 0 and last[a, 0] > 0.0:
-            for j in range(5):
-                last[a, j] = velocity[a, j] = change[a, j] = 0.0
-        contacts.is_closed[a] = 0
-
-
-@inlined
-def sliding_law(disc, contacts, a, again):
+def sliding_law(laws, contacts, a, again):
     """
     Fill the law of sliding at contact a, linear about the trial velocity, with a held radius.
 
@@ -108,9 +68,11 @@ def sliding_law(disc, contacts, a, again):
 
     """
     x, y = contacts.trial[a, 1], contacts.trial[a, 2]
+    disc, radius = anchored_disc(laws, laws.other, contacts, a), contacts.disc_radius[a]
     P_x, P_y, S_xx, S_xy, S_yy, _, _ = disc_law(
-        disc, contacts.anchor[a, 1], contacts.anchor[a, 2], x, y, contacts.disc_radius[a]
-    )
+        disc, contacts.anchor[a, 1], contacts.anchor[a, 2], x, y,
+        grip(laws.other, contacts, a) * radius,
+    )  # fmt: skip
     contacts.law_impulse[a, 1], contacts.law_impulse[a, 2] = P_x, P_y
     contacts.S_xx[a, SLIDING], contacts.S_xy[a, SLIDING], contacts.S_yy[a, SLIDING] = (
         S_xx,
@@ -130,11 +92,11 @@ def add_sliding_laws(model, work, again):
     If `again`, they are those for the change from the last twists, not for the twists themselves.
     The load then contains what rounding left of the balance.
     """
-    disc, contacts, chain, n = model.laws.sliding, work.contacts, work.chain, len(work.heading)
+    laws, contacts, chain, n = model.laws, work.contacts, work.chain, len(work.heading)
     for i in range(n):
         offset = model.offset[i]
-        P_x, P_y, S_xx, S_xy, S_yy = sliding_law(disc, contacts, i, again)
-        Q_x, Q_y, T_xx, T_xy, T_yy = sliding_law(disc, contacts, n + i, again)
+        P_x, P_y, S_xx, S_xy, S_yy = sliding_law(laws, contacts, i, again)
+        Q_x, Q_y, T_xx, T_xy, T_yy = sliding_law(laws, contacts, n + i, again)
         # Along and across the link, and about its center.
         along, across, moment = P_x + Q_x, P_y + Q_y, offset * (P_y - Q_y)
         S_aa, S_ac, S_cc = S_xx + T_xx, S_xy + T_xy, S_yy + T_yy
@@ -172,7 +134,7 @@ def add_peg_laws(model, work, closed, again):
         contacts.law_impulse[a, 0], contacts.S_N[a] = P_N, S_N
         contacts.P_0[a, 0] = P_N + S_N * contacts.trial[a, 0]
         linearize_disc(
-            sliding_disc(laws, laws.other, a), contacts, a, contacts.disc_radius[a], 0.0
+            anchored_disc(laws, laws.other, contacts, a), contacts, a, contacts.disc_radius[a], 0.0
         )
         normal = contacts.law_impulse[a, 0] if again else contacts.P_0[a, 0]
         along = contacts.law_impulse[a, 1] if again else contacts.P_0[a, 1]
@@ -204,10 +166,11 @@ def planar_linear_step(model, work, closed, delassus, again):
 
     `delassus` is as in `contact.linear_problem.linear_step`, and `again` as in `add_sliding_laws`.
     """
-    contacts, chain, n = work.contacts, work.chain, len(work.heading)
+    laws, contacts, chain, n = model.laws, work.contacts, work.chain, len(work.heading)
     if delassus is not None:
         for a in closed:
-            linearize_disc(model.laws.sliding, contacts, a, contacts.disc_radius[a], 0.0)
+            radius = grip(laws.other, contacts, a) * contacts.disc_radius[a]
+            linearize_disc(anchored_disc(laws, laws.other, contacts, a), contacts, a, radius, 0.0)
             contacts.P_0[a, 0], contacts.S_N[a] = contacts.impulse[a, 0], 0.0
         solve_condensed(closed, 3, contacts, delassus)
         return
@@ -263,11 +226,13 @@ def settle_loads(model, work, closed):
     Friction that slides is proportional to the load, while its direction hardly changes. The loads
     are therefore found once more, with friction for the loads that were found.
     """
-    disc, contacts = model.laws.sliding, work.contacts
+    laws, contacts = model.laws, work.contacts
     for a in closed:
         radius, P_N = contacts.disc_radius[a], max(0.0, contacts.impulse[a, 0])
+        disc = sliding_disc(laws, laws.other, a, contacts.impulse[a, 1])
+        most = grip(laws.other, contacts, a) * radius
         x, y = disc.over_x * contacts.impulse[a, 1], disc.over_y * contacts.impulse[a, 2]
-        if radius > 0.0 and x * x + y * y >= SLIDING_SHARE * radius * radius:
+        if radius > 0.0 and x * x + y * y >= SLIDING_SHARE * most * most:
             contacts.impulse[a, 1] *= P_N / radius
             contacts.impulse[a, 2] *= P_N / radius
     find_loads(model, work)
@@ -324,14 +289,17 @@ def anchor_what_moves(laws, closed, contacts, still):
     Fill the anchors as `anchor_at_iterate`, except for friction of contacts below `still` [m/s].
 
     Contacts that stick share a load in many ways. Rounding, which leaves them a velocity, would
-    shift it a little in every round, and the normal loads with it.
+    shift it a little in every round, and the normal loads with it. Where the friction against
+    sliding forward and backward differs, the anchor must still be on the side of the impulse.
     """
     for a in closed:
         P_N = max(0.0, contacts.iterate[a, 0])
         contacts.anchor[a, 0] = P_N
         x, y = contacts.gamma[a, 1], contacts.gamma[a, 2]
-        if x * x + y * y > still * still:
-            anchor_disc(sliding_disc(laws, laws.other, a), contacts, a, P_N)
+        moves = x * x + y * y > still * still
+        if moves or changes_side(laws.other, contacts, a):
+            disc = sliding_disc(laws, laws.other, a, contacts.iterate[a, 1])
+            anchor_disc(disc, contacts, a, grip(laws.other, contacts, a) * P_N)
 
 
 class PlanarNewton(NamedTuple):

@@ -3,6 +3,8 @@
 import math
 from typing import NamedTuple
 
+from snake_sim_ros.contact.laws import grip
+from snake_sim_ros.contact.laws import sliding_disc
 from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.projections import prox_ellipse
 from snake_sim_ros.contact.projections import prox_half_line
@@ -22,12 +24,10 @@ def prox_friction(model, work, impulse):
     for a in work.closed:
         P_N, P_x, P_y = contacts.impulse[a, 0], contacts.impulse[a, 1], contacts.impulse[a, 2]
         radius = prox_half_line(P_N)
-        new_x, new_y = prox_ellipse(
-            P_x - laws.r_T * contacts.gamma[a, 1],
-            P_y - laws.r_T * contacts.gamma[a, 2],
-            laws.sliding.mu_x * radius,
-            laws.sliding.mu_y * radius,
-        )
+        radius *= grip(laws.other, contacts, a)
+        x, y = P_x - laws.r_T * contacts.gamma[a, 1], P_y - laws.r_T * contacts.gamma[a, 2]
+        disc = sliding_disc(laws, laws.other, a, x)
+        new_x, new_y = prox_ellipse(x, y, disc.mu_x * radius, disc.mu_y * radius)
         normal += (P_N - impulse[a, 0]) ** 2
         sliding += (new_x - P_x) ** 2 + (new_y - P_y) ** 2
         impulse[a, 0], impulse[a, 1], impulse[a, 2] = P_N, new_x, new_y

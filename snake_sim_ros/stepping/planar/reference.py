@@ -11,11 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.projections import prox_ellipse
+from snake_sim_ros.contact.projections import prox_half_ellipses
 from snake_sim_ros.dynamics.dense_joint_laws import dense_laws
 from snake_sim_ros.dynamics.dense_joint_laws import DenseLaws
 from snake_sim_ros.dynamics.dense_joint_laws import solve_laws_of_axes
 from snake_sim_ros.dynamics.joint_control import pd_law
+from snake_sim_ros.scene.obstacles import floor_friction
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.parameters import Scene
@@ -141,6 +142,7 @@ class Terms(NamedTuple):
     """The terms of the balance in the plane at the middle of a step."""
 
     theta: Array  # (n,) headings [rad]
+    friction: Array  # (2n, 3) coefficients forward, backward and across the link
     W_J: Array  # (3n, 2(n-1))
     W_T: Array  # (3n, 4n)
     W_tau: Array  # (3n, n-1)
@@ -204,6 +206,10 @@ class DenseLoop:
         dt, scheme = self.scene.dt, PD_SCHEMES.index(self.scene.pd_scheme)
         theta = q[2:] + dt / 2 * u[:, 2]
         W_J, W_T, W_tau = directions(theta, model.half_length, model.offset)
+        center = centers(np.concatenate([q[:2] + dt / 2 * u[0, :2], theta]), model.half_length)
+        arm = model.offset[:, None] * np.column_stack([np.cos(theta), np.sin(theta)])
+        points = np.vstack([center + arm, center - arm])
+        friction = np.array([floor_friction(self.scene, *point)[:3] for point in points])
         mass = np.column_stack([model.mass, model.mass, model.inertia]).ravel()
         start, turn = np.diff(q[2:]), np.diff(u[:, 2])
         law = [
@@ -216,7 +222,8 @@ class DenseLoop:
         low = np.where(angle_mid <= -stop, 0.0, -np.inf)
         high = np.where(angle_mid >= stop, 0.0, np.inf)
         laws = dense_laws(model.joint_laws, dt, torque, damping, low, high)
-        return Terms(theta, W_J, W_T, W_tau, np.diag(mass), mass * u.ravel(), laws, np.diag(mass))
+        M, momentum = np.diag(mass), mass * u.ravel()
+        return Terms(theta, friction, W_J, W_T, W_tau, M, momentum, laws, M)
 
     def with_law(self, terms: Terms, torque: Array, damping: Array) -> Terms:
         """Return the terms with impulses (n-1,) [N m s] and dampings of the yaw axes."""
@@ -230,7 +237,7 @@ class DenseLoop:
         self, model: PlanarModel, terms: Terms, normal: Array, tangential: Array
     ) -> Solution:
         """Iterate loads and friction from some impulses, eqs. (84)-(93)."""
-        solver, (theta, W_J, W_T, _, _, momentum, _, M_inv) = self.scene.solver, terms
+        solver, (theta, _, W_J, W_T, _, _, momentum, _, M_inv) = self.scene.solver, terms
         n, half, offset = len(theta), model.half_length, model.offset
         reaction = M_inv @ W_J @ np.linalg.inv(W_J.T @ M_inv @ W_J) if n > 1 else W_J
         c, s = np.cos(theta), np.sin(theta)
@@ -244,7 +251,7 @@ class DenseLoop:
             wrench[:, 1] = model.radius * (s * along + c * across)
             wrench[:, 2] = -model.radius * (c * along - s * across)
             P_N, held, roll = loads_from_friction(theta, half, offset, self.pitch, wrench.ravel())
-            P_T = self.project(tangential, (W_T.T @ u_E).reshape(-1, 2), P_N)
+            P_T = self.project(tangential, (W_T.T @ u_E).reshape(-1, 2), P_N, terms.friction)
             change = float(np.linalg.norm(P_N - normal) + np.linalg.norm(P_T - tangential))
             residual = float(np.linalg.norm(P_T - tangential, axis=1).max() / solver.r_sliding)
             normal, tangential = P_N, P_T
@@ -252,12 +259,11 @@ class DenseLoop:
         converged = change < solver.tolerance
         return Solution(u_E, normal, tangential, held, roll, iterations, converged, residual)
 
-    def project(self, P: Array, gamma: Array, P_N: Array) -> Array:
+    def project(self, P: Array, gamma: Array, P_N: Array, friction: Array) -> Array:
         """Return the friction impulses (2n, 2) after one projection, for given loads (2n,)."""
-        friction = self.scene.friction
-        mu_x, mu_y = friction.longitudinal, friction.transversal
-        pairs = zip(P - self.scene.solver.r_sliding * gamma, np.maximum(P_N, 0.0), strict=True)
-        return np.array([prox_ellipse(*x, mu_x * load, mu_y * load) for x, load in pairs])
+        radii = friction * np.maximum(P_N, 0.0)[:, None]
+        pairs = zip(P - self.scene.solver.r_sliding * gamma, radii, strict=True)
+        return np.array([prox_half_ellipses(*x, *radius) for x, radius in pairs])
 
     def finish(
         self,

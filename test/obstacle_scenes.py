@@ -26,6 +26,7 @@ from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.scene.surroundings import Ground
+from snake_sim_ros.scene.surroundings import Patches
 from snake_sim_ros.scene.surroundings import Pegs
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.contact_forces import last_span
@@ -60,6 +61,12 @@ def random_ground(rng: np.random.Generator, spread: float = 0.1) -> Ground:
     """Return 12 x 10 cells around the origin with heights between -spread/2 and spread."""
     heights = rng.uniform(-spread / 2, spread, (10, 12))
     return Ground(heights=tuple(map(tuple, heights)), cell=CELL, origin=(-0.9, -0.75))
+
+
+def random_patches(rng: np.random.Generator) -> Patches:
+    """Return 11 x 13 patches around the origin, a tenth of them without friction."""
+    factors = np.maximum(0.0, rng.uniform(-0.2, 1.8, (13, 11)))
+    return Patches(factors=tuple(map(tuple, factors)), cell=0.13, origin=(-0.7, -0.8))
 
 
 def random_pegs(rng: np.random.Generator) -> Pegs:
@@ -184,10 +191,11 @@ def check_impact(scene: Scene, state: State, method: str) -> int:
 
 
 def robot_scene(rng: np.random.Generator, **settings) -> Scene:
-    """Return a scene of five different links with orthotropic and rolling friction, on a slope."""
+    """Return five different links on a slope, with every friction there is, also in patches."""
     return Scene(
         robot=random_robot(rng, 5),
-        friction=Friction(longitudinal=0.2, transversal=0.4, rolling=0.05),
+        friction=Friction(longitudinal=0.2, backward=0.3, transversal=0.4, rolling=0.05),
+        patches=random_patches(rng),
         gravity=(0.1, 0.2, -9.8),
         **settings,
     )

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from obstacle_scenes import random_ground
+from obstacle_scenes import random_patches
 import pytest
 from random_states import random_robot
 
@@ -262,13 +263,13 @@ def beside_links(rng, scene, q, count):
 
 
 def test_it_is_among_pegs_cells_and_links():
-    kinds = set()
+    kinds, friction = set(), replace(FRICTIONS['rolling'], backward=0.4)
     for seed in range(120):
-        rng = np.random.default_rng([seed, 3])
+        rng, patches = np.random.default_rng([seed, 3]), np.random.default_rng([seed, 8])
         pegs = Pegs(x=(9.0, 9.1), y=(9.0, 9.0), radius=0.02, friction=0.3)
         case = random_case(
-            [seed, 4], (3, 5)[seed % 2], FRICTIONS['rolling'], SMOOTH, 1.0, bend=(0.9, 1.3),
-            pegs=pegs, ground=random_ground(rng, 0.03), self_contact=True,
+            [seed, 4], (3, 5)[seed % 2], friction, SMOOTH, 1.0, bend=(0.9, 1.3), pegs=pegs,
+            ground=random_ground(rng, 0.03), patches=random_patches(patches), self_contact=True,
         )  # fmt: skip
         scene, state = case[:2]
         x, y = beside_links(rng, scene, state.q, 2)
@@ -305,12 +306,11 @@ def test_coordinates_of_the_joints_are_those_of_the_links():
 
 def test_the_slope_of_the_projection_is_its_derivative():
     rng, step = np.random.default_rng(5), 1e-6
-    for _ in range(200):
-        x = rng.uniform(-1.0, 1.0, 5)
-        slope = dense_laws.prox_slope(x)
-        columns = [
-            (dense_laws.prox(x + step * e) - dense_laws.prox(x - step * e)) / (2 * step)
-            for e in np.eye(5)
-        ]
-        # Central differences: step^2 and rounding over the step, but for kinks within the step.
-        assert np.abs(np.column_stack(columns) - slope).max() < 1e-8
+    for share in (dense_laws.WHOLE, np.array([0.6, 1.0]), np.array([1.0, 0.3]), np.zeros(2)):
+        for _ in range(200):
+            x = rng.uniform(-1.0, 1.0, 5)
+            slope = dense_laws.prox_slope(x, share)
+            ends = [[dense_laws.prox(x + d * e, share) for d in (step, -step)] for e in np.eye(5)]
+            columns = [(after - before) / (2 * step) for after, before in ends]
+            # Central differences: step^2 and rounding over the step, but for kinks within it.
+            assert np.abs(np.column_stack(columns) - slope).max() < 1e-8

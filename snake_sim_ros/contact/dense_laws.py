@@ -67,13 +67,13 @@ def prox(x: Array, share: Array = WHOLE) -> Array:
     """Return the projection of scaled impulses (5,) on a half line and two discs, section V."""
     P = x.copy()
     P[0] = max(0.0, x[0])
-    side = share[int(x[1] > 0.0)]
-    if side < 1.0:
-        P[1:3] = prox_ellipse(x[1], x[2], side * P[0], P[0])
     for part in (slice(1, 3), slice(3, 5)):
         length = math.hypot(*x[part])
         if length > P[0]:
             P[part] *= P[0] / length
+    side = share[int(x[1] > 0.0)]
+    if side < 1.0:
+        P[1:3] = prox_ellipse(x[1], x[2], side * P[0], P[0])
     return P
 
 

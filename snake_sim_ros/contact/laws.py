@@ -102,9 +102,12 @@ def anchored_disc(laws, other, contacts, a):
 
 
 @inlined
-def changes_side(other, contacts, a):
+def changes_side(laws, other, contacts, a):
     """Return whether the iterate of contact a has friction of another side than its anchor."""
-    return False if other is None else contacts.iterate[a, 1] * contacts.anchor[a, 1] < 0.0
+    if other is None:
+        return False
+    has_sides = a < other.first_peg and other.backward.mu_x != laws.sliding.mu_x
+    return has_sides and contacts.iterate[a, 1] * contacts.anchor[a, 1] < 0.0
 
 
 @inlined

@@ -13,6 +13,7 @@ from dataclasses import is_dataclass
 import difflib
 from functools import cache
 import math
+from types import NoneType
 from types import UnionType
 from typing import Any
 from typing import get_args
@@ -110,6 +111,9 @@ def _fields_of(cls: type) -> tuple[_Field, ...]:
 def _converted(name: str, value: Any, kind: Any) -> Any:
     """Return `value` as `kind`; numbers are never taken from text or truth values."""
     kinds = get_args(kind) if isinstance(kind, UnionType) else (kind,)
+    kinds = tuple(
+        each for each in kinds if each is not NoneType
+    )  # None itself needs no conversion
     if is_dataclass(kind):
         if isinstance(value, kind):  # type: ignore[arg-type]
             return value

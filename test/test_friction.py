@@ -355,21 +355,23 @@ def test_scenes_converge_in_every_step(name, method):
     report = simulation.advance(*simulation.gait_reference(800))
     assert not report.failure
     assert not report.unconverged
-    assert report.planar_steps == 800
 
 
 @only_compiled
 def test_levels_agree():
-    # Both levels are the same model up to the roll that the planar one neglects.
-    scene = replace(load_scene('scales'), method='bdf2', dt=1 / 200)
+    # Case A over patches, with friction that doubles backward, which is where it goes: both levels
+    # are one model up to the roll that the planar one neglects, 0.5 % of the way at most.
+    scene = with_settings(load_scene('patches'), {'friction.backward': 0.2})
+    scene = replace(scene, method='bdf2', dt=1 / 200)
     ends = []
     for level in ('planar', 'spatial'):
         simulation = Simulation(replace(scene, level=level))
-        report = simulation.advance(*simulation.gait_reference(400))
+        start = simulation.state.q[:, :2].mean(axis=0)
+        report = simulation.advance(*simulation.gait_reference(900))
         assert not report.failure
-        ends.append(simulation.state.q[:, :2])
-    moved = np.abs(ends[0] - Simulation(scene).state.q[:, :2]).max()
-    assert np.abs(ends[0] - ends[1]).max() < 0.02 * moved
+        ends.append(simulation.state.q[:, :2].mean(axis=0) - start)
+    assert ends[0][0] < -0.1
+    assert np.linalg.norm(ends[0] - ends[1]) < 5e-3 * np.linalg.norm(ends[0])
 
 
 @only_compiled

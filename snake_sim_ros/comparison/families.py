@@ -64,13 +64,14 @@ def frequency(scene: Scene) -> float:
 
 
 def with_friction(scene: Scene, factor: float) -> Scene:
-    """Return a scene with both friction coefficients times a factor."""
+    """Return a scene with all coefficients of sliding friction times a factor."""
     friction = scene.friction
     return replace(
         scene,
         friction=replace(
             friction,
             longitudinal=factor * friction.longitudinal,
+            backward=None if friction.backward is None else factor * friction.backward,
             transversal=factor * friction.transversal,
         ),
     )

@@ -102,6 +102,7 @@ def _group(name: Any, given: Any, scene: Scene) -> list[dict[str, float]]:
     flat = flat_fields(scene)
     plain = str(name).removesuffix('_deg')
     inside = [plain] if plain in flat else [key for key in flat if key.startswith(f'{plain}.')]
+    inside = [key for key in inside if key == plain or flat[key][0] is not None]
     if not inside:
         raise ParameterError(f'robust: over: unknown name {name!r}; {nearest(plain, flat)}')
     for key in inside:

@@ -12,6 +12,7 @@ from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.recording.from_messages import FORCE_SCALE
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.surroundings import Ground
+from snake_sim_ros.scene.surroundings import Patches
 from snake_sim_ros.scene.surroundings import Pegs
 
 STAMP = stamp_from(5_000_000)
@@ -72,6 +73,16 @@ def test_pegs_are_cylinders_on_the_ground():
         assert (peg.pose.position.x, peg.pose.position.y) == (x, y)
         assert peg.scale.x == peg.scale.y == 2 * radius
         assert peg.pose.position.z == peg.scale.z / 2 > 0
+
+
+def test_patches_are_plates_below_the_floor_darker_where_friction_is_larger():
+    patches = Patches(factors=((0.5, 1.0, 2.0),), cell=0.4, origin=(-0.6, 1.0))
+    ((key, plates),) = drawn(Scene(patches=patches), (NOTHING, NOTHING)).items()
+    assert (key, plates.type) == (('patches', 0), Marker.CUBE_LIST)
+    assert places(plates)[:, :2] == pytest.approx(np.array([[-0.4, 1.2], [0.0, 1.2], [0.4, 1.2]]))
+    assert places(plates)[:, 2] + plates.scale.z / 2 == pytest.approx(np.zeros(3))
+    shades = [color.r for color in plates.colors]
+    assert shades == sorted(shades, reverse=True)
 
 
 def test_cells_of_the_ground_are_boxes_up_to_their_heights():

@@ -4,7 +4,7 @@ Markers: what viewers draw besides the robot, its contacts and its obstacles.
 Namespace `contacts` has the contact points as spheres (id 0) and the forces on the robot as lines
 that begin there (id 1), with a length of FORCE_SCALE for each newton. Without contacts both are
 deleted. Namespace `scene` has the ground as one list of boxes (id 0) and the pegs as cylinders
-(ids from 1). All markers are in frame `world` and have no lifetime: they stay until replaced.
+(ids from 1). Namespace `patches` has patches of friction as one list of plates. All markers are in frame `world` and have no lifetime: they stay until replaced.
 """
 
 from collections.abc import Iterable
@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
 import numpy as np
+from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 from visualization_msgs.msg import MarkerArray
 
@@ -23,9 +24,11 @@ from snake_sim_ros.scene.obstacles import PEG_HEIGHT
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.surroundings import Ground
+from snake_sim_ros.scene.surroundings import Patches
 
 POINT_SIZE = 0.012  # m
 LINE_WIDTH = 0.004  # m
+PLATE = 0.002  # m, thickness of patches
 MARKER_PERIOD = 1 / 30  # s between two messages at least, which is enough for the eye
 COLORS = {
     'point': (1.0, 1.0, 1.0, 1.0),
@@ -51,6 +54,8 @@ class SceneMarkers:
         markers = [self.points, self.forces]
         if scene.ground.heights:
             markers.append(_ground(scene.ground))
+        if scene.patches.factors:
+            markers.append(_patches(scene.patches))
         height = PEG_HEIGHT * scene.robot.per_link('contact_radius').max()
         for k, (x, y, radius) in enumerate(scene.pegs.axes, 1):
             peg = _marker('scene', k, Marker.CYLINDER, 'peg', [2 * radius, 2 * radius, height])
@@ -86,6 +91,17 @@ def _ground(ground: Ground) -> Marker:
     marker = _marker('scene', 0, Marker.CUBE_LIST, 'ground', size)
     centers = np.dstack([cell_centers(ground), heights - size[2] / 2]).reshape(-1, 3)
     marker.points = [_point(center) for center in centers.tolist()]
+    return marker
+
+
+def _patches(patches: Patches) -> Marker:
+    """Return patches as plates just below the floor, the darker the more friction they have."""
+    marker = _marker('patches', 0, Marker.CUBE_LIST, 'ground', [patches.cell, patches.cell, PLATE])
+    for (row, column), factor in np.ndenumerate(np.array(patches.factors)):
+        x, y = patches.origin + patches.cell * (np.array([column, row]) + 0.5)
+        marker.points.append(_point((x, y, -PLATE / 2)))
+        shade = 1.0 / (1.0 + float(factor))
+        marker.colors.append(ColorRGBA(r=shade, g=shade, b=shade, a=1.0))
     return marker
 
 

@@ -122,9 +122,12 @@ class DenseStep:
 
     def residual(self, P: Array, gamma: Array, compliance: float) -> float:
         """Return the exact natural-map residual of all closed contacts [m/s]."""
-        triples = zip(self.active, self.center, P, gamma, strict=True)
+        floor, solver = self.scene.friction, self.scene.solver
+        mu = (floor.longitudinal, floor.against_backward, floor.transversal, floor.rolling)
+        friction = np.tile(mu, (len(P), 1))
+        each = zip(friction, self.center, P, gamma, strict=True)
         return max(
-            (reference.contact_natural_map(self.scene, compliance, *triple) for triple in triples),
+            (reference.contact_natural_map(solver, compliance, *contact) for contact in each),
             default=0.0,
         )
 

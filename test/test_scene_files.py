@@ -19,7 +19,7 @@ from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.parameters import Wave
 from snake_sim_ros.scene.surroundings import Friction
 
-ROBOTS = ('aiko', 'slender')
+ROBOTS = ('aiko', 'scaled_snake', 'slender')
 SCENES = sorted(path.stem for path in CONFIG.glob('*.yaml') if path.stem not in ROBOTS)
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')
 

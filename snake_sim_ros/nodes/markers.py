@@ -4,7 +4,8 @@ Markers: what viewers draw besides the robot, its contacts and its obstacles.
 Namespace `contacts` has the contact points as spheres (id 0) and the forces on the robot as lines
 that begin there (id 1), with a length of FORCE_SCALE for each newton. Without contacts both are
 deleted. Namespace `scene` has the ground as one list of boxes (id 0) and the pegs as cylinders
-(ids from 1). Namespace `patches` has patches of friction as one list of plates. All markers are in frame `world` and have no lifetime: they stay until replaced.
+(ids from 1). Namespace `patches` has patches of friction as one list of plates (id 0). All markers
+are in frame `world` and have no lifetime: they stay until replaced.
 """
 
 from collections.abc import Iterable

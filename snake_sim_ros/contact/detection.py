@@ -13,13 +13,14 @@ import numpy as np
 
 from snake_sim_ros.contact.laws import make_disc
 from snake_sim_ros.contact.laws import OtherFriction
+from snake_sim_ros.contact.patches import fill_grip
 from snake_sim_ros.contact.patches import make_patches
-from snake_sim_ros.contact.patches import patch_factor
 from snake_sim_ros.contact.patches import Patches
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.scene.obstacles import first_pair
 from snake_sim_ros.scene.obstacles import first_peg
+from snake_sim_ros.scene.obstacles import has_one_ellipse
 from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.obstacles import pair_contacts
 from snake_sim_ros.scene.parameters import Array
@@ -37,7 +38,7 @@ class Obstacles(NamedTuple):
     first_peg: int  # number of the first contact with a peg
     first_pair: int  # number of the first contact of two links
     pair_count: int  # number of such contacts
-    patches: Patches
+    patches: Patches | None  # None where the ground has one ellipse of friction
 
 
 def make_obstacles(scene: Scene) -> Obstacles | None:
@@ -64,14 +65,15 @@ def make_other_friction(scene: Scene, proximal: float) -> OtherFriction | None:
     if is_flat(scene):
         return None
     floor = scene.friction
+    backward = make_disc(1, floor.against_backward, floor.transversal, proximal)
     mu, mu_pair = scene.pegs.friction, scene.self_contact_friction
     return OtherFriction(
-        backward=make_disc(1, floor.against_backward, floor.transversal, proximal),
         first_peg=first_peg(scene),
         first_pair=first_pair(scene),
         peg=make_disc(1, mu, mu, proximal),
         pair=make_disc(1, mu_pair, mu_pair, proximal),
         rolling=make_disc(3, 0.0, 0.0, proximal),
+        backward=None if has_one_ellipse(scene) else backward,
     )
 
 
@@ -184,7 +186,7 @@ def find_obstacle_contacts(
                     count += 1
                     place_contact(contacts, a, gap, arm, radius[i], axis, center[i], (nx, ny, nz))
                     contacts.link[a], contacts.other_link[a] = i, -1
-                    contacts.grip[a] = patch_factor(obstacles.patches, x, y)
+                    fill_grip(obstacles.patches, contacts, a, x, y)
                     fill_contact_frame(frame[a], (nx, ny, nz), axis)
         for k in range(len(obstacles.pegs)):
             px, py, peg_radius = obstacles.pegs[k, 0], obstacles.pegs[k, 1], obstacles.pegs[k, 2]
@@ -350,7 +352,7 @@ def find_pair_contacts(a, tolerance, offset, radius, q, R, center, closed, conta
 @inlined
 def place_contact(contacts, a, gap, arm, radius, axis, center, normal):
     """Fill gap, radius and point of contact a, on a sphere around a point of the link axis."""
-    contacts.gap[a], contacts.grip[a] = gap, 1.0
+    contacts.gap[a] = gap
     contacts.shift[a] = 0.0
     contacts.radius[a] = radius
     for k in range(3):

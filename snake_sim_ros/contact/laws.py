@@ -60,12 +60,12 @@ class OtherFriction(NamedTuple):
     its `grip` in the table; see `grip`. Contacts with pegs follow, then those of two links.
     """
 
-    backward: Disc
     first_peg: int  # number of the first contact with a peg
     first_pair: int  # number of the first contact of two links
     peg: Disc
     pair: Disc
     rolling: Disc  # zero: such contacts have no rolling friction
+    backward: Disc | None  # None where the ground has one ellipse, as `obstacles.has_one_ellipse`
 
 
 class Laws(NamedTuple):
@@ -89,9 +89,15 @@ def sliding_disc(laws, other, a, P_x):
         return laws.sliding
     if a >= other.first_pair:
         return other.pair
-    if a >= other.first_peg:
-        return other.peg
-    return other.backward if P_x > 0.0 else laws.sliding
+    return other.peg if a >= other.first_peg else ground_disc(laws, other.backward, P_x)
+
+
+@inlined
+def ground_disc(laws, backward, P_x):
+    """Return the sliding friction of the ground; `backward` is that of `OtherFriction`."""
+    if backward is None:
+        return laws.sliding
+    return backward if P_x > 0.0 else laws.sliding
 
 
 @inlined
@@ -102,18 +108,29 @@ def anchored_disc(laws, other, contacts, a):
 
 
 @inlined
-def changes_side(laws, other, contacts, a):
+def changes_side(other, contacts, a):
     """Return whether the iterate of contact a has friction of another side than its anchor."""
-    if other is None:
+    return False if other is None else crosses(other, other.backward, contacts, a)
+
+
+@inlined
+def crosses(other, backward, contacts, a):
+    """Do what `changes_side` does, for contacts that may differ."""
+    if backward is None:
         return False
-    has_sides = a < other.first_peg and other.backward.mu_x != laws.sliding.mu_x
-    return has_sides and contacts.iterate[a, 1] * contacts.anchor[a, 1] < 0.0
+    return a < other.first_peg and contacts.iterate[a, 1] * contacts.anchor[a, 1] < 0.0
 
 
 @inlined
 def grip(other, contacts, a):
     """Return the factor of all friction of contact a: 1 but for patches of the ground."""
-    return 1.0 if other is None else contacts.grip[a]
+    return 1.0 if other is None else ground_grip(other.backward, contacts, a)
+
+
+@inlined
+def ground_grip(backward, contacts, a):
+    """Return the grip of contact a; `backward` is that of `OtherFriction`."""
+    return 1.0 if backward is None else contacts.grip[a]
 
 
 @inlined

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.scene.obstacles import has_one_ellipse
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 
@@ -25,8 +26,10 @@ class Patches(NamedTuple):
     origin_y: float
 
 
-def make_patches(scene: Scene) -> Patches:
-    """Return the patches of a scene in the form of the compiled step."""
+def make_patches(scene: Scene) -> Patches | None:
+    """Return the patches of a scene as the compiled step takes them, None with one ellipse."""
+    if has_one_ellipse(scene):
+        return None
     patches, rows = scene.patches, scene.patches.factors
     factors = np.array(rows, dtype=float) if rows else np.zeros((0, 0))
     return Patches(factors, patches.cell, *patches.origin)
@@ -40,3 +43,10 @@ def patch_factor(patches, x, y):
     if 0 <= row < patches.factors.shape[0] and 0 <= column < patches.factors.shape[1]:
         return patches.factors[row, column]
     return 1.0
+
+
+@inlined
+def fill_grip(patches, contacts, a, x, y):
+    """Fill the grip of contact a, of a sphere above (x, y) of I [m]; without patches it is 1."""
+    if patches is not None:
+        contacts.grip[a] = patch_factor(patches, x, y)

@@ -42,11 +42,15 @@ def is_flat(scene: Scene) -> bool:
     """
     Return whether there is nothing but the floor z = 0, with one ellipse of friction.
 
-    Friction that differs forward and backward or in patches is compiled with the obstacles, so
-    that scenes without it do not pay for it.
+    Friction that differs forward and backward or in patches needs the code for obstacles.
     """
-    friction = scene.friction.has_direction or scene.patches.factors
-    return not (scene.ground.heights or scene.pegs.x or scene.self_contact or friction)
+    obstacles = scene.ground.heights or scene.pegs.x or scene.self_contact
+    return has_one_ellipse(scene) and not obstacles
+
+
+def has_one_ellipse(scene: Scene) -> bool:
+    """Return whether friction on the ground is the same forward and backward and everywhere."""
+    return not scene.friction.has_direction and not scene.patches.factors
 
 
 def first_peg(scene: Scene) -> int:

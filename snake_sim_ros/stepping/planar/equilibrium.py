@@ -6,7 +6,7 @@ Functions take a `model.PlanarModel` as `model`, and fill a `model.PlanarWorkspa
 
 import math
 
-from snake_sim_ros.contact.patches import patch_factor
+from snake_sim_ros.contact.patches import fill_grip
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges
@@ -96,9 +96,8 @@ def fill_grips(patches, model, work, x, y):
     for i in range(n):
         center_x, center_y = x + work.center[i, 0], y + work.center[i, 1]
         arm_x, arm_y = model.offset[i] * work.heading[i, 0], model.offset[i] * work.heading[i, 1]
-        contacts = work.contacts
-        contacts.grip[i] = patch_factor(patches, center_x + arm_x, center_y + arm_y)
-        contacts.grip[n + i] = patch_factor(patches, center_x - arm_x, center_y - arm_y)
+        fill_grip(patches, work.contacts, i, center_x + arm_x, center_y + arm_y)
+        fill_grip(patches, work.contacts, n + i, center_x - arm_x, center_y - arm_y)
 
 
 @inlined

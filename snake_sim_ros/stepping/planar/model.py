@@ -17,7 +17,6 @@ from snake_sim_ros.dynamics.joint_laws import JointLaws
 from snake_sim_ros.dynamics.joint_laws import make_axis_laws
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.obstacles import first_peg
-from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.scene.parameters import PD_SCHEMES
@@ -112,7 +111,7 @@ class PlanarModel(NamedTuple):
     pegs: Array  # (pegs, 3) x, y and radius of the pegs [m]
     first_peg: int  # number of the first contact with a peg
     activation_tolerance: float
-    patches: Patches | None  # None where there is nothing but a flat floor
+    patches: Patches | None  # None where the ground has one ellipse of friction
 
 
 class PlanarWorkspace(NamedTuple):
@@ -182,7 +181,7 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         pegs=scene.pegs.axes,
         first_peg=first_peg(scene),
         activation_tolerance=scene.solver.activation_tolerance,
-        patches=None if is_flat(scene) else make_patches(scene),
+        patches=make_patches(scene),
     )
 
 

@@ -297,7 +297,7 @@ def anchor_what_moves(laws, closed, contacts, still):
         contacts.anchor[a, 0] = P_N
         x, y = contacts.gamma[a, 1], contacts.gamma[a, 2]
         moves = x * x + y * y > still * still
-        if moves or changes_side(laws, laws.other, contacts, a):
+        if moves or changes_side(laws.other, contacts, a):
             disc = sliding_disc(laws, laws.other, a, contacts.iterate[a, 1])
             anchor_disc(disc, contacts, a, grip(laws.other, contacts, a) * P_N)
 

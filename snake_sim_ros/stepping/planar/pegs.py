@@ -27,7 +27,7 @@ def find_peg_contacts(model, work, q, u):
                 a = model.first_peg + k * n + i
                 work.closed[2 * n + count] = a
                 count += 1
-                contacts.link[a], contacts.grip[a] = i, 1.0
+                contacts.link[a] = i
                 contacts.heading[a, 0], contacts.heading[a, 1] = -normal_y, normal_x
                 point_x = arm * c - model.radius * normal_x
                 point_y = arm * s - model.radius * normal_y

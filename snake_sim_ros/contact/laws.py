@@ -93,6 +93,12 @@ def sliding_disc(laws, other, a, P_x):
 
 
 @inlined
+def floor_disc(laws, other, P_x):
+    """Return the sliding friction of a contact with the ground, as `sliding_disc` does."""
+    return laws.sliding if other is None else ground_disc(laws, other.backward, P_x)
+
+
+@inlined
 def ground_disc(laws, backward, P_x):
     """Return the sliding friction of the ground; `backward` is that of `OtherFriction`."""
     if backward is None:
@@ -103,8 +109,14 @@ def ground_disc(laws, backward, P_x):
 @inlined
 def anchored_disc(laws, other, contacts, a):
     """Return the sliding friction of contact a for its anchor or, from 0, against its trial."""
+    return sliding_disc(laws, other, a, anchored_side(contacts, a))
+
+
+@inlined
+def anchored_side(contacts, a):
+    """Return a number with the sign of the anchor along the link or, from 0, against the trial."""
     P_x = contacts.anchor[a, 1]
-    return sliding_disc(laws, other, a, P_x if P_x != 0.0 else -contacts.trial[a, 1])
+    return P_x if P_x != 0.0 else -contacts.trial[a, 1]
 
 
 @inlined

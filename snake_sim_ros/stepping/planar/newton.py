@@ -15,7 +15,9 @@ from typing import NamedTuple
 from snake_sim_ros.contact.delassus import Delassus
 from snake_sim_ros.contact.delassus import solve_condensed
 from snake_sim_ros.contact.laws import anchored_disc
+from snake_sim_ros.contact.laws import anchored_side
 from snake_sim_ros.contact.laws import changes_side
+from snake_sim_ros.contact.laws import floor_disc
 from snake_sim_ros.contact.laws import grip
 from snake_sim_ros.contact.laws import sliding_disc
 from snake_sim_ros.contact.line_search import law_error
@@ -68,7 +70,10 @@ def sliding_law(laws, contacts, a, again):
 
     """
     x, y = contacts.trial[a, 1], contacts.trial[a, 2]
-    disc, radius = anchored_disc(laws, laws.other, contacts, a), contacts.disc_radius[a]
+    disc, radius = (
+        floor_disc(laws, laws.other, anchored_side(contacts, a)),
+        contacts.disc_radius[a],
+    )
     P_x, P_y, S_xx, S_xy, S_yy, _, _ = disc_law(
         disc, contacts.anchor[a, 1], contacts.anchor[a, 2], x, y,
         grip(laws.other, contacts, a) * radius,
@@ -229,7 +234,7 @@ def settle_loads(model, work, closed):
     laws, contacts = model.laws, work.contacts
     for a in closed:
         radius, P_N = contacts.disc_radius[a], max(0.0, contacts.impulse[a, 0])
-        disc = sliding_disc(laws, laws.other, a, contacts.impulse[a, 1])
+        disc = floor_disc(laws, laws.other, contacts.impulse[a, 1])
         most = grip(laws.other, contacts, a) * radius
         x, y = disc.over_x * contacts.impulse[a, 1], disc.over_y * contacts.impulse[a, 2]
         if radius > 0.0 and x * x + y * y >= SLIDING_SHARE * most * most:

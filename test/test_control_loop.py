@@ -148,7 +148,7 @@ def test_no_more_than_the_scene_needs_is_kept():
         ({'robot.command_delay': 1.3e-4}, 'dt must divide the robot.command_delay'),
         ({'robot.control_rate': -1.0}, 'control_rate must be at least 0 Hz'),
         ({'robot.control_rate': float('nan')}, 'control_rate must be finite'),
-        ({'robot.encoder_resolution': 0.01}, 'needs a control_rate'),
+        ({'robot.encoder_resolution': 2.0}, 'encoder_resolution must be at most 1 rad'),
         ({'robot.command_delay': 11.0}, 'command_delay must be at most 10 s'),
     ],
 )

@@ -35,7 +35,7 @@ class DenseLaws(NamedTuple):
 
     def controller(self, rate: Array) -> Array:
         """Return the impulses of the controllers at given rates [N m s]."""
-        return np.clip(self.torque - self.damping * rate, -self.limit, self.limit)
+        return np.asarray(np.clip(self.torque - self.damping * rate, -self.limit, self.limit))
 
     def meets_stop(self, rate: Array) -> Array:
         """Return which axes meet a stop: they move at the rate that leads there."""

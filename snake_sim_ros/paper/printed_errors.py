@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from snake_sim_ros.dynamics.control_loop import make_control_memory
 from snake_sim_ros.dynamics.force_directions import joint_directions
 from snake_sim_ros.dynamics.force_directions import mass_matrix
 from snake_sim_ros.dynamics.force_directions import smooth_forces
@@ -57,7 +58,7 @@ def step_in_the_air(
     q_M = middle_coordinates(state, dt)
     R = rotation_matrices(q_M[:, 3:])
     W_J, M_inv = joint_directions(robot, R), 1.0 / np.diag(mass_matrix(robot))
-    torque, _ = joint_torque_law(scene, state, q_M, angle, rate)
+    torque, _ = joint_torque_law(scene, state, q_M, make_control_memory(scene), angle, rate)
     h = smooth_forces(robot, np.array(scene.gravity), state.u)
     gained = M_inv * (h + torque_directions(R) @ torque) * dt
     G_J = W_J.T @ (M_inv[:, None] * W_J)

@@ -104,7 +104,11 @@ class Robot(CheckedRecord):
         0.0, 's', 'time after which a reference counts (assumption: none)', minimum=0, maximum=10
     )
     encoder_resolution: float = quantity(
-        0.0, 'rad', 'step of the measured joint angles; 0: exact', minimum=0, maximum=1
+        0.0,
+        'rad',
+        'step of measured joint angles, also of joint_states; 0: exact',
+        minimum=0,
+        maximum=1,
     )
     effort_commands: bool = quantity(
         False, '', 'whether commands may carry torques, besides angles and rates'
@@ -126,11 +130,6 @@ class Robot(CheckedRecord):
                     f'{item.name} must be one number or one for each of the {count} {parts}, '
                     f'got {len(value)} numbers'
                 )
-        if self.encoder_resolution > 0.0 and self.control_rate == 0.0:
-            raise ParameterError(
-                f'encoder_resolution {self.encoder_resolution:g} rad needs a control_rate, at '
-                'which encoders are read, got 0 Hz'
-            )
         if self.inertia == 'consistent' and not self.per_link('contact_radius').all():
             raise ParameterError(
                 'contact_radius must be above 0 m for the inertia of a cylinder (consistent), '

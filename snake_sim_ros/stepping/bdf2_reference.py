@@ -65,37 +65,25 @@ from snake_sim_ros.dynamics.force_directions import torque_directions
 from snake_sim_ros.dynamics.joint_laws import make_joint_laws
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.bdf2 import CLOSED
 from snake_sim_ros.stepping.bdf2 import DEEP
 from snake_sim_ros.stepping.bdf2 import MOST_CLOSINGS
 from snake_sim_ros.stepping.bdf2 import PRESS_SPEED
-from snake_sim_ros.stepping.bdf2_memory import Bdf2Memory
 from snake_sim_ros.stepping.bdf2_reference_motion import chain_velocities
 from snake_sim_ros.stepping.bdf2_reference_motion import coordinates
 from snake_sim_ros.stepping.bdf2_reference_motion import end_of
-from snake_sim_ros.stepping.bdf2_reference_motion import moved
+from snake_sim_ros.stepping.bdf2_reference_motion import Formula
+from snake_sim_ros.stepping.bdf2_reference_motion import formula
 from snake_sim_ros.stepping.events import LANDING_SPEED
 from snake_sim_ros.stepping.events import RESTING_GAP
 from snake_sim_ros.stepping.joint_motion import Motion
 from snake_sim_ros.stepping.model import MOST_CONDENSED
 from snake_sim_ros.stepping.model import PROXIMAL
-from snake_sim_ros.stepping.parts import ANEW
-from snake_sim_ros.stepping.parts import SMOOTH
 from snake_sim_ros.stepping.parts import UNKNOWN
 from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import State
-
-
-class Formula(NamedTuple):
-    """What the states before say about a part, eqs. (i), (ii), (v), (vi)."""
-
-    h: float  # time for which forces act on velocities [s]
-    h_q: float  # time for which velocities act on coordinates [s]
-    hat: Motion  # its rates are those of the start, and are not used
-    star: Motion  # predicted end
 
 
 class Contacts(NamedTuple):
@@ -166,20 +154,6 @@ class PartEnd(NamedTuple):
     lands: bool  # whether there was a second solution
     jumps: bool  # whether the next part starts anew
     settled: bool  # whether the laws of the joint axes hold
-
-
-def formula(robot: Robot, memory: Bdf2Memory, dt: float) -> Formula:
-    """Return what the states before say about a part, eqs. (i), (ii), (v), (vi)."""
-    A, B, phase = memory.end, memory.start, memory.phase[0]
-    w = dt / memory.dt[0] if phase == SMOOTH else 0.0
-    c, h = w**2 / (1 + 2 * w), dt * (1 + w) / (1 + 2 * w)
-    hat = Motion(*(a + c * (a - b) for a, b in zip(A, B, strict=True)))
-    half = dt / 2 if phase == ANEW else 0.0
-    if phase == ANEW:
-        pose = moved(robot, A.pose, half, A.pose, A.u)
-        hat = hat._replace(pose=pose, angle=A.angle + half * A.rate)
-    rate, u = A.rate + w * (A.rate - B.rate), A.u + w * (A.u - B.u)
-    return Formula(h, h - half, hat, end_of(robot, hat, h - half, A.pose, rate, u))
 
 
 def balance(scene: Scene, R: Array, terms: Formula, angle: Array, rate: Array) -> Balance:

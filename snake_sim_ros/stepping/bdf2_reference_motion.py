@@ -2,7 +2,10 @@
 States of the robot in joint coordinates, for the step of `bdf2` in dense NumPy, `bdf2_reference`.
 
 A pose, shape (7,), is the center of mass [m, frame I] and the Euler parameters of the middle link.
+Equations with roman numbers are those of `bdf2_reference`.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +21,7 @@ from snake_sim_ros.stepping.bdf2_memory import Bdf2Memory
 from snake_sim_ros.stepping.bdf2_memory import CONSISTENT_SPEED
 from snake_sim_ros.stepping.joint_motion import Motion
 from snake_sim_ros.stepping.parts import ANEW
+from snake_sim_ros.stepping.parts import SMOOTH
 from snake_sim_ros.stepping.parts import UNKNOWN
 from snake_sim_ros.stepping.state import State
 
@@ -88,3 +92,26 @@ def chain_velocities(robot: Robot, R: Array, motion: Motion) -> Array:
 def same(memory: Bdf2Memory, state: State) -> bool:
     """Return whether a state is the end of the last step."""
     return bool((memory.q == state.q).all() and (memory.end.u == state.u).all())
+
+
+class Formula(NamedTuple):
+    """What the states before say about a part, eqs. (i), (ii), (v), (vi)."""
+
+    h: float  # time for which forces act on velocities [s]
+    h_q: float  # time for which velocities act on coordinates [s]
+    hat: Motion  # its rates are those of the start, and are not used
+    star: Motion  # predicted end
+
+
+def formula(robot: Robot, memory: Bdf2Memory, dt: float) -> Formula:
+    """Return what the states before say about a part, eqs. (i), (ii), (v), (vi)."""
+    A, B, phase = memory.end, memory.start, memory.phase[0]
+    w = dt / memory.dt[0] if phase == SMOOTH else 0.0
+    c, h = w**2 / (1 + 2 * w), dt * (1 + w) / (1 + 2 * w)
+    hat = Motion(*(a + c * (a - b) for a, b in zip(A, B, strict=True)))
+    half = dt / 2 if phase == ANEW else 0.0
+    if phase == ANEW:
+        pose = moved(robot, A.pose, half, A.pose, A.u)
+        hat = hat._replace(pose=pose, angle=A.angle + half * A.rate)
+    rate, u = A.rate + w * (A.rate - B.rate), A.u + w * (A.u - B.u)
+    return Formula(h, h - half, hat, end_of(robot, hat, h - half, A.pose, rate, u))

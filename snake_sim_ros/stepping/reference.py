@@ -68,14 +68,12 @@ def joint_torque_law(
     kp, kd = robot.per_joint('stiffness'), robot.per_joint('damping')
     starts = np.stack([posture.joint_angles(state.q), posture.joint_rates(state.q, state.u)], -1)
     mids = np.stack([posture.joint_angles(q_M), posture.joint_rates(q_M, state.u)], -1)
-    scheme, measured = (
-        PD_SCHEMES.index(scene.pd_scheme),
-        mids[..., 0] - scene.dt / 2 * mids[..., 1],
-    )
+    scheme, dt = PD_SCHEMES.index(scene.pd_scheme), scene.dt
+    measured = mids[..., 0] - dt / 2 * mids[..., 1]
     angle, rate, loop = dense_control(scene, control, measured, angle, rate)
     terms = [
         loop_law(loop, control, j, k, kp[j, k], kd[j, k], *pd_law(
-            scheme, scene.dt, tuple(starts[j, k]), tuple(mids[j, k]), (angle[j, k], rate[j, k]),
+            scheme, dt, tuple(starts[j, k]), tuple(mids[j, k]), (angle[j, k], rate[j, k]),
             kp[j, k], kd[j, k],
         ))
         for j in range(robot.link_count - 1)
@@ -254,13 +252,11 @@ class ReferenceStepper:
         scene, robot, dt = self.scene, self.scene.robot, self.scene.dt
         n, history = robot.link_count, copied(history)
         q_M = middle_coordinates(state, dt)  # (72)
-        law = (
-            dt * term for term in joint_torque_law(scene, state, q_M, history.control, angle, rate)
-        )
+        torque, damping = joint_torque_law(scene, state, q_M, history.control, angle, rate)
         of_joints, angle_M, iterations = make_joint_laws(robot), posture.joint_angles(q_M), 0
         low = np.where(angle_M <= -of_joints.stop, 0.0, -np.inf)
         high = np.where(angle_M >= of_joints.stop, 0.0, np.inf)
-        laws = dense_laws(of_joints, dt, *law, low, high)
+        laws = dense_laws(of_joints, dt, dt * torque, dt * damping, low, high)
 
         def solve(torque: Array, damping: Array) -> tuple[Array, Solution]:
             nonlocal iterations
@@ -269,9 +265,8 @@ class ReferenceStepper:
             rule = self.selection_rule(terms, state.u.ravel(), P)
             P, last_P, u_E, spent, converged = self.iterate(terms, rule, P)
             iterations += spent
-            return (terms.W_tau.T @ u_E).reshape(-1, 2), Solution(
-                terms, rule, P, last_P, u_E, converged
-            )
+            found = Solution(terms, rule, P, last_P, u_E, converged)
+            return (terms.W_tau.T @ u_E).reshape(-1, 2), found
 
         found, joint_rate, _, settled = solve_laws_of_axes(
             laws, of_joints.inertia, posture.joint_rates(q_M, state.u), solve
@@ -286,10 +281,8 @@ class ReferenceStepper:
 
         def residual(compliance: float) -> float:
             each = zip(terms.friction, rule.center, last_P, gamma, strict=True)
-            return max(
-                (contact_natural_map(scene.solver, compliance, *contact) for contact in each),
-                default=0.0,
-            )
+            found = (contact_natural_map(scene.solver, compliance, *contact) for contact in each)
+            return max(found, default=0.0)
 
         report = Report(
             steps=1,

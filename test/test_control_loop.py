@@ -15,9 +15,12 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.stepping.efforts import command_effort
+from snake_sim_ros.stepping.efforts import commanded_effort
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import initial_state
 
 
@@ -169,3 +172,32 @@ def test_defaults_are_none():
     assert robot.control_rate == robot.reference_rate == robot.command_delay == 0.0
     assert robot.encoder_resolution == 0.0
     assert not robot.effort_commands
+
+
+def test_efforts_of_a_simulation_act_until_the_next_ones():
+    scene = replace(floating('newton', effort_commands=True))
+    simulation, zeros = Simulation(scene), np.zeros((1, 1, 2))
+    simulation.state = hinge(scene, 'yaw', 0.0)
+    acceleration = 2 * 1e-2 / scene.robot.inertia_transversal
+    for k in range(10):  # single steps go on in place from the third one
+        command_effort(simulation, np.array([[1e-2 if k < 5 else 0.0, 0.0]]))
+        assert commanded_effort(simulation)[0, 0] == (1e-2 if k < 5 else 0.0)
+        simulation.advance(zeros, zeros)
+    assert of_joint(simulation.state, 'yaw')[1] == pytest.approx(5 * DT * acceleration, rel=1e-6)
+    simulation.reset()
+    assert not commanded_effort(simulation).any()
+
+
+@pytest.mark.parametrize(
+    ('effort', 'said'),
+    [
+        (np.zeros((2, 2)), r'shape \(1, 2\), got \(2, 2\)'),
+        (np.array([[np.nan, 0.0]]), r'finite, got nan at \[0, 0\]'),
+    ],
+)
+def test_efforts_that_are_not_usable_are_refused(effort, said):
+    simulation = Simulation(floating('newton', effort_commands=True))
+    with pytest.raises(ParameterError, match=said):
+        command_effort(simulation, effort)
+    with pytest.raises(ParameterError, match='effort_commands'):
+        command_effort(Simulation(floating('newton')), np.zeros((1, 2)))

@@ -21,6 +21,7 @@ from snake_sim_ros.gaits.interpolation import sample_command
 from snake_sim_ros.gaits.interpolation import sample_motion
 from snake_sim_ros.gaits.joint_reference import compile_sampling
 from snake_sim_ros.gaits.joint_reference import JointReference
+from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.received_commands import extrapolated
 from snake_sim_ros.nodes.received_commands import joint_command
@@ -644,3 +645,29 @@ def test_settling_changes_nothing(still):
         ):
             assert (part == expected).all()
     assert not settled.motions
+
+
+# ---- efforts ------------------------------------------------------------------------------------
+
+
+def test_efforts_are_taken_by_a_robot_that_takes_them():
+    robot, last = Robot(effort_commands=True), start_posture(Scene())
+    message = JointState(name=NAMES[:2], position=[0.1, 0.0], effort=[1.0, -2.0])
+    taken = joint_command(message, last, robot, 1.0)
+    axes, torques = taken.effort
+    assert axes.tolist() == [0, 1] and torques.tolist() == [1.0, -2.0]
+    assert taken.reference.angle.flat[0] == 0.1
+    alone = joint_command(JointState(name=NAMES[3:4], effort=[0.5]), last, robot, 1.0)
+    assert alone.reference is last and alone.effort[1].tolist() == [0.5]
+    # A robot with position control only follows the positions, as of a joint_states message.
+    assert joint_command(message, last, ROBOT, 1.0).effort is None
+
+
+@pytest.mark.parametrize(
+    ('effort', 'said'),
+    [([1.0], 'got 1 efforts for 2 names'), ([1.0, math.nan], 'effort of joint_1_pitch must be')],
+)
+def test_efforts_that_are_not_usable_are_rejected(effort, said):
+    message = JointState(name=NAMES[:2], position=[0.0, 0.0], effort=effort)
+    with pytest.raises(RejectedCommand, match=said):
+        joint_command(message, start_posture(Scene()), Robot(effort_commands=True), 1.0)

@@ -37,6 +37,8 @@ from snake_sim_ros.nodes.stamps import seconds_from
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
 from snake_sim_ros.nodes.turns import Turns
 from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.stepping.efforts import command_effort
+from snake_sim_ros.stepping.efforts import commanded_effort
 from snake_sim_ros.stepping.levels import is_vertical
 from snake_sim_ros.stepping.levels import what_is_told
 from snake_sim_ros.stepping.simulation import Simulation
@@ -271,6 +273,11 @@ class CommandInbox:
             self._warn(error.kind, self._rejection)
             raise
         self._reference = command.reference
+        if command.effort:
+            axes, torques = command.effort
+            effort = commanded_effort(self._simulation)
+            effort.flat[axes] = torques
+            command_effort(self._simulation, effort)
         if command.clamped:
             self.clamped += 1
             self._warn('clamped', command.clamped)

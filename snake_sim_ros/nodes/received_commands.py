@@ -52,6 +52,7 @@ class ReceivedCommand:
     clamped: str = ''
     jump: str = ''
     moves_pitch: bool = False  # whether a trajectory has pitch joints that are not at zero
+    effort: tuple[Array, Array] | None = None  # axes along the robot, and torques [N m]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,8 +71,9 @@ def joint_command(
     Parameters
     ----------
     message : JointState
-        Joint names with positions [rad] and, optionally, velocities [rad/s]. Its stamp is the time
-        at which the positions hold. A stamp of zero means now; so does a stamp in the future, such
+        Joint names with positions [rad] and, optionally, velocities [rad/s] and, for a robot with
+        effort_commands, efforts [N m], which may be without positions. Its stamp is the time at
+        which the positions hold. A stamp of zero means now; so does a stamp in the future, such
         as any stamp of a wall clock.
     last : JointReference
         The reference before the message.
@@ -88,6 +90,9 @@ def joint_command(
     topic, names = 'joint_command', list(message.name)
     axes = axes_of(topic, names, robot)
     count = len(names)
+    effort = _efforts(message, names, axes) if robot.effort_commands else None
+    if effort and not message.position and not message.velocity:
+        return ReceivedCommand(last, effort=effort)
     if len(message.position) != count:
         raise RejectedCommand(
             'length',
@@ -120,7 +125,23 @@ def joint_command(
             f'{topic} is late: stamped {stamp:.4f} s, after one of {newest:.4f} s was taken',
         )
     position, clamped = clamped_to(topic, names, position, robot.joint_limit)
-    return ReceivedCommand(last.commanded(axes, stamp, position, velocity), clamped)
+    told = last.commanded(axes, stamp, position, velocity)
+    return ReceivedCommand(told, clamped, effort=effort)
+
+
+def _efforts(message: JointState, names: list[str], axes: Array) -> tuple[Array, Array] | None:
+    """Return axes and torques of a command, None if it has none; raise if they are not usable."""
+    if not message.effort:
+        return None
+    if len(message.effort) != len(names):
+        raise RejectedCommand(
+            'length',
+            f'joint_command must have no effort or one a name: got {len(message.effort)} efforts '
+            f'for {len(names)} names',
+        )
+    effort = np.array(message.effort)
+    check_finite('joint_command', 'effort', names, effort)
+    return axes, effort
 
 
 def position_commands(

@@ -42,7 +42,7 @@ class Combination:
     Attributes
     ----------
     parts : ndarray, shape (p,)
-        Relative change of every value, of norm 1.
+        Relative change of every value; the largest is 1.
     deviation : float
         Standard deviation of such a change.
     effect : float
@@ -159,15 +159,13 @@ def _combinations(found: Fit, A: Array, scale: float) -> tuple[Array, tuple[Comb
     squares, parts = np.linalg.eigh(A * np.outer(unit, unit))
     singular = np.sqrt(np.maximum(squares, 0.0))[::-1]
     count = sum(len(item.flat()) for item in found.residuals)
-    combinations = tuple(
-        Combination(
-            part * np.sign(part[np.abs(part).argmax()]),
-            float(np.sqrt(scale) / max(value, 1e-300)),
-            float(CHANGE * value / np.sqrt(count)),
-        )
-        for value, part in zip(singular, parts.T[::-1], strict=True)
-    )
-    return singular, combinations
+    combinations = []
+    for value, part in zip(singular, parts.T[::-1], strict=True):
+        largest = part[np.abs(part).argmax()]
+        deviation = float(np.sqrt(scale) * abs(largest) / max(value, 1e-300))
+        effect = float(CHANGE * value / abs(largest) / np.sqrt(count))
+        combinations.append(Combination(part / largest, deviation, effect))
+    return singular, tuple(combinations)
 
 
 def _sizes(found: Fit) -> dict[str, float]:

@@ -64,5 +64,5 @@ FREE = -1.0  # value of disc_radius
 def make_table(count: int) -> Any:
     """Return a table of `count` contacts, filled with zeros; every grip is 1."""
     contacts = record_array(count, CONTACT)
-    contacts['grip'] = 1.0
+    contacts['grip'][:] = 1.0
     return contacts

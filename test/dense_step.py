@@ -8,6 +8,7 @@ from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
 from snake_sim_ros.contact.selection import selection_center
 from snake_sim_ros.contact.selection import selection_compliance
 from snake_sim_ros.dynamics import force_directions
+from snake_sim_ros.dynamics.control_loop import make_control_memory
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import gaps
@@ -145,7 +146,9 @@ def dense_step(
         [W_N[:, :, None], W_T.reshape(6 * n, -1, 2), W_V.reshape(6 * n, -1, 2)], axis=2
     )[:, active]
     W_tau = force_directions.torque_directions(R)
-    torque, damping = reference.joint_torque_law(scene, state, q_M, angle, rate)
+    torque, damping = reference.joint_torque_law(
+        scene, state, q_M, make_control_memory(scene), angle, rate
+    )
     M, u_A = force_directions.mass_matrix(robot), state.u.ravel()
     h = force_directions.smooth_forces(robot, np.array(scene.gravity), state.u)
     gamma_A = np.einsum('rkj,r->kj', W[:, :, :3], u_A)

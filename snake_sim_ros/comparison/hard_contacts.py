@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.dynamics.control_loop import make_control_memory
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import CONFIG
 from snake_sim_ros.scene.parameters import Scene
@@ -50,7 +51,8 @@ def load_problems() -> dict[str, StoredStep]:
             start += size
         scene = replace(scene_from_text(text.decode()), level='spatial')
         impulse, velocity, change = parts[2][:3]
-        history = History(impulse, velocity, change, np.zeros(1))
+        control = make_control_memory(scene)
+        history = History(impulse, velocity, change, np.zeros(1), control)
         problems[str(name)] = StoredStep(scene, State(*parts[:2]), history, *parts[3:])
     assert start == len(numbers)
     return problems
@@ -73,8 +75,7 @@ def reports_by_limit(problem: StoredStep, method: str, most: int) -> Iterator[Re
             'solver.tolerance': 1e-14,
         }
         stepper = make_stepper(with_settings(problem.scene, settings))
-        empty = stepper.empty_history()
-        history = problem.history._replace(control=empty.control, memory=empty.memory)
+        history = problem.history._replace(memory=stepper.empty_history().memory)
         _, _, report = stepper.advance(
             problem.state, history, problem.angle[None], problem.rate[None]
         )

@@ -38,7 +38,7 @@ class ControlMemory(NamedTuple):
     error: Array  # (n-1, 2) held difference of reference and measured angle [rad]
     rate: Array  # (n-1, 2) held reference rate [rad/s]
     wait: Array  # (2,) steps to the next reading of the encoders, and of the references
-    next: Array  # (1,) the oldest place in the queue; -1 before the first step
+    next: Array  # (1,) the oldest place in the queue, from 1; 0 before the first step
     queue: Array  # (delay, 2, n-1, 2) references (angle, rate) that do not count yet
     late: Array  # (2, n-1, 2) references that count in this step
     told: Array  # (2, n-1, 2) references that are held, with rates 0
@@ -81,7 +81,7 @@ def make_control_memory(scene: Scene) -> ControlMemory:
         error=np.zeros(axes),
         rate=np.zeros(axes),
         wait=np.zeros(2),
-        next=np.full(1, -1.0),
+        next=np.zeros(1),
         queue=np.zeros((loop.delay, 2, *axes)),
         late=np.zeros((2, *axes)),
         told=np.zeros((2, *axes)),
@@ -98,18 +98,18 @@ def references_that_count(loop, memory, angle, rate):
     if loop.delay == 0:
         return angle, rate
     queue, late = memory.queue, memory.late
-    if memory.next[0] < 0.0:
+    if memory.next[0] == 0.0:
         for i in range(loop.delay):
             for j in range(len(angle)):
                 for k in range(2):
                     queue[i, 0, j, k], queue[i, 1, j, k] = angle[j, k], 0.0
-        memory.next[0] = 0.0
-    oldest = int(memory.next[0])
+        memory.next[0] = 1.0
+    oldest = int(memory.next[0]) - 1
     for j in range(len(angle)):
         for k in range(2):
             late[0, j, k], late[1, j, k] = queue[oldest, 0, j, k], queue[oldest, 1, j, k]
             queue[oldest, 0, j, k], queue[oldest, 1, j, k] = angle[j, k], rate[j, k]
-    memory.next[0] = (oldest + 1) % loop.delay
+    memory.next[0] = 1 + (oldest + 1) % loop.delay
     return late[0], late[1]
 
 
@@ -199,12 +199,12 @@ def dense_control(
     if not loop.present:
         return angle, rate, loop
     if loop.delay > 0:
-        if memory.next[0] < 0.0:
-            memory.queue[:, 0], memory.queue[:, 1], memory.next[0] = angle, 0.0, 0.0
-        oldest = int(memory.next[0])
+        if memory.next[0] == 0.0:
+            memory.queue[:, 0], memory.queue[:, 1], memory.next[0] = angle, 0.0, 1.0
+        oldest = int(memory.next[0]) - 1
         newest, (angle, rate) = (angle, rate), memory.queue[oldest].copy()
         memory.queue[oldest] = newest
-        memory.next[0] = (oldest + 1) % loop.delay
+        memory.next[0] = 1 + (oldest + 1) % loop.delay
     if loop.hold > 0:
         if memory.wait[1] == 0.0:
             memory.wait[1], memory.told[0] = loop.hold, angle - dt / 2 * rate

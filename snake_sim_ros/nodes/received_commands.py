@@ -110,6 +110,16 @@ def joint_command(
     check_finite(topic, 'position', names, position)
     check_rates(topic, names, velocity, robot.joint_rate_limit)
 
+    stamp = _stamp(topic, message, last, axes, now)
+    position, clamped = clamped_to(topic, names, position, robot.joint_limit)
+    told = last.commanded(axes, stamp, position, velocity)
+    return ReceivedCommand(told, clamped, effort=effort)
+
+
+def _stamp(
+    topic: str, message: JointState, last: JointReference, axes: Array, now: float
+) -> float:
+    """Return the time at which the positions of some axes hold [s]; raise if it is late."""
     stamp = seconds_from(message.header.stamp)
     if stamp <= 0.0 or stamp > now:
         stamp = now
@@ -124,9 +134,7 @@ def joint_command(
             'late',
             f'{topic} is late: stamped {stamp:.4f} s, after one of {newest:.4f} s was taken',
         )
-    position, clamped = clamped_to(topic, names, position, robot.joint_limit)
-    told = last.commanded(axes, stamp, position, velocity)
-    return ReceivedCommand(told, clamped, effort=effort)
+    return stamp
 
 
 def _efforts(message: JointState, names: list[str], axes: Array) -> tuple[Array, Array] | None:

@@ -1,10 +1,16 @@
 """Limited torque, dry friction and stops of the joints: closed forms on every method."""
 
+from dataclasses import fields
 from dataclasses import replace
+import json
+from pathlib import Path
+import re
 
 import numpy as np
+from processes import python
 import pytest
 
+from snake_sim_ros.commands.main import main
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import load_scene
@@ -23,6 +29,7 @@ from snake_sim_ros.stepping.methods import what_is_not_planar
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.state import State
 
+ROOT = Path(__file__).resolve().parent.parent
 AXES = {'yaw': 0, 'pitch': 1}
 EVERY = [(method, axis) for method in METHODS for axis in AXES]
 DT = 1e-3
@@ -294,3 +301,31 @@ def test_a_gait_beyond_the_stop_ends_at_the_stop():
         trajectory = run(scene)
         assert not trajectory.report.failure
         assert 0.399 < np.abs(trajectory.joint_angle).max() <= 0.4 + beyond
+
+
+# ---- docs/servos.md -----------------------------------------------------------------------------
+
+
+def test_programs_and_keys_of_the_page():
+    text = (ROOT / 'docs' / 'servos.md').read_text(encoding='utf-8')
+    for program in re.findall(r'```python\n(.*?)```', text, re.DOTALL):
+        exec(compile(program, 'docs/servos.md', 'exec'), {})
+    keys = set(re.findall(r'`(\w+)`', ' '.join(re.findall(r'^\| (`.*?) \|', text, re.MULTILINE))))
+    assert keys <= {item.name for item in fields(Robot)} and len(keys) == 10
+
+
+def test_commands_of_the_page(capsys):
+    text = (ROOT / 'docs' / 'servos.md').read_text(encoding='utf-8')
+    commands = re.findall(r'^\./run (run .*)$', text, re.MULTILINE)
+    assert len(commands) == 4
+    for command in commands:
+        short = re.sub(r'--duration \d+', '--duration 0.1', command)
+        assert main(short.split()) == 0
+        assert json.loads(capsys.readouterr().out.splitlines()[-1])['unconverged_steps'] == 0
+
+
+def test_the_example_draws_its_picture(tmp_path):
+    picture = tmp_path / 'limits.png'
+    example = str(ROOT / 'examples' / 'torque_limits.py')
+    python(example, '--duration', '0.1', '--out', str(picture), folder=tmp_path)
+    assert picture.read_bytes().startswith(b'\x89PNG')

@@ -41,7 +41,6 @@ from snake_sim_ros.comparison.path_errors import path_error
 from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
 from snake_sim_ros.comparison.timed_run import trajectory_of_states
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.rotations import about
@@ -82,10 +81,10 @@ class Sliding:
     def __init__(self, scene, failing=math.inf):
         self.dt, self.failing = scene.dt, failing
         self.cycles = np.zeros(1, np.int64)
-        self.contacts = contact_count(scene)
+        self.scene = scene
 
     def empty_history(self):
-        return empty_history(self.contacts)
+        return empty_history(self.scene)
 
     def advance(self, state, history, angle, rate, samples=None):
         steps = len(angle)

@@ -158,6 +158,8 @@ def test_what_is_known_of_contacts_is_carried_over_and_nothing_else(one, two):
     assert (taken.change[new] == np.array([1.5, 1, 1, 1, 1]) * history.change[old]).all()
     assert (taken.settling == history.settling).all()
     taken.impulse[new] = taken.velocity[new] = taken.change[new] = taken.settling[:] = 0.0
+    assert same_bits(taken.control, history.control)  # both have the same robot
+    taken = taken._replace(control=empty.control)
     assert not any(array.any() for array in named_arrays(taken).values())
 
 

@@ -45,7 +45,6 @@ from snake_sim_ros.comparison.pareto import front
 from snake_sim_ros.comparison.spread import spread
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.stepping.base import Report
@@ -141,10 +140,10 @@ class Sliding:
 
     def __init__(self, scene, clock, failing=math.inf):
         self.dt, self.clock, self.failing = scene.dt, clock, failing
-        self.contacts, self.calls = contact_count(scene), []
+        self.scene, self.calls = scene, []
 
     def empty_history(self):
-        return empty_history(self.contacts)
+        return empty_history(self.scene)
 
     def advance(self, state, history, angle, rate, samples=None):
         steps = len(angle)

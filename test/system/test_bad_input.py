@@ -274,7 +274,7 @@ BAD_STARTS = {
     'missing file': (
         'sim',
         ['scene:=nowhere.yaml'],
-        'no file nowhere.yaml; the scenes that come with the package: aiko, hyper_redundant',
+        'no file nowhere.yaml; the scenes that come with the package: aiko, aiko_with_servos',
     ),
     'negative': (
         'sim',

@@ -8,12 +8,46 @@ joints hold a flat robot; `is_overloaded` says whether they could.
 import math
 
 from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.joint_laws import begin_axis
 from snake_sim_ros.dynamics.joint_laws import begin_axis_impact
 from snake_sim_ros.dynamics.joint_laws import controller_impulse
 from snake_sim_ros.dynamics.joint_laws import first_law
 from snake_sim_ros.dynamics.joint_laws import is_at_stop
 from snake_sim_ros.dynamics.joint_laws import joint_laws_change
+
+
+@merged
+def begin_yaw_axes(model, work, q, u):
+    """Begin a step of the paper from q and u with the laws of the yaw joints."""
+    laws, axes, dt = model.joint_laws, work.axes, model.dt
+    for j in range(len(work.torque)):
+        turn = u[j + 1, 2] - u[j, 2]
+        begin_yaw_axis(model, work, j, dt, turn)
+        angle_mid = q[3 + j] - q[2 + j] + dt / 2 * turn
+        if angle_mid >= laws.stop:
+            axes.high[j, 0] = 0.0
+        elif angle_mid <= -laws.stop:
+            axes.low[j, 0] = 0.0
+        first_yaw_law(model, work, j)
+
+
+@merged
+def begin_predicted_yaw_axes(model, work, start, hat, u_star, h, h_q):
+    """
+    Begin a part of a step of `bdf2` with the laws of the yaw joints, as `bdf2_axes.begin_axes`.
+
+    Headings (n,) at the start and without the rates of the end are `start` and `hat` [rad], and
+    u_star, shape (n, 3), are the predicted velocities.
+    """
+    stop, axes = model.joint_laws.stop, work.axes
+    for j in range(len(work.torque)):
+        begin_yaw_axis(model, work, j, h, u_star[j + 1, 2] - u_star[j, 2])
+        if stop < math.inf:
+            angle, bend = start[j + 1] - start[j], hat[j + 1] - hat[j]
+            axes.low[j, 0] = (min(-stop, angle) - bend) / h_q
+            axes.high[j, 0] = (max(stop, angle) - bend) / h_q
+        first_yaw_law(model, work, j)
 
 
 @inlined
@@ -47,12 +81,13 @@ def yaw_axes_change(model, work, outcome, attempt, report):
 @inlined
 def joint_impulses_in_plane(model, work):
     """Fill work.applied, the impulses of the controllers; return whether a joint meets a stop."""
-    meets, laws = False, model.joint_laws
     for j in range(len(work.applied)):
         rate = work.twist[j + 1, 0] - work.twist[j, 0]
         work.applied[j, 0] = work.torque[j] - work.chain.damping[j] * rate
         work.applied[j, 1] = -model.hold[j] * work.upright.rate[j]
-        if laws.present:
+    meets = False
+    if model.joint_laws.present:
+        for j in range(len(work.applied)):
             work.applied[j, 0] = controller_impulse(work.axes, j, 0)
             meets = meets or is_at_stop(work.axes, j, 0)
     return meets

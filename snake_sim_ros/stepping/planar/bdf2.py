@@ -32,8 +32,7 @@ from snake_sim_ros.stepping.parts import SMOOTH
 from snake_sim_ros.stepping.parts import TICKS
 from snake_sim_ros.stepping.parts import UNKNOWN
 from snake_sim_ros.stepping.planar.axes import begin_planar_impact
-from snake_sim_ros.stepping.planar.axes import begin_yaw_axis
-from snake_sim_ros.stepping.planar.axes import first_yaw_law
+from snake_sim_ros.stepping.planar.axes import begin_predicted_yaw_axes
 from snake_sim_ros.stepping.planar.axes import joint_impulses_in_plane
 from snake_sim_ros.stepping.planar.axes import yaw_axes_change
 from snake_sim_ros.stepping.planar.equilibrium import fill_grips
@@ -217,7 +216,7 @@ def begin_planar_part(model, own, work, start, h, h_q):
 
     `start`, shape (n,), are the headings at the start of the part [rad].
     """
-    hat, u_star, stop = own.hat, own.star.u, model.joint_laws.stop
+    hat, u_star = own.hat, own.star.u
     for i in range(len(u_star)):
         theta = hat.heading[i] + h_q * u_star[i, 2]
         work.heading[i, 0], work.heading[i, 1] = math.cos(theta), math.sin(theta)
@@ -229,13 +228,8 @@ def begin_planar_part(model, own, work, start, h, h_q):
             h_q, bend, 0.0, reference, model.stiffness[j], model.damping[j]
         )
         work.torque[j], work.chain.damping[j] = torque * h, damping * h
-        if model.joint_laws.present:
-            begin_yaw_axis(model, work, j, h, u_star[j + 1, 2] - u_star[j, 2])
-            if stop < math.inf:  # as in `bdf2_axes`
-                angle = start[j + 1] - start[j]
-                work.axes.low[j, 0] = (min(-stop, angle) - bend) / h_q
-                work.axes.high[j, 0] = (max(stop, angle) - bend) / h_q
-            first_yaw_law(model, work, j)
+    if model.joint_laws.present:
+        begin_predicted_yaw_axes(model, work, start, hat.heading, u_star, h, h_q)
     fill_predicted_grips(model.patches, model, own, work, h_q)
     fill_momentum(model, work, hat.u, u_star)
 

@@ -31,8 +31,7 @@ from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
-from snake_sim_ros.stepping.planar.axes import begin_yaw_axis
-from snake_sim_ros.stepping.planar.axes import first_yaw_law
+from snake_sim_ros.stepping.planar.axes import begin_yaw_axes
 from snake_sim_ros.stepping.planar.axes import is_overloaded
 from snake_sim_ros.stepping.planar.axes import joint_impulses_in_plane
 from snake_sim_ros.stepping.planar.axes import yaw_axes_change
@@ -75,14 +74,8 @@ def begin_planar_step(model, work, steps, k):
             (angle[j, 0], rate[j, 0]), model.stiffness[j], model.damping[j],
         )  # fmt: skip
         work.torque[j], chain.damping[j] = torque * dt, damping * dt
-        if model.joint_laws.present:
-            begin_yaw_axis(model, work, j, dt, turn)
-            angle_mid, stop = difference + dt / 2 * turn, model.joint_laws.stop
-            if angle_mid >= stop:
-                work.axes.high[j, 0] = 0.0
-            elif angle_mid <= -stop:
-                work.axes.low[j, 0] = 0.0
-            first_yaw_law(model, work, j)
+    if model.joint_laws.present:
+        begin_yaw_axes(model, work, q, u)
     x, y = q[0] + dt / 2 * u[0, 0], q[1] + dt / 2 * u[0, 1]
     fill_grips(model.patches, model, work, x - work.center[0, 0], y - work.center[0, 1])
     fill_momentum(model, work, u, u)

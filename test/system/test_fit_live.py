@@ -23,8 +23,7 @@ def test_a_live_recording_tells_the_values_of_the_simulator(make_graph, tmp_path
     with background():
         recorder = Process([*RECORD, str(path)], graph.domain)
     recorder.wait_for('recording all topics')
-    twice = {'real_time_factor': 2.0, **TRUTH}
-    graph.start('sim', *(f'-p {name}:={value}' for name, value in twice.items()))
+    graph.start('sim', *(f'-p {name}:={value}' for name, value in TRUTH.items()))
     graph.start('gait', '-p use_sim_time:=true')
     states = graph.record(JointState, 'joint_states')
     graph.until(lambda: states and states[-1].header.stamp.sec >= DURATION, 'seven seconds')
@@ -32,11 +31,13 @@ def test_a_live_recording_tells_the_values_of_the_simulator(make_graph, tmp_path
     assert recorder.wait() == 0, recorder.output
     # The robot waits for its first command; the burn-in is long enough for that. The robot that
     # the bag describes has no friction and no gains: the fit starts from defaults.
-    options = ['--segment', '1.5', '--burn-in', '2', '--free', *TRUTH]
+    noise = ['--noise-position', '0.005', '--noise-angle', '0.02']
+    options = [*noise, '--segment', '1.5', '--burn-in', '2', '--free', *TRUTH]
     assert main(['fit', str(path), *options]) == 0
     told = json.loads(capsys.readouterr().out.splitlines()[-1])
     # The steps of 1/4000 s of the simulator shift all values by 0.4 %. What else is not exact is
-    # when commands reach the simulator, at most two periods after their stamps.
+    # when commands reach the simulator: two periods after their stamps, or more while other
+    # programs work. On a busy machine that was 1.4 mm and 2.1 %, hence the stated noise.
     for name, value in TRUTH.items():
-        assert told['values'][name]['value'] == pytest.approx(value, rel=0.02), name
+        assert told['values'][name]['value'] == pytest.approx(value, rel=0.05), name
     assert told['values']['friction.transversal']['start'] == 0.5

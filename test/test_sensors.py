@@ -7,6 +7,7 @@ from pathlib import Path
 import re
 
 import numpy as np
+from obstacle_scenes import HERE
 import pytest
 from scenes import DT
 from scenes import each_method
@@ -211,7 +212,7 @@ def test_wrenches_are_sums_of_forces_and_their_moments():
     assert (np.abs(wrench).max(axis=1) == 0).any()  # links in the air
 
 
-@every_method
+@pytest.mark.parametrize('method', HERE)  # pegs are compiled for these, see obstacle_scenes
 def test_a_robot_at_a_peg_feels_it(method):
     # On a slope without friction it leans with its first link against a peg: m g sin.
     angle, dt = 0.1, 1 / 400

@@ -38,6 +38,7 @@ MAY_USE = {
     'comparison': PHYSICS,
     'paper': {*PHYSICS, 'comparison'},
     'nodes': {*PHYSICS, 'gaits', 'recording', 'view', 'comparison'},
+    'reliability': {*PHYSICS, 'gaits', 'recording', 'view', 'studies', 'comparison', 'nodes'},
     'commands': {
         *PHYSICS,
         'gaits',
@@ -49,6 +50,7 @@ MAY_USE = {
         'comparison',
         'paper',
         'nodes',
+        'reliability',
     },
 }
 ROS = {'rclpy', 'std_srvs', 'tf2_ros', 'launch', 'launch_ros', 'ament_index_python'}

@@ -14,6 +14,7 @@ COMMANDS = {
     **{name: name for name in ('record', 'view', 'figures')},
     **{name: name for name in ('bench', 'artefacts', 'stability', 'chart', 'seal', 'levels')},
     **{name: name for name in ('urdf', 'demo', 'pacing')},
+    **dict.fromkeys(('fuzz', 'soak'), 'attacks'),
     **dict.fromkeys(('topic', 'param', 'service'), 'graph'),
 }
 

@@ -29,6 +29,7 @@ from snake_sim_ros.stepping.samples import row_after
 from snake_sim_ros.stepping.steps import Steps
 
 BALANCE = 1e-9  # largest error of the balance by rounding, as a share of the load
+RANK = 1e-9  # below it a singular value, or the bend of a joint for a unit of roll, is rounding
 
 
 def centers(q: Array, half: Array) -> Array:
@@ -111,10 +112,12 @@ def loads_from_friction(
     from scipy.linalg import null_space  # 0.1 s, for which no other start should wait
 
     W_J, W_N, axes = upright_directions(theta, half, offset)
-    rolling = null_space(np.hstack([W_J, W_N]).T, rcond=1e-9)
-    held = (pitch_stiffness[:, None] * (axes.T @ rolling)).sum(axis=1, keepdims=True)
-    free = null_space(np.hstack([W_J, axes @ held]).T, rcond=1e-9)
-    P_N = np.linalg.pinv(free.T @ W_N, rcond=1e-9) @ (-free.T @ wrench)
+    rolling = null_space(np.hstack([W_J, W_N]).T, rcond=RANK)
+    bend = axes.T @ rolling
+    bend[np.abs(bend) <= RANK] = 0.0  # a straight robot rolls without bending, but for rounding
+    held = (pitch_stiffness[:, None] * bend).sum(axis=1, keepdims=True)
+    free = null_space(np.hstack([W_J, axes @ held]).T, rcond=RANK)
+    P_N = np.linalg.pinv(free.T @ W_N, rcond=RANK) @ (-free.T @ wrench)
     rest = -(wrench + W_N @ P_N)
     resisting = np.hstack([W_J, axes @ held])
     parts = np.linalg.lstsq(resisting, rest, rcond=None)[0]

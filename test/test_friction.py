@@ -11,7 +11,6 @@ import numpy as np
 from obstacle_scenes import COARSE
 from obstacle_scenes import every_here
 from obstacle_scenes import HERE
-from obstacle_scenes import only_compiled
 import pytest
 from scenes import course
 from scenes import DT
@@ -27,7 +26,6 @@ from snake_sim_ros.contact.projections import prox_ellipse
 from snake_sim_ros.contact.projections import prox_half_ellipses
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import is_flat
-from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_from_text
@@ -39,7 +37,6 @@ from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.scene.surroundings import Patches
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.simulation import Simulation
 
 FORWARD, BACKWARD, ACROSS = 0.1, 0.25, 0.4
 SCALES = Friction(longitudinal=FORWARD, backward=BACKWARD, transversal=ACROSS)
@@ -225,7 +222,7 @@ def test_methods_take_the_dense_step_in_the_plane():
     # So little that the robot does not roll over.
     friction = Friction(longitudinal=0.02, backward=0.05, transversal=0.1)
     taken = 0
-    for seed, links in enumerate((2, 3, 5, 5)):
+    for seed, links in enumerate((2, 3, 4)):
         rng = np.random.default_rng([seed, 5])
         robot = flat_robot(rng, links)
         state = crooked(rng, robot, speed=10.0 ** -(seed % 3))
@@ -248,7 +245,7 @@ def test_methods_take_the_dense_step_in_the_plane():
             assert np.abs(memory.impulse - history.impulse).max() < 1e-8
             assert np.abs(other.u - end.u).max() < 1e-7
             taken += 1
-    assert taken >= 2 * (len(HERE) - 2)
+    assert taken >= len(HERE) - 2
 
 
 # ---- patches ------------------------------------------------------------------------------------
@@ -322,7 +319,6 @@ def test_a_block_sticks_on_one_patch_and_slides_on_the_other(method):
     assert slides.u[-1, 0, 0] == pytest.approx(expected, abs=left_over(40) + 1e-6)
 
 
-@only_compiled
 def test_rolling_friction_is_that_of_the_patch():
     # A link that rolls across: without friction of rolling it goes on, in the patch it slows down.
     friction = Friction(longitudinal=0.5, transversal=0.5, rolling=0.02)
@@ -335,51 +331,22 @@ def test_rolling_friction_is_that_of_the_patch():
         )  # fmt: skip
         start = in_plane(robot, lying_flat(robot, np.zeros(0)), np.array([0.0, 0.3]), np.zeros(1))
         start.u[0, 5] = -0.3 / radius  # rolls without sliding, about e_z of the link
-        states, _, _ = course(scene, start, 200, 200)
+        states, _, _ = course(scene, start, 40, 40)
         # m a r + Theta_3 a/r = mu_V m g r, as test_rolling.py has it.
         mass, inertia = robot.link_mass, robot.inertia_axial
         slows = 0.02 * factor * mass * G * radius / (mass * radius + inertia / radius)
         lost = 0.3 - states.u[-1, 0, 1]
-        assert lost == pytest.approx(slows * 200 * scene.dt, abs=1e-5)
+        assert lost == pytest.approx(slows * 40 * scene.dt, abs=1e-5)
 
 
 # ---- robots -------------------------------------------------------------------------------------
 
 
-@only_compiled
-@pytest.mark.parametrize('name', ['scales', 'patches'])
-@pytest.mark.parametrize('method', ['newton', 'bdf2'])
-def test_scenes_converge_in_every_step(name, method):
-    scene = replace(load_scene(name), method=method, dt=1 / 400)
-    simulation = Simulation(scene)
-    report = simulation.advance(*simulation.gait_reference(800))
-    assert not report.failure
-    assert not report.unconverged
-
-
-@only_compiled
-def test_levels_agree():
-    # Case A over patches, with friction that doubles backward, which is where it goes: both levels
-    # are one model up to the roll that the planar one neglects, 0.5 % of the way at most.
-    scene = with_settings(load_scene('patches'), {'friction.backward': 0.2})
-    scene = replace(scene, method='bdf2', dt=1 / 200)
-    ends = []
-    for level in ('planar', 'spatial'):
-        simulation = Simulation(replace(scene, level=level))
-        start = simulation.state.q[:, :2].mean(axis=0)
-        report = simulation.advance(*simulation.gait_reference(900))
-        assert not report.failure
-        ends.append(simulation.state.q[:, :2].mean(axis=0) - start)
-    assert ends[0][0] < -0.1
-    assert np.linalg.norm(ends[0] - ends[1]) < 5e-3 * np.linalg.norm(ends[0])
-
-
-@only_compiled
 @pytest.mark.parametrize('method', ['newton', 'bdf2'])
 def test_a_robot_with_scales_loses_energy(method):
     # Slack joints: nothing but friction works.
     robot = Robot(
-        link_count=6, yaw_stiffness=0.0, yaw_damping=0.0, pitch_stiffness=0.0, pitch_damping=0.0
+        link_count=3, yaw_stiffness=0.0, yaw_damping=0.0, pitch_stiffness=0.0, pitch_damping=0.0
     )
     for level in ('planar', 'spatial'):
         rng = np.random.default_rng(8)
@@ -387,14 +354,14 @@ def test_a_robot_with_scales_loses_energy(method):
             robot=robot, method=method, level=level, dt=1 / 1000,
             friction=Friction(longitudinal=0.02, backward=0.06, transversal=0.1),
         )  # fmt: skip
-        states, _, report = course(scene, crooked(rng, robot, 0.3), 100)
+        states, _, report = course(scene, crooked(rng, robot, 0.3), 15)
         if report.failure:  # without torques of pitch joints it rolls over in the plane
             assert level == 'planar'
             continue
         energy = kinetic_energy(robot, states.u).ravel()
         # Velocities of the middle satisfy the joints; those of the end by rounding times dt.
         assert (np.diff(energy) < 1e-3 * energy[0] * scene.dt).all()
-        assert energy[-1] < 0.9 * energy[0]
+        assert energy[-1] < 0.99 * energy[0]
 
 
 # ---- scenes -------------------------------------------------------------------------------------

@@ -225,7 +225,7 @@ def test_levels_agree_with_a_limit_and_with_stops(method):
         for level in ('planar', 'spatial'):
             scene = with_settings(
                 load_scene('lateral_undulation'),
-                settings | {'method': method, 'level': level, 'duration': 0.3, 'dt': 1e-3},
+                settings | {'method': method, 'level': level, 'duration': 0.15, 'dt': 1e-3},
             )
             trajectory = run(scene)
             ends.append(trajectory.position[-1, 5, :2])

@@ -17,10 +17,10 @@ from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.posture import joint_rates
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.periods import steps_in
+from snake_sim_ros.stepping.portions import LEAST_STEPS
 from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.sampling import Limits
-from snake_sim_ros.stepping.simulation import LEAST_STEPS
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.simulation import Simulation

@@ -53,7 +53,8 @@ def perturbed(scene: Scene, friction: float, phase: float, soft_start: float) ->
         )
         for name, wave in (('yaw', gait.yaw), ('pitch', gait.pitch))
     }
-    gait = replace(gait, **waves, soft_start=soft_start if gait.soft_start else 0.0)
+    gait = replace(gait, yaw=waves['yaw'], pitch=waves['pitch'])
+    gait = replace(gait, soft_start=soft_start if gait.soft_start else 0.0)
     return with_friction(replace(scene, gait=gait), friction)
 
 

@@ -9,6 +9,9 @@ frequency, so a new frequency keeps the phase. Changes may come at any time, als
 the weights of all gaits remain positive and sum to 1. Every convex condition that holds for each
 gait therefore holds in between. The limits of the joints are such conditions, see `check_limits`.
 
+The table of a gait is one more term of the sum, with the weight of the gait. It goes on from the
+beginning of the very first gait, whenever it is blended in.
+
 A robot that does not stand where its gait begins blends from its posture into the gait in the same
 way: the posture is one more term of the sum, with the first weight, and has no phase.
 """
@@ -21,6 +24,7 @@ import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait import soft_start
+from snake_sim_ros.scene.gait_table import Table
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import Robot
@@ -59,6 +63,8 @@ class Blend:
         [rad].
     shift : float
         Phase of the pitch wave of the last gait beyond the one in its parameters [rad].
+    tables : tuple of Table
+        The table of every gait.
 
     """
 
@@ -74,6 +80,7 @@ class Blend:
     amplitude: Array
     phase: Array
     shift: float
+    tables: tuple[Table, ...]
 
     @classmethod
     def of(
@@ -107,6 +114,7 @@ class Blend:
             amplitude=_amplitude(gait, joint_count, 0.0)[None],
             phase=np.zeros(2),
             shift=0.0,
+            tables=(gait.table,),
         )
 
     def changed(self, time: float, gait: Gait) -> 'Blend':
@@ -135,6 +143,7 @@ class Blend:
             frequency=np.vstack([self.frequency[over:], _frequency(gait)]),
             offset=np.vstack([self.offset[over:], _offset(gait)]),
             phase=phase,
+            tables=(*self.tables[over:], gait.table),
         )
         yaw, pitch = later.frequency[-1]
         shift, waves = self.shift, yaw * gait.yaw.amplitude * gait.pitch.amplitude
@@ -175,6 +184,11 @@ class Blend:
         angle = (z * carrier).imag + (weight @ self.offset)[..., None, :]
         rate = ((z_dot + 1j * omega * z) * carrier).imag
         rate += (weight_dot @ self.offset)[..., None, :]
+        for k, table in enumerate(self.tables):
+            if table:
+                w, w_dot = weight[..., k, None, None], weight_dot[..., k, None, None]
+                told, told_rate = table.reference(t[..., 0])
+                angle, rate = angle + w * told, rate + w * told_rate + w_dot * told
         fade, fade_dot = (value[..., None] for value in soft_start(t, self.fade_in))
         angle, rate = fade * angle, fade * rate + fade_dot * angle
         if self.entry:
@@ -221,9 +235,16 @@ def check_limits(gait: Gait, robot: Robot) -> None:
     Raises
     ------
     ParameterError
-        If a number of a wave, or amplitude plus offset, is too large.
+        If a number of a wave, a rate of the table, or what `check_reach` adds, is too large.
 
     """
+    largest = robot.joint_rate_limit / 2
+    fastest = float(gait.table.largest()[1].max()) if gait.table else 0.0
+    if fastest > largest:
+        raise ParameterError(
+            f'gait.table must have rates of at most {largest:.4g} rad/s, half of the joint rate '
+            f'limit, got {fastest:.4g} rad/s'
+        )
     for axis, wave in (('yaw', gait.yaw), ('pitch', gait.pitch)):
         for name, largest in largest_values(robot).items():
             value = getattr(wave, name)
@@ -243,15 +264,19 @@ def check_reach(gait: Gait, robot: Robot) -> None:
     Raises
     ------
     ParameterError
-        If amplitude plus offset is too large.
+        If amplitude plus offset plus the largest angle of the table is too large.
 
     """
-    for axis, wave in (('yaw', gait.yaw), ('pitch', gait.pitch)):
-        reach = abs(wave.amplitude) + abs(wave.offset)
+    told = gait.table.largest()[0].max(axis=0).tolist() if gait.table else [0.0, 0.0]
+    for axis, wave, most in (('yaw', gait.yaw, told[0]), ('pitch', gait.pitch, told[1])):
+        reach = abs(wave.amplitude) + abs(wave.offset) + most
+        plus = ' plus the largest angle of gait.table' if most else ''
         if reach > robot.joint_limit:
             degrees = f'; for degrees say gait.{axis}.amplitude_deg' if reach > math.pi else ''
+            if most:
+                degrees = '; columns in degrees end in _deg' if most > math.pi else ''
             raise ParameterError(
-                f'amplitude plus offset of gait.{axis} must be within the joint limit, '
+                f'amplitude plus offset of gait.{axis}{plus} must be within the joint limit, '
                 f'{robot.joint_limit:.4g} rad, got {reach:.4g} rad{degrees}'
             )
 

@@ -18,6 +18,7 @@ from dataclasses import replace
 import math
 
 from snake_sim_ros.gaits.blending import largest_values
+from snake_sim_ros.scene.gait_table import Table
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import Robot
 
@@ -56,7 +57,9 @@ class Steering:
         yaw, pitch = gait.yaw, gait.pitch
         cycle = yaw.angular_frequency or pitch.angular_frequency
         remarks = self._reasons_to_stop(cycle)
-        if self.speed == 0.0 or cycle == 0.0:
+        if gait.table and self.speed != 0.0:
+            remarks = {'table': 'cmd_vel: a gait from a table has no frequency to set; it stops'}
+        if self.speed == 0.0 or cycle == 0.0 or gait.table:
             return _still(gait), remarks
 
         largest = largest_values(robot)['angular_frequency']
@@ -105,4 +108,5 @@ def _still(gait: Gait) -> Gait:
         gait,
         yaw=replace(gait.yaw, **still, offset=0.0),
         pitch=replace(gait.pitch, **still),
+        table=Table(),
     )

@@ -131,9 +131,19 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
             return number
     listed = [each for each in kinds if get_origin(each) is tuple]
     if isinstance(value, (list, tuple, np.ndarray)) and listed:
-        return tuple(_converted(name, entry, get_args(listed[0])[0]) for entry in value)
+        kind = get_args(listed[0])[0]
+        if is_dataclass(kind):
+            return tuple(_record(name, k, entry, kind) for k, entry in enumerate(value))
+        return tuple(_converted(name, entry, kind) for entry in value)
     wanted = KIND_NAMES.get(kinds[0], 'numbers')
+    if listed and is_dataclass(get_args(listed[0])[0]):
+        wanted = 'a list of mappings of names to values'
     raise ParameterError(f'{name} must be {wanted}, got {value!r}')
+
+
+def _record(name: str, k: int, value: Any, kind: Any) -> Any:
+    """Return entry `k` of a list of records, from the record or a mapping."""
+    return value if isinstance(value, kind) else from_mapping(kind, value, f'{name}[{k}]')
 
 
 def _check(name: str, value: Any, limits: Mapping[str, Any]) -> None:
@@ -235,7 +245,7 @@ def from_mapping(cls: type, mapping: Any, where: str) -> Any:
             raise ParameterError(f'{where}: {name} is given twice, as {name} and as {name}_deg')
         if name != key:
             value = _radians(key, value, cls, f'{where}: ')
-        elif is_dataclass(hints[name]):
+        elif is_dataclass(hints[name]) and not is_dataclass(value):
             value = from_mapping(hints[name], value, f'{where}: {name}')  # type: ignore[arg-type]
         values[name] = value
     try:
@@ -249,10 +259,15 @@ def to_mapping(record: Any) -> dict[str, Any]:
     mapping: dict[str, Any] = {}
     for item in fields(record):
         value = getattr(record, item.name)
-        if is_dataclass(value):
-            value = to_mapping(value)
-        mapping[item.name] = list(value) if isinstance(value, tuple) else value
+        mapping[item.name] = _plain(value)
     return mapping
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as YAML has it: mappings for records, lists for tuples."""
+    if is_dataclass(value):
+        return to_mapping(value)
+    return [_plain(entry) for entry in value] if isinstance(value, tuple) else value
 
 
 def with_values(record: Any, settings: Mapping[str, Any], prefix: str = '') -> Any:
@@ -309,4 +324,6 @@ def _radians(key: str, value: Any, cls: type, prefix: str) -> Any:
     unit = {item.name: item.metadata.get('unit', '') for item in fields(cls)}[name]
     if not unit.startswith('rad'):
         raise ParameterError(f'{prefix}{key}: {name} is not an angle')
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return tuple(math.radians(_converted(key, entry, float)) for entry in value)
     return math.radians(_converted(key, value, float))

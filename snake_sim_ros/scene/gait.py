@@ -1,5 +1,5 @@
 """
-Joint references of snake gaits as pure functions of time, eqs. (70) and (71).
+Joint references of snake gaits as pure functions of time, eqs. (70) and (71), and tables.
 
 `soft_start` and `wave` take arrays and, when they are compiled, numbers.
 """
@@ -16,7 +16,7 @@ def reference(gait: Gait, time: float | Array, joint_count: int) -> tuple[Array,
 
     ``alpha_i = s(t) (A sin(omega t + (i - 1) delta + delta_0) + psi)`` for joints i = 1 to n-1,
     yaw and pitch alike, with the soft start s of `soft_start`. A negative phase lag delta sends
-    the wave from link 1 to link n.
+    the wave from link 1 to link n. The table of a gait is added to its waves before they fade in.
 
     Parameters
     ----------
@@ -40,6 +40,11 @@ def reference(gait: Gait, time: float | Array, joint_count: int) -> tuple[Array,
             each = numbers.amplitude, numbers.angular_frequency, numbers.phase_lag
             numbers_of_wave = *each, numbers.phase, numbers.offset
             angle[..., axis], rate[..., axis] = wave(numbers_of_wave, fade, t, joint)
+    if gait.table:
+        s, s_dot = (value[..., None] for value in fade)
+        told, told_rate = gait.table.reference(t[..., 0])
+        angle += s * told
+        rate += s * told_rate + s_dot * told
     return angle, rate
 
 

@@ -12,7 +12,6 @@ units and radians; in YAML a key may end in ``_deg`` and is then converted.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import fields
-import difflib
 import math
 from pathlib import Path
 from typing import Any
@@ -21,13 +20,20 @@ import numpy as np
 from numpy.typing import NDArray
 import yaml
 
-from snake_sim_ros import PACKAGE
 from snake_sim_ros.scene.checked_records import CheckedRecord
 from snake_sim_ros.scene.checked_records import from_mapping
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.checked_records import quantity
 from snake_sim_ros.scene.checked_records import to_mapping
 from snake_sim_ros.scene.checked_records import with_values
+from snake_sim_ros.scene.gait_table import Table
+from snake_sim_ros.scene.gait_table import table_from
+from snake_sim_ros.scene.gait_table import table_to_text
+from snake_sim_ros.scene.scene_files import CONFIG as CONFIG
+from snake_sim_ros.scene.scene_files import find_file
+from snake_sim_ros.scene.scene_files import read_mapping
+from snake_sim_ros.scene.start import Push
+from snake_sim_ros.scene.start import Start
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.scene.surroundings import Ground
 from snake_sim_ros.scene.surroundings import Patches
@@ -38,8 +44,6 @@ from snake_sim_ros.scene.yaml_text import parse_yaml
 
 Array = NDArray[Any]
 PerJoint = float | tuple[float, ...]
-
-CONFIG = PACKAGE / 'config'
 
 INERTIAS = ('as_printed', 'consistent')
 
@@ -185,11 +189,12 @@ class Wave(CheckedRecord):
 
 @dataclass(frozen=True, kw_only=True)
 class Gait(CheckedRecord):
-    """A yaw wave, a pitch wave and the time over which both fade in."""
+    """The sum of a yaw wave, a pitch wave and a table, and the time over which it fades in."""
 
     yaw: Wave = Wave()
     pitch: Wave = Wave()
     soft_start: float = quantity(0.0, 's', 'time T_s over which both waves fade in', minimum=0)
+    table: Table = Table()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -243,6 +248,8 @@ class Scene(CheckedRecord):
         0.2, '1', 'Coulomb friction of links on each other', minimum=0, maximum=STICKY
     )
     gait: Gait = Gait()
+    start: Start = Start()
+    pushes: tuple[Push, ...] = quantity((), '', 'forces and torques that act for some time')
     solver: Solver = Solver()
     gravity: tuple[float, ...] = quantity(
         (0.0, 0.0, -9.81), 'm/s^2', 'gravity in the inertial frame; tilt it for a slope'
@@ -271,8 +278,17 @@ class Scene(CheckedRecord):
     )
 
     def __post_init__(self) -> None:
-        """Check every field, that gravity is a vector, and that a sphere fits on a cell."""
+        """Check every field, and what depends on several of them."""
         super().__post_init__()
+        joints, told = self.robot.link_count - 1, self.gait.table.joint_count
+        if self.gait.table and told != joints:
+            raise ParameterError(
+                f'gait.table must have the {joints} joints of the robot, got {told} joints'
+            )
+        self.start.check(joints, self.robot.joint_limit)
+        for push in self.pushes:
+            if push.link and push.link > joints + 1:
+                raise ParameterError(f'link of a push must be 1 to {joints + 1}, got {push.link}')
         if len(self.gravity) != 3:
             raise ParameterError(f'gravity must have 3 components, got {len(self.gravity)}')
         if self.ground.heights:
@@ -300,27 +316,42 @@ def load_scene(source: str | Path) -> Scene:
         If the file is missing or unreadable, or if anything in it is not usable.
 
     """
-    path = _find(source, Path())
-    mapping = _read(path)
+    path = find_file(source, Path())
+    mapping = read_mapping(path)
     names = {str(key).removesuffix('_deg') for key in mapping}
     if names and names <= {item.name for item in fields(Robot)}:
         raise ParameterError(f'{source} is a robot, not a scene; scenes say "robot: {source}"')
     if isinstance(mapping.get('robot'), str):
-        robot = _find(mapping['robot'], path.parent)
-        mapping['robot'] = to_mapping(from_mapping(Robot, _read(robot), robot.name))
-    scene: Scene = from_mapping(Scene, mapping, str(path.name))
+        robot = find_file(mapping['robot'], path.parent)
+        mapping['robot'] = to_mapping(from_mapping(Robot, read_mapping(robot), robot.name))
+    return _scene(mapping, path.name, path.parent)
+
+
+def _scene(mapping: Any, where: str, folder: Path) -> Scene:
+    """Return the scene of a mapping; the file of a table is in a folder."""
+    gait = mapping.get('gait') if isinstance(mapping, Mapping) else None
+    if isinstance(gait, Mapping) and gait.get('table'):
+        robot = from_mapping(Robot, mapping.get('robot'), f'{where}: robot')
+        try:
+            table = table_from(gait['table'], folder, robot.link_count - 1)
+        except ParameterError as error:
+            raise ParameterError(f'{where}: {error}') from None
+        mapping = {**mapping, 'gait': {**gait, 'table': table}}
+    scene: Scene = from_mapping(Scene, mapping, where)
     return scene
 
 
 def scene_from_text(text: str) -> Scene:
     """Return the scene that `scene_to_text` wrote."""
-    scene: Scene = from_mapping(Scene, parse_yaml(text), 'scene')
-    return scene
+    return _scene(parse_yaml(text), 'scene', Path())
 
 
 def scene_to_text(scene: Scene) -> str:
     """Return the scene as YAML text, in SI units and radians, without leaving out defaults."""
-    return yaml.safe_dump(to_mapping(scene), sort_keys=False)
+    mapping = to_mapping(scene)
+    if scene.gait.table:
+        mapping['gait']['table'] = table_to_text(scene.gait.table)
+    return yaml.safe_dump(mapping, sort_keys=False)
 
 
 def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
@@ -331,7 +362,8 @@ def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
     ----------
     scene : Scene
     settings : mapping
-        Dotted names to values, such as ``{'friction.longitudinal': 0.2}``.
+        Dotted names to values, such as ``{'friction.longitudinal': 0.2}``; `gait.table` may be a
+        file.
 
     Raises
     ------
@@ -339,32 +371,8 @@ def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
         If a name is unknown or a value not usable.
 
     """
+    if isinstance(source := settings.get('gait.table'), (str, Path)):
+        count = int(settings.get('robot.link_count', scene.robot.link_count))
+        settings = {**settings, 'gait.table': table_from(source, Path(), count - 1)}
     changed: Scene = with_values(scene, settings)
     return changed
-
-
-def _find(source: str | Path, folder: Path) -> Path:
-    """Return a file in a folder or, if the source is only a name, one of the package."""
-    names = [Path(source), Path(f'{source}.yaml')]
-    packaged = [CONFIG / name for name in names if name.name == str(name)]
-    for candidate in [folder / name for name in names] + packaged:
-        if candidate.is_file():
-            return candidate
-    scenes = sorted(path.stem for path in CONFIG.glob('*.yaml'))
-    close = difflib.get_close_matches(str(source), scenes, n=1)
-    hint = f'did you mean {close[0]!r}? ' if close else ''
-    raise ParameterError(
-        f'no file {source}; {hint}the scenes that come with the package: {", ".join(scenes)}'
-    )
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        mapping = parse_yaml(path.read_text(encoding='utf-8'))
-    except ParameterError as error:
-        raise ParameterError(f'{path}: {error}') from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ParameterError(f'{path}: not readable as YAML: {error}') from None
-    if not isinstance(mapping, dict):
-        raise ParameterError(f'{path}: must be a mapping of names to values, got {mapping!r}')
-    return mapping

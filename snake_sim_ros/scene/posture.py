@@ -128,8 +128,9 @@ def initial_coordinates(scene: Scene) -> Array:
     """
     Return the coordinates at the start of a scene, shape (n, 7).
 
-    The joints have the angles of the gait at t = 0. The centroid of the links is above the origin,
-    their principal axis is along e_x of I, and the lowest sphere touches the ground.
+    Joints without an angle in `scene.start` have those of the gait at t = 0. By default, the
+    centroid of the links is above the origin, their principal axis is along e_x of I, and the
+    lowest sphere touches the ground.
 
     Raises
     ------
@@ -138,9 +139,21 @@ def initial_coordinates(scene: Scene) -> Array:
 
     """
     angle, _ = gait.reference(scene.gait, 0.0, scene.robot.link_count - 1)
+    start = scene.start
+    for axis, given in enumerate((start.yaw, start.pitch)):
+        if given is not None:
+            angle[:, axis] = given
     found, lowest = _centered_coordinates(scene.robot, angle.tobytes())
     q = found.copy()
+    if start.heading != 0.0:
+        turn = about(2, start.heading)
+        q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
+        q[:, 3:] = product(turn, q[:, 3:])
+    if any(start.position):
+        q[:, :2] += start.position
     q[:, 2] += obstacles.lift_onto_ground(scene, q) if scene.ground.heights else -lowest
+    if start.height:
+        q[:, 2] += start.height
     if scene.pegs.x or scene.self_contact:
         refuse_overlap(scene, q)
     return q

@@ -40,8 +40,11 @@ def path_tolerance(scene: Scene) -> float:
 def longest_step(scene: Scene, accuracy: float) -> float:
     """Return the longest time for which one joint reference of the gait will do [s]."""
     yaw, pitch = scene.gait.yaw.angular_frequency, scene.gait.pitch.angular_frequency
+    fastest = max(abs(yaw), abs(pitch))
+    if scene.gait.table:
+        fastest = max(fastest, scene.gait.table.angular_frequency())
     turn = LONGEST_TURN * min(1.0, math.sqrt(accuracy / TURNING_ACCURACY))
-    return min(LONGEST_STEP, turn / max(abs(yaw), abs(pitch), turn / LONGEST_STEP))
+    return min(LONGEST_STEP, turn / max(fastest, turn / LONGEST_STEP))
 
 
 def with_accuracy(

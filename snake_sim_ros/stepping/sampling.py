@@ -9,8 +9,12 @@ from snake_sim_ros.dynamics import kinematics
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.contact_forces import sampled_forces
+from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.samples import Samples
+from snake_sim_ros.stepping.state import History
+from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 LEVELS = np.array(['spatial', 'planar'])
@@ -42,6 +46,31 @@ class Limits(NamedTuple):
 
 NO_LIMITS = Limits()
 STATES = Keep()
+
+
+def begun_samples(
+    scene: Scene, state: State, history: History, last: Report, steps: int, samples: int
+) -> Samples:
+    """
+    Return arrays for samples after the present state, which is the first of them.
+
+    Parameters
+    ----------
+    scene : Scene
+    state : State
+    history : History
+    last : Report
+        Of the last steps.
+    steps : int
+        Number of steps between two samples.
+    samples : int
+        Number of samples after the first one.
+
+    """
+    found = make_samples(scene, steps, samples + 1)._replace(first=0)
+    found.add(-1, state, history, last.joint_torque, last_span(scene, history))
+    found.is_planar[0] = last.level == 'planar'
+    return found
 
 
 def joint_motion(q: Array, u: Array) -> tuple[Array, Array]:

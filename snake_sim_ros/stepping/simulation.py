@@ -7,7 +7,7 @@ A step that diverges ends a run. The samples before it are kept.
 from collections.abc import Callable
 from collections.abc import Sequence
 from dataclasses import replace
-import math
+from pathlib import Path
 import time
 
 import numpy as np
@@ -16,6 +16,7 @@ from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Gait
+from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.base import OneByOne
 from snake_sim_ros.stepping.base import Report
@@ -26,8 +27,12 @@ from snake_sim_ros.stepping.gait_ahead import GaitAhead
 from snake_sim_ros.stepping.levels import LevelStepper
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.periods import samples_of
+from snake_sim_ros.stepping.portions import LEAST_STEPS
+from snake_sim_ros.stepping.portions import Portions
+from snake_sim_ros.stepping.pushed_steps import PushedSteps
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.samples import Samples
+from snake_sim_ros.stepping.sampling import begun_samples
 from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.sampling import Limits
@@ -35,15 +40,13 @@ from snake_sim_ros.stepping.sampling import NO_LIMITS
 from snake_sim_ros.stepping.sampling import STATES
 from snake_sim_ros.stepping.sampling import trajectory_of
 from snake_sim_ros.stepping.state import carried
+from snake_sim_ros.stepping.state import check_references
 from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 LEVELS = ('planar', 'spatial')
-FIRST_PORTION = 25  # steps of a call if unconverged ones are limited; doubles while all converge
-LEAST_STEPS, MOST_STEPS = 100, 20_000  # of a call, whose references are in memory
-PORTION_SECONDS = 0.1  # wall time up to which the next call takes more steps [s]
 
 
 class Simulation:
@@ -52,7 +55,9 @@ class Simulation:
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, str or Path
+        A scene, a YAML file, or the name of a scene that comes with the package. Its steps are
+        those it says, 1/4000 s by default.
     stepper : Stepper, optional
         A stepper for this scene that is not of `methods.METHODS`. Default: that of the scene.
 
@@ -67,10 +72,11 @@ class Simulation:
 
     """
 
-    def __init__(self, scene: Scene, stepper: Stepper | None = None) -> None:
+    def __init__(self, scene: Scene | str | Path, stepper: Stepper | None = None) -> None:
+        scene = scene if isinstance(scene, Scene) else load_scene(scene)
         self.scene, self.given = scene, stepper is not None
         self.stepper = stepper or make_stepper(scene)
-        self.step_count, self.gait = 0, GaitAhead(scene)
+        self.step_count, self.gait, self._pushes = 0, GaitAhead(scene), PushedSteps(scene)
         self._single_steps: OneByOne | None = None
         self.reset()
 
@@ -146,6 +152,7 @@ class Simulation:
             empty = stepper.empty_history()
             self.history = carried(self.history, self.scene, scene, scale, empty)
         self.stepper, self.scene, self.gait = stepper, scene, GaitAhead(scene)
+        self._pushes = PushedSteps(scene)
 
     def push(self, link: int, impulse: Sequence[float]) -> None:
         """
@@ -191,36 +198,80 @@ class Simulation:
         """Return angles [rad] and rates [rad/s] of the gait at `midpoints`, (steps, n-1, 2)."""
         return self.gait.reference(self.step_count, steps)
 
-    def advance(self, angle: Array, rate: Array, samples: Samples | None = None) -> Report:
+    def advance(
+        self, angle: Array, rate: Array | None = None, samples: Samples | None = None
+    ) -> Report:
         """
         Take as many steps as there are references, but none between a divergence and `reset`.
 
         Parameters
         ----------
-        angle, rate : ndarray, shape (steps, n-1, 2)
-            Joint references at `midpoints` [rad], [rad/s].
+        angle, rate : ndarray of float, shape (steps, n-1, 2)
+            Joint references (yaw, pitch) at `midpoints` [rad], [rad/s]. Default: rates of 0.
         samples : Samples, optional
             Filled with the samples that the steps reach.
+
+        Returns
+        -------
+        Report
+            What happened in these steps; `failure` says so if one diverged.
+
+        Raises
+        ------
+        ParameterError
+            If an array has another shape or type. No step is taken then.
 
         """
         if self.report.failure:
             return self.report
+        if rate is None:
+            rate = np.zeros(np.shape(angle))
+        if self.scene.pushes:
+            return self._noted(self._pushed(angle, rate, samples))
         going_on = self._single_steps if samples is None else None
         last = going_on.take(angle, rate) if going_on else None
         if not last:
-            state, history, last = self.stepper.advance(
-                self.state, self.history, angle, rate, samples
-            )
-            self._go_on_from(state, history)
-        self.step_count += last.steps
-        if last.failure:
-            last.failure = f't = {self.time:g} s: {last.failure}'
+            last = self._taken(angle, rate, samples)
         goes_on = last.steps == self.last.steps == 1 and not self._single_steps
-        self.last = last
-        self.report += last
+        self._noted(last)
         if goes_on and samples is None and not self.given:
             self._single_steps = self.stepper.single_steps(self._state, self._history)
         return last
+
+    def _taken(self, angle: Array, rate: Array, samples: Samples | None) -> Report:
+        """Go on by steps of the stepper."""
+        state, history, report = self.stepper.advance(
+            self.state, self.history, angle, rate, samples
+        )
+        self._go_on_from(state, history)
+        return report
+
+    def _noted(self, last: Report) -> Report:
+        """Count the steps of a call of `advance`, and return their report."""
+        self.step_count += last.steps
+        if last.failure:
+            last.failure = f't = {self.time:g} s: {last.failure}'
+        self.last = last
+        self.report += last
+        return last
+
+    def _pushed(self, angle: Array, rate: Array, samples: Samples | None) -> Report:
+        """Go on by steps with the pushes of the scene; if they raise an error, not at all."""
+        check_references(self.scene.robot.link_count, angle, rate)
+        before, report = (self.state, self.history), Report()
+        try:
+            for part, acts in self._pushes.parts(self.step_count, len(angle)):
+                if acts:
+                    self.state = self._pushes.act(self.state, self.step_count + part.start)
+                kept = samples.after(part.start) if samples else None
+                news = self._taken(angle[part], rate[part], kept)
+                report = report + news if report.steps else news
+                if news.failure:
+                    break
+        except BaseException:
+            self._go_on_from(*before)
+            raise
+        return report
 
     @property
     def state(self) -> State:
@@ -243,49 +294,6 @@ class Simulation:
     def _go_on_from(self, state: State, history: History) -> None:
         """Go on from a state and its history."""
         self._state, self._history, self._single_steps = state, history, None
-
-
-class _Advance:
-    """Calls of `Simulation.advance` with the gait of the scene, and their wall time."""
-
-    def __init__(
-        self, simulation: Simulation, samples: Samples, limits: Limits, portion: int, timed: bool
-    ) -> None:
-        self.simulation, self.samples, self.limits = simulation, samples, limits
-        self.time_references, self.seconds = timed, 0.0
-        self.is_cautious = not math.isinf(limits.unconverged)
-        self.in_time = 0  # steps taken before the limit of the wall time
-        self.begin, self.portion = simulation.step_count, max(portion, samples.every)
-        if self.is_cautious:
-            self.portion = FIRST_PORTION
-
-    @property
-    def done(self) -> int:
-        """Number of steps taken."""
-        return self.simulation.step_count - self.begin
-
-    def __call__(self, most: int) -> None:
-        """Take a portion of steps, at most so many."""
-        simulation, count = self.simulation, min(self.portion, most)
-        begin = time.perf_counter() if self.time_references else math.nan
-        reference, compiled = simulation.gait_reference(count), simulation.compile_seconds
-        begin = begin if self.time_references else time.perf_counter()
-        simulation.advance(*reference, self.samples.after(self.done))
-        compiled = simulation.compile_seconds - compiled
-        seconds = time.perf_counter() - begin - compiled
-        self.seconds += seconds
-        if self.seconds <= self.limits.seconds:
-            self.in_time = self.done
-        if self.is_cautious and simulation.report.unconverged:
-            self.portion = FIRST_PORTION
-        elif seconds < PORTION_SECONDS:
-            self.portion = min(2 * self.portion, MOST_STEPS)
-
-    def over(self) -> bool:
-        """Return whether no further step is taken."""
-        report, limits = self.simulation.report, self.limits
-        ended = self.seconds > limits.seconds or report.unconverged >= limits.unconverged
-        return ended or bool(report.failure)
 
 
 def sample(
@@ -328,8 +336,10 @@ def sample(
         Number of steps in the first call, between two calls of `progress`.
 
     """
-    found = _begun(simulation, steps, samples)
-    advance = _Advance(simulation, found.after(0), limits, portion, time_references)
+    found = begun_samples(
+        simulation.scene, simulation.state, simulation.history, simulation.last, steps, samples
+    )
+    advance = Portions(simulation, found.after(0), limits, portion, time_references)
     interrupted = False
     try:
         if observe:
@@ -348,15 +358,6 @@ def sample(
         simulation.scene, found.until(advance.in_time), keep, simulation.report, advance.seconds,
         interrupted=interrupted,
     )  # fmt: skip
-
-
-def _begun(simulation: Simulation, steps: int, samples: int) -> Samples:
-    """Return arrays for samples after the present state, which is the first of them."""
-    found = make_samples(simulation.scene, steps, samples + 1)._replace(first=0)
-    span = last_span(simulation.scene, simulation.history)
-    found.add(-1, simulation.state, simulation.history, simulation.last.joint_torque, span)
-    found.is_planar[0] = simulation.last.level == 'planar'
-    return found
 
 
 def run(

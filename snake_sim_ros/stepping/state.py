@@ -18,6 +18,8 @@ from snake_sim_ros.scene.obstacles import same_contacts
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import initial_coordinates
+from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.posture import joint_rates
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,21 @@ class State:
 
     q: Array
     u: Array
+
+    @property
+    def position(self) -> Array:
+        """Link centers, shape (n, 3) [m, frame I]."""
+        return self.q[:, :3]
+
+    @property
+    def joint_angle(self) -> Array:
+        """Angles (yaw, pitch) of the joints, shape (n-1, 2) [rad]."""
+        return joint_angles(self.q)
+
+    @property
+    def joint_velocity(self) -> Array:
+        """Rates (yaw, pitch) of the joints, shape (n-1, 2) [rad/s]."""
+        return joint_rates(self.q, self.u)
 
 
 def initial_state(scene: Scene) -> State:
@@ -214,9 +231,14 @@ class Returned:
             check_state(self.links, len(self.empty.impulse), state, history)
         else:
             check_history(self.links, self.empty, state, history)
-        steps = len(angle) if np.ndim(angle) else 0
-        _check_array('angle', angle, (steps, self.links - 1, 2))
-        _check_array('rate', rate, (steps, self.links - 1, 2))
+        check_references(self.links, angle, rate)
+
+
+def check_references(links: int, angle: Array, rate: Array) -> None:
+    """Raise an error if the references of some steps are not arrays (steps, n-1, 2) of floats."""
+    steps = len(angle) if np.ndim(angle) == 3 else 1
+    _check_array('angle', angle, (steps, links - 1, 2))
+    _check_array('rate', rate, (steps, links - 1, 2))
 
 
 def _check_array(name: str, array: Any, shape: tuple[int, ...]) -> None:

@@ -17,9 +17,9 @@ from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import share_compiled
 from snake_sim_ros.stepping.periods import samples_of
+from snake_sim_ros.stepping.portions import LEAST_STEPS
+from snake_sim_ros.stepping.portions import PORTION_SECONDS
 from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.simulation import LEAST_STEPS
-from snake_sim_ros.stepping.simulation import PORTION_SECONDS
 from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory

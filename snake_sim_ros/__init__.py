@@ -1,6 +1,79 @@
-"""A virtual Aiko: exact nonsmooth simulation of a wheel-less snake robot."""
+"""
+A virtual Aiko: exact nonsmooth simulation of a wheel-less snake robot.
 
+The names in ``__all__`` are the public interface of the library in Python; they need no ROS, and
+are loaded when they are first used. Everything else may change between versions. The defaults are
+those of the robot Aiko and its surroundings in the paper.
+
+>>> from snake_sim_ros import run
+>>> sidewinding = run('sidewinding', duration=3.0)
+>>> sidewinding.distance, sidewinding.cost_of_transport
+"""
+
+from importlib import import_module
 from pathlib import Path
+from typing import Any
+from typing import TYPE_CHECKING
 
 __version__ = '0.1.0'
 PACKAGE = Path(__file__).resolve().parent  # folder of the sources
+__all__ = [
+    'Friction',
+    'Gait',
+    'Ground',
+    'ParameterError',
+    'Patches',
+    'Pegs',
+    'Push',
+    'Report',
+    'Robot',
+    'Run',
+    'Scene',
+    'Simulation',
+    'Solver',
+    'Start',
+    'State',
+    'Table',
+    'Wave',
+    'load_scene',
+    'read_run',
+    'run',
+    'study',
+    'table_of',
+]
+
+if TYPE_CHECKING:
+    from snake_sim_ros.api import Friction
+    from snake_sim_ros.api import Gait
+    from snake_sim_ros.api import Ground
+    from snake_sim_ros.api import load_scene
+    from snake_sim_ros.api import ParameterError
+    from snake_sim_ros.api import Patches
+    from snake_sim_ros.api import Pegs
+    from snake_sim_ros.api import Push
+    from snake_sim_ros.api import read_run
+    from snake_sim_ros.api import Report
+    from snake_sim_ros.api import Robot
+    from snake_sim_ros.api import Run
+    from snake_sim_ros.api import run
+    from snake_sim_ros.api import Scene
+    from snake_sim_ros.api import Simulation
+    from snake_sim_ros.api import Solver
+    from snake_sim_ros.api import Start
+    from snake_sim_ros.api import State
+    from snake_sim_ros.api import study
+    from snake_sim_ros.api import Table
+    from snake_sim_ros.api import table_of
+    from snake_sim_ros.api import Wave
+else:
+
+    def __getattr__(name: str) -> Any:
+        """Load what is public when it is first used, since the compiler takes long to import."""
+        if name not in __all__:
+            raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+        globals()[name] = found = getattr(import_module('snake_sim_ros.api'), name)
+        return found
+
+    def __dir__() -> list[str]:
+        """Return the names of the module, also of what is not loaded yet."""
+        return sorted({*globals(), *__all__})

@@ -11,7 +11,7 @@ from snake_sim_ros.scene.checked_records import ParameterError
 # In the order of the help text: the module of each command, where its function `add_...` is.
 COMMANDS = {
     **{name: name for name in ('run', 'study', 'optimize', 'fit', 'export')},
-    **{name: name for name in ('record', 'view', 'figures')},
+    **{name: name for name in ('record', 'view', 'plot', 'figures')},
     **{name: name for name in ('bench', 'artefacts', 'stability', 'chart', 'seal', 'levels')},
     **{name: name for name in ('urdf', 'demo', 'pacing')},
     **dict.fromkeys(('fuzz', 'soak'), 'attacks'),

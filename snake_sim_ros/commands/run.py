@@ -35,6 +35,7 @@ from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.periods import samples_of
 from snake_sim_ros.stepping.trajectory import Trajectory
+from snake_sim_ros.studies.metrics import metrics_of_run
 
 if TYPE_CHECKING:
     from snake_sim_ros.stepping.simulation import Simulation
@@ -76,7 +77,7 @@ def _run(options: argparse.Namespace) -> int:
     if report.failure:
         print(f'diverged: {report.failure}', file=sys.stderr)
     print_outputs(trajectory, files)
-    print(json.dumps(summary(trajectory)))
+    print(json.dumps({**summary(trajectory), **metrics_of_run(trajectory)}))
     if report.status is Status.DIVERGED:
         return 1
     return 130 if trajectory.interrupted else 0

@@ -7,7 +7,7 @@ robot that takes `joint_command`, or one of the other forms of `sent_commands`, 
 Every number of the gait may change while the node runs, and `cmd_vel` steers it, without a jump in
 the commands. A change of the soft start takes effect when the gait begins again. From the first
 cmd_vel until ~/restart, `steering` determines the frequency and the yaw offset; of a cmd_vel only
-linear.x and angular.z count.
+linear.x and angular.z count. The table of a gait is no parameter: it comes with the scene.
 
 The gait begins where the robot is: it blends from the joint angles that joint_states report. It
 does so too after ~/restart, when time went back, and when the robot was put back.
@@ -37,6 +37,7 @@ from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.jumps import Jumps
 from snake_sim_ros.nodes.measured_start import MeasuredStart
 from snake_sim_ros.nodes.node_parameters import declare
+from snake_sim_ros.nodes.node_parameters import parameter_fields
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import run_node
 from snake_sim_ros.nodes.sent_commands import COMMAND_FORMS
@@ -55,7 +56,7 @@ from snake_sim_ros.scene.parameters import with_settings
 # The node takes the gait of a scene, and these parameters of its robot.
 ROBOT = ('link_count', 'link_length', 'joint_limit', 'joint_rate_limit')
 OF_SCENE = ('gait.', *(f'robot.{name}' for name in ROBOT))
-GAIT = tuple(f'gait.{name}' for name in flat_fields(Scene().gait))
+GAIT = tuple(parameter_fields(Scene().gait, 'gait.'))
 CHANGEABLE = ('scene', 'stride', 'cmd_vel_timeout')
 
 
@@ -249,7 +250,7 @@ class GaitNode(Node):
         if not isinstance(given.get('scene'), str):
             return parameters
         try:
-            fields = flat_fields(load_scene(given['scene']).gait, 'gait.')
+            fields = parameter_fields(load_scene(given['scene']).gait, 'gait.')
         except ParameterError:
             return parameters  # `_on_set_parameters` reports the error.
         own = [Parameter(name, value=value) for name, (value, _) in fields.items()]
@@ -261,9 +262,10 @@ class GaitNode(Node):
         own = {name: value for name, value in values.items() if name in CHANGEABLE}
         waves = {name: value for name, value in values.items() if name in GAIT}
         settings = replace(self.settings, **own)
+        scene = Scene(robot=self.robot, gait=self.gait)
         if 'scene' in own:
-            load_scene(settings.scene)
-        return settings, with_settings(Scene(gait=self.gait), waves)
+            scene = replace(scene, gait=load_scene(settings.scene).gait)
+        return settings, with_settings(scene, waves)
 
     def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         try:

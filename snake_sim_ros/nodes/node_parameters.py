@@ -20,6 +20,7 @@ from snake_sim_ros.scene.checked_records import flat_fields
 from snake_sim_ros.scene.checked_records import from_mapping
 from snake_sim_ros.scene.checked_records import nearest
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.checked_records import plain
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
@@ -29,11 +30,18 @@ S = TypeVar('S')
 
 # Parameters that rclpy declares itself.
 OF_RCLPY = ('use_sim_time', 'start_type_description_service')
+TABLE = 'gait.table.'  # names of what is too large for parameters; a scene names its file
 
 
 def given_parameters(node: Node) -> dict[str, Any]:
     """Return name -> value of all parameters that the user set and the node has thus declared."""
     return {name: item.value for name, item in node.get_parameters_by_prefix('').items()}
+
+
+def parameter_fields(record: Any, prefix: str = '') -> dict[str, tuple[Any, Mapping[str, Any]]]:
+    """Return those of `flat_fields` that are parameters."""
+    fields = flat_fields(record, prefix).items()
+    return {name: item for name, item in fields if not name.startswith(TABLE)}
 
 
 def declare(node: Node, name: str, value: Any, limits: Mapping[str, Any], read_only: bool) -> None:
@@ -57,10 +65,11 @@ def declare(node: Node, name: str, value: Any, limits: Mapping[str, Any], read_o
             )
         ]
     if isinstance(value, tuple):
-        # A parameter cannot be a list of lists or of several types, and an empty list has no type:
-        # they become text.
-        is_plain = len({type(entry) for entry in value}) == 1 and not isinstance(value[0], tuple)
-        value = list(value) if is_plain else json.dumps(value)
+        # A parameter cannot be a list of lists, of mappings or of several types, and an empty list
+        # has no type: they become text.
+        kinds = {type(entry) for entry in value}
+        is_plain = len(kinds) == 1 and kinds <= {bool, int, float, str}
+        value = list(value) if is_plain else json.dumps(plain(value))
     if node.has_parameter(name):
         node.undeclare_parameter(name)
     node.declare_parameter(name, value, descriptor, ignore_override=True)
@@ -106,7 +115,7 @@ def settle(
     own = {name: _read(given[name], usual[name][0]) for name in usual if name in given}
     settings = from_mapping(kind, own, node.get_name())
     scene = load_scene(settings.scene)
-    names = [name for name in flat_fields(scene) if name.startswith(of_scene)]
+    names = [name for name in parameter_fields(scene) if name.startswith(of_scene)]
     known = {*flat_fields(settings), *names}
     for name in given:
         if name not in known and name not in OF_RCLPY and not name.startswith('qos_overrides.'):

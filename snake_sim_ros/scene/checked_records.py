@@ -259,15 +259,15 @@ def to_mapping(record: Any) -> dict[str, Any]:
     mapping: dict[str, Any] = {}
     for item in fields(record):
         value = getattr(record, item.name)
-        mapping[item.name] = _plain(value)
+        mapping[item.name] = plain(value)
     return mapping
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Return a value as YAML has it: mappings for records, lists for tuples."""
     if is_dataclass(value):
         return to_mapping(value)
-    return [_plain(entry) for entry in value] if isinstance(value, tuple) else value
+    return [plain(entry) for entry in value] if isinstance(value, tuple) else value
 
 
 def with_values(record: Any, settings: Mapping[str, Any], prefix: str = '') -> Any:

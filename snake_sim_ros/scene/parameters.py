@@ -371,7 +371,7 @@ def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
         If a name is unknown or a value not usable.
 
     """
-    if isinstance(source := settings.get('gait.table'), (str, Path)):
+    if (source := settings.get('gait.table')) is not None:
         count = int(settings.get('robot.link_count', scene.robot.link_count))
         settings = {**settings, 'gait.table': table_from(source, Path(), count - 1)}
     changed: Scene = with_values(scene, settings)

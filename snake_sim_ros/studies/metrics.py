@@ -64,6 +64,8 @@ class Metric:
         """
         try:
             value = self.function(trajectory)
+        except MetricError:
+            raise
         except Exception as error:  # whatever a function of the user raises is a row's failure
             raise MetricError(
                 f'metric {self.name} raised {type(error).__name__}: {error}'
@@ -143,7 +145,15 @@ def slip(trajectory: Trajectory) -> float:
 
     ``sum_k F_N |gamma_T| / sum_k F_N`` over all samples and contacts with the floor. The
     velocities are those of the sample, the loads those of the step before; 0 in flight.
+
+    Raises
+    ------
+    MetricError
+        If the trajectory is from a file, where velocities are not kept.
+
     """
+    if not trajectory.velocity.size:
+        raise MetricError('slip needs velocities of the links, which files of runs do not keep')
     robot = trajectory.scene.robot
     floor = trajectory.contact_number < 2 * robot.link_count
     sample, number = trajectory.contact_sample[floor], trajectory.contact_number[floor]
@@ -181,7 +191,28 @@ METRICS: dict[str, Metric] = {
         (angle_error, 'rad'),
     )
 }
+RUN_METRICS = (
+    'distance',
+    'speed',
+    'direction',
+    'energy',
+    'cost_of_transport',
+    'slip',
+    'peak_torque',
+)
 USUAL_METRICS = ('distance', 'speed', 'direction', 'energy', 'cost_of_transport', 'peak_torque')
+
+
+def metrics_of_run(trajectory: Trajectory) -> dict[str, float | None]:
+    """Return the RUN_METRICS of a trajectory; None where it has no finite number."""
+    found: dict[str, float | None] = {}
+    for name in RUN_METRICS:
+        try:
+            value = METRICS[name](trajectory)
+            found[name] = value if math.isfinite(value) else None
+        except MetricError:
+            found[name] = None
+    return found
 
 
 def metric_of(source: Any, folder: Path | None = None) -> Metric:

@@ -1,0 +1,300 @@
+"""Scenes by name and value, their runs, and what is measured in them."""
+
+from collections.abc import Callable
+from collections.abc import Mapping
+from dataclasses import dataclass
+from dataclasses import fields
+from dataclasses import is_dataclass
+from dataclasses import replace
+import math
+from pathlib import Path
+import time
+from typing import Any
+
+import numpy as np
+
+from snake_sim_ros.api.gaits import references_of
+from snake_sim_ros.api.gaits import table_of
+from snake_sim_ros.gaits.blending import check_reach
+from snake_sim_ros.recording import csv_table
+from snake_sim_ros.recording import npz
+from snake_sim_ros.recording.recorded_runs import read_run as read_trajectory
+from snake_sim_ros.scene import parameters
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.gait_table import Table
+from snake_sim_ros.scene.parameters import Gait
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.periods import samples_of
+from snake_sim_ros.stepping.sampling import begun_samples
+from snake_sim_ros.stepping.sampling import Keep
+from snake_sim_ros.stepping.sampling import trajectory_of
+from snake_sim_ros.stepping.simulation import sample
+from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.trajectory import Trajectory
+from snake_sim_ros.stepping.usual_steps import with_usual_steps
+from snake_sim_ros.studies import metrics
+
+KEPT = Keep(contacts=True)
+Values = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Run(Trajectory):
+    """
+    A run of a scene: its trajectory, with what is measured in it.
+
+    The attributes of the trajectory are arrays over the m samples, of n links, in SI units:
+
+    ================================ ================ =========================================
+    attribute                        shape            what
+    ================================ ================ =========================================
+    time                             (m,)             time of the samples [s]
+    position                         (m, n, 3)        link centers in the world, z up [m]
+    orientation                      (m, n, 4)        Euler parameters of the links, scalar first
+    joint_angle, joint_velocity      (m, n-1, 2)      (yaw, pitch) [rad], [rad/s]
+    joint_torque                     (m, n-1, 2)      torques of the step before a sample [N m]
+    contact_sample, contact_number   (k,)             sample and number of each loaded contact
+    contact_point, contact_force     (k, 3)           its place [m] and force [N] in the world
+    path                             (m, 3)           center of the middle link [m]
+    ================================ ================ =========================================
+
+    `scene` repeats the run, and `report` says how its steps went: `report.failure` is empty unless
+    a step diverged, which ends a run early.
+    """
+
+    @property
+    def distance(self) -> float:
+        """Horizontal distance of the center of mass from start to end [m]."""
+        return metrics.METRICS['distance'](self)
+
+    @property
+    def speed(self) -> float:
+        """Distance over time [m/s]."""
+        return metrics.METRICS['speed'](self)
+
+    @property
+    def energy(self) -> float:
+        """Mechanical work of all joints, without recovery [J]."""
+        return metrics.METRICS['energy'](self)
+
+    @property
+    def cost_of_transport(self) -> float:
+        """Energy over weight times distance [1]; inf without a distance."""
+        return metrics.METRICS['cost_of_transport'](self)
+
+    @property
+    def slip(self) -> float:
+        """Mean sliding speed of the loaded contacts on the floor [m/s]; not of runs from files."""
+        return metrics.METRICS['slip'](self)
+
+    @property
+    def metrics(self) -> dict[str, float | None]:
+        """What is measured, by name; None if a run has no such number. See docs/studies.md."""
+        return metrics.metrics_of_run(self)
+
+    def write(self, path: str | Path) -> None:
+        """
+        Write the run to a file, which `read_run` and `snake-sim view` read if it is npz.
+
+        Parameters
+        ----------
+        path : str or Path
+            Ends in .npz or .csv.
+
+        """
+        writers = {'.npz': npz.write, '.csv': csv_table.write}
+        if Path(path).suffix not in writers:
+            raise ParameterError(f'a run is written to .npz or .csv, got {path}')
+        writers[Path(path).suffix](self, Path(path))
+
+    def plot(self, path: str | Path) -> None:
+        """
+        Draw path, joint angles, joint torques and contact forces; this needs matplotlib.
+
+        Parameters
+        ----------
+        path : str or Path
+            Ends in .png, .pdf or .svg.
+
+        """
+        from snake_sim_ros.view.chart import draw
+
+        draw(self, Path(path))
+
+
+def load_scene(source: Scene | str | Path, values: Values | None = None, **more: Any) -> Scene:
+    """
+    Return a scene, with some of its values replaced.
+
+    What neither the scene nor the caller gives is that of the robot Aiko in the paper.
+
+    Parameters
+    ----------
+    source : Scene, str or Path
+        A scene, a YAML file, or the name of a scene that comes with the package, such as
+        ``'lateral_undulation'`` or ``'sidewinding'``.
+    values : mapping, optional
+        Names to values in SI units and radians: dotted, as ``{'friction.longitudinal': 0.2}``, or
+        nested. The names of angles may end in ``_deg``.
+    **more
+        Values by the names that a scene has at its top, such as ``duration=3.0``,
+        ``friction={'longitudinal': 0.2}``, ``robot=Robot(link_count=5)``. `gait` may also be a
+        `Table`, the file of a table, or a function of time; see `run`.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    ParameterError
+        If there is no such scene, a name is unknown, a value is not usable, or the gait is beyond
+        the joint limit. The message says which and why.
+
+    """
+    return _scene_and_names(source, values, more)[0]
+
+
+def run(
+    scene: Scene | str | Path, values: Values | None = None, *, rate: float = 100.0,
+    controller: Callable[[Simulation], Any] | None = None,
+    progress: Callable[[float], object] | None = None, **more: Any,
+) -> Run:  # fmt: skip
+    """
+    Run a scene, and return its trajectory.
+
+    If neither `dt`, `method`, `level` nor `accuracy` is given, here or in the scene, the steps are
+    those of an accuracy of 1e-3, as of ``snake-sim run``. The first run on a machine compiles the
+    physics, which takes up to a minute.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        A scene, a YAML file, or the name of a scene that comes with the package.
+    values : mapping, optional
+        Values of the scene by dotted names; see `load_scene`.
+    rate : float, optional
+        Samples a second [Hz].
+    controller : callable, optional
+        ``controller(simulation)`` is called at every sample but the last, and returns joint angles
+        of shape (n-1, 2), (yaw, pitch) of every joint [rad], or a tuple of angles and rates
+        [rad/s]. The joints are told these until the next sample, in place of the gait.
+    progress : callable, optional
+        Called with the simulated time that has passed [s], some times a second.
+    **more
+        Values of the scene by keyword, such as ``duration=3.0``; see `load_scene`.
+        ``gait=function`` takes a function of time t [s] that returns what a controller returns; it
+        is sampled 200 times a second, with a cubic spline between, and becomes the `Table` of the
+        scene. The robot starts in its posture at t = 0.
+
+    Returns
+    -------
+    Run
+
+    Raises
+    ------
+    ParameterError
+        If something given is not usable; the message says what and why.
+
+    """
+    loaded, names = _scene_and_names(scene, values, more)
+    if not 0.0 < rate < math.inf:
+        raise ParameterError(f'rate must be above 0 Hz and finite, got {rate:g} Hz')
+    loaded = with_usual_steps(loaded, names, 1.0 / rate)
+    steps, samples = samples_of(loaded, rate)
+    simulation = Simulation(loaded)
+    simulation.compile(loaded.gait)
+    begin, compiled = time.perf_counter(), simulation.compile_seconds
+    if controller:
+        trajectory = _controlled(simulation, steps, samples, controller, progress)
+    else:
+        trajectory = sample(simulation, steps, samples, keep=KEPT, progress=progress)
+    compiled = simulation.compile_seconds - compiled
+    trajectory = replace(trajectory, seconds=time.perf_counter() - begin - compiled)
+    return _run_of(trajectory)
+
+
+def read_run(path: str | Path, namespace: str | None = None) -> Run:
+    """
+    Return a recorded run.
+
+    Parameters
+    ----------
+    path : str or Path
+        An npz file of `Run.write` or ``snake-sim run --out``, an MCAP file, or the folder of a ROS
+        2 bag. Bags need ``mcap``, but no ROS.
+    namespace : str, optional
+        Namespace of the robot in a bag; needed if the bag has several robots.
+
+    Raises
+    ------
+    ParameterError
+        If it is none of these, or cannot be read.
+
+    """
+    return _run_of(read_trajectory(Path(path), namespace))
+
+
+def _run_of(trajectory: Trajectory) -> Run:
+    return Run(**{item.name: getattr(trajectory, item.name) for item in fields(Trajectory)})
+
+
+def _controlled(
+    simulation: Simulation, steps: int, samples: int, controller: Callable[[Simulation], Any],
+    progress: Callable[[float], object] | None,
+) -> Trajectory:  # fmt: skip
+    """Return what a scene does with a controller; see `simulation.sample`."""
+    scene, begin = simulation.scene, time.perf_counter()
+    last = simulation.state, simulation.history, simulation.last
+    found = begun_samples(scene, *last, steps, samples)
+    rows, joints = found.after(0), scene.robot.link_count - 1
+    while simulation.step_count < steps * samples and not simulation.report.failure:
+        angle, rate = references_of(controller(simulation), joints, 'controller(simulation)')
+        held = np.zeros((2, steps, joints, 2))
+        held[0], held[1] = angle, 0.0 if rate is None else rate
+        simulation.advance(held[0], held[1], rows.after(simulation.step_count))
+        if progress:
+            progress(simulation.time)
+    return trajectory_of(
+        scene, found.until(simulation.step_count), KEPT, simulation.report,
+        time.perf_counter() - begin, interrupted=False,
+    )  # fmt: skip
+
+
+# ---- values of scenes ---------------------------------------------------------------------------
+
+
+def _scene_and_names(
+    source: Scene | str | Path, values: Values | None, more: Values
+) -> tuple[Scene, set[str]]:
+    """Return a scene and the dotted names of the values that a caller gave."""
+    scene = source if isinstance(source, Scene) else parameters.load_scene(source)
+    if not isinstance(values, Mapping | None):
+        raise ParameterError(f'values must be a mapping of names to values, got {values!r}')
+    twice = sorted({*(values or {})} & {*more})
+    if twice:
+        raise ParameterError(f'{twice[0]} is given twice, in the mapping and by keyword')
+    settings = _flat({**(values or {}), **more}, scene)
+    gait = settings.get('gait')
+    if callable(gait) or isinstance(gait, (Table, str, Path)):
+        scene = parameters.with_settings(scene, {k: v for k, v in settings.items() if k != 'gait'})
+        if callable(gait):
+            gait = table_of(gait, scene.duration, scene.robot.link_count - 1)
+        settings['gait'] = Gait()
+        changed = parameters.with_settings(replace(scene, gait=Gait()), {'gait.table': gait})
+    else:
+        changed = parameters.with_settings(scene, settings)
+    check_reach(changed.gait, changed.robot)
+    return changed, set(settings)
+
+
+def _flat(values: Values, record: Any, prefix: str = '') -> dict[str, Any]:
+    """Return nested values by dotted names, as far as a record has records inside."""
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        inside = getattr(record, name, None) if isinstance(name, str) else None
+        if isinstance(value, Mapping) and is_dataclass(inside) and not isinstance(inside, Table):
+            found |= _flat(value, inside, f'{prefix}{name}.')
+        else:
+            found[f'{prefix}{name}'] = value
+    return found

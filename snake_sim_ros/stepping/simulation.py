@@ -336,11 +336,9 @@ def sample(
         Number of steps in the first call, between two calls of `progress`.
 
     """
-    found = begun_samples(
-        simulation.scene, simulation.state, simulation.history, simulation.last, steps, samples
-    )
-    advance = Portions(simulation, found.after(0), limits, portion, time_references)
-    interrupted = False
+    now = simulation.state, simulation.history, simulation.last
+    found = begun_samples(simulation.scene, *now, steps, samples)
+    advance, interrupted = Portions(simulation, found.after(0), limits, portion, time_references), False
     try:
         if observe:
             observe(simulation)

@@ -86,6 +86,6 @@ def _joints(axes: Axes, time: Array, values: Array) -> None:
     for j in range(count):
         shade = colormaps['viridis'](0.9 * j / max(count - 1, 1))
         axes.plot(time, values[:, j], color=shade, lw=0.9, label=f'joint {j + 1}')
-    if 0 < count <= MOST_NAMED:
-        axes.legend(frameon=False, fontsize=6, ncols=2, loc='upper right')
+    if 0 < count <= MOST_NAMED and values.any():
+        axes.legend(fontsize=6, ncols=2, framealpha=0.6)
     axes.grid(alpha=0.3)

@@ -338,7 +338,8 @@ def sample(
     """
     now = simulation.state, simulation.history, simulation.last
     found = begun_samples(simulation.scene, *now, steps, samples)
-    advance, interrupted = Portions(simulation, found.after(0), limits, portion, time_references), False
+    advance = Portions(simulation, found.after(0), limits, portion, time_references)
+    interrupted = False
     try:
         if observe:
             observe(simulation)
@@ -352,10 +353,8 @@ def sample(
         if not interruptible:
             raise
         interrupted = True
-    return trajectory_of(
-        simulation.scene, found.until(advance.in_time), keep, simulation.report, advance.seconds,
-        interrupted=interrupted,
-    )  # fmt: skip
+    kept = found.until(advance.in_time), keep, simulation.report, advance.seconds
+    return trajectory_of(simulation.scene, *kept, interrupted=interrupted)
 
 
 def run(

@@ -1,0 +1,326 @@
+"""The library in Python: what its one import offers, its page, and its examples."""
+
+import ast
+import json
+from pathlib import Path
+import re
+import runpy
+import sys
+
+import numpy as np
+from processes import python
+import pytest
+
+import snake_sim_ros
+from snake_sim_ros import api
+from snake_sim_ros import Gait
+from snake_sim_ros import load_scene
+from snake_sim_ros import ParameterError
+from snake_sim_ros import read_run
+from snake_sim_ros import Robot
+from snake_sim_ros import Run
+from snake_sim_ros import run
+from snake_sim_ros import Simulation
+from snake_sim_ros import Table
+from snake_sim_ros import table_of
+from snake_sim_ros import Wave
+from snake_sim_ros.commands import main as cli
+from snake_sim_ros.studies.metrics import METRICS
+
+ROOT = Path(__file__).resolve().parent.parent
+GUIDE = (ROOT / 'docs' / 'python.md').read_text(encoding='utf-8')
+BLOCKS = re.findall(r'^```python\n(.*?)^```', GUIDE, re.MULTILINE | re.DOTALL)
+SCENE, SHORT = 'lateral_undulation', 0.2  # s
+WAVE = Wave(amplitude=0.5, angular_frequency=1.4, phase_lag=-0.87)
+
+
+@pytest.fixture(scope='module')
+def short():
+    return run(SCENE, duration=SHORT)
+
+
+def undulate(t):
+    """Return the angles of WAVE at a time."""
+    angle = np.zeros((10, 2))
+    angle[:, 0] = 0.5 * np.sin(1.4 * t - 0.87 * np.arange(10))
+    return angle
+
+
+# ---- the import ---------------------------------------------------------------------------------
+
+
+def test_the_import_is_fast_and_complete():
+    script = (
+        'import sys, snake_sim_ros as s\n'
+        'assert not {"numpy", "numba", "yaml"} & {*sys.modules}\n'
+        'assert {*s.__all__} <= {*dir(s)}\n'
+        'assert s.run is s.api.run and "numba" in sys.modules\n'
+        'assert not {"rclpy", "matplotlib", "scipy.interpolate", "polars"} & {*sys.modules}\n'
+        'from snake_sim_ros import *\n'
+        'print(Simulation.__name__)'
+    )
+    assert python('-c', script, folder=ROOT) == 'Simulation\n'
+
+
+def test_help_does_not_load_the_compiler():
+    script = (
+        'import sys\n'
+        'from snake_sim_ros.commands.main import main\n'
+        'try: main(["run", "--help"])\n'
+        'except SystemExit: pass\n'
+        'print("snake_sim_ros.api" in sys.modules)'
+    )
+    assert python('-c', script, folder=ROOT).endswith('False\n')
+
+
+def test_all_lists_of_names_agree():
+    assert snake_sim_ros.__all__ == api.__all__
+    tree = ast.parse((ROOT / 'snake_sim_ros' / '__init__.py').read_text(encoding='utf-8'))
+    imported = [
+        node.names[0].name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module == 'snake_sim_ros.api'
+    ]
+    assert sorted(imported) == sorted(snake_sim_ros.__all__)
+    with pytest.raises(AttributeError, match="module 'snake_sim_ros' has no attribute 'runn'"):
+        _ = snake_sim_ros.runn
+
+
+@pytest.mark.parametrize('name', snake_sim_ros.__all__)
+def test_everything_public_has_a_docstring(name):
+    item = getattr(snake_sim_ros, name)
+    assert len(item.__doc__) > 40
+    assert (item.__doc__.startswith(f'{name}(')) is False  # as a dataclass without one has
+
+
+def test_annotations_are_installed():
+    text = (ROOT / 'setup.py').read_text(encoding='utf-8')
+    assert "'py.typed'" in text
+    assert (ROOT / 'snake_sim_ros' / 'py.typed').is_file()
+
+
+# ---- scenes and runs ----------------------------------------------------------------------------
+
+
+def test_a_run_is_that_of_the_command(short, tmp_path, capsys):
+    path = tmp_path / 'run.npz'
+    assert cli.main(['run', SCENE, '--duration', str(SHORT), '--out', str(path)]) == 0
+    told = json.loads(capsys.readouterr().out.splitlines()[-1])
+    read = read_run(path)
+    assert isinstance(read, Run)
+    for name in ('time', 'position', 'joint_torque', 'contact_force'):
+        assert (getattr(read, name) == getattr(short, name)).all()
+    assert read.scene == short.scene
+    assert {name: told[name] for name in short.metrics} == short.metrics
+
+
+def test_a_scene_may_be_given_in_any_way(short, tmp_path):
+    (tmp_path / 'my.yaml').write_text(f'{{robot: aiko.yaml, duration: {SHORT}}}')
+    assert load_scene(tmp_path / 'my.yaml') == load_scene(SCENE, gait=Gait(), duration=SHORT)
+    scene = load_scene(SCENE, duration=SHORT)
+    assert load_scene(SCENE, {'duration': SHORT}) == load_scene(scene) == scene
+    assert (run(scene).position == short.position).all()
+    values = {'friction': {'transversal': 0.3}, 'gait.yaw.amplitude_deg': 20}
+    changed = load_scene(scene, values, robot={'link_count': 5})
+    assert changed.friction.transversal == 0.3
+    assert changed.friction.longitudinal == scene.friction.longitudinal
+    assert changed.gait.yaw.amplitude == pytest.approx(np.radians(20))
+    assert changed.robot == Robot(link_count=5)
+
+
+def test_steps_that_are_given_are_kept():
+    fine = run(SCENE, duration=0.02, dt=1 / 1000)
+    assert (fine.scene.dt, fine.scene.method) == (1 / 1000, 'newton')
+    assert run(SCENE, duration=0.02, accuracy=0).report.steps == 80
+
+
+def test_metrics_are_attributes(short):
+    names = ('distance', 'speed', 'energy', 'cost_of_transport', 'slip')
+    assert set(names) < set(short.metrics)
+    for name in names:
+        assert getattr(short, name) == METRICS[name](short) == short.metrics[name]
+    assert short.speed == pytest.approx(short.distance / SHORT)
+    weight = 7.5 * 9.81
+    assert short.cost_of_transport == pytest.approx(short.energy / weight / short.distance)
+
+
+def test_metrics_without_a_number_are_none(short, tmp_path):
+    short.write(tmp_path / 'run.npz')
+    read = read_run(tmp_path / 'run.npz')
+    assert read.metrics == {**short.metrics, 'slip': None}
+    with pytest.raises(ParameterError, match='slip needs velocities of the links'):
+        _ = read.slip
+    still = run(SCENE, duration=0.02, gait=Gait())
+    assert still.metrics['cost_of_transport'] is None or still.distance > 0.0
+
+
+def test_a_run_is_written_and_drawn(short, tmp_path):
+    short.write(tmp_path / 'run.csv')
+    assert (tmp_path / 'run.csv').read_text().startswith('time [s],')
+    with pytest.raises(ParameterError, match=r'a run is written to \.npz or \.csv, got run\.txt'):
+        short.write('run.txt')
+    pytest.importorskip('matplotlib')
+    short.plot(tmp_path / 'run.pdf')
+    assert (tmp_path / 'run.pdf').read_bytes().startswith(b'%PDF')
+    short.write(tmp_path / 'run.npz')
+    assert cli.main(['plot', str(tmp_path / 'run.npz')]) == 0
+    assert (tmp_path / 'run.png').read_bytes().startswith(b'\x89PNG')
+    with pytest.raises(
+        ParameterError, match=r'a plot must end in \.png, \.pdf, \.svg; got a\.gif'
+    ):
+        short.plot('a.gif')
+
+
+def test_a_function_of_time_is_a_gait():
+    wanted = run(SCENE, gait=Gait(yaw=WAVE), duration=SHORT)
+    told = run(SCENE, gait=undulate, duration=SHORT)
+    assert np.abs(told.position - wanted.position).max() < 1e-8
+
+    def with_rates(t):
+        rate = np.zeros((10, 2))
+        rate[:, 0] = 0.5 * 1.4 * np.cos(1.4 * t - 0.87 * np.arange(10))
+        return undulate(t), rate
+
+    told = run(SCENE, gait=with_rates, duration=SHORT)
+    assert np.abs(told.position - wanted.position).max() < 1e-8
+    assert told.scene.gait.table.rate
+    table = table_of(undulate, SHORT)
+    again = run(SCENE, gait=table, duration=SHORT)
+    assert load_scene(SCENE, gait={'table': table}, duration=SHORT).gait.yaw.amplitude > 0.0
+    assert np.abs(again.position - wanted.position).max() < 1e-8
+
+
+def test_a_controller_is_called_at_every_sample():
+    times = []
+
+    def follow(simulation):
+        times.append(simulation.time)
+        return undulate(simulation.time), np.zeros((10, 2))
+
+    told = run(SCENE, controller=follow, duration=SHORT, rate=50)
+    assert times == pytest.approx(np.arange(10) / 50)
+    assert told.time == pytest.approx(np.arange(11) / 50)
+    assert not told.report.failure
+    # 40 N m/rad hold the joints at what they are told, up to friction of a link at a link's arm.
+    late = undulate(times[-1])[:, 0]
+    assert np.abs(told.joint_angle[-1, :, 0] - late).max() < 0.1
+
+
+def test_a_loop_of_ones_own():
+    simulation = Simulation(SCENE)
+    angle, rate = simulation.gait_reference(80)
+    report = simulation.advance(angle, rate)
+    assert report.steps == 80 and simulation.time == pytest.approx(0.02)
+    state = simulation.state
+    assert state.position.shape == (11, 3)
+    assert np.abs(state.joint_angle - angle[-1]).max() < 0.1
+    assert state.joint_velocity.shape == (10, 2)
+    assert simulation.advance(angle[-1:]).steps == 1  # rates of 0
+
+
+def refused(**given):
+    return lambda: run(SCENE, **{'duration': SHORT, **given})
+
+
+RETURNS = (
+    'must return angles of shape (10, 2), (yaw, pitch) of every joint [rad], or a tuple of angles '
+    'and rates of that shape, got '
+)
+
+
+@pytest.mark.parametrize(
+    ('function', 'sentence'),
+    [
+        (refused(gait=lambda t: np.zeros(20)), f'gait(t) {RETURNS}(20,)'),
+        (refused(gait=lambda t: 'no'), f'gait(t) {RETURNS}str'),
+        (
+            refused(gait=lambda t: (np.zeros((10, 2)), np.zeros((9, 2)))),
+            f'gait(t) {RETURNS}(10, 2) and (9, 2)',
+        ),
+        (
+            refused(controller=lambda s: np.zeros((9, 2))),
+            f'controller(simulation) {RETURNS}(9, 2)',
+        ),
+        (refused(gait=lambda t: np.full((10, 2), np.nan)), 'angle must be finite, got nan rad'),
+        (
+            refused(gait=lambda t: np.full((10, 2), 1.0)),
+            'amplitude plus offset of gait.yaw plus the largest angle of gait.table must be '
+            'within the joint limit, 0.7854 rad, got 1 rad',
+        ),
+        (refused(gait='no.csv'), 'gait.table: no file no.csv'),
+        (refused(gait=5), 'gait must be a mapping of names to values, got 5'),
+        (refused(gaits=5), "unknown name 'gaits'; did you mean 'gait'?"),
+        (refused(friction={'x': 5}), 'unknown name'),
+        (refused(rate=0), 'rate must be above 0 Hz and finite, got 0 Hz'),
+        (refused(duration=-1), 'duration must be above 0 s, got -1 s'),
+        (lambda: run(SCENE, {'dt': 0.01}, dt=0.01), 'dt is given twice, in the mapping and by'),
+        (lambda: run(SCENE, 5), 'values must be a mapping of names to values, got 5'),
+        (lambda: run(5), 'a scene must be a Scene, a YAML file or the name of a scene, got 5'),
+        (lambda: run('sidewindin'), "no file sidewindin; did you mean 'sidewinding'?"),
+        (lambda: Simulation('sidewindin'), "no file sidewindin; did you mean 'sidewinding'?"),
+        (
+            lambda: Simulation(SCENE).advance(np.zeros((10, 2))),
+            'angle must be an array of shape (1, 10, 2) of float64, got shape (10, 2) of float64',
+        ),
+        (lambda: table_of(undulate, 0.0), 'duration must be above 0 s and finite, got 0.0 s'),
+        (lambda: Table.of([0, 1], [1, 2]), 'angle must have the shape (rows, n-1, 2)'),
+    ],
+)
+def test_errors_say_what_is_wrong_in_one_sentence(function, sentence):
+    with pytest.raises(ParameterError) as caught:
+        function()
+    assert str(caught.value).startswith(sentence)
+    assert '\n' not in str(caught.value)
+
+
+# ---- the page and the examples ------------------------------------------------------------------
+
+
+def test_the_page_runs(tmp_path, monkeypatch):
+    for package in ('matplotlib', 'polars'):
+        pytest.importorskip(package)
+    monkeypatch.chdir(tmp_path)
+    assert len(BLOCKS) > 8
+    names: dict[str, object] = {}
+    for block in BLOCKS:
+        exec(compile(block, 'docs/python.md', 'exec'), names)
+    assert (tmp_path / 'run.png').is_file()
+
+
+def test_the_page_names_everything_public():
+    assert set(snake_sim_ros.__all__) <= set(re.findall(r'\w+', GUIDE))
+
+
+def example(name, monkeypatch, capsys, *arguments):
+    """Run an example as a script; return what it prints."""
+    monkeypatch.setattr(sys, 'argv', [name, *map(str, arguments)])
+    capsys.readouterr()
+    runpy.run_path(str(ROOT / 'examples' / f'{name}.py'), run_name='__main__')
+    return capsys.readouterr().out
+
+
+def test_example_first_gait(monkeypatch, capsys, tmp_path):
+    pytest.importorskip('matplotlib')
+    path = tmp_path / 'gait.png'
+    text = example('first_gait', monkeypatch, capsys, '--duration', 0.5, '--out', path)
+    assert re.search(r'\d m at 0\.\d+ m/s\ncost of transport \d', text)
+    assert path.read_bytes().startswith(b'\x89PNG')
+
+
+def test_example_own_controller(monkeypatch, capsys):
+    text = example('own_controller', monkeypatch, capsys, '--duration', 1)
+    assert re.fullmatch(r't = 1 s: turned by -?\d+\.\d degrees\n', text)
+
+
+def test_example_own_robot(monkeypatch, capsys):
+    text = example('own_robot', monkeypatch, capsys, '--duration', 0.3)
+    assert re.findall(r'friction (\S+): 0\.\d{4} m/s, \d\.\d\d J\n', text) == ['0.3', '0.5', '0.7']
+
+
+def test_example_read_a_bag(monkeypatch, capsys, tmp_path):
+    pytest.importorskip('mcap_ros2')
+    path = tmp_path / 'run.mcap'
+    assert cli.main(['run', SCENE, '--duration', str(SHORT), '--bag', str(path)]) == 0
+    text = example('read_a_bag', monkeypatch, capsys, path)
+    assert text.startswith('41 samples, 0.20 s, ends at (')
+    assert re.search(r'largest torque \d\.\d\d N m, joint_\d+_yaw\ndistance: 0\.\d+', text)

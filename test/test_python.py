@@ -160,11 +160,9 @@ def test_a_run_is_written_and_drawn(short, tmp_path):
     with pytest.raises(ParameterError, match=r'a run is written to \.npz or \.csv, got run\.txt'):
         short.write('run.txt')
     pytest.importorskip('matplotlib')
-    short.plot(tmp_path / 'run.pdf')
-    assert (tmp_path / 'run.pdf').read_bytes().startswith(b'%PDF')
     short.write(tmp_path / 'run.npz')
-    assert cli.main(['plot', str(tmp_path / 'run.npz')]) == 0
-    assert (tmp_path / 'run.png').read_bytes().startswith(b'\x89PNG')
+    assert cli.main(['plot', str(tmp_path / 'run.npz'), '--out', str(tmp_path / 'run.pdf')]) == 0
+    assert (tmp_path / 'run.pdf').read_bytes().startswith(b'%PDF')
     with pytest.raises(
         ParameterError, match=r'a plot must end in \.png, \.pdf, \.svg; got a\.gif'
     ):
@@ -174,7 +172,8 @@ def test_a_run_is_written_and_drawn(short, tmp_path):
 def test_a_function_of_time_is_a_gait():
     wanted = run(SCENE, gait=Gait(yaw=WAVE), duration=SHORT)
     told = run(SCENE, gait=undulate, duration=SHORT)
-    assert np.abs(told.position - wanted.position).max() < 1e-8
+    # Rates of the spline are off by A omega (omega/200)^3 = 2e-7 rad/s.
+    assert np.abs(told.position - wanted.position).max() < 1e-6
 
     def with_rates(t):
         rate = np.zeros((10, 2))
@@ -182,12 +181,12 @@ def test_a_function_of_time_is_a_gait():
         return undulate(t), rate
 
     told = run(SCENE, gait=with_rates, duration=SHORT)
-    assert np.abs(told.position - wanted.position).max() < 1e-8
+    assert np.abs(told.position - wanted.position).max() < 1e-6
     assert told.scene.gait.table.rate
     table = table_of(undulate, SHORT)
     again = run(SCENE, gait=table, duration=SHORT)
     assert load_scene(SCENE, gait={'table': table}, duration=SHORT).gait.yaw.amplitude > 0.0
-    assert np.abs(again.position - wanted.position).max() < 1e-8
+    assert np.abs(again.position - wanted.position).max() < 1e-6
 
 
 def test_a_controller_is_called_at_every_sample():

@@ -51,7 +51,7 @@ INERTIAS = ('as_printed', 'consistent')
 @dataclass(frozen=True, kw_only=True)
 class Robot(CheckedRecord):
     """
-    Links and joints of the robot, section VIII-A.
+    Links and joints of the robot; the defaults are those of Aiko, section VIII-A.
 
     A quantity of a link is one number for all links or one number for each; a gain of a joint is
     one number for all joints or one for each. With the inertia `as_printed` the moments of inertia
@@ -178,7 +178,7 @@ class Robot(CheckedRecord):
 
 @dataclass(frozen=True, kw_only=True)
 class Wave(CheckedRecord):
-    """A wave of joint references, eqs. (70), (71)."""
+    """A wave of joint references from joint to joint, eqs. (70), (71)."""
 
     amplitude: float = quantity(0.0, 'rad', 'amplitude A')
     angular_frequency: float = quantity(0.0, 'rad/s', 'angular frequency omega')
@@ -236,7 +236,12 @@ DRIFT_CORRECTIONS = ('paper', 'center_of_mass', 'none')
 
 @dataclass(frozen=True, kw_only=True)
 class Scene(CheckedRecord):
-    """Everything that is needed to repeat a run."""
+    """
+    Everything that is needed to repeat a run, in SI units and radians.
+
+    The defaults are Aiko at rest on the floor of case A, with friction 0.1 along and 0.5 across
+    the links. `load_scene` makes a scene by name and replaces values in it.
+    """
 
     robot: Robot = Robot()
     friction: Friction = Friction()

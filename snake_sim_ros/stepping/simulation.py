@@ -51,7 +51,7 @@ LEVELS = ('planar', 'spatial')
 
 class Simulation:
     """
-    The state of a scene as it advances.
+    The state of a scene as it advances, at first the robot at rest where the scene starts.
 
     Parameters
     ----------

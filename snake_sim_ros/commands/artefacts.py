@@ -15,9 +15,7 @@ from snake_sim_ros.comparison.csv_tables import TableWriter
 
 def add_artefacts(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser(
-        'artefacts', help='measure what methods without set-valued laws make up: a CSV file'
-    )
+    command = subparsers.add_parser('artefacts')
     command.set_defaults(command=_artefacts)
     add_table_file(command, 'artefacts.csv', 'rows that it has already are not measured again')
     add_other_sources(command)

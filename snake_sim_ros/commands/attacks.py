@@ -23,18 +23,14 @@ SOAK = ('steps', 'longest', 'faults')
 
 def add_fuzz(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser(
-        'fuzz', help='attack files, nodes and physics with random input: a CSV file'
-    )
+    command = subparsers.add_parser('fuzz')
     command.add_argument('--minutes', type=float, default=3.0, metavar='M', help='default 3')
     _add_options(command, 'fuzz', FUZZ)
 
 
 def add_soak(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser(
-        'soak', help='very long runs, slowest steps, killed nodes and full disks: a CSV file'
-    )
+    command = subparsers.add_parser('soak')
     command.add_argument('--hours', type=float, default=0.05, metavar='H', help='default 0.05')
     _add_options(command, 'soak', SOAK)
 

@@ -33,9 +33,7 @@ SELECTED_PARTS = ('precision',)
 
 def add_bench(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser(
-        'bench', help='measure error, time and much else of all methods: a CSV file'
-    )
+    command = subparsers.add_parser('bench')
     command.set_defaults(command=_bench)
     command.add_argument('scene', nargs='*', help='default: cases A to D; with --quick A and C')
     add_table_file(command, 'bench.csv', 'rows that it has already are not run again')

@@ -10,7 +10,7 @@ from snake_sim_ros.scene.checked_records import ParameterError
 
 def add_chart(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser('chart', help='draw what the others measured')
+    command = subparsers.add_parser('chart')
     command.set_defaults(command=_chart)
     command.add_argument('csv', type=Path, nargs='+', metavar='FILE.csv')
     command.add_argument(

@@ -10,9 +10,7 @@ from snake_sim_ros.nodes.missing_ros import missing_ros
 
 def add_demo(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser(
-        'demo', help='run a scene live: the nodes sim and gait over ROS 2'
-    )
+    command = subparsers.add_parser('demo')
     command.set_defaults(command=_demo)
     add_scene_or_default(command)
     command.add_argument(

@@ -16,7 +16,7 @@ from snake_sim_ros.scene.checked_records import ParameterError
 
 def add_export(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser('export', help='convert a recorded run')
+    command = subparsers.add_parser('export')
     command.set_defaults(command=_export)
     command.add_argument('run', type=Path, help='npz file, MCAP file, or folder of a bag')
     add_namespace(command)

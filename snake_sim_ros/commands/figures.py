@@ -7,7 +7,7 @@ from typing import Any
 
 def add_figures(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser('figures', help="draw the paper's figures anew")
+    command = subparsers.add_parser('figures')
     command.set_defaults(command=_figures)
     command.add_argument(
         '--duration', type=float, default=15.0, help="of every case [s], default 15, the paper's"

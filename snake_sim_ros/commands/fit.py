@@ -28,7 +28,7 @@ FINER = 4  # shorter steps of synthetic recordings
 
 def add_fit(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser('fit', help='find friction and gains from a recorded motion')
+    command = subparsers.add_parser('fit')
     command.set_defaults(command=_fit)
     command.add_argument(
         'recording', type=Path, help='bag with commands, joint_states and poses, see docs/fit.md'

@@ -16,7 +16,7 @@ TRUNCATE_LENGTH, WINDOW = 128, 10_000  # those of ros2
 
 def add_topic(subparsers: Any) -> None:
     """Add the command."""
-    verbs = _group(subparsers, 'topic', 'list, show, time and publish topics, as ros2 topic does')
+    verbs = _group(subparsers, 'topic')
     _add_list(verbs, 'topics', lambda: _topics().list_topics)
 
     echo = _add(verbs, 'echo', 'print the messages of a topic', _echo)
@@ -62,7 +62,7 @@ def add_topic(subparsers: Any) -> None:
 
 def add_param(subparsers: Any) -> None:
     """Add the command."""
-    verbs = _group(subparsers, 'param', 'list, get, set and describe parameters, as ros2 param')
+    verbs = _group(subparsers, 'param')
     listing = _add(verbs, 'list', 'print the parameters of a node, or of all', _list_parameters)
     listing.add_argument('node', nargs='?')
     get = _add(verbs, 'get', 'print the value of a parameter', _get)
@@ -82,7 +82,7 @@ def add_param(subparsers: Any) -> None:
 
 def add_service(subparsers: Any) -> None:
     """Add the command."""
-    verbs = _group(subparsers, 'service', 'list and call services, as ros2 service does')
+    verbs = _group(subparsers, 'service')
     _add_list(verbs, 'services', lambda: _services().list_services)
     call = _add(verbs, 'call', 'call a service', _call)
     call.add_argument('service')
@@ -93,8 +93,8 @@ def add_service(subparsers: Any) -> None:
 # ---- arguments ----------------------------------------------------------------------------------
 
 
-def _group(subparsers: Any, name: str, text: str) -> Any:
-    command = subparsers.add_parser(name, help=text)
+def _group(subparsers: Any, name: str) -> Any:
+    command = subparsers.add_parser(name)
     return command.add_subparsers(required=True, metavar='VERB')
 
 

@@ -15,9 +15,7 @@ SCENES = (*CASES, 'slender_undulation', 'obstacle_aided', 'step')
 
 def add_levels(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser(
-        'levels', help='show the model level that each scene gets, its time and its error'
-    )
+    command = subparsers.add_parser('levels')
     command.set_defaults(command=_levels)
     command.add_argument(
         'scene', nargs='*', default=list(SCENES), help=f'default: {", ".join(SCENES)}'

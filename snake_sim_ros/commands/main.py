@@ -8,14 +8,32 @@ import sys
 from snake_sim_ros import __version__
 from snake_sim_ros.scene.checked_records import ParameterError
 
-# In the order of the help text: the module of each command, where its function `add_...` is.
+# In the order of the help text: the module of each command, where its function `add_...` is, and
+# what it does.
 COMMANDS = {
-    **{name: name for name in ('run', 'study', 'optimize', 'fit', 'export')},
-    **{name: name for name in ('record', 'view', 'plot', 'figures')},
-    **{name: name for name in ('bench', 'artefacts', 'stability', 'chart', 'seal', 'levels')},
-    **{name: name for name in ('urdf', 'demo', 'pacing')},
-    **dict.fromkeys(('fuzz', 'soak'), 'attacks'),
-    **dict.fromkeys(('topic', 'param', 'service'), 'graph'),
+    'run': ('run', 'run a scene and record it'),
+    'study': ('study', 'run a scene with many values, on all cores'),
+    'optimize': ('optimize', 'find values of a scene for which an expression of metrics is best'),
+    'fit': ('fit', 'find friction and gains from a recorded motion'),
+    'export': ('export', 'convert a recorded run'),
+    'record': ('record', 'record all topics of a live robot as a bag'),
+    'view': ('view', 'show a robot in the browser: a live one, a scene run live, or a recording'),
+    'plot': ('plot', 'draw path, joint angles, torques and contact forces of a recorded run'),
+    'figures': ('figures', "draw the paper's figures anew"),
+    'bench': ('bench', 'measure error, time and much else of all methods: a CSV file'),
+    'artefacts': ('artefacts', 'measure what methods without set-valued laws make up: a CSV file'),
+    'stability': ('stability', 'map where methods converge, fail or blow up: a CSV file'),
+    'chart': ('chart', 'draw what the others measured'),
+    'seal': ('seal', 'mark files that were changed by hand as ones of unknown provenance'),
+    'levels': ('levels', 'show the model level that each scene gets, its time and its error'),
+    'urdf': ('urdf', 'print the robot of a scene as a URDF'),
+    'demo': ('demo', 'run a scene live: the nodes sim and gait over ROS 2'),
+    'pacing': ('pacing', 'measure how the node sim keeps time over ROS 2, and what that costs'),
+    'fuzz': ('attacks', 'attack files, nodes and physics with random input: a CSV file'),
+    'soak': ('attacks', 'very long runs, slowest steps, killed nodes and full disks: a CSV file'),
+    'topic': ('graph', 'list, show, time and publish topics, as ros2 topic does'),
+    'param': ('graph', 'list, get, set and describe parameters, as ros2 param'),
+    'service': ('graph', 'list and call services, as ros2 service does'),
 }
 
 
@@ -45,10 +63,14 @@ def _parser(args: list[str]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='snake-sim', description=__doc__)
     parser.add_argument('--version', action='version', version=__version__)
     subparsers = parser.add_subparsers(required=True, metavar='COMMAND')
-    # A command does not wait for the imports of the others, the compiler above all.
-    for name in [name for name in args[:1] if name in COMMANDS] or COMMANDS:
-        module = import_module(f'snake_sim_ros.commands.{COMMANDS[name]}')
+    # A command does not wait for the imports of the others, the compiler above all, and the list
+    # of all commands for none.
+    chosen = [name for name in args if name in COMMANDS][:1]
+    for name in chosen:
+        module = import_module(f'snake_sim_ros.commands.{COMMANDS[name][0]}')
         getattr(module, f'add_{name}')(subparsers)
+    for name, (_, summary) in () if chosen else COMMANDS.items():
+        subparsers.add_parser(name, help=summary)
     return parser
 
 

@@ -25,9 +25,7 @@ LAYOUT = '{percentage:3.0f} %|{bar}| {n} of {total} evaluations, {rate_noinv_fmt
 
 def add_optimize(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser(
-        'optimize', help='find the values of a scene for which an expression of metrics is best'
-    )
+    command = subparsers.add_parser('optimize')
     command.set_defaults(command=_optimize)
     command.add_argument('study', type=Path, help='YAML file')
     command.add_argument(

@@ -10,9 +10,7 @@ RATES = (50.0, 100.0, 200.0, 500.0)  # publish rates [Hz]
 
 def add_pacing(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser(
-        'pacing', help='measure how the node sim keeps time over ROS 2, and what that costs'
-    )
+    command = subparsers.add_parser('pacing')
     command.set_defaults(command=_pacing)
     command.add_argument('--duration', type=float, default=5.0, help='of each part [s], default 5')
     command.add_argument(

@@ -12,9 +12,7 @@ from snake_sim_ros.scene.checked_records import ParameterError
 
 def add_plot(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser(
-        'plot', help='draw path, joint angles, torques and contact forces of a recorded run'
-    )
+    command = subparsers.add_parser('plot')
     command.set_defaults(command=_plot)
     command.add_argument('run', type=Path, help='npz file, MCAP file, or folder of a bag')
     add_namespace(command)

@@ -9,7 +9,7 @@ from snake_sim_ros.scene.checked_records import ParameterError
 
 def add_record(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser('record', help='record all topics of a live robot as a bag')
+    command = subparsers.add_parser('record')
     command.set_defaults(command=_record)
     command.add_argument('file', type=Path, metavar='FILE.mcap')
 

@@ -46,7 +46,7 @@ BAG_RATE = 200.0  # samples a second with a bag, as `sim` publishes [Hz]
 
 def add_run(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser('run', help='run a scene and record it')
+    command = subparsers.add_parser('run')
     command.set_defaults(command=_run)
     command.add_argument('scene', help='YAML file, or the name of a scene in config/')
     add_outputs(command, bag=True)

@@ -9,9 +9,7 @@ from snake_sim_ros.comparison.csv_tables import mark_unknown
 
 def add_seal(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser(
-        'seal', help='mark files that were changed by hand as ones of unknown provenance'
-    )
+    command = subparsers.add_parser('seal')
     command.set_defaults(command=_seal)
     command.add_argument('csv', type=Path, nargs='+', metavar='FILE.csv')
 

@@ -14,9 +14,7 @@ from snake_sim_ros.scene.checked_records import ParameterError
 
 def add_stability(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser(
-        'stability', help='map where methods converge, fail or blow up: a CSV file'
-    )
+    command = subparsers.add_parser('stability')
     command.set_defaults(command=_stability)
     command.add_argument(
         '--maps', nargs='+', metavar='MAP', help='only these, such as friction drop_flat'

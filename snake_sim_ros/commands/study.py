@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 def add_study(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser('study', help='run a scene with many values, on all cores')
+    command = subparsers.add_parser('study')
     command.set_defaults(command=_study)
     command.add_argument('study', type=Path, help='YAML file, see docs/studies.md')
     command.add_argument(

@@ -11,7 +11,7 @@ from snake_sim_ros.scene.robot_description import robot_description
 
 def add_urdf(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser('urdf', help='print the robot of a scene as a URDF')
+    command = subparsers.add_parser('urdf')
     command.set_defaults(command=_urdf)
     add_scene_or_default(command)
     add_scene_options(command)

@@ -12,9 +12,7 @@ from snake_sim_ros.recording.recorded_runs import read_run
 
 def add_view(subparsers: Any) -> None:
     """Add the command."""
-    command = subparsers.add_parser(
-        'view', help='show a robot in the browser: a live one, a scene run live, or a recording'
-    )
+    command = subparsers.add_parser('view')
     command.set_defaults(command=_view)
     command.add_argument(
         'source', nargs='?', metavar='RECORDING|SCENE',

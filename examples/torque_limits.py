@@ -4,9 +4,7 @@ import argparse
 
 from matplotlib.figure import Figure
 
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros import run
 
 CASES = {
     'A': 'lateral_undulation',
@@ -33,7 +31,7 @@ def main() -> None:
                 'dt': 1 / 200,
                 'duration': arguments.duration,
             }
-            path = run(with_settings(load_scene(name), settings)).path
+            path = run(name, settings).path
             way = float(((path[-1] - path[0])[:2] ** 2).sum() ** 0.5)
             word = 'no limit' if limit is None else f'{limit:g} N m'
             axes.plot(path[:, 0], path[:, 1], label=word, lw=1.2)

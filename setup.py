@@ -1,6 +1,7 @@
 """Package metadata, read by pip and by colcon alike."""
 
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages
 from setuptools import setup
@@ -37,13 +38,17 @@ video = 'imageio-ffmpeg>=0.4.9,<0.7'
 # in a wheel as large as that of pyarrow, 50 MB. Clusters: Dask without its arrays and data frames.
 # Optimization: CMA-ES in 3 MB; a tenth of the overhead of Optuna, whose packages have 40 MB.
 studies = ['polars>=1,<3', 'distributed>=2023.5', 'cma>=4,<5']
+# The site: Sphinx, which rosdoc2 runs as well, with its theme and pages in Markdown.
+docs = ['sphinx>=7', 'myst-parser>=3', 'sphinx-rtd-theme>=2']
 
 setup(
     name=package_name,
-    version='0.1.0',
+    version='1.0.0',
     description='A virtual Aiko, the wheel-less snake robot: exact nonsmooth simulation.',
     maintainer='snake_sim_ros maintainers',
     maintainer_email='maintainers@users.noreply.github.com',
+    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
     license='Apache-2.0',
     python_requires='>=3.10',
     packages=find_packages(include=[f'{package_name}*']),
@@ -75,6 +80,7 @@ setup(
         'viewer': [viewer],
         'video': [video],
         'studies': studies,
+        'docs': docs,
         'test': [
             'pytest>=7',
             'pytest-xdist',

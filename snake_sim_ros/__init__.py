@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 from typing import TYPE_CHECKING
 
-__version__ = '0.1.0'
+__version__ = '1.0.0'
 PACKAGE = Path(__file__).resolve().parent  # folder of the sources
 __all__ = [
     'Friction',

@@ -1,4 +1,4 @@
-"""What the package needs and claims is the same in setup.py, package.xml, README and changelog."""
+"""What the package needs and claims is the same in setup.py, package.xml, pages and changelog."""
 
 from pathlib import Path
 import re
@@ -14,14 +14,22 @@ from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.stepping.methods import LARGE_STEP
 
 ROOT = Path(__file__).resolve().parent.parent
-README = ' '.join((ROOT / 'README.md').read_text(encoding='utf-8').split())
-CHANGELOG = ' '.join((ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8').split())
+
+
+def text(name):
+    """Return the text of a file with single spaces."""
+    return ' '.join((ROOT / name).read_text(encoding='utf-8').split())
+
+
+CHANGELOG = text('CHANGELOG.rst')
+INSTALLATION = text('docs/installation.md')
 # rosdep's keys for packages of PyPI where they are not python3-<name>. It has none for the
-# optional packages, or one that is installed by pip: the README names them.
+# optional packages, or one that is installed by pip: docs/installation.md names them.
 KEYS = {'PyYAML': 'python3-yaml', 'Pillow': 'python3-pil'}
 BUILD = {'setuptools'}  # comes with colcon
 OPTIONAL = {'bags', 'peers', 'studies', 'video', 'viewer'}
 BENCH = {'drake'}  # only takes part in the bench
+SITE = {'docs'}  # only builds the site
 # Checks of style and what only the tests of bags and of the speed of tests need.
 DEVELOPMENT = {'pytest-xdist', 'ruff', 'mypy', 'types-PyYAML', 'wheel', 'rosbags'}
 
@@ -57,11 +65,11 @@ def test_rosdep_gets_what_runs_and_pictures_need(needed):
         assert names <= depends('exec_depend')
 
 
-def test_what_rosdep_does_not_get_is_named_in_the_readme(needed):
-    assert set(needed) == {None, 'plots', 'test', 'jazzy', 'kilted'} | OPTIONAL | BENCH
+def test_the_page_on_installation_names_what_rosdep_does_not_get(needed):
+    assert set(needed) == {None, 'plots', 'test', 'jazzy', 'kilted'} | OPTIONAL | BENCH | SITE
     for item in set().union(*(needed[extra] for extra in OPTIONAL | BENCH)):
-        assert f'`{item}`' in README
-    (asked,) = re.findall(r"pip install '\.\[([a-z,]+)\]'` in an environment", README)
+        assert f'`{item}`' in INSTALLATION
+    (asked,) = re.findall(r"pip install '\.\[([a-z,]+)\]'` in an environment", INSTALLATION)
     assert set(asked.split(',')) == OPTIONAL
 
 
@@ -71,15 +79,15 @@ def test_rosdep_gets_what_the_tests_cannot_do_without(needed):
     assert keys(run) == depends('test_depend')
 
 
-def test_changelog_and_readme_say_the_same_of_large_steps():
+def test_changelog_and_page_say_the_same_of_large_steps():
     assert (LARGE_STEP, min(BDF2_RATES)) == (1e-3, 10)
     assert 'for time steps of 1/1000 s to 1/10 s' in CHANGELOG
-    assert 'large steps, 1/1000 s to 1/10 s' in README
+    assert 'for large steps, 1/1000 s to 1/10 s' in text('docs/methods.md')
 
 
-@pytest.mark.parametrize('text', [CHANGELOG, README])
-def test_numbers_of_links_are_those_that_are_taken(text):
-    first, last = map(int, re.search(r'(\d+) to (\d+) links', text).groups())
+@pytest.mark.parametrize('page', ['CHANGELOG.rst', 'docs/scenes.md'])
+def test_numbers_of_links_are_those_that_are_taken(page):
+    first, last = map(int, re.search(r'(\d+) to (\d+) links', text(page)).groups())
     for count in (first, last):
         assert Robot(link_count=count).link_count == count
     for count in (first - 1, last + 1):

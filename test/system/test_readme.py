@@ -1,4 +1,4 @@
-"""Every command of the README, run in a folder of its own; long ones are shortened."""
+"""Every command of the README and of the pages that continue it, run in a folder of its own."""
 
 import os
 from pathlib import Path
@@ -18,17 +18,26 @@ from snake_sim_ros.commands import main as cli
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / 'README.md').read_text(encoding='utf-8')
+# Pages that continue the README. Those of one part, such as studies, have tests of their own.
+NAMES = (
+    'first_steps', 'installation', 'nodes', 'viewer', 'recording', 'command_line', 'scenes',
+    'levels', 'methods',
+)  # fmt: skip
+PAGES = [README, *((ROOT / f'docs/{name}.md').read_text(encoding='utf-8') for name in NAMES)]
 
 
-def blocks(language: str) -> list[str]:
-    return re.findall(rf'^```{language}\n(.*?)^```', README, re.MULTILINE | re.DOTALL)
+def blocks(language: str, pages: list[str]) -> list[str]:
+    pattern = re.compile(rf'^```{language}\n(.*?)^```', re.MULTILINE | re.DOTALL)
+    return [block for page in pages for block in pattern.findall(page)]
 
 
-COMMANDS = [
-    line
-    for line in dict.fromkeys(line for block in blocks('sh') for line in block.splitlines())
-    if line not in TOUR
-]
+def lines(pages: list[str]) -> list[str]:
+    """Return the commands of some pages, each once, without those of the tour."""
+    found = dict.fromkeys(line for block in blocks('sh', pages) for line in block.splitlines())
+    return [line for line in found if line not in TOUR]
+
+
+COMMANDS = lines(PAGES)
 
 # What is added to a command so that it ends soon, or what stands in for a tool that only a ROS 2
 # installation has: `ros2 run` starts the launcher of that name.
@@ -43,6 +52,12 @@ SHORTENED = {
     './run run sidewinding --out run.npz --csv run.csv --bag run.mcap --gif run.gif': (
         '--duration 0.5'
     ),
+}
+# What the commands of the README print, if no other test looks at it.
+SHOWN = {
+    './run test': r'\d+ tests collected',
+    './run view sidewinding': r'http://\S+:\d+',
+    './run run sidewinding --out run.npz': r'"status": "converged".*"unconverged_steps": 0',
 }
 # Commands of snake-sim run in this process, which has compiled the steps already, except one.
 OFFLINE = ('run', 'study', 'export', 'levels', 'bench', 'stability')
@@ -62,6 +77,7 @@ ELSEWHERE = {
     'ros2 run snake_sim_ros viewer --ros-args -p port:=8081': 'test_viewer.py',
     'colcon build && . install/setup.sh': 'test_installed_layout',
     'ros2 topic echo /joint_states': 'test_sim_node.py',
+    'rosdep install --from-paths . -yi': 'test_package.py',
 }
 
 
@@ -89,7 +105,7 @@ def test_commands_that_others_run_are_there():
 
 
 @pytest.mark.parametrize('line', [line for line in COMMANDS if line not in ELSEWHERE])
-def test_command(line, tmp_path, user_environment, monkeypatch, request):
+def test_command(line, tmp_path, user_environment, monkeypatch, request, capsys):
     for word, package in OPTIONAL.items():
         if word in line:
             pytest.importorskip(package)
@@ -101,12 +117,13 @@ def test_command(line, tmp_path, user_environment, monkeypatch, request):
     if words[0] == './run' and words[1] in OFFLINE and line != BY_LAUNCHER:
         monkeypatch.chdir(tmp_path)
         assert cli.main(words[1:]) == 0
+        check(line, capsys.readouterr().out, tmp_path)
         return
     if words[:3] == ['ros2', 'run', 'snake_sim_ros']:
         words = [str(ROOT / 'scripts' / words[3]), *words[4:]]
         user_environment['PYTHONPATH'] = str(ROOT)
     else:
-        assert words[0] == './run', f'no test for the README command {line!r}'
+        assert words[0] == './run', f'no test for the command {line!r}'
         words = [str(ROOT / 'run'), *words[1:]]
     node = any(word in ('sim', 'gait', 'view') or '/scripts/' in word for word in words[:2])
     output = (
@@ -114,7 +131,19 @@ def test_command(line, tmp_path, user_environment, monkeypatch, request):
         if node
         else run(words, tmp_path, user_environment)
     )
+    check(line, output, tmp_path)
+
+
+def check(line, output, folder):
+    """Check what a command printed and wrote."""
     assert 'Traceback' not in output, output
+    assert re.search(SHOWN.get(line, ''), output), output
+    for name in re.findall(r'--(?:out|csv|bag|gif|mp4|plot) (\S+\.\w+)', line):
+        assert (folder / name).stat().st_size > 100, name
+
+
+def test_what_the_commands_of_the_readme_print_is_checked():
+    assert set(lines([README])) == {*SHOWN, './run demo', 'colcon build && . install/setup.sh'}
 
 
 def run(words, folder, environment):
@@ -144,7 +173,7 @@ def run_node(words, folder, environment):
     return output.read_text()
 
 
-@pytest.mark.parametrize('program', blocks('python'))
+@pytest.mark.parametrize('program', blocks('python', PAGES))
 def test_python(program, tmp_path):
     environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
     done = subprocess.run(
@@ -152,11 +181,6 @@ def test_python(program, tmp_path):
         cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120,
     )  # fmt: skip
     assert done.returncode == 0 and done.stdout, done.stderr
-
-
-def test_picture_and_links():
-    for target in re.findall(r'\]\(([^)#:]+)\)', README):
-        assert (ROOT / target).is_file(), target
 
 
 def test_installed_layout(tmp_path):

@@ -1,5 +1,5 @@
 """
-The ten-minute tour of the README, line by line, and its tables of topics and services.
+The tour of docs/first_steps.md, line by line, and the tables of docs/nodes.md.
 
 The packages of ROS 2 on PyPI have no command line `ros2`: the commands of snake-sim run its lines.
 """
@@ -22,20 +22,21 @@ import yaml
 from snake_sim_ros.nodes.transforms import TransformMessages
 
 ROOT = Path(__file__).parents[2]
-README = (ROOT / 'README.md').read_text(encoding='utf-8')
+TUTORIAL = (ROOT / 'docs/first_steps.md').read_text(encoding='utf-8')
+NODES = (ROOT / 'docs/nodes.md').read_text(encoding='utf-8')
 TRIES = 20  # half seconds, for the gait to begin and to end
 OF_ALL_NODES = {'/parameter_events', '/rosout'}
 
 
-def section(heading):
-    """Return the text of the README from a heading to the next one."""
-    return re.split(r'^#', README.partition(f'{heading}\n')[2], maxsplit=1, flags=re.MULTILINE)[0]
+def section(page, heading):
+    """Return the text of a page from a heading to the next one."""
+    return re.split(r'^#', page.partition(f'{heading}\n')[2], maxsplit=1, flags=re.MULTILINE)[0]
 
 
 LINES = [
     line
     for block in re.findall(
-        r'^```sh\n(.*?)^```', section('### Ten minutes'), re.MULTILINE | re.DOTALL
+        r'^```sh\n(.*?)^```', section(TUTORIAL, '## Ten minutes'), re.MULTILINE | re.DOTALL
     )
     for line in block.splitlines()
 ]
@@ -84,7 +85,7 @@ def test_ten_minutes(toured, tmp_path):
 
 
 def act(tour, line, folder):
-    """Run a line and return whether it did what the README says."""
+    """Run a line and return whether it did what the tutorial says."""
     sim, graph = tour.sim, tour.graph
     if line.startswith('ros2 run'):
         tour.node(line)
@@ -147,7 +148,9 @@ def services(tour, line):
 
 def table(heading):
     """Return direction, name and type of every row of the table in a section."""
-    rows = re.findall(r'^\| (in|out|service) \| (.+?) \| (\S+) \|', section(heading), re.MULTILINE)
+    rows = re.findall(
+        r'^\| (in|out|service) \| (.+?) \| (\S+) \|', section(NODES, heading), re.MULTILINE
+    )
     return {
         (way, name, kind) for way, names, kind in rows for name in re.findall('`(.+?)`', names)
     }
@@ -171,7 +174,7 @@ def found(node, name):
 
 @pytest.mark.parametrize('name', ['sim', 'gait'])
 def test_tables_are_what_the_nodes_have(toured, name):
-    said = table(f'### Interface of `{name}`')
+    said = table(f'## Interface of `{name}`')
     if not TransformMessages.available:
         said = {row for row in said if not row[2].startswith('tf2_msgs')}
     absolute = ('/', '~')

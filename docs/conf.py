@@ -1,0 +1,68 @@
+"""
+Configuration of the site: Sphinx, because rosdoc2 runs it for ROS packages, with pages in Markdown.
+
+The API page lists what `snake_sim_ros.__all__` names, the page of rooms every module.
+"""
+
+import ast
+import inspect
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import snake_sim_ros
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
+
+project = 'snake_sim_ros'
+author = 'snake_sim_ros maintainers'
+copyright = f'2026, {author}'
+version = release = snake_sim_ros.__version__
+extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
+html_theme = 'sphinx_rtd_theme'
+myst_heading_anchors = 3
+exclude_patterns = ['paper/*', 'speed_accuracy/*']  # tables that pages include or link to
+autodoc_typehints = 'none'  # the docstrings have types, with shapes and units
+napoleon_google_docstring = False
+
+
+def setup(app: 'Sphinx') -> None:
+    """Let pages be completed when they are read."""
+    app.connect('source-read', complete)
+
+
+def complete(app: 'Sphinx', page: str, source: list[str]) -> None:
+    """Append what is written in docstrings to a page."""
+    if page == 'api':
+        source[0] += ''.join(map(directive, getattr(snake_sim_ros, '__all__', ())))
+    if page == 'rooms':
+        rooms = sorted(Path(snake_sim_ros.PACKAGE).glob('*/__init__.py'))
+        source[0] += ''.join(map(room, rooms))
+
+
+def directive(name: str) -> str:
+    """Return the directive that documents a public name."""
+    value = getattr(snake_sim_ros, name)
+    kind = 'data'
+    if inspect.isclass(value):
+        kind = 'exception' if issubclass(value, Exception) else 'class'
+    elif callable(value):
+        kind = 'function'
+    return (
+        f'\n```{{eval-rst}}\n.. auto{kind}:: snake_sim_ros.{name}\n'
+        f'   :members:\n   :undoc-members:\n```\n'
+    )
+
+
+def room(path: Path) -> str:
+    """Return a section with the summaries of a room and of its modules."""
+    modules = [each for each in sorted(path.parent.rglob('*.py')) if each.name[:2] != '__']
+    rows = [f'| `{each.relative_to(path.parent)}` | {summary(each)} |\n' for each in modules]
+    heading = f'\n## {path.parent.name}\n\n{summary(path)}\n\n| module | what |\n|---|---|\n'
+    return heading + ''.join(rows)
+
+
+def summary(path: Path) -> str:
+    """Return the first paragraph of the docstring of a module."""
+    text = ast.get_docstring(ast.parse(path.read_text(encoding='utf-8')))
+    return ' '.join((text or '').split('\n\n')[0].split())

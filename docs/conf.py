@@ -1,7 +1,8 @@
 """
 Configuration of the site: Sphinx, because rosdoc2 runs it for ROS packages, with pages in Markdown.
 
-The API page lists what `snake_sim_ros.__all__` names, the page of rooms every module.
+The API page lists what `snake_sim_ros.__all__` names, the page of rooms every module. Some pages
+are files of the folder above, which rosdoc2 leaves where it is: it must be in the import path.
 """
 
 import ast
@@ -21,7 +22,15 @@ version = release = snake_sim_ros.__version__
 extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
 html_theme = 'sphinx_rtd_theme'
 myst_heading_anchors = 3
-exclude_patterns = ['paper/*', 'speed_accuracy/*']  # tables that pages include or link to
+# Tables that are in pages already; those that a page links to are pages without a place in a menu.
+exclude_patterns = ['paper/*.md', 'speed_accuracy/[!ce]*.md', 'speed_accuracy/drake/*.md']
+suppress_warnings = ['toc.not_included', 'toc.empty_glob']  # test_pages.py looks for pages
+TOP = {
+    'changelog': 'CHANGELOG.rst',
+    'contributing': 'CONTRIBUTING.md',
+    'notation': 'NOTATION.md',
+    'quality_declaration': 'QUALITY_DECLARATION.md',
+}
 autodoc_typehints = 'none'  # the docstrings have types, with shapes and units
 napoleon_google_docstring = False
 
@@ -32,12 +41,14 @@ def setup(app: 'Sphinx') -> None:
 
 
 def complete(app: 'Sphinx', page: str, source: list[str]) -> None:
-    """Append what is written in docstrings to a page."""
+    """Append what is written in docstrings to a page, or the file at the top that it shows."""
     if page == 'api':
         source[0] += ''.join(map(directive, getattr(snake_sim_ros, '__all__', ())))
-    if page == 'rooms':
-        rooms = sorted(Path(snake_sim_ros.PACKAGE).glob('*/__init__.py'))
-        source[0] += ''.join(map(room, rooms))
+    elif page == 'rooms':
+        source[0] += ''.join(map(room, sorted(snake_sim_ros.PACKAGE.glob('*/__init__.py'))))
+    elif page in TOP:
+        text = (snake_sim_ros.PACKAGE.parent / TOP[page]).read_text(encoding='utf-8')
+        source[0] = text.replace('](docs/', '](')
 
 
 def directive(name: str) -> str:

@@ -1,5 +1,5 @@
 """
-Configuration of the site: Sphinx, because rosdoc2 runs it for ROS packages, with pages in Markdown.
+The site: Sphinx, because rosdoc2 runs it for ROS packages, with pages in Markdown.
 
 The API page lists what `snake_sim_ros.__all__` names, the page of rooms every module. Some pages
 are files of the folder above, which rosdoc2 leaves where it is: it must be in the import path.

@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Iterable
 from dataclasses import replace
+import sys
 from typing import Any
 from typing import TYPE_CHECKING
 
@@ -62,6 +63,7 @@ def _bench(options: argparse.Namespace) -> int:
     from snake_sim_ros.comparison import bench
     from snake_sim_ros.comparison import bench_rows
     from snake_sim_ros.comparison.contenders import check_times
+    from snake_sim_ros.comparison.timing import note_on_step_times
 
     names = options.scene or (QUICK_CASES if options.quick else CASES)
     scenes = {source: scene_from(options, source) for source in names}
@@ -77,6 +79,8 @@ def _bench(options: argparse.Namespace) -> int:
     writer = TableWriter(
         options.out, 'bench', bench_rows.COLUMNS, options.set, other_sources=options.other_sources
     )
+    if note := note_on_step_times():
+        print(note, file=sys.stderr)
     _write_rows(writer, entries)
     print(f'{options.out} is complete; snake-sim chart {options.out} draws it')
     return 0

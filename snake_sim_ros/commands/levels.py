@@ -1,6 +1,7 @@
 """The command `snake-sim levels`: the model level of scenes, its time and its error."""
 
 import argparse
+import sys
 from typing import Any
 
 from tqdm import tqdm
@@ -28,6 +29,8 @@ def _levels(options: argparse.Namespace) -> int:
     from snake_sim_ros.comparison import timing
 
     scenes = {source: scene_from(options, source) for source in options.scene}
+    if note := timing.note_on_step_times():
+        print(note, file=sys.stderr)
     print(f'{"scene":29} {"level":11} {"step":>8} {"spatial":>8} {"faster":>7} {"error":>9} '
           f'{"spatial":>9} {"converged":>9}')  # fmt: skip
     for source, scene in tqdm(scenes.items(), desc='levels', unit=' scenes', leave=False):

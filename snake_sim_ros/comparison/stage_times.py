@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 
+from snake_sim_ros.comparison.timing import tick_length
 from snake_sim_ros.contact.newton import Newton
 from snake_sim_ros.contact.newton import solve_contacts
 from snake_sim_ros.dynamics.articulated_body import factor_chain
@@ -89,6 +90,6 @@ def stage_times(scene: Scene, level: str) -> dict[str, float]:
         start = time.perf_counter(), cycle_counter()
         simulation.advance(*reference)
         wall, ticks = time.perf_counter() - start[0], cycle_counter() - start[1]
-    medians = 1e6 * wall / ticks * np.median(np.diff(stamps, axis=1), axis=0)
+    medians = tick_length(wall, ticks) * np.median(np.diff(stamps, axis=1), axis=0)
     names = (*STAGES, CHAIN_SWEEP) if level == 'spatial' else STAGES
     return {name: float(median) for name, median in zip(names, medians, strict=False)}

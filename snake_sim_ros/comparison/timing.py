@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from dataclasses import replace
 import math
 import os
+import platform
 import subprocess
 import sys
 import tempfile
@@ -28,6 +29,7 @@ from snake_sim_ros.comparison.timed_run import TimedRun
 from snake_sim_ros.comparison.timed_run import timing_of
 from snake_sim_ros.dynamics.articulated_body import factor
 from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.compilation import COUNTS_CYCLES
 from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.dynamics.energy import balance_error
 from snake_sim_ros.dynamics.energy import BALANCE_TIME
@@ -128,9 +130,34 @@ def timed(
     start = time.perf_counter(), cycle_counter()
     trajectory = sample(simulation, steps, samples, limits=Limits(seconds=limit), progress=note)
     wall, ticks = time.perf_counter() - start[0], cycle_counter() - start[1]
-    microseconds = 1e6 * wall / max(ticks, 1) * np.concatenate(cycles)
+    microseconds = tick_length(wall, ticks) * np.concatenate(cycles)
     return TimedRun(
         trajectory, timing_of(microseconds, compile_seconds), late=trajectory.seconds > limit
+    )
+
+
+def tick_length(wall: float, ticks: int) -> float:
+    """
+    Return the time of a tick of `cycle_counter` [us]; nan where it does not count.
+
+    Parameters
+    ----------
+    wall : float
+        A wall time [s].
+    ticks : int
+        What was counted in it.
+
+    """
+    return 1e6 * wall / ticks if ticks else math.nan
+
+
+def note_on_step_times() -> str:
+    """Return a sentence if times of single steps are not measured on this processor, or ''."""
+    if COUNTS_CYCLES:
+        return ''
+    return (
+        'times of single steps are left out: they come from the time stamp counter of x86_64 '
+        f'processors, this is {platform.machine()}'
     )
 
 

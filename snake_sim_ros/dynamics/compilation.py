@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from functools import update_wrapper
 import operator
 import os
+import platform
 from typing import Any
 
 try:
@@ -34,6 +35,8 @@ import numpy as np
 from snake_sim_ros.dynamics import code_cache
 
 COMPILES = not numba.config.DISABLE_JIT  # whether anything is compiled, see `compiled`
+# Others have no counter of cycles that a program may read: on ARM the instruction may end it.
+COUNTS_CYCLES = COMPILES and platform.machine() in ('x86_64', 'AMD64')
 OPTIONS = {'nogil': True, '_nrt': False, 'error_model': 'numpy'}  # of every compiled function
 
 
@@ -355,6 +358,8 @@ choose = _choose if COMPILES else _choice
 @intrinsic  # type: ignore[untyped-decorator]
 def _time_stamp(typing_context: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        if not COUNTS_CYCLES:
+            return ir.Constant(ir.IntType(64), 0)
         kind = ir.FunctionType(ir.IntType(64), [])
         function = cgutils.get_or_insert_function(builder.module, kind, 'llvm.readcyclecounter')
         return builder.call(function, [])
@@ -364,5 +369,5 @@ def _time_stamp(typing_context: Any) -> Any:
 
 @compiled
 def cycle_counter():
-    """Return the processor's time stamp counter, or 0 if nothing is compiled."""
+    """Return the counter of an x86_64 processor; 0 elsewhere, or if nothing is compiled."""
     return _time_stamp() if COMPILES else 0

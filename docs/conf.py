@@ -6,11 +6,14 @@ are files of the folder above, which rosdoc2 leaves where it is: it must be in t
 """
 
 import ast
+from dataclasses import fields
+from dataclasses import is_dataclass
 import inspect
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import snake_sim_ros
+from snake_sim_ros.scene.parameters import Scene
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -33,17 +36,21 @@ TOP = {
 }
 autodoc_typehints = 'none'  # the docstrings have types, with shapes and units
 napoleon_google_docstring = False
+napoleon_use_ivar = True  # attributes are described once
 
 
 def setup(app: 'Sphinx') -> None:
     """Let pages be completed when they are read."""
     app.connect('source-read', complete)
+    app.connect('autodoc-process-docstring', describe)
 
 
 def complete(app: 'Sphinx', page: str, source: list[str]) -> None:
     """Append what is written in docstrings to a page, or the file at the top that it shows."""
     if page == 'api':
         source[0] += ''.join(map(directive, getattr(snake_sim_ros, '__all__', ())))
+    elif page == 'scene_keys':
+        source[0] += '\n| key | default | unit | what |\n|---|---|---|---|\n' + keys(Scene)
     elif page == 'rooms':
         source[0] += ''.join(map(room, sorted(snake_sim_ros.PACKAGE.glob('*/__init__.py'))))
     elif page in TOP:
@@ -51,18 +58,41 @@ def complete(app: 'Sphinx', page: str, source: list[str]) -> None:
         source[0] = text.replace('](docs/', '](')
 
 
+def describe(
+    app: 'Sphinx', what: str, name: str, value: object, options: object, lines: list[str]
+) -> None:
+    """Describe an attribute of a record by the meaning and the unit of its field."""
+    of_class, _, attribute = name.removeprefix('snake_sim_ros.').partition('.')
+    record = getattr(snake_sim_ros, of_class, None)
+    known = {field.name: field for field in fields(record)} if is_dataclass(record) else {}
+    found = known[attribute].metadata if attribute in known else {}
+    if 'meaning' in found:
+        lines[:] = [f'{found["meaning"]} [{found["unit"]}]' if found['unit'] else found['meaning']]
+
+
+def keys(record: type, begin: str = '') -> str:
+    """Return the rows of a table of all keys of a record, and of the records in it."""
+    rows = ''
+    for field in fields(record):
+        name, found = f'{begin}{field.name}', field.metadata
+        if 'meaning' in found:
+            texts = (f'`{field.default}`', found['unit'], found['meaning'])
+            cells = [text.replace('|', '\\|') for text in texts]
+            rows += f'| `{name}` | {cells[0]} | {cells[1]} | {cells[2]} |\n'
+        elif is_dataclass(field.default):
+            rows += keys(type(field.default), f'{name}.')
+    return rows
+
+
 def directive(name: str) -> str:
     """Return the directive that documents a public name."""
     value = getattr(snake_sim_ros, name)
-    kind = 'data'
-    if inspect.isclass(value):
+    if not inspect.isclass(value):
+        kind, options = 'function' if callable(value) else 'data', ''
+    else:
         kind = 'exception' if issubclass(value, Exception) else 'class'
-    elif callable(value):
-        kind = 'function'
-    return (
-        f'\n```{{eval-rst}}\n.. auto{kind}:: snake_sim_ros.{name}\n'
-        f'   :members:\n   :undoc-members:\n```\n'
-    )
+        options = '   :members:\n   :undoc-members:\n'
+    return f'\n```{{eval-rst}}\n.. auto{kind}:: snake_sim_ros.{name}\n{options}```\n'
 
 
 def room(path: Path) -> str:

@@ -44,7 +44,7 @@ docs = ['sphinx>=7', 'myst-parser>=3', 'sphinx-rtd-theme>=2']
 setup(
     name=package_name,
     version='1.0.0',
-    description='Simulation of snake robots without wheels: rigid contact, exact Coulomb friction.',
+    description='Simulation of snake robots without wheels: rigid contact, exact friction.',
     maintainer='snake_sim_ros maintainers',
     maintainer_email='maintainers@users.noreply.github.com',
     long_description=Path('README.md').read_text(encoding='utf-8'),

@@ -48,7 +48,7 @@ def setup(app: 'Sphinx') -> None:
 def complete(app: 'Sphinx', page: str, source: list[str]) -> None:
     """Append what is written in docstrings to a page, or the file at the top that it shows."""
     if page == 'api':
-        source[0] += ''.join(map(directive, getattr(snake_sim_ros, '__all__', ())))
+        source[0] += ''.join(map(directive, snake_sim_ros.__all__))
     elif page == 'scene_keys':
         source[0] += '\n| key | default | unit | what |\n|---|---|---|---|\n' + keys(Scene)
     elif page == 'rooms':

@@ -222,7 +222,7 @@ def test_methods_take_the_dense_step_in_the_plane():
     # So little that the robot does not roll over.
     friction = Friction(longitudinal=0.02, backward=0.05, transversal=0.1)
     taken = 0
-    for seed, links in enumerate((2, 3, 4)):
+    for seed, links in enumerate((2, 3)):
         rng = np.random.default_rng([seed, 5])
         robot = flat_robot(rng, links)
         state = crooked(rng, robot, speed=10.0 ** -(seed % 3))
@@ -337,31 +337,6 @@ def test_rolling_friction_is_that_of_the_patch():
         slows = 0.02 * factor * mass * G * radius / (mass * radius + inertia / radius)
         lost = 0.3 - states.u[-1, 0, 1]
         assert lost == pytest.approx(slows * 40 * scene.dt, abs=1e-5)
-
-
-# ---- robots -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize('method', ['newton', 'bdf2'])
-def test_a_robot_with_scales_loses_energy(method):
-    # Slack joints: nothing but friction works.
-    robot = Robot(
-        link_count=3, yaw_stiffness=0.0, yaw_damping=0.0, pitch_stiffness=0.0, pitch_damping=0.0
-    )
-    for level in ('planar', 'spatial'):
-        rng = np.random.default_rng(8)
-        scene = Scene(
-            robot=robot, method=method, level=level, dt=1 / 1000,
-            friction=Friction(longitudinal=0.02, backward=0.06, transversal=0.1),
-        )  # fmt: skip
-        states, _, report = course(scene, crooked(rng, robot, 0.3), 15)
-        if report.failure:  # without torques of pitch joints it rolls over in the plane
-            assert level == 'planar'
-            continue
-        energy = kinetic_energy(robot, states.u).ravel()
-        # Velocities of the middle satisfy the joints; those of the end by rounding times dt.
-        assert (np.diff(energy) < 1e-3 * energy[0] * scene.dt).all()
-        assert energy[-1] < 0.99 * energy[0]
 
 
 # ---- scenes -------------------------------------------------------------------------------------

@@ -29,8 +29,9 @@ if find_spec('control_msgs') is None:  # it is not on PyPI; test_trajectory_acti
 # physics is compiled, mixed with what computes, because they wait; what is short is last, so that
 # both end together.
 ORDER = (
-    *('test_pegs', 'test_agreement', 'test_levels', 'test_condensing', 'test_newton'),
-    *('test_without_compiler', 'test_artefacts', 'test_viewer', 'test_bdf2_reference'),
+    *('test_pegs', 'test_without_compiler', 'test_levels', 'test_agreement', 'test_condensing'),
+    *('test_friction_scenes', 'test_newton', 'test_artefacts', 'test_viewer'),
+    *('test_single_steps', 'test_joint_laws', 'test_bdf2_reference', 'test_optimization'),
     *('test_graph_commands', 'test_invariants', 'test_graph_reports', 'test_interface'),
     *('test_tour', 'test_demo', 'test_gait_start', 'test_free_robots', 'test_gait_node'),
     *('test_charts', 'test_first_start', 'test_readme', 'test_examples', 'test_bad_input'),

@@ -20,6 +20,7 @@ from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
@@ -33,7 +34,6 @@ from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.periods import steps_in
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import State

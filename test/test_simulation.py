@@ -13,10 +13,10 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.posture import joint_rates
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.periods import steps_in
 from snake_sim_ros.stepping.portions import LEAST_STEPS
 from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.sampling import Keep

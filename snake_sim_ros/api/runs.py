@@ -24,7 +24,7 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait_table import Table
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.periods import samples_of
+from snake_sim_ros.scene.periods import samples_of
 from snake_sim_ros.stepping.sampling import begun_samples
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.sampling import trajectory_of

@@ -31,9 +31,9 @@ from snake_sim_ros.recording.recorded_sensors import recorded_sensors
 from snake_sim_ros.recording.sensors import Sensors
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.periods import samples_of
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.periods import samples_of
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.studies.metrics import metrics_of_run
 

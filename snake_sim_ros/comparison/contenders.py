@@ -22,8 +22,8 @@ from snake_sim_ros.comparison.timing import timed
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.stepping.base import Stepper
-from snake_sim_ros.stepping.periods import steps_in
 
 # Steps a second.
 SMALL_STEP_RATES = (16000, 8000, 4000, 2000, 1000)

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from snake_sim_ros.comparison.courses import Course
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.periods import steps_in
+from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.simulation import Simulation
 

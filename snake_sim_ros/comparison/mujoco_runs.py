@@ -25,10 +25,10 @@ from snake_sim_ros.dynamics.energy import imbalance
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.posture import joint_rates
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.periods import steps_in
 from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.trajectory import Trajectory
 

@@ -16,8 +16,8 @@ from typing import Any
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.periods import steps_in
 from snake_sim_ros.stepping.simulation import Simulation
 
 MARKS = (10**4, 10**5, 10**6, 10**7)  # numbers of steps after which the state of a soak is noted

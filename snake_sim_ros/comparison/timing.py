@@ -41,11 +41,11 @@ from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_to_text
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import method_of
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.methods import what_is_not_planar
-from snake_sim_ros.stepping.periods import steps_in
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.sampling import Limits
 from snake_sim_ros.stepping.simulation import sample

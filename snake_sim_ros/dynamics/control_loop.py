@@ -16,9 +16,9 @@ import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.periods import steps_in
 
 
 class ControlLoop(NamedTuple):
@@ -56,20 +56,12 @@ def make_control_loop(scene: Scene) -> ControlLoop:
     """
     robot, dt = scene.robot, scene.dt
     rate, delay = robot.control_rate, robot.command_delay
-    period = _steps('control period', 1.0 / rate, dt) if rate > 0.0 else 0
+    period = steps_in(1.0 / rate, dt, 'control period') if rate > 0.0 else 0
     taken = robot.reference_rate
-    hold = _steps('reference period', 1.0 / taken, dt) if taken > 0.0 else 0
-    late = _steps('robot.command_delay', delay, dt) if delay > 0.0 else 0
+    hold = steps_in(1.0 / taken, dt, 'reference period') if taken > 0.0 else 0
+    late = steps_in(delay, dt, 'robot.command_delay') if delay > 0.0 else 0
     present = period + hold + late > 0 or robot.effort_commands
     return ControlLoop(present, period, hold, late, robot.encoder_resolution)
-
-
-def _steps(name: str, time: float, dt: float) -> int:
-    """Return how many steps of dt [s] a time takes [s]."""
-    steps = round(time / dt)
-    if steps < 1 or abs(steps * dt - time) > 1e-9 * time:
-        raise ParameterError(f'dt must divide the {name}: got dt={dt:g} s, {name} {time:g} s')
-    return steps
 
 
 def make_control_memory(scene: Scene) -> ControlMemory:

@@ -12,7 +12,7 @@ from snake_sim_ros.nodes.state_messages import SerializedMessage
 from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.recording.sensor_reader import SensorReader
 from snake_sim_ros.recording.sensors import Sensors
-from snake_sim_ros.stepping.periods import steps_in
+from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.stepping.simulation import Simulation
 
 

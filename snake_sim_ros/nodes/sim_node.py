@@ -41,8 +41,8 @@ from snake_sim_ros.nodes.state_publishers import StatePublishers
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
 from snake_sim_ros.nodes.trajectory_action import serve_trajectories
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.periods import steps_in
 from snake_sim_ros.stepping.simulation import Simulation
 
 BACKLOG = 0.2  # s of wall time that the node may lag before it stops trying to catch up

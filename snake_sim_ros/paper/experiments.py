@@ -18,9 +18,9 @@ from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.surroundings import Friction
-from snake_sim_ros.stepping.periods import steps_in
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.simulation import sample

@@ -18,6 +18,7 @@ from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.periods import samples_of
 from snake_sim_ros.stepping.base import OneByOne
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import Stepper
@@ -26,7 +27,6 @@ from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.gait_ahead import GaitAhead
 from snake_sim_ros.stepping.levels import LevelStepper
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.periods import samples_of
 from snake_sim_ros.stepping.portions import LEAST_STEPS
 from snake_sim_ros.stepping.portions import Portions
 from snake_sim_ros.stepping.pushed_steps import PushedSteps

@@ -14,9 +14,9 @@ from snake_sim_ros.recording import npz
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.periods import samples_of
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import share_compiled
-from snake_sim_ros.stepping.periods import samples_of
 from snake_sim_ros.stepping.portions import LEAST_STEPS
 from snake_sim_ros.stepping.portions import PORTION_SECONDS
 from snake_sim_ros.stepping.sampling import Keep

@@ -27,9 +27,9 @@ from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
 from snake_sim_ros.dynamics.energy import mechanical_energy
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import Stepper
-from snake_sim_ros.stepping.periods import steps_in
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.sampling import Limits
 from snake_sim_ros.stepping.simulation import sample

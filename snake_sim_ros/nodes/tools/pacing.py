@@ -41,7 +41,7 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.periods import steps_in
+from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.stepping.simulation import Simulation
 
 SCENE = 'lateral_undulation'

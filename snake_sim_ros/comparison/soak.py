@@ -5,6 +5,7 @@ In `sidewinding` and `lateral_undulation` the robot moves on without end. Among 
 passes in some seconds, it starts again after every duration of the scene.
 """
 
+from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.simulation import Simulation
 
 MARKS = (10**4, 10**5, 10**6, 10**7)  # numbers of steps after which the state of a soak is noted
@@ -60,6 +62,54 @@ def soaked_scene(name: str) -> Scene:
     return with_settings(load_scene(name), SOAKED_SCENES[name])
 
 
+class EndlessRun:
+    """
+    A scene that is run on and on, a second at a time.
+
+    Parameters
+    ----------
+    scene : Scene
+    start : callable, optional
+        If given, the robot starts again after every duration of the scene, from the simulation
+        that this returns for the number of the round.
+
+    Attributes
+    ----------
+    simulation : Simulation
+        That of this round.
+    round : int
+        Its number, from 0.
+    report, latest : Report
+        That of all steps, and of the last call.
+    seconds : float
+        Wall time of all steps, without that of the joint references.
+
+    """
+
+    def __init__(self, scene: Scene, start: Callable[[int], Simulation] | None = None) -> None:
+        self.start, self.round = start, 0
+        self.simulation = start(0) if start else Simulation(scene)
+        self.second = steps_in(LAST_PERIOD, scene.dt, 'second')
+        self.whole = steps_in(scene.duration, scene.dt, 'duration')
+        self.report, self.latest, self.seconds = Report(), Report(), 0.0
+
+    def advance(self, most: int, samples: Samples | None = None) -> float:
+        """Take the steps of a second, or fewer; return their wall time [s]."""
+        steps = min(self.second, most)
+        if self.start:
+            if self.simulation.step_count == self.whole:
+                self.round += 1
+                self.simulation = self.start(self.round)
+            steps = min(steps, self.whole - self.simulation.step_count)
+        reference = self.simulation.gait_reference(steps)
+        begin = time.perf_counter()
+        self.latest = self.simulation.advance(*reference, samples)
+        seconds = time.perf_counter() - begin
+        self.seconds += seconds
+        self.report += self.latest
+        return seconds
+
+
 def soak(scene: Scene, marks: Sequence[int], *, restarts: bool) -> Iterator[Mark]:
     """
     Run a scene for very many steps, and yield its state at some of them.
@@ -73,22 +123,11 @@ def soak(scene: Scene, marks: Sequence[int], *, restarts: bool) -> Iterator[Mark
         Whether the robot starts again after every duration of the scene.
 
     """
-    simulation = Simulation(scene)
-    simulation.compile()
-    chunk = steps_in(LAST_PERIOD, scene.dt, 'second')
-    whole = steps_in(scene.duration, scene.dt, 'duration')
-    total, seconds, latest = Report(), 0.0, Report()
+    run = EndlessRun(scene, (lambda number: Simulation(scene)) if restarts else None)
+    run.simulation.compile()
     memory = resident_memory()
     for mark in marks:
-        while total.steps < mark and not total.failure:
-            if restarts and simulation.step_count == whole:
-                simulation = Simulation(scene)
-            steps = min(chunk, mark - total.steps)
-            if restarts:
-                steps = min(steps, whole - simulation.step_count)
-            reference = simulation.gait_reference(steps)
-            begin = time.perf_counter()
-            latest = simulation.advance(*reference)
-            seconds += time.perf_counter() - begin
-            total += latest
-        yield Mark(mark, seconds, total, latest.penetration_max, memory, resident_memory())
+        while run.report.steps < mark and not run.report.failure:
+            run.advance(mark - run.report.steps)
+        depth = run.latest.penetration_max
+        yield Mark(mark, run.seconds, run.report, depth, memory, resident_memory())

@@ -1,0 +1,271 @@
+"""
+Very long runs: do they stay converged, bounded, flat in memory and time, and repeatable?
+
+Each subject is run for its share of the time, up to `MOST_STEPS`. Memory may grow by
+`MEMORY_GROWTH` after the first hundredth of the steps. Time per step is compared between the first
+and the last third of the run, as medians over seconds of simulated time; each is divided by the
+median time of one second of the same scene that is run again and again in between, so that a
+machine that becomes slower or busier does not count. What a run did last is done once more, from a
+checkpoint in a file.
+"""
+
+from collections.abc import Callable
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+import time
+from typing import Any
+
+import numpy as np
+
+from snake_sim_ros.comparison.soak import EndlessRun
+from snake_sim_ros.comparison.soak import resident_memory
+from snake_sim_ros.comparison.soak import SOAKED_SCENES
+from snake_sim_ros.recording import checkpoint
+from snake_sim_ros.reliability.trials import Trial
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.samples import make_samples
+from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.state import named_arrays
+from snake_sim_ros.stepping.state import State
+
+MOST_STEPS = 10**8
+MEMORY_GROWTH = 5.0  # MB
+TIME_GROWTH = 0.05  # of the time per step
+PORTIONS = 60  # of a run; each has one median
+YARDSTICK_SHARE = 0.1  # of the seconds that are run are the same again
+MINUTE = 60.0  # s of simulated time from one checkpoint to the next
+SPEED = 3.0  # of throws, in each direction [m/s]
+SPIN = 8.0  # of throws, about each axis [rad/s]
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A scene that is soaked; a robot that leaves its surroundings starts again and again."""
+
+    scene: Scene
+    deepest: float  # penetration that is allowed [m]
+    widest: float  # joint gap that a step may make before it is corrected [m]
+    most_steps: int = MOST_STEPS
+    start: Callable[[int], Simulation] | None = None  # see `EndlessRun`
+
+
+@dataclass(frozen=True)
+class Portion:
+    """What is known of a part of a run."""
+
+    steps: int  # of the run at its end
+    time: float  # median time of a step [s]
+    yardstick: float  # median time of a step of the same second [s]
+    penetration: float  # largest [m]
+    gap: float  # largest joint gap [m]
+    memory: int  # resident at its end [B]
+
+
+def thrown(scene: Scene, seed: int, number: int) -> Simulation:
+    """Return the simulation of a robot that is thrown, turned in any way, as one rigid body."""
+    rng = np.random.default_rng((seed, number))
+    simulation = Simulation(scene)
+    q, n = simulation.state.q.copy(), scene.robot.link_count
+    turn = rng.standard_normal(4)
+    turn /= np.linalg.norm(turn)
+    center = q[:, :3].mean(axis=0)
+    q[:, :3] = (q[:, :3] - center) @ rotation_matrices(turn).T
+    q[:, 3:] = product(turn, q[:, 3:])
+    u, spin = np.zeros((n, 6)), rng.uniform(-SPIN, SPIN, 3)
+    u[:, :3] = rng.uniform(-SPEED, SPEED, 3) + np.cross(spin, q[:, :3])
+    u[:, 3:] = np.einsum('iab,a->ib', rotation_matrices(q[:, 3:]), spin)
+    radius = float(scene.robot.per_link('contact_radius').max())
+    q[:, 2] += 2.0 * radius - q[:, 2].min() + 0.1
+    simulation.state = State(q, u)
+    return simulation
+
+
+def subjects(seed: int) -> dict[str, Subject]:
+    """Return what is soaked, by name."""
+    found = {}
+    for method, dt in (('newton', 1 / 4000), ('bdf2', 1 / 100)):
+        own = {'method': method, 'dt': dt}
+        for name, settings in SOAKED_SCENES.items():
+            scene = with_settings(load_scene(name), settings | own)
+            start = partial(_again, scene) if scene.pegs.x else None
+            found[f'{name}, {method}'] = Subject(scene, 1e-3, 1e-3, start=start)
+    for method, dt in (('newton', 1 / 4000), ('bdf2', 1 / 400)):
+        settings = {'method': method, 'dt': dt, 'duration': 3.0}
+        scene = with_settings(load_scene('lateral_undulation'), settings)
+        start = partial(thrown, scene, seed)
+        found[f'thrown, {method}'] = Subject(scene, 20.0 * dt, 1e-3, start=start)
+    scene = load_scene('hyper_redundant')
+    found['hyper_redundant, newton'] = Subject(scene, 1e-3, 1e-3, most_steps=10**6)
+    return found
+
+
+def _again(scene: Scene, number: int) -> Simulation:
+    return Simulation(scene)
+
+
+def trials(seconds: float, seed: int) -> Iterator[Trial]:
+    """Soak all subjects, each for its share of the time."""
+    found = subjects(seed)
+    for name, subject in found.items():
+        yield soaked(name, subject, seconds / len(found))
+
+
+def soaked(name: str, subject: Subject, seconds: float) -> Trial:
+    """Soak one subject for some seconds, a part of which repeats the end of the run."""
+    run = EndlessRun(subject.scene, subject.start)
+    run.simulation.compile()
+    with TemporaryDirectory() as folder:
+        keeper = Keeper(run, Path(folder), 0.02 * seconds)
+        begin = time.perf_counter()
+        portions = list(_portions(run, subject.most_steps, 0.9 * seconds, keeper))
+        same = run.report.failure or keeper.repeats(subject.start)
+        seconds = time.perf_counter() - begin
+    growth, slower = _memory_growth(portions), _time_growth(portions)
+    depth, gap = _thirds(portions, 'penetration'), _thirds(portions, 'gap')
+    report = run.report
+    found = {
+        report.failure: bool(report.failure),
+        'a rerun of the end from a checkpoint has other bits': not same,
+        f'memory grew by {growth:.1f} MB': growth > MEMORY_GROWTH,
+        f'time per step grew by {100 * slower:.1f} %': slower > TIME_GROWTH,
+        f'penetration {report.penetration_max:.2g} m': report.penetration_max > subject.deepest,
+        f'joint gap {report.joint_gap_max:.2g} m': report.joint_gap_max > subject.widest,
+    }
+    broken = [sentence for sentence, is_so in found.items() if is_so]
+    figures = (
+        f'unconverged {report.unconverged}, {1e6 * run.seconds / report.steps:.2f} us a step '
+        f'({100 * slower:+.1f} % from first to last third), penetration {depth[0]:.2g} m in the '
+        f'first third and {depth[1]:.2g} m in the last, joint gap {gap[0]:.2g} m and '
+        f'{gap[1]:.2g} m, rerun {"equal" if same is True else "not equal"}'
+    )
+    first = f'{name} after {report.steps} steps: {"; ".join(broken)}' if broken else ''
+    return Trial(
+        'steps', name, 'steps', report.steps, len(broken), seconds, memory=growth,
+        figures=figures, first=first,
+    )  # fmt: skip
+
+
+class Keeper:
+    """
+    Keeps two checkpoints of a run in files, and repeats the run from the older one.
+
+    Parameters
+    ----------
+    run : EndlessRun
+    folder : Path
+    period : float
+        Wall time after which a checkpoint is written, if `MINUTE` is not over before [s].
+
+    """
+
+    def __init__(self, run: EndlessRun, folder: Path, period: float) -> None:
+        self.run, self.folder, self.period = run, folder, period
+        self.kept: list[tuple[Path, int, int]] = []  # file, round, steps
+        self.write()
+
+    def write(self) -> None:
+        """Write a checkpoint, and forget all but the last one before it."""
+        self.next_time = time.perf_counter() + self.period
+        self.next_steps = self.run.report.steps + round(MINUTE / self.run.simulation.scene.dt)
+        path = self.folder / f'{self.run.report.steps}.npz'
+        checkpoint.write(self.run.simulation, path)
+        self.kept.append((path, self.run.round, self.run.report.steps))
+        if len(self.kept) > 2:
+            self.kept.pop(0)[0].unlink()
+
+    def look(self) -> None:
+        """Write a checkpoint if it is time."""
+        if self.run.report.steps >= self.next_steps or time.perf_counter() >= self.next_time:
+            self.write()
+
+    def repeats(self, start: Callable[[int], Simulation] | None) -> bool:
+        """Run one more second; return whether it has the same bits from the checkpoint on."""
+        path, number, steps = self.kept[0]
+        again = EndlessRun(self.run.simulation.scene, start)
+        again.simulation, again.round = checkpoint.read(path), number
+        end = self.run.report.steps
+        while again.report.steps < end - steps:
+            again.advance(end - steps - again.report.steps)
+        return _last_second(self.run) == _last_second(again)
+
+
+def _last_second(run: EndlessRun) -> dict[str, bytes]:
+    """Run one more second, and return the bits of all samples and of the end."""
+    samples = make_samples(run.simulation.scene, 1, run.second)
+    run.advance(run.second, samples)
+    state = run.simulation.state
+    arrays = named_arrays(run.simulation.history) | {'q': state.q, 'u': state.u}
+    arrays |= {f'samples.{name}': getattr(samples, name) for name in samples._fields[2:]}
+    return {name: array.tobytes() for name, array in arrays.items()}
+
+
+def _portions(
+    run: EndlessRun, most_steps: int, seconds: float, keeper: Keeper
+) -> Iterator[Portion]:
+    """Run for some seconds, and yield what is known of each of `PORTIONS` parts of them."""
+    second = _yardstick(run)
+    begin = time.perf_counter()
+    for k in range(PORTIONS):
+        times, same, depth, gap = [], [second()], 0.0, 0.0
+        while run.report.steps < most_steps and not run.report.failure:
+            keeper.look()
+            times.append(run.advance(most_steps - run.report.steps) / max(1, run.latest.steps))
+            depth = max(depth, run.latest.penetration_max)
+            gap = max(gap, run.latest.joint_gap_max)
+            if len(same) < YARDSTICK_SHARE * len(times):
+                same.append(second())
+            if time.perf_counter() - begin > seconds * (k + 1) / PORTIONS:
+                break
+        if times:
+            middle = float(np.median(times)), float(np.median(same))
+            yield Portion(run.report.steps, *middle, depth, gap, resident_memory() or 0)
+
+
+def _yardstick(run: EndlessRun) -> Callable[[], float]:
+    """Return a function that runs the same second and returns the time of a step [s]."""
+    simulation = Simulation(run.simulation.scene)
+    simulation.advance(*simulation.gait_reference(run.second))
+    state, history = simulation.state, simulation.history
+    reference: Any = simulation.gait_reference(run.second)
+
+    def second() -> float:
+        begin = time.perf_counter()
+        simulation.stepper.advance(state, history, *reference)
+        return (time.perf_counter() - begin) / run.second
+
+    return second
+
+
+def _memory_growth(portions: list[Portion]) -> float:
+    """Return by how much memory grew after the first hundredth of the steps [MB]."""
+    late = [item.memory for item in portions if item.steps >= 0.01 * portions[-1].steps]
+    return (max(late) - late[0]) / 1e6
+
+
+def _time_growth(portions: list[Portion]) -> float:
+    """Return by which share the time per step grew from the first to the last third."""
+    first, last = _first_and_last(portions)
+    before, after = (
+        np.median([item.time for item in third]) / np.median([item.yardstick for item in third])
+        for third in (first, last)
+    )
+    return float(after / before - 1.0)
+
+
+def _thirds(portions: list[Portion], name: str) -> tuple[float, float]:
+    """Return the largest value in the first and in the last third of a run."""
+    first, last = _first_and_last(portions)
+    return max(getattr(item, name) for item in first), max(getattr(item, name) for item in last)
+
+
+def _first_and_last(portions: list[Portion]) -> tuple[list[Portion], list[Portion]]:
+    """Return the first and the last third of a run."""
+    third = max(1, len(portions) // 3)
+    return portions[:third], portions[-third:]

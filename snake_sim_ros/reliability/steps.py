@@ -1,14 +1,15 @@
 """
-Very long runs: do they stay converged, bounded, flat in memory and time, and repeatable?
+Very long runs, which must stay converged, bounded, flat in memory and time, and repeatable.
 
 Each subject is run for its share of the time, up to `MOST_STEPS`. Memory may grow by
 `MEMORY_GROWTH` after the first hundredth of the steps. Time per step is compared between the first
 and the last third of the run, as medians over seconds of simulated time; each is divided by the
 median time of one second of the same scene that is run again and again in between, so that a
-machine that becomes slower or busier does not count. What a run did last is done once more, from a
-checkpoint in a file.
+machine that becomes slower or busier counts less. In runs of less than `JUDGED_SECONDS` the growth
+is told and not judged. What a run did last is done once more, from a checkpoint in a file.
 """
 
+from collections import deque
 from collections.abc import Callable
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -38,7 +39,9 @@ from snake_sim_ros.stepping.state import State
 MOST_STEPS = 10**8
 MEMORY_GROWTH = 5.0  # MB
 TIME_GROWTH = 0.05  # of the time per step
-PORTIONS = 60  # of a run; each has one median
+JUDGED_SECONDS = 60.0  # of wall time from which on that is judged
+PORTIONS = 60  # of a run
+KEPT_TIMES = 200  # of the last seconds of each portion
 YARDSTICK_SHARE = 0.1  # of the seconds that are run are the same again
 MINUTE = 60.0  # s of simulated time from one checkpoint to the next
 SPEED = 3.0  # of throws, in each direction [m/s]
@@ -61,8 +64,8 @@ class Portion:
     """What is known of a part of a run."""
 
     steps: int  # of the run at its end
-    time: float  # median time of a step [s]
-    yardstick: float  # median time of a step of the same second [s]
+    times: list[float]  # of a step, in each of its last seconds [s]
+    yardstick: list[float]  # of a step of the same second [s]
     penetration: float  # largest [m]
     gap: float  # largest joint gap [m]
     memory: int  # resident at its end [B]
@@ -128,13 +131,14 @@ def soaked(name: str, subject: Subject, seconds: float) -> Trial:
         same = run.report.failure or keeper.repeats(subject.start)
         seconds = time.perf_counter() - begin
     growth, slower = _memory_growth(portions), _time_growth(portions)
+    is_judged = run.seconds >= JUDGED_SECONDS
     depth, gap = _thirds(portions, 'penetration'), _thirds(portions, 'gap')
     report = run.report
     found = {
         report.failure: bool(report.failure),
         'a rerun of the end from a checkpoint has other bits': not same,
         f'memory grew by {growth:.1f} MB': growth > MEMORY_GROWTH,
-        f'time per step grew by {100 * slower:.1f} %': slower > TIME_GROWTH,
+        f'time per step grew by {100 * slower:.1f} %': is_judged and slower > TIME_GROWTH,
         f'penetration {report.penetration_max:.2g} m': report.penetration_max > subject.deepest,
         f'joint gap {report.joint_gap_max:.2g} m': report.joint_gap_max > subject.widest,
     }
@@ -182,7 +186,8 @@ class Keeper:
 
     def look(self) -> None:
         """Write a checkpoint if it is time."""
-        if self.run.report.steps >= self.next_steps or time.perf_counter() >= self.next_time:
+        steps, is_late = self.run.report.steps, time.perf_counter() >= self.next_time
+        if steps >= self.next_steps or (is_late and steps > self.kept[-1][2]):
             self.write()
 
     def repeats(self, start: Callable[[int], Simulation] | None) -> bool:
@@ -213,19 +218,22 @@ def _portions(
     second = _yardstick(run)
     begin = time.perf_counter()
     for k in range(PORTIONS):
-        times, same, depth, gap = [], [second()], 0.0, 0.0
+        times, same = deque[float](maxlen=KEPT_TIMES), deque([second()], maxlen=KEPT_TIMES)
+        depth = gap = taken = 0.0
         while run.report.steps < most_steps and not run.report.failure:
             keeper.look()
             times.append(run.advance(most_steps - run.report.steps) / max(1, run.latest.steps))
             depth = max(depth, run.latest.penetration_max)
             gap = max(gap, run.latest.joint_gap_max)
-            if len(same) < YARDSTICK_SHARE * len(times):
+            taken += YARDSTICK_SHARE
+            if taken >= 1.0:
+                taken -= 1.0
                 same.append(second())
             if time.perf_counter() - begin > seconds * (k + 1) / PORTIONS:
                 break
         if times:
-            middle = float(np.median(times)), float(np.median(same))
-            yield Portion(run.report.steps, *middle, depth, gap, resident_memory() or 0)
+            memory = resident_memory() or 0
+            yield Portion(run.report.steps, list(times), list(same), depth, gap, memory)
 
 
 def _yardstick(run: EndlessRun) -> Callable[[], float]:
@@ -253,7 +261,8 @@ def _time_growth(portions: list[Portion]) -> float:
     """Return by which share the time per step grew from the first to the last third."""
     first, last = _first_and_last(portions)
     before, after = (
-        np.median([item.time for item in third]) / np.median([item.yardstick for item in third])
+        np.median(np.concatenate([item.times for item in third]))
+        / np.median(np.concatenate([item.yardstick for item in third]))
         for third in (first, last)
     )
     return float(after / before - 1.0)

@@ -74,7 +74,7 @@ def selection_center(
     most : float
         Largest normal impulse to be expected [N s].
     weight : float
-        Weight of the robot times the step [N s].
+        Weight of the robot times the step [N s]; below 0 if it falls upward, which presses nothing.
     press_speed : float
         Velocity at which the rule may press a contact into the floor [m/s]; methods differ in it.
 
@@ -84,13 +84,10 @@ def selection_center(
         [N s]
 
     """
+    heaviest = IMPACT_WEIGHTS * max(0.0, weight)
     if np.abs(gamma[P_N > 0.0]).max(initial=0.0) <= REST_SPEED:
-        return np.minimum(P_N, IMPACT_WEIGHTS * weight)
-    highest = (
-        max(press_speed / compliance, min(most, IMPACT_WEIGHTS * weight))
-        if compliance > 0.0
-        else 0.0
-    )
+        return np.minimum(P_N, heaviest)
+    highest = max(press_speed / compliance, min(most, heaviest)) if compliance > 0.0 else 0.0
     depth, own = np.maximum(-gap, 0.0) / DEPTH_LIMIT, min(1.0, FINE_STEP / dt)
     mean = np.minimum(depth, 1.0)[P_N > 0.0].mean() if (P_N > 0.0).any() else 0.0
     share = np.where(P_N > 0.0, np.clip(mean + own * (depth - mean), 0.0, 1.0), 0.0)
@@ -134,7 +131,7 @@ def apply_selection_rule(laws, closed, contacts, mass, impulse, press_speed, dt,
     n = len(mass)
     most = fastest = heaviest = 0.0
     for m in mass:
-        heaviest += IMPACT_WEIGHTS * m * fall
+        heaviest += IMPACT_WEIGHTS * m * max(0.0, fall)
     for a in closed:
         stop = 0.5 * fall - 2.0 * contacts.gamma[a, 0]
         most = max(most, impulse[a, 0], mass[link_of(laws.other, contacts, n, a)] * stop)

@@ -118,14 +118,11 @@ def judged(case: Case) -> Outcome:
 
     """
     outcome = Outcome()
-    scene = scene_of(case)
-    start = start_of(case, scene)
-    simulation = Simulation(scene)
-    simulation.state = start
     try:
+        scene = scene_of(case)
+        simulation, again = Simulation(scene), Simulation(scene)
+        simulation.state = again.state = start_of(case, scene)
         _run(case, simulation, outcome)
-        again = Simulation(scene)
-        again.state = start
         _repeat(case, again)
     except ParameterError:
         raise

@@ -47,7 +47,9 @@ def random_case(rng: Generator, surroundings: str, method: str) -> Case:
         'dt': _between(rng, 1e-5, float(rng.choice([2e-3, 2e-2, 0.1]))),
         'method': method,
         'level': str(rng.choice(['auto', 'spatial'])) if surroundings == FLAT else 'spatial',
-        'drift_correction': str(rng.choice(['center_of_mass', 'paper', 'none'], p=[0.8, 0.1, 0.1])),
+        'drift_correction': str(
+            rng.choice(['center_of_mass', 'paper', 'none'], p=[0.8, 0.1, 0.1])
+        ),
         'pd_scheme': str(rng.choice(IMPLICIT_SCHEMES if method == 'bdf2' else PD_SCHEMES)),
     }
     if rng.random() < 0.5:

@@ -179,9 +179,9 @@ def refuse_overlap(scene: Scene, q: Array) -> None:
     """Raise an error if a link is inside a peg or another link."""
     first = obstacles.first_peg(scene)
     gap = obstacles.contact_geometry(scene, q)[0][first:]
-    a = first + int(gap.argmin())
-    if gap.min() >= 0.0:
+    if gap.min(initial=0.0) >= 0.0:
         return
+    a = first + int(gap.argmin())
     depth, (link, other) = -gap.min(), obstacles.contact_links(scene)[a] + 1
     if other > 0:
         raise ParameterError(

@@ -3,6 +3,7 @@
 from contextlib import nullcontext
 from functools import partial
 import gc
+import math
 import sys
 from threading import Event
 import time
@@ -36,6 +37,7 @@ from snake_sim_ros.nodes.sim_parameters import changed
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.sim_parameters import within_publish_period
 from snake_sim_ros.nodes.simulation_services import serve
+from snake_sim_ros.nodes.slow_steps import SlowSteps
 from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.nodes.state_publishers import StatePublishers
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
@@ -69,6 +71,8 @@ class SimNode(Node):
         Pushes, and where the robot is put.
     load : LoadMeter
         Real-time factor and processor time.
+    slow_steps : SlowSteps
+        The longest step, and the periods that were too short.
     paused : bool
         Set by the services.
     level_changes : int
@@ -95,7 +99,7 @@ class SimNode(Node):
         self.stop = Event()
         self.level_changes = 0
         self.warn = ThrottledWarnings(self)
-        self.load = LoadMeter()
+        self.load, self.slow_steps = LoadMeter(), SlowSteps()
         overrides = self.get_parameters_by_prefix('qos_overrides')
         try:
             self.state_publishers = StatePublishers(self, self.simulation, self.settings)
@@ -175,12 +179,17 @@ class SimNode(Node):
         reference = self.inbox.sample(simulation.midpoints(self.steps))
         if not self.compiler:  # A step that waits for the compiler would be pushed twice.
             self.handling.act(self.period)
+        begin = time.perf_counter()
         try:
             with watched(refuse) if self.compiler else nullcontext():
                 report = simulation.advance(*reference)
         except NotCompiledError:
             self.needed = len(self.compiler.levels) if self.compiler else 0
             return False
+        factor = self.settings.real_time_factor
+        most = self.period / factor if factor > 0.0 else math.inf
+        if sentence := self.slow_steps.look(simulation, time.perf_counter() - begin, most):
+            self.warn('late period', sentence)
         if report.level != level:
             why = f': {report.left}' if report.left else ': the robot lies flat'
             self.get_logger().debug(f'level {report.level} from t = {simulation.time:g} s on{why}')
@@ -236,6 +245,7 @@ class SimNode(Node):
             'real_time_factor': f'{self.load.real_time_factor:.4g}',
             'processor': f'{self.load.processor:.3f}',
             'overruns': self.load.overruns,
+            **self.slow_steps.values(),
             'level_changes': self.level_changes,
             'rejected_commands': self.inbox.rejected,
             'clamped_commands': self.inbox.clamped,

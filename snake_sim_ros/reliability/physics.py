@@ -50,7 +50,7 @@ class Outcome:
     broken: list[str] = field(default_factory=list)
     steps: int = 0
     unconverged: int = 0
-    diverged: bool = False
+    diverged: int = 0  # runs that a divergence ended
     longest: float = 0.0  # time of a step, in the mean of a part of the run [s]
 
 
@@ -86,7 +86,7 @@ def _attack(kind: tuple[str, str], seconds: float, seed: int, number: int) -> Tr
     names = sorted({sentence.partition(':')[0] for sentence in broken})
     figures = (
         f'{tried / seconds:.0f} scenes a second, {total.steps} steps, unconverged '
-        f'{total.unconverged}, runs that ended early {int(total.diverged)}, refused {refused}'
+        f'{total.unconverged}, runs that ended early {total.diverged}, refused {refused}'
     )
     return Trial(
         'physics', f'{surroundings}, {method}', 'scenes', tried, len(broken),
@@ -177,7 +177,7 @@ def _run(case: Case, simulation: Simulation, outcome: Outcome) -> None:
         outcome.broken += _of_energy(simulation, before, reference[0])
         depth = max(depth, report.penetration_max)
         if report.failure:
-            outcome.diverged = True
+            outcome.diverged = 1
             return
 
 

@@ -74,7 +74,7 @@ def selection_center(
     most : float
         Largest normal impulse to be expected [N s].
     weight : float
-        Weight of the robot times the step [N s]; below 0 if it falls upward, which presses nothing.
+        Weight of the robot times the step [N s]; one that points upward, below 0, counts as 0.
     press_speed : float
         Velocity at which the rule may press a contact into the floor [m/s]; methods differ in it.
 

@@ -1,4 +1,4 @@
-"""Which step of the physics took longest, and when steps outlast the publish period they are in."""
+"""Which step of the physics took longest, and when steps outlast their publish period."""
 
 import numpy as np
 

@@ -40,6 +40,7 @@ from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.state import State
 
 ROUNDING = 1e-7  # of the largest velocity that a step deals with
+FASTEST = 500.0  # steps of an explicit controller that explodes are not judged [m/s], [rad/s]
 # Kinetic energy after a step that did not converge, over that of the same step without contacts.
 UNSOLVED_ENERGY = 2.0
 CLOSED = 1e-9  # joint gaps after the drift correction, over the length of the robot
@@ -142,6 +143,8 @@ def of_step(
             np.abs(contacts / mass[:, None]).sum(axis=1).max(),
         )
     )
+    if scale > FASTEST:
+        return
     # Laws of the joints have impulses of their own on the axes: then these are not judged.
     held = np.hstack([W_J, W_tau]) if make_joint_laws(robot).present else W_J
     left = u_E - u_A - (force + contacts.sum(axis=1)) / mass

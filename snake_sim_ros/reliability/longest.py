@@ -2,9 +2,9 @@
 The longest step of very many, against the publish period in which `sim` has to take it.
 
 The time of each step is that between two stamps of the processor's counter. A step that seems to
-be the longest so far, or longer than the period, is taken again, `AGAIN` times from the same state,
-and its least time counts: what else the machine did meanwhile does not. A friction of 5 jams; robots that curl up touch
-themselves in many places at once.
+be the longest so far, or longer than the period, is taken again, `AGAIN` times from the same
+state, and its least time counts: what else the machine did meanwhile does not. A friction of 5
+jams; robots that curl up touch themselves in many places at once.
 """
 
 from collections.abc import Iterator

@@ -40,6 +40,8 @@ KINDS = (
 FEW_KINDS, SHORT = 2, 120.0  # these kinds only, if an attack takes less than so many seconds
 JUDGED = 3  # steps of a run that are judged one by one
 LONGEST_STEP = 1.0  # s; 5000 iterations of 11 links that touch each other take a fifth of it
+PASSIVE_ENERGY = 2.0  # most energy of a robot that nothing drives, over that at its start
+SMALL_TURN = 0.2  # of a link in a step, with all energy in it, up to which that is judged [rad]
 SMALLER = 20.0  # s in which a case is made smaller
 
 
@@ -196,15 +198,26 @@ def _of_steps(
 
 
 def _of_energy(simulation: Simulation, before: State, angle: Any) -> Iterator[str]:
-    """Judge the energy of a robot that nothing drives; implicit controllers only take it."""
-    scene = simulation.scene
+    """
+    Judge the energy of a robot that nothing drives, on a floor below it.
+
+    Implicit controllers only take energy, but for what springs store less or more of as a step
+    turns links by an angle that is not small, or as torques are limited.
+    """
+    scene, robot = simulation.scene, simulation.scene.robot
     gx, gy, gz = scene.gravity
     drives = scene.gait.yaw.amplitude != 0.0 or scene.gait.pitch.amplitude != 0.0
     explicit = scene.pd_scheme in ('start', 'midpoint')
-    if drives or explicit or gx != 0.0 or gy != 0.0 or gz > 0.0 or scene.ground.heights:
+    limited = np.isfinite(robot.per_joint('torque_limit')).any()
+    if drives or explicit or limited or gx != 0.0 or gy != 0.0 or gz > 0.0 or scene.ground.heights:
         return
     first, last = (passive_energy(scene, s, angle[0]) for s in (before, simulation.state))
-    if last > 2.0 * first + 1e-6:
+    inertia = min(
+        robot.per_link('inertia_transversal').min(), robot.per_link('inertia_axial').min()
+    )
+    if scene.dt * np.sqrt(2.0 * max(first, 0.0) / inertia) > SMALL_TURN:
+        return
+    if last > PASSIVE_ENERGY * first + 1e-6:
         yield f'energy: {last:.6g} J of a robot that nothing drives, {first:.6g} J before'
 
 

@@ -65,7 +65,7 @@ def trials(seconds: float, seed: int) -> Iterator[Trial]:
 
 def _attack(kind: tuple[str, str], seconds: float, seed: int, number: int) -> Trial:
     surroundings, method = kind
-    _warm_up(kind)
+    warm_up(kind)
     begin, tried, refused, total, broken = time.perf_counter(), 0, 0, Outcome(), list[str]()
     smallest, count = '', 0
     while time.perf_counter() - begin < seconds:
@@ -97,7 +97,7 @@ def _attack(kind: tuple[str, str], seconds: float, seed: int, number: int) -> Tr
     )  # fmt: skip
 
 
-def _warm_up(kind: tuple[str, str]) -> None:
+def warm_up(kind: tuple[str, str]) -> None:
     """Compile what a kind of scene needs."""
     for number in range(10):
         try:

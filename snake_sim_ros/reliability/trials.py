@@ -9,7 +9,11 @@ from collections.abc import Iterable
 from collections.abc import Iterator
 from dataclasses import dataclass
 from dataclasses import fields
+from pathlib import Path
 from typing import Protocol
+
+from snake_sim_ros.comparison.csv_tables import records_of
+from snake_sim_ros.comparison.csv_tables import Table
 
 
 @dataclass(frozen=True)
@@ -77,3 +81,11 @@ def page(rows: Iterable[Trial]) -> Iterator[str]:
             f'| {row.part} | {row.subject} | {row.tried:,} {row.unit} | {row.violations} '
             f'| {longest} | {memory} | {row.figures} |'
         )
+
+
+def draw_trials(table: Table, folder: Path) -> list[Path]:
+    """Write the table of a CSV file of trials as Markdown, named after its kind; return it."""
+    kind = table.header['table']
+    path = folder / f'{kind}.md'
+    path.write_text('\n'.join(page(records_of(table, kind, Trial))) + '\n', encoding='utf-8')
+    return [path]

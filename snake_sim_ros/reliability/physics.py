@@ -126,8 +126,11 @@ def judged(case: Case) -> Outcome:
         simulation.state = again.state = start_of(case, scene)
         _run(case, simulation, outcome)
         _repeat(case, again)
-    except ParameterError:
-        raise
+    except ParameterError as error:
+        if 'must be finite' not in str(error):
+            raise
+        outcome.broken.append(f'finite: {error}')
+        return outcome
     except Exception as error:  # whatever it is, it is no answer
         outcome.broken.append(f'error: {type(error).__name__}: {error}')
         return outcome

@@ -6,7 +6,7 @@ Each subject is run for its share of the time, up to `MOST_STEPS`. Memory may gr
 and the last third of the run, as medians over seconds of simulated time; each is divided by the
 median time of one second of the same scene that is run again and again in between, so that a
 machine that becomes slower or busier counts less. In runs of less than `JUDGED_SECONDS` the growth
-is told and not judged. What a run did last is done once more, from a checkpoint in a file.
+is not judged. What a run did last is done once more, from a checkpoint in a file.
 """
 
 from collections import deque
@@ -130,22 +130,23 @@ def soaked(name: str, subject: Subject, seconds: float) -> Trial:
         portions = list(_portions(run, subject.most_steps, 0.9 * seconds, keeper))
         same = run.report.failure or keeper.repeats(subject.start)
         seconds = time.perf_counter() - begin
-    growth, slower = _memory_growth(portions), _time_growth(portions)
-    is_judged = run.seconds >= JUDGED_SECONDS
+    growth, is_judged = _memory_growth(portions), run.seconds >= JUDGED_SECONDS
+    slower = _time_growth(portions) if is_judged else 0.0
     depth, gap = _thirds(portions, 'penetration'), _thirds(portions, 'gap')
     report = run.report
     found = {
         report.failure: bool(report.failure),
         'a rerun of the end from a checkpoint has other bits': not same,
         f'memory grew by {growth:.1f} MB': growth > MEMORY_GROWTH,
-        f'time per step grew by {100 * slower:.1f} %': is_judged and slower > TIME_GROWTH,
+        f'time per step grew by {100 * slower:.1f} %': slower > TIME_GROWTH,
         f'penetration {report.penetration_max:.2g} m': report.penetration_max > subject.deepest,
         f'joint gap {report.joint_gap_max:.2g} m': report.joint_gap_max > subject.widest,
     }
+    growth_of_time = f' ({100 * slower:+.1f} % from first to last third)' if is_judged else ''
     broken = [sentence for sentence, is_so in found.items() if is_so]
     figures = (
-        f'unconverged {report.unconverged}, {1e6 * run.seconds / report.steps:.2f} us a step '
-        f'({100 * slower:+.1f} % from first to last third), penetration {depth[0]:.2g} m in the '
+        f'unconverged {report.unconverged}, {1e6 * run.seconds / report.steps:.2f} us a step'
+        f'{growth_of_time}, penetration {depth[0]:.2g} m in the '
         f'first third and {depth[1]:.2g} m in the last, joint gap {gap[0]:.2g} m and '
         f'{gap[1]:.2g} m, rerun {"equal" if same is True else "not equal"}'
     )
@@ -215,12 +216,15 @@ def _portions(
     run: EndlessRun, most_steps: int, seconds: float, keeper: Keeper
 ) -> Iterator[Portion]:
     """Run for some seconds, and yield what is known of each of `PORTIONS` parts of them."""
-    second = _yardstick(run)
+    second, taken = _yardstick(run), 1.0
     begin = time.perf_counter()
     for k in range(PORTIONS):
-        times, same = deque[float](maxlen=KEPT_TIMES), deque([second()], maxlen=KEPT_TIMES)
-        depth = gap = taken = 0.0
-        while run.report.steps < most_steps and not run.report.failure:
+        times, same = deque[float](maxlen=KEPT_TIMES), deque[float](maxlen=KEPT_TIMES)
+        depth = gap = 0.0
+        end = begin + seconds * (k + 1) / PORTIONS
+        while run.report.steps < most_steps and time.perf_counter() < end:
+            if run.report.failure:
+                break
             keeper.look()
             times.append(run.advance(most_steps - run.report.steps) / max(1, run.latest.steps))
             depth = max(depth, run.latest.penetration_max)
@@ -229,8 +233,6 @@ def _portions(
             if taken >= 1.0:
                 taken -= 1.0
                 same.append(second())
-            if time.perf_counter() - begin > seconds * (k + 1) / PORTIONS:
-                break
         if times:
             memory = resident_memory() or 0
             yield Portion(run.report.steps, list(times), list(same), depth, gap, memory)

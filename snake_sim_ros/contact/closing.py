@@ -7,6 +7,8 @@ that remove it within a time h are the response of the chain to fictitious norma
 bounces nor drives a link.
 """
 
+import math
+
 from snake_sim_ros.contact.delassus import eliminate
 from snake_sim_ros.contact.linear_problem import solve_linear
 from snake_sim_ros.dynamics.compilation import compiled
@@ -88,8 +90,10 @@ def close_on_links(problem, h):
         chain.torque[j, 0] = chain.torque[j, 1] = 0.0
     for a in closed:
         S_N = contacts.S_N[a] / laws.proximal_compliance
+        # A sphere that has left its cell has an infinite gap, and nothing to close.
+        gap = contacts.end_gap[a] if math.isfinite(contacts.end_gap[a]) else 0.0
         contacts.S_N[a], contacts.trial[a, 0] = S_N, 0.0
-        contacts.law_impulse[a, 0] = -S_N * contacts.end_gap[a] / h
+        contacts.law_impulse[a, 0] = -S_N * gap / h
         contacts.P_0[a, 0] = contacts.law_impulse[a, 0]
         contacts.shift[a] = 0.0
         for kind in range(2):

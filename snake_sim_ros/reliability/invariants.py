@@ -16,6 +16,7 @@ and what the selection rule and the residual of the step leave.
 """
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -96,6 +97,30 @@ def of_run(
             yield f'stop: a joint is at {angle:.4g} rad beyond its stop {laws.stop:.4g} rad'
 
 
+class Terms(NamedTuple):
+    """The terms of the balance (75) of a step, in dense matrices."""
+
+    q_M: Array  # (n, 7) coordinates in its middle
+    mass: Array  # (6n,) diagonal of M
+    W_J: Array  # (6n, 4(n-1)) directions of the joints
+    W_tau: Array  # (6n, 2(n-1)) of the axes
+    gap: Array  # (contacts,) [m]
+    W: Array  # (6n, contacts, 5) directions of the contacts
+    force: Array  # (6n,) impulses of gravity, gyroscopic torques and controllers
+
+
+def dense_terms(scene: Scene, before: State, torque: Array) -> Terms:
+    """Return the terms of a step; parameters are those of `of_step`."""
+    q_M = middle_coordinates(before, scene.dt)
+    R, mass = rotation_matrices(q_M[:, 3:]), np.diag(mass_matrix(scene.robot))
+    W_tau, (gap, *directions) = torque_directions(R), scene_contacts(scene, q_M)
+    parts = [part.reshape(len(mass), len(gap), -1) for part in directions]
+    h = smooth_forces(scene.robot, np.array(scene.gravity), before.u)
+    force = scene.dt * (h + W_tau @ torque.ravel())
+    W = np.concatenate(parts, axis=2)
+    return Terms(q_M, mass, joint_directions(scene.robot, R), W_tau, gap, W, force)
+
+
 def of_step(
     scene: Scene, before: State, after: State, torque: Array, impulse: Array, *, converged: bool
 ) -> Iterator[str]:
@@ -114,35 +139,13 @@ def of_step(
         Whether contacts must obey their laws; else only the energy is judged.
 
     """
-    robot, dt = scene.robot, scene.dt
-    q_M = middle_coordinates(before, dt)
-    R = rotation_matrices(q_M[:, 3:])
-    mass = np.diag(mass_matrix(robot))
-    W_J, W_tau = joint_directions(robot, R), torque_directions(R)
-    gap, W_N, W_T, W_V = scene_contacts(scene, q_M)
-    count = len(gap)
-    W = np.concatenate(
-        [
-            W_N[:, :, None],
-            W_T.reshape(len(mass), count, 2),
-            W_V.reshape(len(mass), count, 2),
-        ],
-        axis=2,
-    )
+    robot = scene.robot
+    q_M, mass, W_J, W_tau, gap, W, force = dense_terms(scene, before, torque)
     closed = np.flatnonzero(impulse.any(axis=1))
     u_A, u_E = before.u.ravel(), after.u.ravel()
-    force = smooth_forces(robot, np.array(scene.gravity), before.u) * dt
-    force = force + W_tau @ (torque.ravel() * dt)
     contacts = np.einsum('rkj,kj->rk', W[:, closed], impulse[closed])
-    scale = float(
-        max(
-            1e-3,
-            np.abs(u_A).max(),
-            np.abs(u_E).max(),
-            np.abs(force / mass).max(),
-            np.abs(contacts / mass[:, None]).sum(axis=1).max(),
-        )
-    )
+    sums = np.abs(contacts / mass[:, None]).sum(axis=1)
+    scale = max(1e-3, *(float(np.abs(part).max()) for part in (u_A, u_E, force / mass, sums)))
     if scale > FASTEST:
         return
     # Laws of the joints have impulses of their own on the axes: then these are not judged.
@@ -165,12 +168,17 @@ def of_step(
     if energy > (1.0 if converged else UNSOLVED_ENERGY) * most:
         yield f'energy: {energy:.6g} J after a step, at most {most:.6g} J without contacts'
     if scene.drift_correction != 'paper':
-        moved = center_of_mass(robot, after.q) - center_of_mass(robot, before.q)
-        mean = 0.5 * dt * (before.u[:, :3] + after.u[:, :3])
-        m = robot.per_link('link_mass')
-        error = float(np.abs(moved - m @ mean / m.sum()).max())
-        if error > 1e-12 * (1.0 + np.abs(after.q[:, :3]).max() + dt * scale):
-            yield f'center of mass: it moved {error:.3g} m more than its velocity'
+        yield from _of_center(scene, before, after, scale)
+
+
+def _of_center(scene: Scene, before: State, after: State, scale: float) -> Iterator[str]:
+    """Check that the center of mass moved by its mean velocity."""
+    m = scene.robot.per_link('link_mass')
+    moved = center_of_mass(scene.robot, after.q) - center_of_mass(scene.robot, before.q)
+    mean = 0.5 * scene.dt * (before.u[:, :3] + after.u[:, :3])
+    error = float(np.abs(moved - m @ mean / m.sum()).max())
+    if error > 1e-12 * (1.0 + np.abs(after.q[:, :3]).max() + scene.dt * scale):
+        yield f'center of mass: it moved {error:.3g} m more than its velocity'
 
 
 def projected(mass: Array, held: Array, u: Array) -> Array:

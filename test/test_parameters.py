@@ -94,6 +94,8 @@ def test_numbers_must_be_in_their_range(record, item):
         if math.isfinite(edge):
             assert getattr(record(**{item.name: edge}), item.name) == edge
             value = edge + sign * (1 if whole else 0.25)
+            if value <= limits['above']:
+                value = (limits['above'] + edge) / 2
             bound = f'{word} {edge:g}'
             expected = f'must be {with_unit(item, bound)}, got {with_unit(item, f"{value:g}")}'
             assert refusal(record, **{item.name: value}) == f'{item.name} {expected}'

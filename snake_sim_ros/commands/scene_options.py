@@ -9,6 +9,7 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.scene.yaml_text import parse_yaml
 from snake_sim_ros.stepping.accuracy import USUAL_ACCURACY
 from snake_sim_ros.stepping.methods import AUTO
@@ -93,7 +94,7 @@ def given_values(items: list[str], option: str) -> dict[str, Any]:
     for item in items:
         key, separator, value = item.partition('=')
         if not separator:
-            raise ParameterError(f'{option} must be KEY=VALUE, got {item!r}')
+            raise ParameterError(f'{option} must be KEY=VALUE, got {quoted(item)}')
         try:
             values[key] = parse_yaml(value)
         except ParameterError as error:

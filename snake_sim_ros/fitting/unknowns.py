@@ -10,6 +10,7 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.quoting import quoted
 
 ROOMS = ('robot.', 'friction.', 'pegs.', 'self_contact_friction')  # whose numbers are physics
 FIXED = ('robot.link_count', 'robot.joint_limit', 'robot.joint_rate_limit')
@@ -116,7 +117,7 @@ def _check(name: str, scene: Scene) -> None:
     if name in usable:
         return
     if name not in known:
-        raise ParameterError(f'--free: unknown name {name!r}; {nearest(name, known)}')
+        raise ParameterError(f'--free: unknown name {quoted(name)}; {nearest(name, known)}')
     value = known[name][0]
     if isinstance(value, tuple):
         raise ParameterError(
@@ -126,7 +127,7 @@ def _check(name: str, scene: Scene) -> None:
     if value is None:
         raise ParameterError(f'--free {name} has no value in the scene; --set one to start from')
     if isinstance(value, (str, bool)):
-        raise ParameterError(f'--free {name}: a fit finds numbers, this is {value!r}')
+        raise ParameterError(f'--free {name}: a fit finds numbers, this is {quoted(value)}')
     raise ParameterError(
         f'--free {name}: a fit finds numbers of the robot and of friction, this one is chosen; '
         f'choose from: {", ".join(usable)}'

@@ -22,6 +22,8 @@ from snake_sim_ros.scene.gait_table import Table
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import Robot
 
+SLOWEST = 1e-6  # below it a wave counts as one that does not move, a cycle of 73 days [rad/s]
+
 
 @dataclass(frozen=True)
 class Steering:
@@ -55,7 +57,8 @@ class Steering:
 
         """
         yaw, pitch = gait.yaw, gait.pitch
-        cycle = yaw.angular_frequency or pitch.angular_frequency
+        frequencies = yaw.angular_frequency, pitch.angular_frequency
+        cycle = next((each for each in frequencies if abs(each) >= SLOWEST), 0.0)
         remarks = self._reasons_to_stop(cycle)
         if gait.table and self.speed != 0.0:
             remarks = {'table': 'cmd_vel: a gait from a table has no frequency to set; it stops'}

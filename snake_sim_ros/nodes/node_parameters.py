@@ -24,6 +24,7 @@ from snake_sim_ros.scene.checked_records import plain
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.scene.yaml_text import parse_yaml
 
 S = TypeVar('S')
@@ -119,7 +120,9 @@ def settle(
     known = {*flat_fields(settings), *names}
     for name in given:
         if name not in known and name not in OF_RCLPY and not name.startswith('qos_overrides.'):
-            raise ParameterError(f'unknown parameter {name!r}; {nearest(name, sorted(known))}')
+            raise ParameterError(
+                f'unknown parameter {quoted(name)}; {nearest(name, sorted(known))}'
+            )
     fields = flat_fields(scene)
     values = {name: _read(given[name], fields[name][0]) for name in names if name in given}
     scene = with_settings(scene, values)
@@ -143,7 +146,7 @@ class UnknownParameter(ParameterNotDeclaredException):
 
     def __init__(self, name: str, known: Iterable[str]) -> None:
         super().__init__(name)
-        self._sentence = f'unknown parameter {name!r}; {nearest(name, sorted(known))}'
+        self._sentence = f'unknown parameter {quoted(name)}; {nearest(name, sorted(known))}'
 
     def __str__(self) -> str:
         """Return the sentence that is the reason of the refusal."""

@@ -17,6 +17,7 @@ from typing import Any
 
 from snake_sim_ros.scene.checked_records import nearest
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.quoting import quoted
 
 Numbers = Mapping[str, float]
 Term = Callable[[Numbers], float]
@@ -98,7 +99,7 @@ def expression_of(text: Any, known: Iterable[str], where: str) -> Expression:
     body = _parsed(text, where)
     if isinstance(body, ast.Compare):
         raise ParameterError(
-            f'{where} must be a number such as speed, got the comparison {text!r}; '
+            f'{where} must be a number such as speed, got the comparison {quoted(text)}; '
             f'what must hold belongs to constraints'
         )
     term = _Reader(text, tuple(known), where)
@@ -118,7 +119,9 @@ def constraint_of(text: Any, known: Iterable[str], where: str) -> Constraint:
     """
     body = _parsed(text, where)
     if not isinstance(body, ast.Compare):
-        raise ParameterError(f'{where} must be a comparison such as speed >= 0.1, got {text!r}')
+        raise ParameterError(
+            f'{where} must be a comparison such as speed >= 0.1, got {quoted(text)}'
+        )
     term = _Reader(text, tuple(known), where)
     sides = [body.left, *body.comparators]
     terms = [term.of(side) for side in sides]
@@ -126,8 +129,8 @@ def constraint_of(text: Any, known: Iterable[str], where: str) -> Constraint:
     for k, kind in enumerate(body.ops):
         if type(kind) not in COMPARISONS:
             raise ParameterError(
-                f'{where} must compare by <=, <, >= or >, got {text!r}; for numbers that are to '
-                f'be equal say abs(a - b) <= 0.01'
+                f'{where} must compare by <=, <, >= or >, got {quoted(text)}; for numbers that '
+                f'are to be equal say abs(a - b) <= 0.01'
             )
         bound = terms[k] if _is_constant(sides[k]) else terms[k + 1]
         parts.append(_excess(terms[k], terms[k + 1], bound, *COMPARISONS[type(kind)]))
@@ -137,14 +140,14 @@ def constraint_of(text: Any, known: Iterable[str], where: str) -> Constraint:
 def _parsed(text: Any, where: str) -> ast.expr:
     """Return the tree of a text."""
     if not isinstance(text, str) or not text.strip():
-        raise ParameterError(f'{where} must be an expression such as speed, got {text!r}')
+        raise ParameterError(f'{where} must be an expression such as speed, got {quoted(text)}')
     if len(text) > LONGEST:
         raise ParameterError(f'{where} must have at most {LONGEST} characters, got {len(text)}')
     try:
         return ast.parse(text.strip(), mode='eval').body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         reason = getattr(error, 'msg', None) or error
-        raise ParameterError(f'{where}: {text!r} is not readable: {reason}') from None
+        raise ParameterError(f'{where}: {quoted(text)} is not readable: {reason}') from None
 
 
 def _finite(term: Term, numbers: Numbers) -> float:
@@ -189,7 +192,7 @@ class _Reader:
         """Return the names that were found, one at least."""
         if not self.names:
             raise ParameterError(
-                f'{self.where} must depend on something, got {self.text!r}; '
+                f'{self.where} must depend on something, got {quoted(self.text)}; '
                 f'choose from: {", ".join(sorted(self.known))}'
             )
         return frozenset(self.names)
@@ -213,8 +216,8 @@ class _Reader:
         if isinstance(node, ast.Call):
             return self._call(node)
         raise ParameterError(
-            f'{self.where}: {ast.unparse(node)!r} is not possible in {self.text!r}; an expression '
-            f'has {PARTS}'
+            f'{self.where}: {quoted(ast.unparse(node))} is not possible in {quoted(self.text)}; '
+            f'an expression has {PARTS}'
         )
 
     def _number(self, node: ast.Constant) -> Term:
@@ -223,14 +226,14 @@ class _Reader:
         except OverflowError:
             number = math.inf
         if not math.isfinite(number):
-            raise ParameterError(f'{self.where}: numbers must be finite, got {self.text!r}')
+            raise ParameterError(f'{self.where}: numbers must be finite, got {quoted(self.text)}')
         return lambda numbers: number
 
     def _name(self, node: ast.expr) -> Term:
         name = ast.unparse(node)
         if name not in self.known:
             raise ParameterError(
-                f'{self.where}: unknown name {name!r}; {nearest(name, self.known)}'
+                f'{self.where}: unknown name {quoted(name)}; {nearest(name, self.known)}'
             )
         self.names.add(name)
         return lambda numbers: numbers[name]
@@ -239,12 +242,14 @@ class _Reader:
         name = ast.unparse(node.func)
         if name not in FUNCTIONS:
             raise ParameterError(
-                f'{self.where}: unknown function {name!r}; {nearest(name, FUNCTIONS)}'
+                f'{self.where}: unknown function {quoted(name)}; {nearest(name, FUNCTIONS)}'
             )
         terms, function = [self.of(item) for item in node.args], FUNCTIONS[name]
         if node.keywords or (len(terms) != 1 if name == 'abs' else len(terms) < 2):
             count = 'one number' if name == 'abs' else 'two numbers or more'
-            raise ParameterError(f'{self.where}: {name} takes {count}, got {ast.unparse(node)!r}')
+            raise ParameterError(
+                f'{self.where}: {name} takes {count}, got {quoted(ast.unparse(node))}'
+            )
 
         def value(numbers: Numbers) -> Any:
             found = [term(numbers) for term in terms]

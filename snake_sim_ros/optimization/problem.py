@@ -23,6 +23,7 @@ from snake_sim_ros.scene.checked_records import quantity
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.studies.keys import physics_version
 from snake_sim_ros.studies.metrics import Metric
 from snake_sim_ros.studies.metrics import METRICS
@@ -229,7 +230,7 @@ def _bound(name: str, given: Any, scene: Scene) -> Range:
     """Return the range of a value, whose ends the scene must take."""
     if not isinstance(given, Mapping) or not {'low', 'high'} <= given.keys():
         raise ParameterError(
-            f'vary: {name} must have bounds such as {{low: 0.1, high: 0.3}}, got {given!r}'
+            f'vary: {name} must have bounds such as {{low: 0.1, high: 0.3}}, got {quoted(given)}'
         )
     if 'count' in given:
         raise ParameterError(f'vary: {name} has no count of values in an optimization')
@@ -237,7 +238,8 @@ def _bound(name: str, given: Any, scene: Scene) -> Range:
     value = flat_fields(scene)[name.removesuffix('_deg')][0]
     if not isinstance(value, float):
         raise ParameterError(
-            f'vary: {name} is {value!r} in the scene; only numbers with a fraction have bounds'
+            f'vary: {name} is {quoted(value)} in the scene; only numbers with a fraction have '
+            f'bounds'
         )
     for end in (bound.low, bound.high):
         try:

@@ -12,6 +12,7 @@ from snake_sim_ros.scene.checked_records import nearest
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.quoting import quoted
 
 MEASURES = ('worst', 'mean')
 EXAMPLE = '{over: {friction: 0.3}, measure: worst}'
@@ -75,10 +76,10 @@ def robust_of(given: Any, scene: Scene) -> Robust:
     if given is None:
         return Robust()
     if not isinstance(given, Mapping) or not isinstance(given.get('over'), Mapping):
-        raise ParameterError(f'robust must be like {EXAMPLE}, got {given!r}')
+        raise ParameterError(f'robust must be like {EXAMPLE}, got {quoted(given)}')
     for key in given:
         if key not in ('over', 'measure'):
-            raise ParameterError(f'robust: unknown key {key!r}; must be like {EXAMPLE}')
+            raise ParameterError(f'robust: unknown key {quoted(key)}; must be like {EXAMPLE}')
     measure = given.get('measure', 'worst')
     if measure not in MEASURES:
         raise ParameterError(f'robust: measure must be worst or mean, got {measure!r}')
@@ -104,7 +105,7 @@ def _group(name: Any, given: Any, scene: Scene) -> list[dict[str, float]]:
     inside = [plain] if plain in flat else [key for key in flat if key.startswith(f'{plain}.')]
     inside = [key for key in inside if key == plain or flat[key][0] is not None]
     if not inside:
-        raise ParameterError(f'robust: over: unknown name {name!r}; {nearest(plain, flat)}')
+        raise ParameterError(f'robust: over: unknown name {quoted(name)}; {nearest(plain, flat)}')
     for key in inside:
         if not _is_number(flat[key][0]):
             raise ParameterError(
@@ -141,5 +142,5 @@ def _factors(name: str, given: Any) -> tuple[float, ...]:
             return (1.0 - given, 1.0, 1.0 + given)
     raise ParameterError(
         f'robust: over: {name} must be a share above 0 and below 1 such as 0.3 (+-30 %), or '
-        f'factors such as [0.7, 1, 1.3], got {given!r}'
+        f'factors such as [0.7, 1, 1.3], got {quoted(given)}'
     )

@@ -19,6 +19,8 @@ from snake_sim_ros.scene.checked_records import quantity
 from snake_sim_ros.scene.obstacles import contact_links
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.quoting import cut
+from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
 
@@ -75,7 +77,9 @@ class Sensors(CheckedRecord):
             value = getattr(self, name)
             links = value if isinstance(value, (list, tuple)) else [value]
             if not all(isinstance(link, (str, int)) and link is not True for link in links):
-                raise ParameterError(f'{name} must be names or numbers of links, got {value!r}')
+                raise ParameterError(
+                    f'{name} must be names or numbers of links, got {quoted(value)}'
+                )
         super().__post_init__()
         for name in ('imu_angular_velocity_bias', 'imu_acceleration_bias'):
             value = getattr(self, name)
@@ -144,10 +148,11 @@ def link_index(name: str | int, count: int, what: str) -> int:
         If there is no such link.
 
     """
-    number = str(name).removeprefix('link_')
-    if number.isascii() and number.isdigit() and 1 <= int(number) <= count:
+    number = cut(str(name)).removeprefix('link_')
+    is_number = number.isascii() and number.isdigit() and len(number) < 10
+    if is_number and 1 <= int(number) <= count:
         return int(number) - 1
-    raise ParameterError(f'{what}: no link {name!r}; the links are link_1 to link_{count}')
+    raise ParameterError(f'{what}: no link {quoted(name)}; the links are link_1 to link_{count}')
 
 
 def imu_readings(

@@ -23,7 +23,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.scene.quoting import cut
+from snake_sim_ros.scene.quoting import quoted
+
 KIND_NAMES = {str: 'text', bool: 'true or false', int: 'a whole number', float: 'a number'}
+MOST = 1e30  # magnitude of any number, so that products of a few of them are finite
+LONGEST_TEXT = 4096  # characters, as many as the name of a file may have
 
 
 class ParameterError(ValueError):
@@ -85,14 +90,19 @@ class _Field(NamedTuple):
             return False
         if cls is float or cls is int:
             return self.is_usual_number(value)
-        return cls is not str or not limits['choices'] or value in limits['choices']
+        if cls is str:
+            choices = limits['choices']
+            return value in choices if choices else len(value) <= LONGEST_TEXT
+        return True
 
     def is_usual_number(self, value: Any) -> bool:
         """Return whether a number in a value needs no conversion and is usable."""
         limits = self.limits
         is_number = type(value) is float or (type(value) is int and int in self.kinds)
         return is_number and bool(
-            limits['above'] < value < math.inf and limits['minimum'] <= value <= limits['maximum']
+            limits['above'] < value
+            and -MOST <= value <= MOST
+            and limits['minimum'] <= value <= limits['maximum']
         )
 
 
@@ -117,7 +127,7 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
     if is_dataclass(kind):
         if isinstance(value, kind):  # type: ignore[arg-type]
             return value
-        raise ParameterError(f'{name} must be a mapping of names to values, got {value!r}')
+        raise ParameterError(f'{name} must be a mapping of names to values, got {quoted(value)}')
     if isinstance(value, str if str in kinds else bool) and kinds[0] in (str, bool):
         return value
     if isinstance(value, (int, float, np.number)) and not isinstance(value, bool):
@@ -138,7 +148,7 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
     wanted = KIND_NAMES.get(kinds[0], 'numbers')
     if listed and is_dataclass(get_args(listed[0])[0]):
         wanted = 'a list of mappings of names to values'
-    raise ParameterError(f'{name} must be {wanted}, got {value!r}')
+    raise ParameterError(f'{name} must be {wanted}, got {quoted(value)}')
 
 
 def _record(name: str, k: int, value: Any, kind: Any) -> Any:
@@ -151,7 +161,11 @@ def _check(name: str, value: Any, limits: Mapping[str, Any]) -> None:
     if isinstance(value, str):
         if limits['choices'] and value not in limits['choices']:
             choices = ', '.join(limits['choices'])
-            raise ParameterError(f'{name} must be one of {choices}; got {value!r}')
+            raise ParameterError(f'{name} must be one of {choices}; got {quoted(value)}')
+        if len(value) > LONGEST_TEXT:
+            raise ParameterError(
+                f'{name} must have at most {LONGEST_TEXT} characters, got {quoted(value)}'
+            )
         return
     if not isinstance(value, (int, float)):
         return
@@ -162,8 +176,8 @@ def _check(name: str, value: Any, limits: Mapping[str, Any]) -> None:
         raise ParameterError(
             f'{name} must be above {limits["above"]:g}{unit}, got {value:g}{unit}'
         )
-    if not limits['minimum'] <= value <= limits['maximum']:
-        low, high = limits['minimum'], limits['maximum']
+    low, high = max(limits['minimum'], -MOST), min(limits['maximum'], MOST)
+    if not low <= value <= high:
         bound = f'at least {low:g}' if value < low else f'at most {high:g}'
         raise ParameterError(f'{name} must be {bound}{unit}, got {value:g}{unit}')
 
@@ -234,13 +248,15 @@ def from_mapping(cls: type, mapping: Any, where: str) -> Any:
     if mapping is None:
         mapping = {}
     if not isinstance(mapping, Mapping):
-        raise ParameterError(f'{where} must be a mapping of names to values, got {mapping!r}')
+        raise ParameterError(
+            f'{where} must be a mapping of names to values, got {quoted(mapping)}'
+        )
     hints = _type_hints(cls)
     values: dict[str, Any] = {}
     for key, value in mapping.items():
         name = key.removesuffix('_deg') if isinstance(key, str) else key
         if name not in hints:
-            raise ParameterError(f'{where}: unknown key {key!r}; {nearest(key, hints)}')
+            raise ParameterError(f'{where}: unknown key {quoted(key)}; {nearest(key, hints)}')
         if name in values:
             raise ParameterError(f'{where}: {name} is given twice, as {name} and as {name}_deg')
         if name != key:
@@ -295,7 +311,7 @@ def with_values(record: Any, settings: Mapping[str, Any], prefix: str = '') -> A
         key, dot, rest = dotted.partition('.')
         name = key.removesuffix('_deg')
         if name not in names:
-            raise ParameterError(f'unknown name {prefix + key!r}; {nearest(name, names)}')
+            raise ParameterError(f'unknown name {quoted(prefix + key)}; {nearest(name, names)}')
         if dot:
             if not is_dataclass(getattr(record, name)):
                 raise ParameterError(f'{prefix}{name} is a value, it has no parts')
@@ -315,7 +331,8 @@ def with_values(record: Any, settings: Mapping[str, Any], prefix: str = '') -> A
 
 def nearest(name: Any, names: Any) -> str:
     """Return a hint for an unknown name: the nearest known one, or all of them."""
-    close = difflib.get_close_matches(str(name), list(names), n=1)
+    text = cut(name if isinstance(name, str) else quoted(name))
+    close = difflib.get_close_matches(text, list(names), n=1)
     return f'did you mean {close[0]!r}?' if close else f'choose from: {", ".join(sorted(names))}'
 
 

@@ -29,6 +29,8 @@ from snake_sim_ros.scene.checked_records import with_values
 from snake_sim_ros.scene.gait_table import Table
 from snake_sim_ros.scene.gait_table import table_from
 from snake_sim_ros.scene.gait_table import table_to_text
+from snake_sim_ros.scene.quoting import cut
+from snake_sim_ros.scene.quoting import LONGEST_PATH
 from snake_sim_ros.scene.scene_files import CONFIG as CONFIG
 from snake_sim_ros.scene.scene_files import find_file
 from snake_sim_ros.scene.scene_files import read_mapping
@@ -60,8 +62,10 @@ class Robot(CheckedRecord):
     """
 
     link_count: int = quantity(11, '1', 'number of links n', minimum=1, maximum=200)
-    link_length: PerLink = quantity(0.122, 'm', 'distance between adjacent joints L', above=0)
-    link_mass: PerLink = quantity(7.5 / 11, 'kg', 'link mass m', above=0)
+    link_length: PerLink = quantity(
+        0.122, 'm', 'distance between adjacent joints L', above=0, minimum=1e-6
+    )
+    link_mass: PerLink = quantity(7.5 / 11, 'kg', 'link mass m', above=0, minimum=1e-9)
     inertia: str = quantity(
         'as_printed',
         '',
@@ -69,10 +73,10 @@ class Robot(CheckedRecord):
         choices=INERTIAS,
     )
     inertia_transversal: PerLink = quantity(
-        9.63e-4, 'kg m^2', 'moment of inertia Theta_1 across the link', above=0
+        9.63e-4, 'kg m^2', 'moment of inertia Theta_1 across the link', above=0, minimum=1e-18
     )
     inertia_axial: PerLink = quantity(
-        2.35e-4, 'kg m^2', 'moment of inertia Theta_3 along the link', above=0
+        2.35e-4, 'kg m^2', 'moment of inertia Theta_3 along the link', above=0, minimum=1e-18
     )
     contact_offset: PerLink = quantity(
         0.0393, 'm', 'distance L_GS from the center of a link to a contact sphere', minimum=0
@@ -220,7 +224,7 @@ class Solver(CheckedRecord):
         above=0,
     )
     iteration_limit: int = quantity(
-        5000, '1', 'iterations after which a step counts as unconverged', minimum=1
+        5000, '1', 'iterations after which a step counts as unconverged', minimum=1, maximum=10**12
     )
     r_normal: float = quantity(0.1, 'kg', 'prox parameter r_N', above=0)
     r_sliding: float = quantity(0.01, 'kg', 'prox parameter r_T', above=0)
@@ -259,7 +263,7 @@ class Scene(CheckedRecord):
     gravity: tuple[float, ...] = quantity(
         (0.0, 0.0, -9.81), 'm/s^2', 'gravity in the inertial frame; tilt it for a slope'
     )
-    dt: float = quantity(1 / 4000, 's', 'time step', above=0, maximum=0.1)
+    dt: float = quantity(1 / 4000, 's', 'time step', above=0, minimum=1e-9, maximum=0.1)
     accuracy: float = quantity(
         0.0,
         '1',
@@ -267,7 +271,7 @@ class Scene(CheckedRecord):
         minimum=0,
         maximum=0.1,
     )
-    duration: float = quantity(15.0, 's', 'length of an offline run', above=0)
+    duration: float = quantity(15.0, 's', 'length of an offline run', above=0, maximum=1e9)
     method: str = quantity('newton', '', 'time stepper, a name of methods.METHODS or auto')
     level: str = quantity(
         'auto', '', 'model level; auto is planar while that is exact', choices=LEVELS
@@ -325,7 +329,8 @@ def load_scene(source: str | Path) -> Scene:
     mapping = read_mapping(path)
     names = {str(key).removesuffix('_deg') for key in mapping}
     if names and names <= {item.name for item in fields(Robot)}:
-        raise ParameterError(f'{source} is a robot, not a scene; scenes say "robot: {source}"')
+        name = cut(str(source), LONGEST_PATH)
+        raise ParameterError(f'{name} is a robot, not a scene; scenes say "robot: {name}"')
     if isinstance(mapping.get('robot'), str):
         robot = find_file(mapping['robot'], path.parent)
         mapping['robot'] = to_mapping(from_mapping(Robot, read_mapping(robot), robot.name))

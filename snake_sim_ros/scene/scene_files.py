@@ -6,38 +6,56 @@ from typing import Any
 
 from snake_sim_ros import PACKAGE
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.yaml_text import parse_yaml
+from snake_sim_ros.scene.quoting import cut
+from snake_sim_ros.scene.quoting import LONGEST_PATH
+from snake_sim_ros.scene.quoting import quoted
+from snake_sim_ros.scene.yaml_text import read_yaml
 
 CONFIG = PACKAGE / 'config'
+
+
+def is_file(path: Path) -> bool:
+    """
+    Return whether a path is that of a file.
+
+    Raises
+    ------
+    ParameterError
+        If it cannot be the name of a file, as one of 300 characters cannot.
+
+    """
+    try:
+        return path.is_file()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise ParameterError(f'{cut(path.name)} cannot be the name of a file: {reason}') from None
 
 
 def find_file(source: str | Path, folder: Path) -> Path:
     """Return a file in a folder or, if the source is only a name, one of the package."""
     if not isinstance(source, (str, Path)):
         raise ParameterError(
-            f'a scene must be a Scene, a YAML file or the name of a scene, got {source!r}'
+            f'a scene must be a Scene, a YAML file or the name of a scene, got {quoted(source)}'
         )
     names = [Path(source), Path(f'{source}.yaml')]
     packaged = [CONFIG / name for name in names if name.name == str(name)]
     for candidate in [folder / name for name in names] + packaged:
-        if candidate.is_file():
+        if is_file(candidate):
             return candidate
     scenes = sorted(path.stem for path in CONFIG.glob('*.yaml'))
-    close = difflib.get_close_matches(str(source), scenes, n=1)
+    close = difflib.get_close_matches(cut(str(source)), scenes, n=1)
     hint = f'did you mean {close[0]!r}? ' if close else ''
     raise ParameterError(
-        f'no file {source}; {hint}the scenes that come with the package: {", ".join(scenes)}'
+        f'no file {cut(str(source), LONGEST_PATH)}; {hint}the scenes that come with the package: '
+        f'{", ".join(scenes)}'
     )
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
     """Return what a YAML file holds; raise an error if it is no mapping."""
-    try:
-        mapping = parse_yaml(path.read_text(encoding='utf-8'))
-    except ParameterError as error:
-        raise ParameterError(f'{path}: {error}') from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ParameterError(f'{path}: not readable as YAML: {error}') from None
+    mapping = read_yaml(path)
     if not isinstance(mapping, dict):
-        raise ParameterError(f'{path}: must be a mapping of names to values, got {mapping!r}')
+        raise ParameterError(
+            f'{path}: must be a mapping of names to values, got {quoted(mapping)}'
+        )
     return mapping

@@ -60,7 +60,7 @@ class Pegs(CheckedRecord):
 
     x: Numbers = quantity((), 'm', 'x of the peg axes')
     y: Numbers = quantity((), 'm', 'y of the peg axes')
-    radius: PerLink = quantity(0.05, 'm', 'radius of all pegs or of each', above=0)
+    radius: PerLink = quantity(0.05, 'm', 'radius of all pegs or of each', above=0, minimum=1e-6)
     friction: float = quantity(
         0.2, '1', 'Coulomb friction in all directions', minimum=0, maximum=STICKY
     )
@@ -92,7 +92,7 @@ class Ground(CheckedRecord):
     heights: tuple[Numbers, ...] = quantity(
         (), 'm', 'heights of the cells: along x in a row, the rows along y'
     )
-    cell: float = quantity(0.2, 'm', 'side of a cell', above=0)
+    cell: float = quantity(0.2, 'm', 'side of a cell', above=0, minimum=1e-6)
     origin: Numbers = quantity((0.0, 0.0), 'm', 'corner of the cells with the least x and y')
 
     def __post_init__(self) -> None:
@@ -117,7 +117,7 @@ class Patches(CheckedRecord):
         minimum=0,
         maximum=STICKY,
     )
-    cell: float = quantity(0.2, 'm', 'side of a cell', above=0)
+    cell: float = quantity(0.2, 'm', 'side of a cell', above=0, minimum=1e-6)
     origin: Numbers = quantity((0.0, 0.0), 'm', 'corner of the cells with the least x and y')
 
     def __post_init__(self) -> None:

@@ -16,6 +16,7 @@ from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.obstacles import has_one_ellipse
 from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.stepping import bdf2
 from snake_sim_ros.stepping import bdf2_memory
 from snake_sim_ros.stepping import levels
@@ -136,7 +137,7 @@ def method_of(scene: Scene) -> str:
         return 'bdf2' if large or scene.accuracy > 0.0 else 'newton'
     if scene.method not in METHODS:
         names = ', '.join(sorted([AUTO, *METHODS]))
-        raise ParameterError(f'unknown method {scene.method!r}; choose from: {names}')
+        raise ParameterError(f'unknown method {quoted(scene.method)}; choose from: {names}')
     return scene.method
 
 

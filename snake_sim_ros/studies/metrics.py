@@ -18,6 +18,7 @@ from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import nearest
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 Measure = Callable[[Trajectory], Any]
@@ -75,7 +76,7 @@ class Metric:
                 return float(value)
             except (TypeError, ValueError):
                 pass
-        raise MetricError(f'metric {self.name} must return a number, got {value!r:.60}')
+        raise MetricError(f'metric {self.name} must return a number, got {quoted(value)}')
 
 
 def displacement(trajectory: Trajectory) -> Array:
@@ -237,11 +238,11 @@ def metric_of(source: Any, folder: Path | None = None) -> Metric:
     if callable(source):
         return Metric(getattr(source, '__name__', repr(source)), source, digest=_digest(source))
     if not isinstance(source, str):
-        raise ParameterError(f'metrics must be names or functions, got {source!r}')
+        raise ParameterError(f'metrics must be names or functions, got {quoted(source)}')
     if ':' not in source:
         if source not in METRICS:
             raise ParameterError(
-                f'metrics: unknown name {source!r}; {nearest(source, METRICS)} '
+                f'metrics: unknown name {quoted(source)}; {nearest(source, METRICS)} '
                 f'A function of your own is module:function'
             )
         return METRICS[source]
@@ -253,7 +254,7 @@ def metrics_of(sources: Sequence[Any], folder: Path | None = None) -> tuple[Metr
     """Return metrics of different names, at least one; see `metric_of`."""
     if isinstance(sources, str) or not isinstance(sources, Sequence) or not sources:
         raise ParameterError(
-            f'metrics must be a list such as [speed, cost_of_transport], got {sources!r}'
+            f'metrics must be a list such as [speed, cost_of_transport], got {quoted(sources)}'
         )
     metrics = tuple(metric_of(source, folder) for source in sources)
     names = [metric.name for metric in metrics]
@@ -278,7 +279,9 @@ def _imported(source: str, folder: Path | None) -> Measure:
     if not callable(function):
         known = [key for key, value in vars(module).items() if callable(value)]
         hint = f'; {nearest(name, known)}' if known else ''
-        raise ParameterError(f'metrics: {source}: module {place} has no function {name!r}{hint}')
+        raise ParameterError(
+            f'metrics: {source}: module {place} has no function {quoted(name)}{hint}'
+        )
     found: Measure = function
     return found
 

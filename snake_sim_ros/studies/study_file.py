@@ -19,7 +19,9 @@ from snake_sim_ros.scene.parameters import CONFIG
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.yaml_text import parse_yaml
+from snake_sim_ros.scene.quoting import quoted
+from snake_sim_ros.scene.scene_files import is_file
+from snake_sim_ros.scene.yaml_text import read_yaml
 from snake_sim_ros.studies.keys import physics_version
 from snake_sim_ros.studies.metrics import Metric
 from snake_sim_ros.studies.metrics import metrics_of
@@ -111,22 +113,11 @@ def loaded(path: Path, make: Callable[[Any, Path], T]) -> T:
         If the file is missing or not readable, or if `make` raises it.
 
     """
-    mapping = _content_of(path)
+    mapping = read_yaml(path)
     try:
         return make(mapping, path.absolute().parent)
     except ParameterError as error:
         raise ParameterError(f'{path.name}: {error}') from None
-
-
-def _content_of(path: Path) -> Any:
-    try:
-        return parse_yaml(path.read_text(encoding='utf-8'))
-    except FileNotFoundError:
-        raise ParameterError(f'no file {path}') from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ParameterError(f'{path}: not readable: {error}') from None
-    except ParameterError as error:
-        raise ParameterError(f'{path}: {error}') from None
 
 
 def study_from(mapping: Any, folder: Path | None = None) -> Study:
@@ -168,11 +159,13 @@ def settings_of(cls: type[T], mapping: Any, parts: Sequence[str]) -> T:
 
     """
     if not isinstance(mapping, Mapping):
-        raise ParameterError(f'a study must be a mapping of names to values, got {mapping!r}')
+        raise ParameterError(
+            f'a study must be a mapping of names to values, got {quoted(mapping)}'
+        )
     names = [item.name for item in fields(cls)]  # type: ignore[arg-type]
     for key in mapping:
         if key not in (*parts, *names):
-            raise ParameterError(f'unknown key {key!r}; {nearest(key, (*parts, *names))}')
+            raise ParameterError(f'unknown key {quoted(key)}; {nearest(key, (*parts, *names))}')
     for key in ('scene', 'vary'):
         if key not in mapping:
             raise ParameterError(f'a study must have {key}')
@@ -214,10 +207,13 @@ def _scene(source: Any, folder: Path | None) -> Scene:
     if isinstance(source, Scene):
         return source
     if not isinstance(source, (str, Path)) or not str(source):
-        raise ParameterError(f'scene must be a file or a name such as sidewinding, got {source!r}')
-    for name in (str(source), f'{source}.yaml'):
-        if folder and (folder / name).is_file() and not (CONFIG / name).is_file():
-            return load_scene(folder / name)
+        raise ParameterError(
+            f'scene must be a file or a name such as sidewinding, got {quoted(source)}'
+        )
+    if folder:
+        for name in (str(source), f'{source}.yaml'):
+            if is_file(folder / name) and not is_file(CONFIG / name):
+                return load_scene(folder / name)
     return load_scene(source)
 
 
@@ -225,5 +221,5 @@ def mapping_at(mapping: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     """Return the mapping under a key, empty if there is none; refuse what is no mapping."""
     given = mapping.get(name, {})
     if not isinstance(given, Mapping):
-        raise ParameterError(f'{name} must be a mapping of names to values, got {given!r}')
+        raise ParameterError(f'{name} must be a mapping of names to values, got {quoted(given)}')
     return given

@@ -25,6 +25,7 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.checked_records import quantity
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.quoting import quoted
 
 SCALES = ('linear', 'log')
 COMBINED = ('grid', 'list')  # samplings of listed values; the others draw from ranges
@@ -220,7 +221,8 @@ def variation_of(name: str, given: Any) -> Variation:
         variation: Variation = from_mapping(kind, given, f'vary: {name}')
         return variation
     raise ParameterError(
-        f'vary: {name} must be like {EXAMPLE}, got {given!r}; what does not vary belongs to set'
+        f'vary: {name} must be like {EXAMPLE}, got {quoted(given)}; what does not vary belongs '
+        f'to set'
     )
 
 
@@ -232,7 +234,7 @@ def _check_value(name: str, value: Any) -> None:
     elif isinstance(value, float) and not math.isfinite(value):
         raise ParameterError(f'vary: {name} must be finite, got {value}')
     elif not isinstance(value, (int, float, str, np.number)):
-        raise ParameterError(f'vary: {name} must have numbers or texts, got {value!r}')
+        raise ParameterError(f'vary: {name} must have numbers or texts, got {quoted(value)}')
 
 
 def _hashable(value: Any) -> Any:
@@ -254,7 +256,7 @@ def check_names(scene: Scene, names: Sequence[str], where: str) -> None:
     for name in names:
         plain = name.removesuffix('_deg') if isinstance(name, str) else name
         if plain not in known:
-            raise ParameterError(f'{where}: unknown name {name!r}; {nearest(plain, known)}')
+            raise ParameterError(f'{where}: unknown name {quoted(name)}; {nearest(plain, known)}')
         if plain != name and not known[plain][1]['unit'].startswith('rad'):
             raise ParameterError(f'{where}: {name}: {plain} is not an angle')
         if plain in found:

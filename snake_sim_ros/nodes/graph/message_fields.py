@@ -13,6 +13,9 @@ import numpy as np
 import yaml
 
 from snake_sim_ros.nodes.graph.client import GraphError
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.quoting import quoted
+from snake_sim_ros.scene.yaml_text import parse_yaml
 
 NUMBERS = 'float', 'double'
 
@@ -140,15 +143,13 @@ def filled(message: Any, text: str) -> Any:
 
     """
     try:
-        values = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise GraphError(
-            f'The passed value is no YAML: {" ".join(str(error).split())}, got {text!r}'
-        ) from None
+        values = parse_yaml(text)
+    except ParameterError as error:
+        raise GraphError(f'The passed value is no YAML: {error}, got {quoted(text)}') from None
     if not isinstance(values, dict):
         raise GraphError(
             f'The passed value needs to be a dictionary in YAML format, such as '
-            f'"{_example(message)}", got {text!r}'
+            f'"{_example(message)}", got {quoted(text)}'
         )
     try:
         _fill(message, values)
@@ -190,7 +191,7 @@ def _converted(kind: str, current: Any, value: Any, path: str) -> Any:
         return value if isinstance(value, str) else str(value)
     if kind == 'boolean':
         if not isinstance(value, (bool, int)) or value not in (0, 1):
-            raise ValueError(f'{path} must be true or false, got {value!r}')
+            raise ValueError(f'{path} must be true or false, got {quoted(value)}')
         return bool(value)
     if kind in NUMBERS:
         return _number(float, value, f'{path} must be a number')
@@ -205,7 +206,7 @@ def _elements(several: re.Match[str], value: Any, path: str) -> Any:
     """Return the elements of an array or sequence."""
     kind, count, limit = several[1] or several[3], several[4], several[2]
     if not isinstance(value, Iterable) or isinstance(value, (str, dict)):
-        raise ValueError(f'{path} must be a list, got {value!r}')
+        raise ValueError(f'{path} must be a list, got {quoted(value)}')
     items = [_converted(kind, None, item, f'{path}[{k}]') for k, item in enumerate(value)]
     if count and len(items) != int(count):
         raise ValueError(f'{path} must have {count} elements, got {len(items)}')
@@ -238,4 +239,4 @@ def _number(make: Callable[[Any], Any], value: Any, must: str) -> Any:
                     return make(number)
         except (TypeError, ValueError):
             pass
-    raise ValueError(f'{must}, got {value!r}')
+    raise ValueError(f'{must}, got {quoted(value)}')

@@ -14,6 +14,9 @@ import yaml
 from snake_sim_ros.nodes.graph.client import absolute
 from snake_sim_ros.nodes.graph.client import Client
 from snake_sim_ros.nodes.graph.client import GraphError
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.quoting import quoted
+from snake_sim_ros.scene.yaml_text import parse_yaml
 
 LABELS = {
     ParameterType.PARAMETER_BOOL: 'Boolean value is:',
@@ -117,14 +120,12 @@ def dump_parameters(client: Client, node: str) -> None:
 
 def _value_of(text: str) -> Any:
     try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise GraphError(
-            f'The passed value is no YAML: {" ".join(str(error).split())}, got {text!r}'
-        ) from None
+        value = parse_yaml(text)
+    except ParameterError as error:
+        raise GraphError(f'The passed value is no YAML: {error}, got {quoted(text)}') from None
     if not isinstance(value, (bool, int, float, str, list, type(None))):
         raise GraphError(
-            f'a parameter must be true, false, a number, a text or a list, got {text!r}'
+            f'a parameter must be true, false, a number, a text or a list, got {quoted(text)}'
         )
     try:
         return get_parameter_value(text)

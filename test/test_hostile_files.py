@@ -1,0 +1,142 @@
+"""Hostile YAML files: each is refused with one short sentence, and soon."""
+
+import resource
+import time
+
+import pytest
+
+from snake_sim_ros.gaits.blending import check_limits
+from snake_sim_ros.gaits.steering import Steering
+from snake_sim_ros.optimization.problem import load_problem
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.parameters import Gait
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.scene.quoting import quoted
+from snake_sim_ros.scene.yaml_text import MOST_CHARACTERS
+from snake_sim_ros.scene.yaml_text import parse_yaml
+from snake_sim_ros.studies.study_file import load_study
+
+# Each name stands for ten of the one before: 10^9 values from 300 characters.
+BOMB = 'a: &a [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n' + ''.join(
+    f'{name}: &{name} [{", ".join([f"*{before}"] * 10)}]\n'
+    for before, name in zip('abcdefgh', 'bcdefghi', strict=True)
+)
+HOSTILE = {
+    'date that is none': 'soft_start: 2001-99-99',
+    'date in a month that has fewer days': 'dt: 2024-02-30',
+    'whole number of letters': 'dt: !!int abc',
+    'number of nothing': 'dt: !!float ""',
+    'truth value of a word': 'self_contact: !!bool maybe',
+    'date of a letter': 'dt: !!timestamp x',
+    'digits without a digit': 'dt: 0x_',
+    '5000 digits': f'dt: {"9" * 5000}',
+    '5000 hexadecimal digits': f'dt: 0x{"f" * 5000}',
+    'sixties of sixties': f'dt: 1{":59" * 5000}',
+    'brackets': '[' * 3000,
+    'brackets in a value': f'dt: {"[" * 100}1{"]" * 100}',
+    'mappings in each other': ''.join(' ' * k + 'a:\n' for k in range(1000)),
+    'bomb of aliases': BOMB,
+    'bomb of merged keys': 'a: &a {x: 1}\n'
+    + ''.join(
+        f'{name}: &{name} {{<<: [{", ".join([f"*{before}"] * 10)}]}}\n'
+        for before, name in zip('abcdefgh', 'bcdefghi', strict=True)
+    ),
+    'list of itself': 'robot: &a [*a]',
+    'name of 256 characters': f'robot: {"a" * 256}',
+    'name with a zero': 'robot: "a\\0b"',
+    'object of Python': 'robot: !!python/object/apply:os.system ["true"]',
+    'long text': f'method: {"x" * 100_000}',
+    'long key': f'{"x" * 100_000}: 1',
+    'long list': f'gravity: [{"0, " * 5000}0]',
+    'many keys': ''.join(f'{k}: 1\n' for k in range(5000)),
+    'binary': 'dt: !!binary aGVsbG8=',
+    'control character': 'dt: "\x07"',
+    'no end': 'dt: "',
+    'unknown tag': 'dt: !!nonsense 1',
+    'alias of nothing': 'dt: *nothing',
+}
+LONGEST = 1000  # characters of a message, in which names of all keys or files may be
+
+
+@pytest.mark.parametrize('name', HOSTILE)
+@pytest.mark.parametrize('load', [load_scene, load_study, load_problem])
+def test_hostile_files_are_refused_in_one_sentence(name, load, tmp_path):
+    path = tmp_path / 'hostile.yaml'
+    path.write_text(HOSTILE[name])
+    begin = time.process_time()
+    with pytest.raises(ParameterError) as caught:
+        load(path)
+    assert time.process_time() - begin < 2.0
+    message = str(caught.value)
+    assert message.isprintable()
+    assert len(message) < LONGEST + 2 * len(str(path))
+
+
+def test_a_bomb_takes_no_memory():
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for text in (HOSTILE['bomb of aliases'], HOSTILE['bomb of merged keys']):
+        with pytest.raises(ParameterError, match='more than 100000 values'):
+            parse_yaml(text)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # kB
+
+
+def test_what_is_wrong_is_said():
+    for text, sentence in (
+        ('dt: !!int abc', "'abc' is no int"),
+        ('soft_start: 2001-99-99', "'2001-99-99' is no timestamp"),
+        ('[' * 3000, 'more than 30 levels'),
+        ('&a [*a]', "alias 'a' is inside"),
+        (' ' * (MOST_CHARACTERS + 1), 'more than 4000000 characters'),
+    ):
+        with pytest.raises(ParameterError, match=sentence):
+            parse_yaml(text)
+
+
+def test_aliases_of_small_things_are_read():
+    assert parse_yaml('a: &a [1, 2]\nb: *a\nc: {<<: &c {d: 3}}\n') == {
+        'a': [1, 2],
+        'b': [1, 2],
+        'c': {'d': 3},
+    }
+
+
+def test_a_scene_too_long_to_be_read_is_refused(tmp_path):
+    path = tmp_path / 'long.yaml'
+    path.write_text('#\n' * (MOST_CHARACTERS // 2 + 1))
+    with pytest.raises(ParameterError, match='more than 4000000 characters'):
+        load_scene(path)
+
+
+def test_quoted_values_are_short():
+    for value in ('x' * 10**6, [['y' * 1000] * 1000] * 1000, 10**5000, dict.fromkeys(range(1000))):
+        assert len(quoted(value)) <= 80
+
+
+def test_short_values_are_quoted_whole():
+    for value in (1.5, 'text', [1, 2, 3], {'a': [None, True]}, (1.0,)):
+        assert quoted(value) == repr(value)
+
+
+@pytest.mark.parametrize('frequency', [5e-324, 1e-310, 1e-30, -1e-310, 1e-3])
+@pytest.mark.parametrize('other', [0.0, 1e-310, 2.0])
+def test_steering_of_very_slow_gaits(frequency, other):
+    waves = {'amplitude': 0.3, 'phase_lag': -0.8}
+    gait = Gait(
+        yaw=Wave(angular_frequency=frequency, **waves),
+        pitch=Wave(angular_frequency=other, **waves),
+    )
+    for speed in (0.1, -0.1, 1e-310, 1e30):
+        steered, _ = Steering(speed, 0.3).gait(gait, Robot(), 0.5)
+        check_limits(steered, Robot())
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'),
+    [('dt', 1e-310), ('duration', 1e300), ('dt', 1e-10), ('gravity', (0.0, 0.0, -1e200))],
+)
+def test_numbers_of_which_nothing_can_be_computed_are_refused(name, value):
+    with pytest.raises(ParameterError, match=f'{name} must be at (least|most)'):
+        Scene(**{name: value})

@@ -26,6 +26,7 @@ MOST_VALUES = 100_000
 MOST_KEYS = 1000  # of one mapping
 DEEPEST = 30  # mappings and lists in each other
 LONGEST_NUMBER = 400  # characters of a number or a date; a float with all its digits has 330
+NOT_READABLE = 'not readable as YAML: '  # how the sentences of `parse_yaml` begin
 REASON = 200  # characters of what PyYAML finds wrong
 NUMBERS = ('int', 'float', 'timestamp', 'bool', 'null')
 
@@ -41,12 +42,12 @@ class _Loader(yaml.SafeLoader):
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         """Return the next node; count it, or all that the alias stands for."""
         event = self.peek_event()
-        anchor = getattr(event, 'anchor', None)
+        anchor: str | None = getattr(event, 'anchor', None)
         is_alias = isinstance(event, yaml.AliasEvent)
         if is_alias and anchor in self.anchors and anchor not in self._sizes:
             raise yaml.YAMLError(f'the alias {quoted(anchor)} is inside what it stands for')
         before = self._values
-        self._values += self._sizes.get(anchor, 1) if is_alias else 1
+        self._values += self._sizes.get(str(anchor), 1) if is_alias else 1
         self._depth += 1
         if self._values > MOST_VALUES:
             raise yaml.YAMLError(f'it has more than {MOST_VALUES} values, with those of aliases')
@@ -102,13 +103,13 @@ def parse_yaml(text: str) -> Any:
     """
     if len(text) > MOST_CHARACTERS:
         raise ParameterError(
-            f'not readable as YAML: it has more than {MOST_CHARACTERS} characters, {len(text)}'
+            f'{NOT_READABLE}it has more than {MOST_CHARACTERS} characters, {len(text)}'
         )
     try:
         return yaml.load(text, _Loader)
     except (yaml.YAMLError, RecursionError) as error:
         reason = cut(' '.join(str(error).split()), REASON)
-        raise ParameterError(f'not readable as YAML: {reason}') from None
+        raise ParameterError(f'{NOT_READABLE}{reason}') from None
 
 
 def read_yaml(path: Path) -> Any:
@@ -128,9 +129,7 @@ def read_yaml(path: Path) -> Any:
         raise ParameterError(f'no file {cut(str(path), LONGEST_PATH)}') from None
     except (OSError, ValueError) as error:
         reason = getattr(error, 'strerror', None) or error
-        raise ParameterError(
-            f'{cut(str(path), LONGEST_PATH)}: not readable as YAML: {reason}'
-        ) from None
+        raise ParameterError(f'{cut(str(path), LONGEST_PATH)}: {NOT_READABLE}{reason}') from None
     try:
         return parse_yaml(text)
     except ParameterError as error:

@@ -15,6 +15,7 @@ import yaml
 from snake_sim_ros.nodes.graph.client import GraphError
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.quoting import quoted
+from snake_sim_ros.scene.yaml_text import NOT_READABLE
 from snake_sim_ros.scene.yaml_text import parse_yaml
 
 NUMBERS = 'float', 'double'
@@ -145,7 +146,8 @@ def filled(message: Any, text: str) -> Any:
     try:
         values = parse_yaml(text)
     except ParameterError as error:
-        raise GraphError(f'The passed value is no YAML: {error}, got {quoted(text)}') from None
+        reason = str(error).removeprefix(NOT_READABLE)
+        raise GraphError(f'The passed value is no YAML: {reason}, got {quoted(text)}') from None
     if not isinstance(values, dict):
         raise GraphError(
             f'The passed value needs to be a dictionary in YAML format, such as '

@@ -16,6 +16,7 @@ from snake_sim_ros.nodes.graph.client import Client
 from snake_sim_ros.nodes.graph.client import GraphError
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.quoting import quoted
+from snake_sim_ros.scene.yaml_text import NOT_READABLE
 from snake_sim_ros.scene.yaml_text import parse_yaml
 
 LABELS = {
@@ -122,7 +123,8 @@ def _value_of(text: str) -> Any:
     try:
         value = parse_yaml(text)
     except ParameterError as error:
-        raise GraphError(f'The passed value is no YAML: {error}, got {quoted(text)}') from None
+        reason = str(error).removeprefix(NOT_READABLE)
+        raise GraphError(f'The passed value is no YAML: {reason}, got {quoted(text)}') from None
     if not isinstance(value, (bool, int, float, str, list, type(None))):
         raise GraphError(
             f'a parameter must be true, false, a number, a text or a list, got {quoted(text)}'

@@ -97,6 +97,11 @@ def stored(tmp_path_factory):
             {'history.memory.reference_rate': np.zeros(2)},
             r'history.memory.reference_rate must be an array of shape',
         ),
+        ({'history.memory.ticks': np.array([0.5])}, 'history.memory.ticks cannot be 0.5'),
+        ({'history.memory.phase': np.array([7.0])}, 'history.memory.phase cannot be 7'),
+        ({'history.memory.dt': np.array([0.0])}, 'history.memory.dt must be above 0 s'),
+        ({'history.settling': np.array([-1.0])}, 'history.settling cannot be -1'),
+        ({'report': '{"joint_torque": [[0.0, 0.0]]}'}, r'joint_torque .* shape \(2, 2\), got'),
         ({'step_count': -1}, 'step_count must be a whole number from 0 on, got -1'),
         ({'step_count': 1.5}, 'step_count must be a whole number from 0 on, got 1.5'),
         ({'scene': 'frictoin: {}'}, "scene: unknown key 'frictoin'"),
@@ -110,6 +115,18 @@ def test_what_is_no_checkpoint_gets_a_sentence(stored, tmp_path, changes, senten
     with pytest.raises(ParameterError, match=sentence) as caught:
         checkpoint.read(path)
     assert str(path) in str(caught.value)
+
+
+def test_a_place_in_a_queue_is_in_the_queue(tmp_path):
+    path = tmp_path / 'here.npz'
+    checkpoint.write(moving(**{'robot.command_delay': 0.01}), path)
+    with np.load(path) as file:
+        data = dict(file)
+    assert checkpoint.read(path).history.control.next[0] == data['history.control.next'][0] > 0
+    for place in (21.0, -1.0, 1.5, 1e9):
+        np.savez(path, **{**data, 'history.control.next': np.array([place])})
+        with pytest.raises(ParameterError, match=f'history.control.next cannot be {place:g}'):
+            checkpoint.read(path)
 
 
 def test_files_of_others_get_a_sentence(stored, tmp_path):

@@ -5,20 +5,31 @@ A checkpoint is the scene, the state, and the history with the memory of the met
 has its dotted name in the file, such as ``history.memory.start.pose``.
 """
 
+from collections.abc import Container
+from collections.abc import Mapping
+from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from snake_sim_ros.dynamics.control_loop import make_control_loop
 from snake_sim_ros.recording.npz import format_of
 from snake_sim_ros.recording.npz import load_arrays
+from snake_sim_ros.recording.npz import LONGEST_REASON
 from snake_sim_ros.recording.npz import report_from_text
 from snake_sim_ros.recording.npz import report_to_text
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.parameters import scene_to_text
+from snake_sim_ros.scene.quoting import cut
+from snake_sim_ros.stepping.parts import ANEW
+from snake_sim_ros.stepping.parts import SMOOTH
+from snake_sim_ros.stepping.parts import TICKS
+from snake_sim_ros.stepping.parts import UNKNOWN
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import check_history
 from snake_sim_ros.stepping.state import named_arrays
@@ -26,6 +37,7 @@ from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.state import with_arrays
 
 FORMAT = 1
+LONGEST_REST = 2**53  # steps for which a robot may yet have to lie still
 
 
 def write(simulation: Simulation, path: Path) -> None:
@@ -82,7 +94,9 @@ def read(path: Path) -> Simulation:
     except KeyError as error:
         raise ParameterError(f'{path} is not a whole checkpoint: it has no {error}') from None
     except Exception as error:  # broken text makes parsers raise whatever they like
-        raise ParameterError(f'{path} is not a whole checkpoint: {error}') from None
+        raise ParameterError(
+            f'{path} is not a whole checkpoint: {cut(str(error), LONGEST_REASON)}'
+        ) from None
 
 
 def _simulation(data: dict[str, Array]) -> Simulation:
@@ -94,9 +108,33 @@ def _simulation(data: dict[str, Array]) -> Simulation:
     history = with_arrays(empty, {name: data[name] for name in named_arrays(empty)})
     state = State(data['state.q'], data['state.u'])
     check_history(simulation.scene.robot.link_count, empty, state, history)
+    _check_counters(simulation.scene, named_arrays(history))
     step_count = text('step_count')
     if type(step_count) is not int or step_count < 0:
         raise ParameterError(f'step_count must be a whole number from 0 on, got {step_count}')
     simulation.state, simulation.history, simulation.step_count = state, history, step_count
-    simulation.report = simulation.last = report_from_text(text('report'))
+    report, axes = report_from_text(text('report')), (simulation.scene.robot.link_count - 1, 2)
+    if report.joint_torque.shape != axes:
+        raise ParameterError(
+            f'joint_torque of the report must have shape {axes}, got {report.joint_torque.shape}'
+        )
+    simulation.report = simulation.last = report
     return simulation
+
+
+def _check_counters(scene: Scene, arrays: Mapping[str, Array]) -> None:
+    """Check the numbers by which compiled code finds its place, in a history by their names."""
+    loop = make_control_loop(scene)
+    usable: dict[str, Sequence[Container[float]]] = {
+        'history.settling': [range(LONGEST_REST)],
+        'history.control.next': [range(loop.delay + 1)],
+        'history.control.wait': [range(max(loop.period, 1)), range(max(loop.hold, 1))],
+        'history.memory.phase': [(UNKNOWN, ANEW, SMOOTH)],
+        'history.memory.ticks': [(0, *(2**k for k in range(TICKS.bit_length())))],
+    }
+    for name in usable.keys() & arrays.keys():
+        for number, numbers in zip(arrays[name].tolist(), usable[name], strict=True):
+            if number not in numbers:
+                raise ParameterError(f'{name} cannot be {number:g} in this scene')
+    if arrays.get('history.memory.phase') == SMOOTH and not arrays['history.memory.dt'] > 0.0:
+        raise ParameterError('history.memory.dt must be above 0 s after a step')

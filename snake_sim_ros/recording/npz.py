@@ -7,6 +7,7 @@ from io import BytesIO
 import json
 from pathlib import Path
 from typing import Any
+import zipfile
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.parameters import scene_to_text
+from snake_sim_ros.scene.quoting import cut
+from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.trajectory import Trajectory
 
@@ -22,6 +25,9 @@ ARRAYS = (
     *('time', 'position', 'orientation', 'joint_angle', 'joint_velocity', 'joint_torque'),
     *('contact_sample', 'contact_number', 'contact_point', 'contact_force', 'level'),
 )
+USUAL_BYTES = 256_000_000  # to which any file may unpack
+MOST_TIMES = 100  # its size to which a larger one may: runs have 2 to 10, a bomb has 1000
+LONGEST_REASON = 250  # characters of what is wrong
 
 
 def write(trajectory: Trajectory, path: Path, sensors: Mapping[str, Array] | None = None) -> None:
@@ -82,7 +88,9 @@ def read(path: Path) -> Trajectory:
         )
         trajectory.check()
     except Exception as error:  # and so does broken text
-        raise ParameterError(f'{path} is not a whole run: {error}') from None
+        raise ParameterError(
+            f'{path} is not a whole run: {cut(str(error), LONGEST_REASON)}'
+        ) from None
     return trajectory
 
 
@@ -103,12 +111,20 @@ def load_arrays(path: Path, source: str) -> dict[str, Array]:
 
     """
     try:
-        with np.load(path) as file:
+        with zipfile.ZipFile(path) as archive:
+            size, full = path.stat().st_size, sum(item.file_size for item in archive.infolist())
+        if full > max(USUAL_BYTES, MOST_TIMES * size):
+            raise ParameterError(
+                f'{path} would unpack to {full} bytes, more than {MOST_TIMES} times its size'
+            )
+        with np.load(path) as file:  # without pickles: files are data, never code
             return {name: np.asarray(file[name]) for name in file.files}
     except FileNotFoundError:
         raise ParameterError(f'no file {path}') from None
     except (IsADirectoryError, PermissionError) as error:
         raise ParameterError(f'{path} cannot be read: {error.strerror}') from None
+    except ParameterError:
+        raise
     except Exception:  # broken data makes NumPy, zipfile and zlib raise whatever they like
         raise ParameterError(f'{path} is not a whole npz file; {source}') from None
 
@@ -140,5 +156,7 @@ def report_from_text(text: str) -> Report:
     for item in fields(Report):
         kind, value = type(getattr(usual, item.name)), getattr(report, item.name)
         if type(value) is not kind:
-            raise ParameterError(f'{item.name} of the report must be {kind.__name__}, got {value}')
+            raise ParameterError(
+                f'{item.name} of the report must be {kind.__name__}, got {quoted(value)}'
+            )
     return report

@@ -39,7 +39,17 @@ MAY_USE = {
     'comparison': PHYSICS,
     'paper': {*PHYSICS, 'comparison'},
     'nodes': {*PHYSICS, 'gaits', 'recording', 'view', 'comparison'},
-    'reliability': {*PHYSICS, 'gaits', 'recording', 'view', 'studies', 'comparison', 'nodes'},
+    'reliability': {
+        *PHYSICS,
+        'gaits',
+        'recording',
+        'view',
+        'studies',
+        'optimization',
+        'fitting',
+        'comparison',
+        'nodes',
+    },
     'commands': {
         *PHYSICS,
         'gaits',

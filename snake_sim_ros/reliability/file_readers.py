@@ -1,0 +1,210 @@
+"""
+What reads files of every kind, as commands and nodes do, and goes on with what was read.
+
+This runs in a process of its own, which the reader may exhaust or kill. It answers for each file
+what came of it.
+"""
+
+from collections.abc import Callable
+from importlib import import_module
+from multiprocessing.connection import Connection
+import os
+from pathlib import Path
+import resource
+import sys
+import time
+from typing import NamedTuple
+
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import scene_from_text
+from snake_sim_ros.scene.parameters import scene_to_text
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.yaml_text import parse_yaml
+
+LONGEST_SENTENCE = 2000  # characters; names of all keys or parameters may be in it
+ADDRESS_SPACE = 4_000_000_000  # bytes beyond those that the process has, where a bomb ends
+
+
+class Answer(NamedTuple):
+    """What came of a file."""
+
+    wrong: str  # empty if it was read, or refused in one sentence
+    was_read: bool
+    seconds: float  # of the processor
+    memory: float  # peak of the process so far [MB]
+
+
+def _build(scene: Scene) -> None:
+    """Make the simulation of a scene, without compiling or stepping."""
+    from snake_sim_ros.gaits.blending import check_reach
+    from snake_sim_ros.stepping.simulation import Simulation
+
+    check_reach(scene.gait, scene.robot)
+    Simulation(scene)
+    if scene_from_text(scene_to_text(scene)) != scene:
+        raise AssertionError('the scene is another one after it was written and read')
+
+
+def _scene(path: Path) -> None:
+    _build(load_scene(path))
+
+
+def _robot(path: Path) -> None:
+    _build(load_scene(path.with_name('scene_of_robot.yaml')))
+
+
+def _settings(path: Path) -> None:
+    """Read lines KEY=VALUE as they come with the option --set."""
+    settings = {}
+    for line in path.read_text(encoding='utf-8', errors='replace').splitlines():
+        key, _, value = line.partition('=')
+        settings[key] = parse_yaml(value)
+    _build(with_settings(Scene(), settings))
+
+
+def _study(path: Path) -> None:
+    from snake_sim_ros.studies.study_file import load_study
+
+    study = load_study(path)
+    for number in range(min(len(study.variations), 3)):
+        with_settings(study.scene, study.variations.row(number))
+
+
+def _optimization(path: Path) -> None:
+    from snake_sim_ros.optimization.problem import load_problem
+
+    problem = load_problem(path)
+    problem.present()
+    problem.check_plan()
+
+
+def _urdf(path: Path) -> None:
+    from snake_sim_ros.scene.robot_description import robot_of
+
+    robot_of(path.read_text(encoding='utf-8', errors='surrogateescape'))
+
+
+def _run(path: Path) -> None:
+    from snake_sim_ros.recording import csv_table
+    from snake_sim_ros.recording import npz
+    from snake_sim_ros.recording.recorded_runs import summary
+
+    trajectory = npz.read(path)
+    summary(trajectory)
+    csv_table.write(trajectory.every(2), path.with_suffix('.csv'))
+    npz.write(trajectory, path.with_name('again.npz'))
+    trajectory.contacts(0)
+
+
+def _checkpoint(path: Path) -> None:
+    from snake_sim_ros.recording import checkpoint
+
+    simulation = checkpoint.read(path)
+    simulation.gait_reference(1)
+    checkpoint.write(simulation, path.with_name('again.npz'))
+
+
+def _bag(path: Path) -> None:
+    from snake_sim_ros.fitting.recording import read_recording
+    from snake_sim_ros.recording.recorded_runs import read_run
+
+    refused: list[ParameterError] = []
+    for read in (read_run, read_recording):
+        try:
+            read(path)
+        except ParameterError as error:
+            refused.append(error)
+    if refused:
+        raise max(refused, key=lambda error: len(str(error)))
+
+
+def _table(path: Path) -> None:
+    from snake_sim_ros.comparison.csv_tables import mark_unknown
+    from snake_sim_ros.comparison.csv_tables import read_table
+
+    try:
+        read_table(path)
+    finally:
+        mark_unknown(path)
+
+
+def _journal(path: Path) -> None:
+    from snake_sim_ros.studies.journal import Journal
+
+    journal = Journal(path)
+    journal.rows()
+    journal.close(remove=True)
+
+
+def _parameters(path: Path) -> None:
+    """Make a node with a file of parameters, which the parser of ROS reads first."""
+    import rclpy
+
+    from snake_sim_ros.nodes.gait_node import GaitNode
+
+    try:
+        rclpy.init(args=['--ros-args', '--params-file', str(path), '--disable-rosout-logs'])
+    except RuntimeError as error:  # the refusal of rcl
+        raise ParameterError(str(error).partition(', at ')[0]) from None
+    try:
+        GaitNode().destroy_node()
+    except ValueError as error:
+        if 'PARAMETER_NOT_SET' in str(error):
+            raise ParameterError('a parameter is an empty list') from None
+        raise
+    finally:
+        rclpy.try_shutdown()
+
+
+READERS: dict[str, Callable[[Path], None]] = {
+    'scene.yaml': _scene,
+    'robot.yaml': _robot,
+    'settings.txt': _settings,
+    'study.yaml': _study,
+    'optimization.yaml': _optimization,
+    'robot.urdf': _urdf,
+    'run.npz': _run,
+    'checkpoint.npz': _checkpoint,
+    'bag.mcap': _bag,
+    'table.csv': _table,
+    'study.journal': _journal,
+    'parameters.yaml': _parameters,
+}
+
+
+def read(path: Path) -> Answer:
+    """Read a file, whose name says of what kind it is."""
+    wrong, was_read, begin = '', False, time.process_time()
+    try:
+        READERS[path.name](path)
+        was_read = True
+    except ParameterError as error:
+        sentence = str(error)
+        if not sentence.isprintable() or len(sentence) > LONGEST_SENTENCE + 2 * len(str(path)):
+            wrong = f'a message of {len(sentence)} characters: {sentence[:200]!r}'
+    except Exception as error:
+        wrong = f'{type(error).__name__}: {str(error)[:200]}'
+    seconds = time.process_time() - begin
+    return Answer(wrong, was_read, seconds, peak())
+
+
+def peak() -> float:
+    """Return the peak of the resident memory of this process [MB]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000
+
+
+def serve(connection: Connection) -> None:
+    """Answer with the result of each file whose path comes, until there is no other one."""
+    import_module('snake_sim_ros.stepping.simulation')  # the compiler, before memory is bounded
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())  # parsers of ROS write there
+    pages = int(Path('/proc/self/statm').read_text(encoding='ascii').split()[0])
+    most = pages * resource.getpagesize() + ADDRESS_SPACE
+    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    while True:
+        try:
+            path = connection.recv()
+        except EOFError:
+            return
+        connection.send(read(Path(path)))

@@ -14,13 +14,17 @@ from typing import NoReturn
 from typing import TypeVar
 
 import rclpy
+from rclpy.exceptions import InvalidParameterException
+from rclpy.exceptions import InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.quoting import cut
 
 N = TypeVar('N', bound=Node)
+LONGEST_REASON = 500  # characters of what a library says
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # the last one: the terminal closes
 
 
@@ -55,14 +59,9 @@ def run_node(
     stop = Event()
     try:
         _interrupt_on_signals(stop)
-        _initialize(args)
+        initialize(args)
         _refuse_arguments(remove_ros_args(sys.argv if args is None else args)[1:])
-        try:
-            node = make()
-        except ValueError as error:
-            if 'PARAMETER_NOT_SET' not in str(error):
-                raise
-            raise ParameterError('a parameter is an empty list; write it as text: "[]"') from None
+        node = made(make)
         _on_signals(lambda number, frame: stop.set())
         gc.freeze()  # The objects of the compiler stay, and each look through them takes 50 ms.
         run(node, stop)
@@ -77,6 +76,26 @@ def run_node(
     finally:
         rclpy.try_shutdown()
     end_at_once()
+
+
+def made(make: Callable[[], N]) -> N:
+    """
+    Return a node that is made with the parameters that the user gave.
+
+    Raises
+    ------
+    ParameterError
+        If one of them is not usable, for the node or for rclpy.
+
+    """
+    try:
+        return make()
+    except (InvalidParameterException, InvalidParameterValueException) as error:
+        raise ParameterError(one_line(error)) from None
+    except ValueError as error:
+        if 'PARAMETER_NOT_SET' not in str(error):
+            raise
+        raise ParameterError('a parameter is an empty list; write it as text: "[]"') from None
 
 
 def end_at_once() -> NoReturn:
@@ -114,12 +133,26 @@ def _on_signals(handler: Callable[[int, FrameType | None], None]) -> None:
             signal.signal(number, handler)
 
 
-def _initialize(args: list[str] | None) -> None:
+def one_line(error: Exception) -> str:
+    """Return what a library says, in one line and without a line of its source."""
+    reason, _, _ = str(error).partition(', at ')
+    return cut(' '.join(reason.split()), LONGEST_REASON)
+
+
+def initialize(args: list[str] | None) -> None:
+    """
+    Start rclpy.
+
+    Raises
+    ------
+    ParameterError
+        If the arguments, or files of parameters that they name, are not usable.
+
+    """
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
-        reason, _, _ = str(error).partition(', at ')  # The rest names a line of rcl.
-        raise ParameterError(reason) from None
+        raise ParameterError(one_line(error)) from None
 
 
 def _refuse_arguments(arguments: list[str]) -> None:

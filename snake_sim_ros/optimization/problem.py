@@ -282,7 +282,7 @@ def _goals(
     if found[0] == 'objectives':
         if not isinstance(texts, (list, tuple)) or len(texts) != 2:
             raise ParameterError(
-                f'objectives must be two, such as [speed, -cost_of_transport], got {texts!r}'
+                f'objectives must be two, such as [speed, -cost_of_transport], got {quoted(texts)}'
             )
     else:
         texts = [texts]

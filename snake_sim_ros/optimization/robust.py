@@ -82,7 +82,7 @@ def robust_of(given: Any, scene: Scene) -> Robust:
             raise ParameterError(f'robust: unknown key {quoted(key)}; must be like {EXAMPLE}')
     measure = given.get('measure', 'worst')
     if measure not in MEASURES:
-        raise ParameterError(f'robust: measure must be worst or mean, got {measure!r}')
+        raise ParameterError(f'robust: measure must be worst or mean, got {quoted(measure)}')
     if not given['over']:
         raise ParameterError(f'robust: over must name a value, such as {EXAMPLE}')
     groups = [_group(name, factors, scene) for name, factors in given['over'].items()]

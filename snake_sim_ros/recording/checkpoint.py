@@ -5,10 +5,10 @@ A checkpoint is the scene, the state, and the history with the memory of the met
 has its dotted name in the file, such as ``history.memory.start.pose``.
 """
 
-from collections.abc import Container
 from collections.abc import Mapping
 from collections.abc import Sequence
 from io import BytesIO
+import math
 from pathlib import Path
 from typing import Any
 
@@ -125,16 +125,19 @@ def _simulation(data: dict[str, Array]) -> Simulation:
 def _check_counters(scene: Scene, arrays: Mapping[str, Array]) -> None:
     """Check the numbers by which compiled code finds its place, in a history by their names."""
     loop = make_control_loop(scene)
-    usable: dict[str, Sequence[Container[float]]] = {
-        'history.settling': [range(LONGEST_REST)],
-        'history.control.next': [range(loop.delay + 1)],
-        'history.control.wait': [range(max(loop.period, 1)), range(max(loop.hold, 1))],
-        'history.memory.phase': [(UNKNOWN, ANEW, SMOOTH)],
-        'history.memory.ticks': [(0, *(2**k for k in range(TICKS.bit_length())))],
+    largest: dict[str, Sequence[float]] = {
+        'history.settling': [LONGEST_REST],
+        'history.control.next': [loop.delay],
+        'history.control.wait': [max(loop.period - 1, 0), max(loop.hold - 1, 0)],
+        'history.memory.phase': [max(UNKNOWN, ANEW, SMOOTH)],
+        'history.memory.ticks': [TICKS],
     }
-    for name in usable.keys() & arrays.keys():
-        for number, numbers in zip(arrays[name].tolist(), usable[name], strict=True):
-            if number not in numbers:
+    for name in largest.keys() & arrays.keys():
+        for number, most in zip(arrays[name].tolist(), largest[name], strict=True):
+            if not (number.is_integer() and 0 <= number <= most):
                 raise ParameterError(f'{name} cannot be {number:g} in this scene')
+    ticks = arrays.get('history.memory.ticks')
+    if ticks is not None and ticks > 0 and not math.log2(ticks.item()).is_integer():
+        raise ParameterError(f'history.memory.ticks must be a power of 2, got {ticks.item():g}')
     if arrays.get('history.memory.phase') == SMOOTH and not arrays['history.memory.dt'] > 0.0:
         raise ParameterError('history.memory.dt must be above 0 s after a step')

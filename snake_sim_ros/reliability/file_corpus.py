@@ -1,7 +1,9 @@
 """Good files of every kind, small ones, from which hostile ones are made."""
 
 from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
@@ -33,7 +35,7 @@ SHORT = {  # a scene that needs no compiler
 STUDY = """
 scene: lateral_undulation
 set: {duration: 4.5, robot.link_count: 5}
-sampling: grid
+sampling: random
 samples: 3
 seed: 1
 rate: 20
@@ -55,7 +57,7 @@ follow: {gait.pitch.phase_lag_deg: gait.yaw.phase_lag_deg}
 objectives: [speed, -cost_of_transport]
 constraints: [cost_of_transport <= 0.5]
 stop: {evaluations: 300, seconds: 5}
-robust: {over: {friction.transversal: [0.7, 1, 1.3]}, by: worst}
+robust: {over: {friction.transversal: [0.7, 1, 1.3]}, measure: worst}
 check: {method: newton, dt: 0.00025}
 """
 PARAMETERS = """
@@ -96,7 +98,7 @@ def corpus(folder: Path) -> dict[str, list[Change]]:
     found: dict[str, list[Change]] = {}
     for name, goods in texts.items():
         (folder / name).write_text(goods[0])
-        found[name] = [lambda random, goods=goods: _changed_text(random, random.choice(goods))]
+        found[name] = [partial(_changed_text, goods)]
     for name, good in (
         ('settings.txt', SETTINGS.encode()),
         ('robot.urdf', robot_description(Robot(link_count=3)).encode()),
@@ -104,17 +106,17 @@ def corpus(folder: Path) -> dict[str, list[Change]]:
         ('study.journal', JOURNAL.encode()),
     ):
         (folder / name).write_bytes(good)
-        found[name] = [lambda random, good=good: changed_bytes(random, good)]
+        found[name] = [partial(changed_bytes, good)]
     found['settings.txt'].append(_setting)
     found['table.csv'].append(_table)
     return found | _binary(folder)
 
 
-def _changed_text(random: Random, text: str) -> bytes:
-    """Return YAML with other bytes, other values, or both."""
-    kind = random.randrange(4)
+def _changed_text(texts: Sequence[str], random: Random) -> bytes:
+    """Return one of some texts in YAML with other bytes, other values, or both."""
+    text, kind = random.choice(texts), random.randrange(4)
     content = changed_yaml(random, text) if kind else text.encode()
-    return changed_bytes(random, content) if kind < 2 else content
+    return changed_bytes(content, random) if kind < 2 else content
 
 
 def _setting(random: Random) -> bytes:
@@ -122,7 +124,7 @@ def _setting(random: Random) -> bytes:
     key, _, value = random.choice(SETTINGS.split('\n')).partition('=')
     value = random.choice(HOSTILE)
     if random.random() < 0.3:
-        key = changed_bytes(random, key.encode()).decode('latin-1')
+        key = changed_bytes(key.encode(), random).decode('latin-1')
     return f'{key}={value}'.encode()
 
 
@@ -134,9 +136,9 @@ def _table(random: Random, change: bool = True) -> bytes:
         parts = [head, rows]
         lines = random.choice(parts)
         at = random.randrange(len(lines))
-        lines[at] = changed_bytes(random, lines[at].encode()).decode('latin-1')
+        lines[at] = changed_bytes(lines[at].encode(), random).decode('latin-1')
         if random.random() < 0.3:
-            columns = changed_bytes(random, columns.encode()).decode('latin-1')
+            columns = changed_bytes(columns.encode(), random).decode('latin-1')
     lines = [*chain.head(head), chain.columns(columns), *map(chain.row, rows)]
     return ''.join(f'{line}\n' for line in lines).encode(errors='replace')
 
@@ -153,15 +155,13 @@ def _binary(folder: Path) -> dict[str, list[Change]]:
         with np.load(folder / name) as file:
             arrays = dict(file)
         found[name] = [
-            lambda random, content=content: changed_bytes(random, content),
-            lambda random, arrays=arrays: changed_arrays(random, arrays),
-            lambda random, arrays=arrays: changed_arrays(random, arrays),
+            partial(changed_bytes, content),
+            partial(changed_arrays, arrays),
+            partial(changed_arrays, arrays),
         ]
     messages = _Messages(Simulation(scene), folder / 'bag.mcap')
     content = (folder / 'bag.mcap').read_bytes()
-    found['bag.mcap'] = [
-        lambda random: changed_bytes(random, content), messages.changed, messages.changed
-    ]  # fmt: skip
+    found['bag.mcap'] = [partial(changed_bytes, content), messages.changed, messages.changed]
     return found
 
 

@@ -143,17 +143,12 @@ def _parameters(path: Path) -> None:
     import rclpy
 
     from snake_sim_ros.nodes.gait_node import GaitNode
+    from snake_sim_ros.nodes.node_process import initialize
+    from snake_sim_ros.nodes.node_process import made
 
+    initialize(['gait', '--ros-args', '--params-file', str(path), '--disable-rosout-logs'])
     try:
-        rclpy.init(args=['--ros-args', '--params-file', str(path), '--disable-rosout-logs'])
-    except RuntimeError as error:  # the refusal of rcl
-        raise ParameterError(str(error).partition(', at ')[0]) from None
-    try:
-        GaitNode().destroy_node()
-    except ValueError as error:
-        if 'PARAMETER_NOT_SET' in str(error):
-            raise ParameterError('a parameter is an empty list') from None
-        raise
+        made(GaitNode).destroy_node()
     finally:
         rclpy.try_shutdown()
 

@@ -67,7 +67,7 @@ class Raw(str):
     __slots__ = ()
 
 
-def changed_bytes(random: Random, content: bytes) -> bytes:
+def changed_bytes(content: bytes, random: Random) -> bytes:
     """Return bytes of which one to five places were changed."""
     found = bytearray(content)
     for _ in range(random.randint(1, 5)):
@@ -157,7 +157,7 @@ def _written(tree: Any) -> str:
     return json.dumps(tree, default=str)
 
 
-def changed_arrays(random: Random, arrays: Mapping[str, Array]) -> bytes:
+def changed_arrays(arrays: Mapping[str, Array], random: Random) -> bytes:
     """Return an npz file with arrays of which some have other values, types or shapes, or none."""
     found = dict(arrays)
     for _ in range(random.choice((1, 1, 2, 3))):
@@ -166,21 +166,20 @@ def changed_arrays(random: Random, arrays: Mapping[str, Array]) -> bytes:
         if kind == 0 and len(found) > 1:
             del found[name]
         elif kind == 1:
-            found[name] = array.astype(
-                random.choice(('S', 'U', '?', 'i1', 'f4', 'f8', 'c16', 'O'))
-            )
+            kinds = ('U', 'O') if array.dtype.kind == 'U' else ('S', '?', 'i1', 'f4', 'c16', 'O')
+            found[name] = array.astype(random.choice(kinds))
         elif kind == 2:
             found[name] = np.resize(
                 array, [random.randrange(4) for _ in range(random.randrange(4))]
             )
         elif kind == 3:
-            found[name] = np.zeros(random.choice(((0,), (10**7,), (1,) * 30, (3, 0, 7))))
+            found[name] = np.zeros(random.choice(((0,), (10**6,), (1,) * 30, (3, 0, 7))))
         elif kind == 4:
             found[name] = random.choice(list(found.values()))
         elif kind == 5 and array.dtype.kind == 'U' and not array.shape:
             text = str(array)
             if random.random() < 0.5:
-                found[name] = np.array(changed_bytes(random, text.encode()).decode('latin-1'))
+                found[name] = np.array(changed_bytes(text.encode(), random).decode('latin-1'))
             else:
                 found[name] = np.array(changed_yaml(random, text).decode(errors='replace'))
         elif array.dtype.kind in 'fi' and array.size:
@@ -207,7 +206,7 @@ def changed_message(random: Random, content: bytes) -> bytes:
             '<I', random.choice((0, 1, 2, 3, 10**6, 2**31, 2**32 - 1))
         )
     elif kind == 2:
-        return changed_bytes(random, content)
+        return changed_bytes(content, random)
     else:
         found[at : at + 8] = struct.pack('<d', random.choice(NUMBERS))
         found[at + 8 : at + 16] = struct.pack('<d', random.choice(NUMBERS))

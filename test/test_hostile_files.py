@@ -17,6 +17,8 @@ from snake_sim_ros.scene.parameters import Wave
 from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.scene.yaml_text import MOST_CHARACTERS
 from snake_sim_ros.scene.yaml_text import parse_yaml
+from snake_sim_ros.stepping.samples import make_samples
+from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.studies.study_file import load_study
 
 # Each name stands for ten of the one before: 10^9 values from 300 characters.
@@ -140,3 +142,14 @@ def test_steering_of_very_slow_gaits(frequency, other):
 def test_numbers_of_which_nothing_can_be_computed_are_refused(name, value):
     with pytest.raises(ParameterError, match=f'{name} must be at (least|most)'):
         Scene(**{name: value})
+
+
+def test_scenes_that_need_too_much_memory_are_refused():
+    late = Robot(link_count=3, command_delay=10.0)
+    with pytest.raises(ParameterError, match='command_delay must be at most 100000 steps'):
+        Simulation(Scene(robot=late, dt=1e-7))
+    with pytest.raises(ParameterError, match='needs more memory than there is for the 79204'):
+        Simulation(Scene(robot=Robot(link_count=200), self_contact=True, method='bdf2'))
+    for count in (10**13, 10**20):
+        with pytest.raises(ParameterError, match=f'{count} samples need more memory'):
+            make_samples(Scene(), 1, count)

@@ -16,6 +16,7 @@ import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.periods import steps_in
@@ -29,6 +30,9 @@ class ControlLoop(NamedTuple):
     hold: int  # steps from one reference that is taken to the next; 0: all are taken
     delay: int  # steps after which a reference counts
     resolution: float  # of the encoders [rad]; 0: they are exact
+
+
+MOST_LATE = 100_000  # steps for which references wait: 300 MB for 200 links
 
 
 class ControlMemory(NamedTuple):
@@ -60,6 +64,10 @@ def make_control_loop(scene: Scene) -> ControlLoop:
     taken = robot.reference_rate
     hold = steps_in(1.0 / taken, dt, 'reference period') if taken > 0.0 else 0
     late = steps_in(delay, dt, 'robot.command_delay') if delay > 0.0 else 0
+    if late > MOST_LATE:
+        raise ParameterError(
+            f'robot.command_delay must be at most {MOST_LATE} steps, got {late} of {dt:g} s'
+        )
     present = period + hold + late > 0 or robot.effort_commands
     return ControlLoop(present, period, hold, late, robot.encoder_resolution)
 

@@ -153,8 +153,8 @@ def make_stepper(scene: Scene) -> Stepper:
     Raises
     ------
     ParameterError
-        If the scene names no method or one that cannot run it, or if its level is planar and the
-        scene is not.
+        If the scene names no method or one that cannot run it, if its level is planar and the
+        scene is not, or if there is not enough memory.
 
     """
     name = method_of(scene)
@@ -167,7 +167,13 @@ def make_stepper(scene: Scene) -> Stepper:
     if reason := method.what_is_not_possible(scene):
         raise ParameterError(reason)
     named = scene if scene.method == name else replace(scene, method=name)
-    return levels.stepper_of_level(named, method)
+    try:
+        return levels.stepper_of_level(named, method)
+    except MemoryError:
+        raise ParameterError(
+            f'method {name} needs more memory than there is for the {contact_count(scene)} '
+            f'contacts that this scene can have'
+        ) from None
 
 
 def share_compiled(stepper: Stepper, scene: Scene, other: Stepper, other_scene: Scene) -> None:

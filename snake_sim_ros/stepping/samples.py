@@ -97,15 +97,29 @@ def checked(samples: Samples | None, none: Samples) -> Samples:
 
 
 def make_samples(scene: Scene, every: int, count: int) -> Samples:
-    """Return arrays for a number of samples of a scene, one after every so many steps."""
+    """
+    Return arrays for a number of samples of a scene, one after every so many steps.
+
+    Raises
+    ------
+    ParameterError
+        If there is not enough memory for them.
+
+    """
     n = scene.robot.link_count
-    return Samples(
-        every=every,
-        first=every,
-        q=np.zeros((count, n, 7)),
-        u=np.zeros((count, n, 6)),
-        torque=np.zeros((count, n - 1, 2)),
-        impulse=np.zeros((count, contact_count(scene), 5)),
-        span=np.zeros(count),
-        is_planar=np.zeros(count, dtype=bool),
-    )
+    try:
+        return Samples(
+            every=every,
+            first=every,
+            q=np.zeros((count, n, 7)),
+            u=np.zeros((count, n, 6)),
+            torque=np.zeros((count, n - 1, 2)),
+            impulse=np.zeros((count, contact_count(scene), 5)),
+            span=np.zeros(count),
+            is_planar=np.zeros(count, dtype=bool),
+        )
+    except (MemoryError, ValueError):  # more than there is, or than can be counted
+        raise ParameterError(
+            f'{count} samples need more memory than there is: run for a shorter time, or take '
+            f'fewer samples a second'
+        ) from None

@@ -1,13 +1,17 @@
 """Hostile YAML files: each is refused with one short sentence, and soon."""
 
+from itertools import pairwise
+import math
 import resource
 import time
+from types import SimpleNamespace
 
 import pytest
 
 from snake_sim_ros.gaits.blending import check_limits
 from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.optimization.problem import load_problem
+from snake_sim_ros.recording.from_messages import scene_of
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import load_scene
@@ -15,6 +19,8 @@ from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Wave
 from snake_sim_ros.scene.quoting import quoted
+from snake_sim_ros.scene.robot_description import robot_description
+from snake_sim_ros.scene.robot_description import robot_of
 from snake_sim_ros.scene.yaml_text import MOST_CHARACTERS
 from snake_sim_ros.scene.yaml_text import parse_yaml
 from snake_sim_ros.stepping.samples import make_samples
@@ -153,3 +159,29 @@ def test_scenes_that_need_too_much_memory_are_refused():
     for count in (10**13, 10**20):
         with pytest.raises(ParameterError, match=f'{count} samples need more memory'):
             make_samples(Scene(), 1, count)
+
+
+@pytest.mark.parametrize(
+    'urdf',
+    [
+        '<robot>' * 100_000,
+        f'{"<a>" * 50_000}{"</a>" * 50_000}',
+        robot_description(Robot(link_count=2)).replace('mass value="', 'mass value="x' * 1000),
+        '<!DOCTYPE a [<!ENTITY a "aaaaaaaaaa">'
+        + ''.join(f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in pairwise('abcdefghijk'))
+        + ']><robot>&k;</robot>',
+    ],
+)
+def test_hostile_descriptions_of_a_robot_are_refused(urdf):
+    with pytest.raises(ParameterError) as caught:
+        robot_of(urdf)
+    assert len(str(caught.value)) < LONGEST
+
+
+@pytest.mark.parametrize('size', [0.0, 1e-9, 1e-310, math.nan, math.inf])
+def test_a_ground_of_too_many_cells_is_refused(size):
+    corners = [SimpleNamespace(x=x, y=0.0, z=0.0) for x in (0.0, 1e3)]
+    scale = SimpleNamespace(x=size, y=size, z=0.1)
+    marker = SimpleNamespace(ns='scene', type=6, action=0, scale=scale, points=corners)
+    with pytest.raises(ParameterError, match=r'at most 1000 by 1000 cells|cell must be'):
+        scene_of(robot_description(Robot(link_count=2)), [marker])

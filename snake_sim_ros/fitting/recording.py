@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.recording import from_messages
+from snake_sim_ros.recording.bag_reader import NOT_OF_ONE
 from snake_sim_ros.recording.bag_reader import Raw
 from snake_sim_ros.recording.bag_reader import read_messages
 from snake_sim_ros.scene.checked_records import ParameterError
@@ -23,6 +24,8 @@ from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_from_text
+from snake_sim_ros.scene.quoting import cut
+from snake_sim_ros.scene.quoting import LONGEST_REASON
 
 COMMANDS = {  # last part of the name of a topic: its type
     'joint_command': 'sensor_msgs/msg/JointState',
@@ -165,6 +168,8 @@ def read_recording(
         )  # fmt: skip
     except ParameterError as error:
         raise ParameterError(f'{path}: {error}') from None
+    except Exception as error:  # messages of which each is whole and which do not fit together
+        raise ParameterError(f'{path}: {NOT_OF_ONE}: {cut(str(error), LONGEST_REASON)}') from None
 
 
 def _pose_topic(found: Mapping[str, Raw], prefix: str, given: str) -> str:

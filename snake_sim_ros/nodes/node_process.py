@@ -22,9 +22,9 @@ from rclpy.utilities import remove_ros_args
 
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.quoting import cut
+from snake_sim_ros.scene.quoting import LONGEST_REASON
 
 N = TypeVar('N', bound=Node)
-LONGEST_REASON = 500  # characters of what a library says
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # the last one: the terminal closes
 
 

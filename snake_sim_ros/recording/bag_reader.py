@@ -16,6 +16,8 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.posture import gaps
+from snake_sim_ros.scene.quoting import cut
+from snake_sim_ros.scene.quoting import LONGEST_REASON
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.trajectory import Trajectory
 
@@ -28,6 +30,7 @@ KINDS = {  # last part of the name of a topic: its type
     'robot_description': 'std_msgs/msg/String',
     'diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
 }
+NOT_OF_ONE = 'its messages are not those of one robot'
 NOTHING = np.zeros((0, 3)), np.zeros((0, 3))  # points, forces
 Messages = list[tuple[float, Any]]  # time [s], message
 Raw = list[tuple[float, float, Any]]  # stamp of its header [s], time of its recording [s], message
@@ -75,6 +78,8 @@ def read_bag(path: Path, namespace: str | None = None) -> Trajectory:
         return _trajectory(of_robot, text)
     except ParameterError as error:
         raise ParameterError(f'{path}: {error}') from None
+    except Exception as error:  # messages of which each is whole and which do not fit together
+        raise ParameterError(f'{path}: {NOT_OF_ONE}: {cut(str(error), LONGEST_REASON)}') from None
 
 
 def read_messages(
@@ -205,7 +210,8 @@ def _read(
                 found.setdefault(topic, []).append(tuple(raw))
         except Exception as error:  # On broken data decoders raise errors of any type.
             raise ParameterError(
-                f'{path} cannot be read as a bag of ROS 2: {type(error).__name__}: {error}'
+                f'{path} cannot be read as a bag of ROS 2: {type(error).__name__}: '
+                f'{cut(str(error), LONGEST_REASON)}'
             ) from None
     return scene[-1] if scene else ''
 

@@ -17,7 +17,6 @@ import numpy as np
 from snake_sim_ros.dynamics.control_loop import make_control_loop
 from snake_sim_ros.recording.npz import format_of
 from snake_sim_ros.recording.npz import load_arrays
-from snake_sim_ros.recording.npz import LONGEST_REASON
 from snake_sim_ros.recording.npz import report_from_text
 from snake_sim_ros.recording.npz import report_to_text
 from snake_sim_ros.scene.checked_records import ParameterError
@@ -26,6 +25,7 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.parameters import scene_to_text
 from snake_sim_ros.scene.quoting import cut
+from snake_sim_ros.scene.quoting import LONGEST_REASON
 from snake_sim_ros.stepping.parts import ANEW
 from snake_sim_ros.stepping.parts import SMOOTH
 from snake_sim_ros.stepping.parts import TICKS

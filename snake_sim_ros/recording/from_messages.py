@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.robot_description import robot_of
@@ -31,6 +32,7 @@ WIRE_AXES = [2, 0, 1]  # components of a vector in B that are those along x, y, 
 FORCE_SCALE = 0.02  # length of the line of a force [m/N]
 CYLINDER, LINE_LIST, CUBE_LIST, SPHERE_LIST = 3, 5, 6, 7  # types of visualization_msgs/Marker
 ADD = 0  # its action
+MOST_CELLS = 1000  # of a ground, in a row and in a column
 
 
 def poses(message: Any) -> tuple[Array, Array]:
@@ -122,7 +124,13 @@ def _ground(marker: Any) -> Ground:
     cell, height = marker.scale.x, marker.scale.z
     points = np.array([(point.x, point.y, point.z) for point in marker.points])
     corner = points.min(axis=0) - cell / 2
-    columns, rows = np.round((points[:, :2] - corner[:2]) / cell - 0.5).astype(int).T
+    with np.errstate(all='ignore'):
+        places = np.round((points[:, :2] - corner[:2]) / cell - 0.5)
+    if not (np.isfinite(places).all() and 0 <= places.min() and places.max() < MOST_CELLS):
+        raise ParameterError(
+            f'the ground in the markers must be of at most {MOST_CELLS} by {MOST_CELLS} cells'
+        )
+    columns, rows = places.astype(int).T
     heights = np.zeros((rows.max() + 1, columns.max() + 1))
     heights[rows, columns] = points[:, 2] + height / 2
     return Ground(

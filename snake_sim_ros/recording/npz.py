@@ -16,6 +16,7 @@ from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.parameters import scene_to_text
 from snake_sim_ros.scene.quoting import cut
+from snake_sim_ros.scene.quoting import LONGEST_REASON
 from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.trajectory import Trajectory
@@ -27,7 +28,6 @@ ARRAYS = (
 )
 USUAL_BYTES = 256_000_000  # to which any file may unpack
 MOST_TIMES = 100  # its size to which a larger one may: runs have 2 to 10, a bomb has 1000
-LONGEST_REASON = 250  # characters of what is wrong
 
 
 def write(trajectory: Trajectory, path: Path, sensors: Mapping[str, Array] | None = None) -> None:

@@ -5,6 +5,7 @@ from typing import Any
 
 LONGEST = 80  # characters of a quoted value
 LONGEST_PATH = 250  # characters of the name of a file
+LONGEST_REASON = 250  # characters of what a library finds wrong
 
 _SHORT = Repr()
 _SHORT.maxlevel = 3

@@ -23,6 +23,8 @@ import numpy as np
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.quoting import cut
+from snake_sim_ros.scene.quoting import LONGEST_REASON
 
 # Mass and moments of inertia of a cross, relative to those of the link that hangs on it. Parsers
 # accept moments above 1e-14 kg m^2, which those of 200 links of 7 mm still exceed.
@@ -99,7 +101,7 @@ def robot_of(urdf: str) -> Robot:
     except (ElementTree.ParseError, KeyError, ValueError) as error:
         raise ParameterError(
             f'robot_description must be a URDF as snake-sim urdf prints it, with links link_1, '
-            f'link_2, ... in a chain; {type(error).__name__}: {error}'
+            f'link_2, ... in a chain; {type(error).__name__}: {cut(str(error), LONGEST_REASON)}'
         ) from None
     columns = {name: tuple(row[name] for row in rows) for name in rows[0]}
     values: dict[str, Any] = {

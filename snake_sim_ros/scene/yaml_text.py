@@ -18,6 +18,7 @@ import yaml
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.quoting import cut
 from snake_sim_ros.scene.quoting import LONGEST_PATH
+from snake_sim_ros.scene.quoting import LONGEST_REASON
 from snake_sim_ros.scene.quoting import quoted
 
 # A ground of 300 times 300 cells has 90 000 values and 2 MB. Such a text takes 2 s to read.
@@ -27,7 +28,6 @@ MOST_KEYS = 1000  # of one mapping
 DEEPEST = 30  # mappings and lists in each other
 LONGEST_NUMBER = 400  # characters of a number or a date; a float with all its digits has 330
 NOT_READABLE = 'not readable as YAML: '  # how the sentences of `parse_yaml` begin
-REASON = 200  # characters of what PyYAML finds wrong
 NUMBERS = ('int', 'float', 'timestamp', 'bool', 'null')
 
 
@@ -108,7 +108,7 @@ def parse_yaml(text: str) -> Any:
     try:
         return yaml.load(text, _Loader)
     except (yaml.YAMLError, RecursionError) as error:
-        reason = cut(' '.join(str(error).split()), REASON)
+        reason = cut(' '.join(str(error).split()), LONGEST_REASON)
         raise ParameterError(f'{NOT_READABLE}{reason}') from None
 
 

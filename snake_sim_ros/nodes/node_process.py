@@ -16,6 +16,7 @@ from typing import TypeVar
 import rclpy
 from rclpy.exceptions import InvalidParameterException
 from rclpy.exceptions import InvalidParameterValueException
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
@@ -85,12 +86,17 @@ def made(make: Callable[[], N]) -> N:
     Raises
     ------
     ParameterError
-        If one of them is not usable, for the node or for rclpy.
+        If one of them is not usable, for the node or for rclpy, or if security is asked for that
+        the middleware does not have.
 
     """
     try:
         return make()
     except (InvalidParameterException, InvalidParameterValueException) as error:
+        raise ParameterError(one_line(error)) from None
+    except rclpy_implementation.RCLError as error:
+        if 'security' not in str(error).lower():
+            raise
         raise ParameterError(one_line(error)) from None
     except ValueError as error:
         if 'PARAMETER_NOT_SET' not in str(error):

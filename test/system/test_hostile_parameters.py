@@ -2,6 +2,7 @@
 
 from geometry_msgs.msg import Twist
 from geometry_msgs.msg import Vector3
+from graph import node_command
 from graph import Process
 import pytest
 from rcl_interfaces.msg import Parameter
@@ -69,10 +70,21 @@ def test_a_gait_that_hardly_moves_is_steered(gait):
 def test_a_file_of_parameters_that_is_none_ends_the_start_in_a_sentence(text, gait, tmp_path):
     path = tmp_path / 'parameters.yaml'
     path.write_text(text)
-    node = Process(
-        ['python3', '-m', 'snake_sim_ros.nodes', 'gait', '--ros-args', '--params-file', str(path)],
-        gait[0].domain,
-    )
+    node = Process(node_command('gait', '--params-file', str(path)), gait[0].domain)
     assert node.wait() == 2
     sentences = [line for line in node.output.splitlines() if line.startswith('error: ')]
     assert len(sentences) == 1 and 'Traceback' not in node.output
+
+
+def test_security_that_is_not_there_ends_the_start_in_a_sentence(gait, tmp_path, monkeypatch):
+    enclave = tmp_path / 'enclaves' / 'snake'
+    enclave.mkdir(parents=True)
+    (enclave / 'key.pem').write_text('no key')
+    monkeypatch.setenv('ROS_SECURITY_KEYSTORE', str(tmp_path))
+    monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
+    monkeypatch.setenv('ROS_SECURITY_STRATEGY', 'Enforce')
+    for name in ('/snake', '/nobody'):
+        node = Process(node_command('gait', '--enclave', name), gait[0].domain)
+        assert node.wait() == 2
+        sentences = [line for line in node.output.splitlines() if line.startswith('error: ')]
+        assert len(sentences) == 1 and 'Traceback' not in node.output

@@ -17,6 +17,7 @@ from snake_sim_ros.reliability.file_readers import READERS
 from snake_sim_ros.reliability.files import content_of
 from snake_sim_ros.reliability.files import Reader
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.studies.journal import Journal
 
 pytest.importorskip('mcap')
 
@@ -115,3 +116,11 @@ def test_a_command_writes_its_outputs_and_the_cache_only(tmp_path, monkeypatch):
             places = (out, temporary, FOLDER.parent, Path('/dev'), Path('/proc'))
             assert any(path.is_relative_to(place) for place in places), path
     assert not [*here.iterdir(), *temporary.iterdir()]
+
+
+def test_a_journal_of_hostile_lines_is_read(tmp_path):
+    path = tmp_path / 'study.journal'
+    path.write_text(f'{"[" * 100_000}\n{{"row": 1}}\n[1]\n{"9" * 5000}\n{{"row": 2')
+    journal = Journal(path)
+    assert journal.rows() == [{'row': 1}]
+    journal.close(remove=True)

@@ -21,8 +21,8 @@ from snake_sim_ros.scene.quoting import LONGEST_PATH
 from snake_sim_ros.scene.quoting import LONGEST_REASON
 from snake_sim_ros.scene.quoting import quoted
 
-# A ground of 300 times 300 cells has 90 000 values and 2 MB. Such a text takes 2 s to read.
-MOST_CHARACTERS = 4_000_000
+# A ground of 300 times 300 cells has 90 000 values and 2 MB.
+MOST_CHARACTERS = 2_500_000
 MOST_VALUES = 100_000
 MOST_KEYS = 1000  # of one mapping
 DEEPEST = 30  # mappings and lists in each other

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.comparison.seals import SealChain
+from snake_sim_ros.nodes.bag_writer import BagWriter
+from snake_sim_ros.nodes.bag_writer import RunTopics
 from snake_sim_ros.recording import checkpoint
 from snake_sim_ros.recording import npz
 from snake_sim_ros.reliability.mutations import changed_arrays
@@ -169,9 +171,6 @@ class _Messages:
     """The messages of a bag, which is written anew with some of them changed."""
 
     def __init__(self, simulation: Simulation, path: Path) -> None:
-        from snake_sim_ros.nodes.bag_writer import BagWriter
-        from snake_sim_ros.nodes.bag_writer import RunTopics
-
         self.scene = simulation.scene
         self.topics: dict[str, tuple[Any, Any]] = {}
         self.messages: list[tuple[str, int, bytes]] = []
@@ -196,8 +195,6 @@ class _Messages:
 
     def changed(self, random: Random) -> bytes:
         """Return a whole bag with changed messages, and perhaps another scene or none."""
-        from snake_sim_ros.nodes.bag_writer import BagWriter
-
         scene = random.choice((None, None, self.scene, replace(self.scene, robot=Robot())))
         messages = list(self.messages)
         for _ in range(random.choice((1, 1, 2, 4))):

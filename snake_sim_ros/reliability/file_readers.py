@@ -6,7 +6,6 @@ what came of it.
 """
 
 from collections.abc import Callable
-from importlib import import_module
 from multiprocessing.connection import Connection
 import os
 from pathlib import Path
@@ -15,13 +14,28 @@ import sys
 import time
 from typing import NamedTuple
 
+from snake_sim_ros.comparison.csv_tables import mark_unknown
+from snake_sim_ros.comparison.csv_tables import read_table
+from snake_sim_ros.fitting.recording import read_recording
+from snake_sim_ros.gaits.blending import check_reach
+from snake_sim_ros.nodes.tools.trial_start import start_and_end
+from snake_sim_ros.optimization.problem import load_problem
+from snake_sim_ros.recording import checkpoint
+from snake_sim_ros.recording import csv_table
+from snake_sim_ros.recording import npz
+from snake_sim_ros.recording.recorded_runs import read_run
+from snake_sim_ros.recording.recorded_runs import summary
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.parameters import scene_to_text
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.robot_description import robot_of
 from snake_sim_ros.scene.yaml_text import parse_yaml
+from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.studies.journal import Journal
+from snake_sim_ros.studies.study_file import load_study
 
 LONGEST_SENTENCE = 2000  # characters; names of all keys or parameters may be in it
 ADDRESS_SPACE = 4_000_000_000  # bytes beyond those that the process has, where a bomb ends
@@ -38,9 +52,6 @@ class Answer(NamedTuple):
 
 def _build(scene: Scene) -> None:
     """Make the simulation of a scene, without compiling or stepping."""
-    from snake_sim_ros.gaits.blending import check_reach
-    from snake_sim_ros.stepping.simulation import Simulation
-
     check_reach(scene.gait, scene.robot)
     Simulation(scene)
     if scene_from_text(scene_to_text(scene)) != scene:
@@ -65,32 +76,22 @@ def _settings(path: Path) -> None:
 
 
 def _study(path: Path) -> None:
-    from snake_sim_ros.studies.study_file import load_study
-
     study = load_study(path)
     for number in range(min(len(study.variations), 3)):
         with_settings(study.scene, study.variations.row(number))
 
 
 def _optimization(path: Path) -> None:
-    from snake_sim_ros.optimization.problem import load_problem
-
     problem = load_problem(path)
     problem.present()
     problem.check_plan()
 
 
 def _urdf(path: Path) -> None:
-    from snake_sim_ros.scene.robot_description import robot_of
-
     robot_of(path.read_text(encoding='utf-8', errors='surrogateescape'))
 
 
 def _run(path: Path) -> None:
-    from snake_sim_ros.recording import csv_table
-    from snake_sim_ros.recording import npz
-    from snake_sim_ros.recording.recorded_runs import summary
-
     trajectory = npz.read(path)
     summary(trajectory)
     csv_table.write(trajectory.every(2), path.with_suffix('.csv'))
@@ -99,17 +100,12 @@ def _run(path: Path) -> None:
 
 
 def _checkpoint(path: Path) -> None:
-    from snake_sim_ros.recording import checkpoint
-
     simulation = checkpoint.read(path)
     simulation.gait_reference(1)
     checkpoint.write(simulation, path.with_name('again.npz'))
 
 
 def _bag(path: Path) -> None:
-    from snake_sim_ros.fitting.recording import read_recording
-    from snake_sim_ros.recording.recorded_runs import read_run
-
     refused: list[ParameterError] = []
     for read in (read_run, read_recording):
         try:
@@ -121,9 +117,6 @@ def _bag(path: Path) -> None:
 
 
 def _table(path: Path) -> None:
-    from snake_sim_ros.comparison.csv_tables import mark_unknown
-    from snake_sim_ros.comparison.csv_tables import read_table
-
     try:
         read_table(path)
     finally:
@@ -131,8 +124,6 @@ def _table(path: Path) -> None:
 
 
 def _journal(path: Path) -> None:
-    from snake_sim_ros.studies.journal import Journal
-
     journal = Journal(path)
     journal.rows()
     journal.close(remove=True)
@@ -140,17 +131,7 @@ def _journal(path: Path) -> None:
 
 def _parameters(path: Path) -> None:
     """Make a node with a file of parameters, which the parser of ROS reads first."""
-    import rclpy
-
-    from snake_sim_ros.nodes.gait_node import GaitNode
-    from snake_sim_ros.nodes.node_process import initialize
-    from snake_sim_ros.nodes.node_process import made
-
-    initialize(['gait', '--ros-args', '--params-file', str(path), '--disable-rosout-logs'])
-    try:
-        made(GaitNode).destroy_node()
-    finally:
-        rclpy.try_shutdown()
+    start_and_end(['--params-file', str(path), '--disable-rosout-logs'])
 
 
 READERS: dict[str, Callable[[Path], None]] = {
@@ -192,7 +173,6 @@ def peak() -> float:
 
 def serve(connection: Connection) -> None:
     """Answer with the result of each file whose path comes, until there is no other one."""
-    import_module('snake_sim_ros.stepping.simulation')  # the compiler, before memory is bounded
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())  # parsers of ROS write there
     pages = int(Path('/proc/self/statm').read_text(encoding='ascii').split()[0])
     most = pages * resource.getpagesize() + ADDRESS_SPACE

@@ -12,12 +12,14 @@ from snake_sim_ros.gaits.blending import check_limits
 from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.optimization.problem import load_problem
 from snake_sim_ros.recording.from_messages import scene_of
+from snake_sim_ros.recording.sensors import Sensors
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.scene.periods import samples_of
 from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.scene.robot_description import robot_of
@@ -189,3 +191,18 @@ def test_a_ground_of_too_many_cells_is_refused(size):
     marker = SimpleNamespace(ns='scene', type=6, action=0, scale=scale, points=corners)
     with pytest.raises(ParameterError, match=r'at most 1000 by 1000 cells|cell must be'):
         scene_of(robot_description(Robot(link_count=2)), [marker])
+
+
+@pytest.mark.parametrize('rate', [5e-324, 1e-310, 1e-30])
+def test_periods_that_never_end_are_refused(rate):
+    for name in ('control_rate', 'reference_rate'):
+        with pytest.raises(ParameterError, match='period must be at most 9007199254740992 steps'):
+            Simulation(Scene(robot=Robot(link_count=3, **{name: rate})))
+    with pytest.raises(ParameterError, match='dt must divide the duration'):
+        samples_of(Scene(duration=1 / 3 + rate), 100.0)
+    with pytest.raises(
+        ParameterError, match='sampling period must be at most 9007199254740992 steps'
+    ):
+        samples_of(Scene(), rate)
+    with pytest.raises(ParameterError, match='sensor_rate must divide'):
+        Sensors(sensor_rate=rate).states_in_sample(200.1)

@@ -27,6 +27,7 @@ from snake_sim_ros.scene.rotations import rotation_matrices
 Links = str | int | tuple[str | int, ...]  # names and numbers of links, or all
 ORIENTATION, ANGULAR_VELOCITY, ACCELERATION = slice(0, 4), slice(4, 7), slice(7, 10)
 MEASURED = slice(4, 10)  # what an IMU measures with errors
+MOST_STATES = 10**15  # from one sample of a sensor to the next
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +122,7 @@ class Sensors(CheckedRecord):
         """
         if self.sensor_rate == 0.0:
             return 1
-        count = round(rate / self.sensor_rate)
+        count = round(min(rate / self.sensor_rate, MOST_STATES))
         if count < 1 or abs(count * self.sensor_rate - rate) > 1e-9 * rate:
             raise ParameterError(
                 f'sensor_rate must divide the rate of the states, {rate:g} Hz, or be 0; '

@@ -31,9 +31,11 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.parameters import scene_to_text
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.periods import samples_of
 from snake_sim_ros.scene.robot_description import robot_of
 from snake_sim_ros.scene.yaml_text import parse_yaml
 from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.usual_steps import with_usual_steps
 from snake_sim_ros.studies.journal import Journal
 from snake_sim_ros.studies.study_file import load_study
 
@@ -51,11 +53,12 @@ class Answer(NamedTuple):
 
 
 def _build(scene: Scene) -> None:
-    """Make the simulation of a scene, without compiling or stepping."""
+    """Make the simulation of a scene, without compiling or stepping, and that of its steps."""
     check_reach(scene.gait, scene.robot)
     Simulation(scene)
     if scene_from_text(scene_to_text(scene)) != scene:
         raise AssertionError('the scene is another one after it was written and read')
+    samples_of(with_usual_steps(scene, {}, 0.01), 100.0)
 
 
 def _scene(path: Path) -> None:

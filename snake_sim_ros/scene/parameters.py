@@ -277,7 +277,11 @@ class Scene(CheckedRecord):
         'auto', '', 'model level; auto is planar while that is exact', choices=LEVELS
     )
     settling_time: float = quantity(
-        0.1, 's', 'how long a robot lies flat and still before auto is planar again', above=0
+        0.1,
+        's',
+        'how long a robot lies flat and still before auto is planar again',
+        above=0,
+        maximum=1e9,
     )
     pd_scheme: str = quantity(
         'average', '', 'where in the step the joint controller acts', choices=PD_SCHEMES

@@ -14,6 +14,10 @@ def steps_in(period: float, dt: float, name: str) -> int:
         If the time step dt [s] does not divide the period.
 
     """
+    if not period / dt <= MOST_STEPS:
+        raise ParameterError(
+            f'{name} must be at most {MOST_STEPS} steps of {dt:g} s, got {period:g} s'
+        )
     steps = round(period / dt)
     if steps < 1 or abs(steps * dt - period) > 1e-9 * period:
         raise ParameterError(f'dt must divide the {name}: got dt={dt:g} s, period={period:g} s')

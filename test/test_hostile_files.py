@@ -19,6 +19,7 @@ from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.periods import samples_of
 from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.scene.robot_description import robot_description
@@ -206,3 +207,9 @@ def test_periods_that_never_end_are_refused(rate):
         samples_of(Scene(), rate)
     with pytest.raises(ParameterError, match='sensor_rate must divide'):
         Sensors(sensor_rate=rate).states_in_sample(200.1)
+
+
+@pytest.mark.parametrize('part', [None, 1, {}, 'aiko'])
+def test_a_part_that_is_replaced_by_none_and_set_is_refused(part):
+    with pytest.raises(ParameterError, match='robot must be a mapping of names to values'):
+        with_settings(Scene(), {'robot': part, 'robot.link_count': 3})

@@ -322,6 +322,10 @@ def with_values(record: Any, settings: Mapping[str, Any], prefix: str = '') -> A
             found[name] = value if name == key else _radians(key, value, type(record), prefix)
     for name, values in inside.items():
         part = found.get(name, getattr(record, name))
+        if not is_dataclass(part):
+            raise ParameterError(
+                f'{prefix}{name} must be a mapping of names to values, got {quoted(part)}'
+            )
         found[name] = with_values(part, values, f'{prefix}{name}.')
     try:
         return type(record)(**record.__dict__ | found)

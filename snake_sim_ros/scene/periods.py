@@ -3,6 +3,8 @@
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene
 
+MOST_STEPS = 2**53  # in any period
+
 
 def steps_in(period: float, dt: float, name: str) -> int:
     """

@@ -70,6 +70,8 @@ HOSTILE = {
     f'objectives: {"x" * 20_000}',
     'long robust measure': f'scene: sidewinding\nvary: {{dt: {{low: 0.01, high: 0.02}}}}\n'
     f'maximize: speed\nrobust: {{over: {{friction: 0.3}}, measure: {"x" * 20_000}}}',
+    'table of brackets': f'gait: {{table: \'{{"a": {"[" * 100_000}\'}}',
+    'table with a long name': f'gait: {{table: {"a" * 300}}}',
     'unknown tag': 'dt: !!nonsense 1',
     'alias of nothing': 'dt: *nothing',
 }

@@ -166,7 +166,7 @@ def changed_arrays(arrays: Mapping[str, Array], random: Random) -> bytes:
         if kind == 0 and len(found) > 1:
             del found[name]
         elif kind == 1:
-            kinds = ('U', 'O') if array.dtype.kind == 'U' else ('S', '?', 'i1', 'f4', 'c16', 'O')
+            kinds = ('U', 'O') if array.dtype.kind in 'USO' else ('S', '?', 'i1', 'f4', 'c16', 'O')
             with np.errstate(invalid='ignore'):
                 found[name] = array.astype(random.choice(kinds))
         elif kind == 2:

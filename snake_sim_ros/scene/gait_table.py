@@ -20,6 +20,8 @@ from snake_sim_ros.scene.checked_records import from_mapping
 from snake_sim_ros.scene.checked_records import nearest
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.checked_records import quantity
+from snake_sim_ros.scene.quoting import quoted
+from snake_sim_ros.scene.scene_files import is_file
 
 Array = NDArray[Any]
 Numbers = tuple[float, ...]
@@ -236,7 +238,7 @@ def table_from(source: Any, folder: Path, joint_count: int) -> Table:
     if isinstance(source, str) and source.startswith('{'):
         try:
             source = json.loads(source)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise ParameterError(f'gait.table is not readable as JSON: {error}') from None
     if isinstance(source, (str, Path)):
         source = {'file': source}
@@ -245,9 +247,11 @@ def table_from(source: Any, folder: Path, joint_count: int) -> Table:
         return table
     for key in source:
         if key not in ('file', 'repeat'):
-            raise ParameterError(f'gait.table: unknown key {key!r}; {nearest(key, ["repeat"])}')
+            raise ParameterError(
+                f'gait.table: unknown key {quoted(key)}; {nearest(key, ["repeat"])}'
+            )
     path = folder / str(source['file'])
-    if not path.is_file():
+    if not is_file(path):
         raise ParameterError(f'gait.table: no file {path}')
     columns = _recorded(path) if path.suffix == '.npz' else _columns(path, joint_count)
     repeat = source.get('repeat', False)

@@ -135,6 +135,21 @@ def test_viscous_friction_lets_a_rate_decay(method, axis):
 
 
 @pytest.mark.parametrize(('method', 'axis'), EVERY)
+def test_a_joint_turns_at_its_largest_rate_at_most(method, axis):
+    # The spring would turn the joint at 33 rad/s within a step.
+    scene = floating(method, rate_stop=True, joint_rate_limit=0.5, **{f'{axis}_stiffness': 40.0})
+    stepper, rates = make_stepper(scene), []
+    for count in (5, 50):
+        state, _ = steps(stepper, hinge(scene, axis, 0.0), count, 0.4, axis)
+        rates.append(of_joint(state, axis)[1])
+    # The links come nearer to each other, and their centers move along the robot.
+    assert rates == pytest.approx([0.5, 0.5], rel=2e-2)
+    # It is no stop of the angle: nothing lands, and the joint goes back as fast.
+    back, _ = steps(stepper, state, 50, -0.4, axis)
+    assert of_joint(back, axis)[1] == pytest.approx(-0.5, rel=2e-2)
+
+
+@pytest.mark.parametrize(('method', 'axis'), EVERY)
 @pytest.mark.parametrize('way', [1.0, -1.0])
 def test_a_stop_ends_the_motion_of_a_joint_without_bounce(method, axis, way):
     # Both links turn against each other, so that nothing is left of their motion.

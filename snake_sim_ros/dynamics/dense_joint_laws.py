@@ -32,6 +32,7 @@ class DenseLaws(NamedTuple):
     viscous: Array  # [N m s^2]
     low: Array  # [rad/s]
     high: Array  # [rad/s]
+    fastest: float  # bound of the rate at any angle [rad/s]
 
     def controller(self, rate: Array) -> Array:
         """Return the impulses of the controllers at given rates [N m s]."""
@@ -42,23 +43,31 @@ class DenseLaws(NamedTuple):
         return self.holds_stop(rate) & (np.abs(rate) > SAME_RATE)
 
     def holds_stop(self, rate: Array) -> Array:
-        """Return which axes have the rate of a stop."""
-        apart = np.minimum(np.abs(rate - self.low), np.abs(rate - self.high))
-        return np.asarray(apart <= SAME_RATE)
+        """Return which axes have the rate of a stop of their angle."""
+        low, high = self.at_bounds(rate)
+        return low | high
+
+    def at_bounds(self, rate: Array) -> tuple[Array, Array]:
+        """Return which axes have the lower and which the upper rate that such a stop allows."""
+        low = (self.low > -self.fastest) & (np.abs(rate - self.low) <= SAME_RATE)
+        high = (self.high < self.fastest) & (np.abs(rate - self.high) <= SAME_RATE)
+        return np.asarray(low), np.asarray(high)
 
     def in_impact(self, rate: Array, impulse: Array) -> 'DenseLaws':
         """Return the laws in an impact after a part with these rates and impulses."""
         sliding = np.where(np.abs(rate) > SAME_RATE, np.sign(rate), 0.0)
         smooth = self.controller(rate) - self.viscous * rate - sliding * self.friction
         none, infinite = np.zeros(rate.shape), np.full(rate.shape, np.inf)
+        low, high = self.at_bounds(rate)
         return DenseLaws(
             torque=np.where(self.holds_stop(rate), smooth, impulse),
             damping=none,
             limit=infinite,
             friction=none,
             viscous=none,
-            low=np.where(np.abs(rate - self.low) <= SAME_RATE, 0.0, -np.inf),
-            high=np.where(np.abs(rate - self.high) <= SAME_RATE, 0.0, np.inf),
+            low=np.where(low, 0.0, -self.fastest),
+            high=np.where(high, 0.0, self.fastest),
+            fastest=self.fastest,
         )
 
 
@@ -69,8 +78,10 @@ def dense_laws(
     shape = low.shape
     numbers = h * laws.torque_limit, h * laws.friction, h * laws.viscous
     limit, friction, viscous = (each[:, : shape[1]] for each in numbers)
+    low, high = (np.clip(bound, -laws.fastest, laws.fastest) for bound in (low, high))
     return DenseLaws(
-        torque.reshape(shape), damping.reshape(shape), limit, friction, viscous, low, high
+        *(torque.reshape(shape), damping.reshape(shape), limit, friction, viscous),
+        *(low, high, laws.fastest),
     )
 
 
@@ -81,6 +92,7 @@ class Parts(NamedTuple):
     damping: Array
     cut: Array  # sign of the limit that acts
     slip: Array  # sign of the rate against which friction acts
+    held: Array  # sign of the bound that holds the rate
     miss: Array  # how far the trial rates are from the graphs [rad/s]
 
 
@@ -95,7 +107,7 @@ def on_slope(laws: DenseLaws, slip: float, r: Array, z: Array) -> tuple[Array, A
 
 def parts_at(laws: DenseLaws, inertia: float, rate: Array, P: Array, last: Parts | None) -> Parts:
     """Return the parts for trial rates [rad/s] and impulses [N m s], see `joint_laws.axis_law`."""
-    c, R, L, F, V, low, high = laws
+    c, R, L, F, V, low, high, _ = laws
     r = 1.0 / (inertia + R)
     z = rate - r * P
     w, cut = on_slope(laws, 1.0, r, z)
@@ -114,10 +126,15 @@ def parts_at(laws: DenseLaws, inertia: float, rate: Array, P: Array, last: Parts
     bound = np.where(cut == 0.0, 0.0, L)
     torque = np.where(cut == 0.0, c, cut * bound) - slip * F
     damping = np.where(cut == 0.0, R, 0.0) + V
-    holds = holds | (w == low) | (w == high)
+    held = np.where(w == high, 1.0, np.where(w == low, -1.0, 0.0))
+    if last:
+        held = np.where(held * last.held < 0.0, 0.0, held)
+    holds = holds | (held != 0.0)
     K = HOLD * (inertia + R + V)
-    held = (np.where(holds, w, 0.0) - z) / r + K * np.where(holds, w, 0.0)
-    return Parts(np.where(holds, held, torque), np.where(holds, K, damping), cut, slip, miss)
+    pull = (np.where(holds, w, 0.0) - z) / r + K * np.where(holds, w, 0.0)
+    return Parts(
+        np.where(holds, pull, torque), np.where(holds, K, damping), cut, slip, held, miss
+    )
 
 
 Solve = Callable[[Array, Array], tuple[Array, Any]]
@@ -156,7 +173,8 @@ def solve_laws_of_axes(
         misses = after.miss > SAME_RATE
         if not misses.any():
             break
-        moves = misses & ((after.cut != part.cut) | (after.slip != part.slip))
+        same = (after.cut == part.cut) & (after.slip == part.slip) & (after.held == part.held)
+        moves = misses & ~same
         if attempt >= TOGETHER and moves.any():
             misses &= ~moves | (np.arange(moves.size).reshape(moves.shape) == moves.argmax())
         part = Parts(*(np.where(misses, a, b) for a, b in zip(after, part, strict=True)))

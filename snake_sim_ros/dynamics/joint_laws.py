@@ -7,6 +7,7 @@ An axis has the impulse P that its rate w at the end of a step determines:
 - Friction resists with F against the sense of w; at rest it takes any value from -F to F.
 - Viscous friction resists with V w.
 - A stop keeps w between two bounds: Signorini's law, as of a contact.
+- A stop of the rate does so at any angle, between two bounds that are always the same.
 
 The set of admissible pairs (w, P) is the graph of a falling function with vertical parts, a
 maximal monotone relation. The law is therefore equivalent to ``w = resolvent(w - r P)`` for any
@@ -47,6 +48,7 @@ class JointLaws(NamedTuple):
     friction: Array  # (n-1, 2) [N m]
     viscous: Array  # (n-1, 2) [N m s/rad]
     stop: float  # largest joint angle to either side [rad]; infinite without stops
+    fastest: float  # largest rate [rad/s]; infinite without stops of the rate
     inertia: float  # scale of 1/r: the moment of inertia across a link [kg m^2]
 
 
@@ -63,6 +65,7 @@ class AxisLaws(NamedTuple):
     rate: Array  # w, of the last solution [rad/s]
     cut: Array  # sign of the limit that the controller is at; 0: it follows
     slip: Array  # sign of the rate against which friction acts; 0: it does not, or it holds
+    held: Array  # sign of the bound that holds the rate; 0: none does
 
 
 def make_joint_laws(robot: Robot) -> JointLaws:
@@ -71,9 +74,11 @@ def make_joint_laws(robot: Robot) -> JointLaws:
         robot.per_joint(name) for name in ('torque_limit', 'friction', 'viscous_friction')
     )
     stop = robot.joint_limit if robot.joint_stop else math.inf
-    present = np.isfinite(limit).any() or friction.any() or viscous.any() or robot.joint_stop
+    fastest = robot.joint_rate_limit if robot.rate_stop else math.inf
+    stopped = robot.joint_stop or robot.rate_stop
+    present = np.isfinite(limit).any() or friction.any() or viscous.any() or stopped
     inertia = float(robot.per_link('inertia_transversal').mean())
-    return JointLaws(bool(present), limit, friction, viscous, stop, inertia)
+    return JointLaws(bool(present), limit, friction, viscous, stop, fastest, inertia)
 
 
 def make_axis_laws(n: int) -> AxisLaws:
@@ -87,7 +92,14 @@ def begin_axis(laws, axes, h, j, k):
     axes.limit[j, k] = h * laws.torque_limit[j, k]
     axes.friction[j, k] = h * laws.friction[j, k]
     axes.viscous[j, k] = h * laws.viscous[j, k]
-    axes.low[j, k], axes.high[j, k] = -math.inf, math.inf
+    axes.low[j, k], axes.high[j, k] = -laws.fastest, laws.fastest
+
+
+@inlined
+def stop_axis(laws, axes, j, k, low, high):
+    """Bound the rate of axis k of joint j by its stops [rad/s], within what the rate may be."""
+    axes.low[j, k] = min(max(low, -laws.fastest), laws.fastest)
+    axes.high[j, k] = min(max(high, -laws.fastest), laws.fastest)
 
 
 @inlined
@@ -100,7 +112,7 @@ def controller_impulse(axes, j, k):
 @inlined
 def first_law(inertia, axes, j, k):
     """Return torque and damping to begin with, from the rate in axes.rate; see `axis_law`."""
-    axes.cut[j, k] = axes.slip[j, k] = 0.0
+    axes.cut[j, k] = axes.slip[j, k] = axes.held[j, k] = 0.0
     torque, damping, _ = axis_law(inertia, axes, j, k, controller_impulse(axes, j, k))
     return torque, damping
 
@@ -110,15 +122,16 @@ def axis_law(inertia, axes, j, k, impulse):
     """
     Return the part of the law of axis k of joint j that a trial solution falls on.
 
-    From one limit to the other, and from sliding one way to the other, it goes over the part
-    between them. Else Newton's method would go to and fro.
+    From one limit to the other, from sliding one way to the other, and from one bound of the rate
+    to the other, it goes over the part between them. Else Newton's method would go to and fro.
 
     Parameters
     ----------
     inertia : float
         `JointLaws.inertia`.
     axes : AxisLaws
-        Its rate is that of the trial solution; cut and slip are replaced by those of the part.
+        Its rate is that of the trial solution; cut, slip and held are replaced by those of the
+        part.
     j, k : int
     impulse : float
         P of the trial solution [N m s].
@@ -148,8 +161,11 @@ def axis_law(inertia, axes, j, k, impulse):
         w = slip = cut = 0.0
     elif cut * axes.cut[j, k] < 0.0:
         cut = 0.0
-    axes.slip[j, k], axes.cut[j, k] = slip, cut
-    if (F > 0.0 and slip == 0.0) or w in (low, high):
+    held = 1.0 if w == high else (-1.0 if w == low else 0.0)
+    if held * axes.held[j, k] < 0.0:
+        held = 0.0
+    axes.slip[j, k], axes.cut[j, k], axes.held[j, k] = slip, cut, held
+    if (F > 0.0 and slip == 0.0) or held != 0.0:
         K = HOLD * (inertia + R + V)
         return (w - z) / r + K * w, K, miss
     if cut == 0.0:
@@ -173,11 +189,22 @@ def rate_on_slope(torque, R, F, L, V, r, z):
 
 
 @inlined
-def is_at_stop(axes, j, k):
+def is_at_stop(laws, axes, j, k):
     """Return whether axis k of joint j meets a stop: it moves at the rate that leads there."""
     w = axes.rate[j, k]
-    met = is_at(w, axes.low[j, k]) or is_at(w, axes.high[j, k])
-    return met and abs(w) > SAME_RATE
+    return (is_low(laws, axes, j, k) or is_high(laws, axes, j, k)) and abs(w) > SAME_RATE
+
+
+@inlined
+def is_low(laws, axes, j, k):
+    """Return whether axis k of joint j has the lower rate that a stop of its angle allows."""
+    return axes.low[j, k] > -laws.fastest and is_at(axes.rate[j, k], axes.low[j, k])
+
+
+@inlined
+def is_high(laws, axes, j, k):
+    """Return whether axis k of joint j has the upper rate that a stop of its angle allows."""
+    return axes.high[j, k] < laws.fastest and is_at(axes.rate[j, k], axes.high[j, k])
 
 
 @inlined
@@ -204,7 +231,7 @@ def begin_axis_impact(laws, axes, j, k, torque, damping):
 
     """
     w = axes.rate[j, k]
-    low, high = is_at(w, axes.low[j, k]), is_at(w, axes.high[j, k])
+    low, high = is_low(laws, axes, j, k), is_high(laws, axes, j, k)
     known = torque - damping * w
     if low or high:  # without the reaction of the stop
         known = controller_impulse(axes, j, k) - axes.viscous[j, k] * w
@@ -212,8 +239,8 @@ def begin_axis_impact(laws, axes, j, k, torque, damping):
             known -= math.copysign(axes.friction[j, k], w)
     axes.torque[j, k], axes.damping[j, k], axes.limit[j, k] = known, 0.0, math.inf
     axes.friction[j, k] = axes.viscous[j, k] = 0.0
-    axes.low[j, k] = 0.0 if low else -math.inf
-    axes.high[j, k] = 0.0 if high else math.inf
+    axes.low[j, k] = 0.0 if low else -laws.fastest
+    axes.high[j, k] = 0.0 if high else laws.fastest
     return first_law(laws.inertia, axes, j, k)
 
 
@@ -262,16 +289,17 @@ def joint_laws_change(laws, axes, torque, damping, outcome, attempt, report):
     for j in range(len(torque)):
         for k in range(torque.shape[1]):
             impulse = torque[j, k] - damping[j, k] * axes.rate[j, k]
-            cut, slip = axes.cut[j, k], axes.slip[j, k]
+            cut, slip, held = axes.cut[j, k], axes.slip[j, k], axes.held[j, k]
             new_torque, new_damping, miss = axis_law(laws.inertia, axes, j, k, impulse)
             if miss > SAME_RATE:
                 misses = True
                 is_same = cut == axes.cut[j, k] and slip == axes.slip[j, k]
+                is_same = is_same and held == axes.held[j, k]
                 if not is_last and (is_same or attempt < TOGETHER or not moves):
                     torque[j, k], damping[j, k] = new_torque, new_damping
                     moves = moves or not is_same
                 else:
-                    axes.cut[j, k], axes.slip[j, k] = cut, slip
+                    axes.cut[j, k], axes.slip[j, k], axes.held[j, k] = cut, slip, held
     if misses and is_last:
         report.unconverged += outcome.converged
         return False

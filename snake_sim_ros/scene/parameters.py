@@ -93,6 +93,7 @@ class Robot(CheckedRecord):
         math.pi / 4, 'rad', 'largest joint reference accepted', above=0, maximum=math.pi / 2
     )
     joint_stop: bool = quantity(False, '', 'whether joints hit a stop at joint_limit')
+    rate_stop: bool = quantity(False, '', 'whether joints turn at joint_rate_limit at most')
     yaw_torque_limit: PerJoint | None = quantity(
         None, 'N m', 'largest torque of the horizontal controller; none without limit', minimum=0
     )

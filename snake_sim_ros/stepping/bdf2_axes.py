@@ -18,6 +18,7 @@ from snake_sim_ros.dynamics.joint_laws import controller_impulse
 from snake_sim_ros.dynamics.joint_laws import first_law
 from snake_sim_ros.dynamics.joint_laws import is_at_stop
 from snake_sim_ros.dynamics.joint_laws import joint_laws_change
+from snake_sim_ros.dynamics.joint_laws import stop_axis
 
 
 @merged
@@ -36,8 +37,9 @@ def begin_axes(laws, own, work, angle, h, h_q):
             begin_axis(laws, axes, h, j, k)
             if laws.stop < math.inf:
                 hat = own.hat.angle[j, k]
-                axes.low[j, k] = (min(-laws.stop, angle[j, k]) - hat) / h_q
-                axes.high[j, k] = (max(laws.stop, angle[j, k]) - hat) / h_q
+                low = (min(-laws.stop, angle[j, k]) - hat) / h_q
+                high = (max(laws.stop, angle[j, k]) - hat) / h_q
+                stop_axis(laws, axes, j, k, low, high)
             chain.torque[j, k], chain.damping[j, 2 * k] = first_law(laws.inertia, axes, j, k)
 
 
@@ -66,7 +68,7 @@ def joints_meet_stops(laws, rate, work):
             work.applied[j, k] = chain.torque[j, k] - chain.damping[j, 2 * k] * rate[j, k]
             if laws.present:
                 work.applied[j, k] = controller_impulse(axes, j, k)
-                meets = meets or is_at_stop(axes, j, k)
+                meets = meets or is_at_stop(laws, axes, j, k)
     return meets
 
 

@@ -15,6 +15,7 @@ from snake_sim_ros.dynamics.joint_laws import controller_impulse
 from snake_sim_ros.dynamics.joint_laws import first_law
 from snake_sim_ros.dynamics.joint_laws import is_at_stop
 from snake_sim_ros.dynamics.joint_laws import joint_laws_change
+from snake_sim_ros.dynamics.joint_laws import stop_axis
 
 
 @merged
@@ -40,13 +41,13 @@ def begin_predicted_yaw_axes(model, work, start, hat, u_star, h, h_q):
     Headings (n,) at the start and without the rates of the end are `start` and `hat` [rad], and
     u_star, shape (n, 3), are the predicted velocities.
     """
-    stop, axes = model.joint_laws.stop, work.axes
+    laws, stop = model.joint_laws, model.joint_laws.stop
     for j in range(len(work.torque)):
         begin_yaw_axis(model, work, j, h, u_star[j + 1, 2] - u_star[j, 2])
         if stop < math.inf:
             angle, bend = start[j + 1] - start[j], hat[j + 1] - hat[j]
-            axes.low[j, 0] = (min(-stop, angle) - bend) / h_q
-            axes.high[j, 0] = (max(stop, angle) - bend) / h_q
+            low, high = (min(-stop, angle) - bend) / h_q, (max(stop, angle) - bend) / h_q
+            stop_axis(laws, work.axes, j, 0, low, high)
         first_yaw_law(model, work, j)
 
 
@@ -89,7 +90,7 @@ def joint_impulses_in_plane(model, work):
     if model.joint_laws.present:
         for j in range(len(work.applied)):
             work.applied[j, 0] = controller_impulse(work.axes, j, 0)
-            meets = meets or is_at_stop(work.axes, j, 0)
+            meets = meets or is_at_stop(model.joint_laws, work.axes, j, 0)
     return meets
 
 

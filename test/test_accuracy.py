@@ -12,7 +12,7 @@ from snake_sim_ros.comparison import bench
 from snake_sim_ros.comparison.bench_rows import rows_of
 from snake_sim_ros.comparison.csv_tables import read_table
 from snake_sim_ros.nodes.sim_parameters import Settings
-from snake_sim_ros.nodes.sim_parameters import within_publish_period
+from snake_sim_ros.nodes.sim_parameters import as_it_runs
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
@@ -101,11 +101,11 @@ def test_values_that_were_given_stay():
 
 def test_sim_takes_the_steps_of_the_paper_unless_it_is_given_an_accuracy():
     settings = Settings(publish_rate=200)
-    assert within_publish_period(settings, CASE_A, {}) == CASE_A
+    assert as_it_runs(settings, CASE_A, {}) == CASE_A
     scene = replace(CASE_A, accuracy=1e-3)
-    found = within_publish_period(settings, scene, {'accuracy'})
+    found = as_it_runs(settings, scene, {'accuracy'})
     assert (found.dt, found.method, found.accuracy) == (pytest.approx(1 / 200), 'bdf2', 1e-3)
-    found = within_publish_period(settings, scene, {'accuracy', 'dt', 'method'})
+    found = as_it_runs(settings, scene, {'accuracy', 'dt', 'method'})
     assert (found.dt, found.method) == (scene.dt, scene.method)
 
 

@@ -581,7 +581,7 @@ def test_command_that_jumps_is_told(still, angle, since, needed):
     told = jump_between('joint_command', still, new, ROBOT, now, horizon=HORIZON, period=0.005)
     expected = (
         f'joint_command: joint_2_yaw jumps from 0.1 rad to {angle:g} rad; {needed} rad/s would '
-        f'be needed, at most 10 rad/s; a joint_trajectory takes it there'
+        f'be needed, at most 10 rad/s; it is led there at that rate'
     )
     assert told == (expected if needed else '')
 

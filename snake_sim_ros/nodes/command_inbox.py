@@ -21,7 +21,10 @@ from trajectory_msgs.msg import JointTrajectory
 from snake_sim_ros.gaits.joint_reference import JointReference
 from snake_sim_ros.gaits.joint_reference import Motion
 from snake_sim_ros.gaits.joint_reference import start_posture
+from snake_sim_ros.gaits.limited_reference import LimitedReference
 from snake_sim_ros.nodes.other_publishers import OtherPublishers
+from snake_sim_ros.nodes.received_bytes import DamagedMessage
+from snake_sim_ros.nodes.received_bytes import message_from
 from snake_sim_ros.nodes.received_commands import extrapolated
 from snake_sim_ros.nodes.received_commands import joint_command
 from snake_sim_ros.nodes.received_commands import jump_between
@@ -68,6 +71,8 @@ class CommandInbox:
         The node replaces them when its parameters change.
     rejected, clamped : int
         How many commands were rejected, and how many were clamped to the joint limit.
+    limiter : LimitedReference
+        Leads joints to what they are told, no faster than they may turn.
     watch : callable, optional
         Called with the simulated time before every sample [s].
 
@@ -81,6 +86,7 @@ class CommandInbox:
         self.watch: Callable[[float], None] | None = None
         self._simulation, self._warn = simulation, warn
         self._reference = start_posture(simulation.scene)
+        self.limiter = LimitedReference(self._reference.angle)
         self._heard: float | None = None  # simulated time of the last command [s]
         self._void = 0.0  # time up to which stamped commands are void [s]
         self._stream = ''  # topic on which commands follow each other
@@ -97,15 +103,19 @@ class CommandInbox:
         node.create_subscription(
             JointState,
             'joint_command',
-            lambda message: self._on_command('joint_command', joint_command, message),
+            lambda data: self._on_command('joint_command', JointState, joint_command, data),
             LATEST,
+            raw=True,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
         node.create_subscription(
             Float64MultiArray,
             'position_commands',
-            lambda message: self._on_command('position_commands', position_commands, message),
+            lambda data: self._on_command(
+                'position_commands', Float64MultiArray, position_commands, data
+            ),
             LATEST,
+            raw=True,
         )
         node.create_subscription(
             JointTrajectory, 'joint_trajectory', self._on_trajectory, LATEST, raw=True
@@ -134,7 +144,12 @@ class CommandInbox:
         self._reference = self._reference.settled(self._simulation.time)
         self._watch_silence()
         self._watch_limit(times[-1])
-        return self._sampled(times, self.settings.command_horizon)
+        return self.limiter.limited(
+            times,
+            *self._sampled(times, self.settings.command_horizon),
+            period=1.0 / self.settings.publish_rate,
+            limit=self._simulation.scene.robot.joint_rate_limit,
+        )
 
     @property
     def is_open(self) -> bool:
@@ -175,6 +190,7 @@ class CommandInbox:
         else:
             stamp = np.full(angle.shape, now)
             self._reference = JointReference(stamp, angle, np.zeros_like(angle))
+        self.limiter.start(self._reference.angle, now)
         self._heard, self._stream, self._silent = None, '', ''
 
     def take_trajectory(self, message: JointTrajectory) -> Motion:
@@ -208,8 +224,15 @@ class CommandInbox:
 
     # ---- what came ------------------------------------------------------------------------------
 
-    def _on_command(self, topic: str, read: Callable[..., ReceivedCommand], message: Any) -> None:
-        self._topics[topic] = type(message)
+    def _on_command(
+        self, topic: str, kind: Any, read: Callable[..., ReceivedCommand], data: bytes
+    ) -> None:
+        self._topics[topic] = kind
+        try:
+            message = message_from(data, kind)
+        except DamagedMessage as error:
+            self._reject(RejectedCommand('bytes', f'{topic}: {error}'))
+            return
         stamp = seconds_from(message.header.stamp) if hasattr(message, 'header') else 0.0
         if 0.0 < stamp <= self._void and self.settings.publish_clock:
             return
@@ -267,10 +290,7 @@ class CommandInbox:
             if self._simulation.scene.level == 'planar':
                 _refuse_vertical(topic, command)
         except RejectedCommand as error:
-            self.rejected += 1
-            self._rejection = f'{error}; the last good command is held'
-            self._rejected_at = time.monotonic()
-            self._warn(error.kind, self._rejection)
+            self._reject(error)
             raise
         self._reference = command.reference
         if command.effort:
@@ -287,6 +307,12 @@ class CommandInbox:
         self._stream = topic if follows else ''
         self._heard, self._silent = now, ''
         return command
+
+    def _reject(self, error: RejectedCommand) -> None:
+        self.rejected += 1
+        self._rejection = f'{error}; the last good command is held'
+        self._rejected_at = time.monotonic()
+        self._warn(error.kind, self._rejection)
 
     def _watch_silence(self) -> None:
         """Warn when a stream of commands stops; its last command is held in any case."""

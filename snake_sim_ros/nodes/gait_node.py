@@ -185,7 +185,7 @@ class GaitNode(Node):
         silence, stopped = 1e-9 * (now - self.heard), Steering(0.0, 0.0)
         if self.steering in (None, stopped) or not 0.0 < timeout < silence:
             return
-        self.get_logger().warning(f'no cmd_vel for {timeout:g} s: the gait stops')
+        self.warn('silent', f'no cmd_vel for {timeout:g} s: the gait stops')
         self.steering = stopped
         self._aim()
 

@@ -19,6 +19,7 @@ from sensor_msgs.msg import JointState
 from snake_sim_ros.nodes.clock_watch import ClockWatch
 from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.jumps import Jumps
+from snake_sim_ros.nodes.received_bytes import message_from
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
 
@@ -123,7 +124,9 @@ class MeasuredStart:
         self._made = time.monotonic()
         # The newest message counts, and whoever publishes at whatever reliability is heard.
         quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        node.create_subscription(JointState, 'joint_states', self._on_joint_states, quality)
+        node.create_subscription(
+            JointState, 'joint_states', self._on_joint_states, quality, raw=True
+        )
 
     def was_put_back(self) -> bool:
         """Return whether the robot was put back since the last call."""
@@ -175,12 +178,13 @@ class MeasuredStart:
         age = min(abs(1e-9 * (now - last.stamp)), time.monotonic() - last.arrived)
         return last.angle if age <= FRESH else None
 
-    def _on_joint_states(self, message: JointState) -> None:
-        stamp = message.header.stamp
-        self._clock.compare(stamp.sec * 1_000_000_000 + stamp.nanosec)
-        if not self._used:
-            return
+    def _on_joint_states(self, data: bytes) -> None:
         try:
+            message = message_from(data, JointState)
+            stamp = message.header.stamp
+            self._clock.compare(stamp.sec * 1_000_000_000 + stamp.nanosec)
+            if not self._used:
+                return
             new = measured(message, self._names)
         except ValueError as error:
             if not self._refused:

@@ -237,7 +237,7 @@ def jump_between(
     return (
         f'{topic}: {joint_names(robot.link_count)[worst]} jumps from {before:.4g} rad to '
         f'{after:.4g} rad; {needed:.4g} rad/s would be needed, at most {limit:.4g} rad/s; '
-        f'a joint_trajectory takes it there'
+        f'it is led there at that rate'
     )
 
 

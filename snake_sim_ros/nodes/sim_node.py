@@ -32,10 +32,10 @@ from snake_sim_ros.nodes.load_meter import LoadMeter
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import run_node
 from snake_sim_ros.nodes.refusals import Refusals
+from snake_sim_ros.nodes.sim_parameters import as_it_runs
 from snake_sim_ros.nodes.sim_parameters import CHANGEABLE
 from snake_sim_ros.nodes.sim_parameters import changed
 from snake_sim_ros.nodes.sim_parameters import Settings
-from snake_sim_ros.nodes.sim_parameters import within_publish_period
 from snake_sim_ros.nodes.simulation_services import serve
 from snake_sim_ros.nodes.slow_steps import SlowSteps
 from snake_sim_ros.nodes.stamps import stamp_from
@@ -87,7 +87,7 @@ class SimNode(Node):
     def __init__(self) -> None:
         super().__init__('sim', automatically_declare_parameters_from_overrides=True)
         self.settings, scene = settle(
-            self, Settings, changeable=CHANGEABLE, complete=within_publish_period
+            self, Settings, changeable=CHANGEABLE, complete=as_it_runs
         )
         if self.get_parameter('use_sim_time').value:
             self.get_logger().warning('use_sim_time is ignored: this node makes simulated time')
@@ -249,6 +249,7 @@ class SimNode(Node):
             'level_changes': self.level_changes,
             'rejected_commands': self.inbox.rejected,
             'clamped_commands': self.inbox.clamped,
+            'limited_references': self.inbox.limiter.count,
             'rejected_pushes_and_poses': self.handling.refusals.count,
             **values_of(self.simulation),
         }

@@ -24,6 +24,7 @@ CHANGEABLE = (
     *('robot.yaw_stiffness', 'robot.yaw_damping', 'robot.pitch_stiffness', 'robot.pitch_damping'),
     *('self_contact_friction', 'gravity', 'push_link', 'push_duration'),
 )
+STOPS = ('robot.joint_stop', 'robot.rate_stop')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,9 +67,11 @@ class Settings(Sensors):
         return link_index(self.push_link, robot.link_count, 'push_link')
 
 
-def within_publish_period(settings: Settings, scene: Scene, given: Container[str]) -> Scene:
+def as_it_runs(settings: Settings, scene: Scene, given: Container[str]) -> Scene:
     """
-    Return the scene with the steps that its accuracy asks for; without one, the scene itself.
+    Return the scene with stops of its joints, and with the steps that its accuracy asks for.
+
+    The stops hold joints within their limits, whatever is commanded. They act only there.
 
     Parameters
     ----------
@@ -78,6 +81,7 @@ def within_publish_period(settings: Settings, scene: Scene, given: Container[str
         Names of parameters that the user set. They stay.
 
     """
+    scene = with_settings(scene, {name: True for name in STOPS if name not in given})
     if scene.accuracy == 0.0:
         return scene
     return with_accuracy(scene, scene.accuracy, 1.0 / settings.publish_rate, given)

@@ -115,7 +115,7 @@ def read_message(data: bytes) -> TrajectoryMessage:
         body.text()  # the frame
         names = [body.text() for _ in range(body.word())]
         return TrajectoryMessage(names, seconds + 1e-9 * nanoseconds, body.word(), body)
-    except struct.error:
+    except (struct.error, RuntimeError):  # The latter if bytes are in another order.
         raise _no_trajectory() from None
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from snake_sim_ros.gaits.joint_reference import JointReference
 from snake_sim_ros.gaits.joint_reference import start_posture
+from snake_sim_ros.gaits.limited_reference import LimitedReference
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
@@ -37,6 +38,7 @@ class Offline:
     def __init__(self, scene: Scene) -> None:
         self.simulation = Simulation(scene)
         self.reference = start_posture(scene)
+        self.limiter = LimitedReference(self.reference.angle)
 
     def sample(self) -> Sample:
         """Return the present state."""
@@ -70,9 +72,11 @@ class Offline:
     def advance(self) -> Sample:
         """Advance by one period and return the state."""
         simulation = self.simulation
-        limit = simulation.scene.robot.joint_limit
+        robot = simulation.scene.robot
         times = simulation.midpoints(STEPS)
-        report = simulation.advance(*self.reference.sample(times, HORIZON, limit))
+        told = self.reference.sample(times, HORIZON, robot.joint_limit)
+        period, limit = 1e-9 * PERIOD, robot.joint_rate_limit
+        report = simulation.advance(*self.limiter.limited(times, *told, period=period, limit=limit))
         assert not report.failure
         return self.sample()
 

@@ -27,6 +27,7 @@ def with_twin(sim, scene):
     twin = Offline(scene)
     twin.simulation.step_count = round(sim.now / scene.dt)
     twin.reference.stamp[:] = sim.now
+    twin.limiter.start(twin.reference.angle, twin.simulation.time)
     return sim, twin
 
 

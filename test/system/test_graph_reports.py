@@ -207,7 +207,7 @@ def test_command_that_jumps_is_told_and_a_stream_is_not(lockstep):
         sim.step()
     said = (
         f'joint_command: joint_5_yaw jumps from {reached:.4g} rad to {reached + 0.5:.4g} rad; '
-        f'100 rad/s would be needed, at most 10 rad/s; a joint_trajectory takes it there'
+        f'100 rad/s would be needed, at most 10 rad/s; it is led there at that rate'
     )
     sim.process.wait_for(said)
     assert sim.process.count('jumps') == 1, sim.process.output

@@ -16,6 +16,7 @@ from snake_sim_ros.nodes.sim_parameters import as_it_runs
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.stepping.accuracy import longest_step
 from snake_sim_ros.stepping.accuracy import path_tolerance
 from snake_sim_ros.stepping.accuracy import with_accuracy
@@ -101,7 +102,9 @@ def test_values_that_were_given_stay():
 
 def test_sim_takes_the_steps_of_the_paper_unless_it_is_given_an_accuracy():
     settings = Settings(publish_rate=200)
-    assert as_it_runs(settings, CASE_A, {}) == CASE_A
+    stops = {'robot.joint_stop': True, 'robot.rate_stop': True}
+    assert as_it_runs(settings, CASE_A, {}) == with_settings(CASE_A, stops)
+    assert as_it_runs(settings, CASE_A, stops) == CASE_A  # whose values were given
     scene = replace(CASE_A, accuracy=1e-3)
     found = as_it_runs(settings, scene, {'accuracy'})
     assert (found.dt, found.method, found.accuracy) == (pytest.approx(1 / 200), 'bdf2', 1e-3)

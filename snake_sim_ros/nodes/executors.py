@@ -2,9 +2,12 @@
 
 import time
 
+from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+
+from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
 
 try:
     from rclpy.experimental import EventsExecutor
@@ -15,6 +18,11 @@ except ImportError:  # It costs a third per message, but not every rclpy has it.
 # that wait, so some twenty calls find nothing and one or two take a message. The limit is the same
 # if no message waits.
 SERVING = 2e-4
+# Errors that a message or a request causes, as far as no callback of a node has taken them.
+NOT_USABLE = (
+    *(ValueError, TypeError, ArithmeticError, LookupError, AttributeError, RuntimeError),
+    ParameterException,
+)
 
 
 def make_executor(node: Node) -> Executor:
@@ -24,8 +32,33 @@ def make_executor(node: Node) -> Executor:
     return executor
 
 
-def serve_some(executor: Executor) -> None:
-    """Serve messages that wait, but not so many or so large ones that the caller would starve."""
-    end = time.perf_counter() + SERVING
-    while time.perf_counter() < end:
-        executor.spin_once(timeout_sec=0)
+class Server:
+    """
+    Serves a node, which goes on if a message or a request is one that rclpy itself cannot take.
+
+    A parameter of an unknown type is one, or a time before 0 on /clock: their errors come out of
+    callbacks of rclpy, and would end the node.
+
+    Parameters
+    ----------
+    executor : Executor
+    warn : ThrottledWarnings
+
+    """
+
+    def __init__(self, executor: Executor, warn: ThrottledWarnings) -> None:
+        self._executor, self._warn = executor, warn
+
+    def spin_once(self, timeout_sec: float) -> None:
+        """Serve what comes first, within some time [s]."""
+        try:
+            self._executor.spin_once(timeout_sec=timeout_sec)
+        except NOT_USABLE as error:
+            words = str(error).partition('\n')[0]
+            self._warn('dropped', f'dropped what cannot be used: {type(error).__name__}: {words}')
+
+    def serve_some(self) -> None:
+        """Serve what waits, but not so much or so large that the caller would starve."""
+        end = time.perf_counter() + SERVING
+        while time.perf_counter() < end:
+            self.spin_once(timeout_sec=0)

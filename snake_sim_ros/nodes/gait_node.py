@@ -33,6 +33,7 @@ from snake_sim_ros.gaits.blending import largest_values
 from snake_sim_ros.gaits.blending import shortest_blend
 from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.nodes.clock_watch import ClockWatch
+from snake_sim_ros.nodes.executors import Server
 from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.jumps import Jumps
 from snake_sim_ros.nodes.measured_start import MeasuredStart
@@ -285,8 +286,9 @@ def run(node: GaitNode, stop: Event) -> None:
     """Serve clock, timer and services until the event is set."""
     executor = SingleThreadedExecutor()
     executor.add_node(node)
+    server = Server(executor, node.warn)
     while not stop.is_set():
-        executor.spin_once(timeout_sec=0.1)
+        server.spin_once(timeout_sec=0.1)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -32,6 +32,8 @@ from snake_sim_ros.stepping.pushes import Pushes
 from snake_sim_ros.stepping.simulation import Simulation
 
 TURN = np.array([0.0, 0.0, 0.0, 1.0])  # half a turn about z, from the middle link to the base
+FASTEST, FASTEST_TURN = 100.0, 50.0  # m/s, rad/s to which pushes bring a link at most
+FARTHEST = 1e4  # m from the origin where a robot may be put
 UNIT_ERROR = 1e-3  # by which the norm of a quaternion may be off 1
 LATEST = QoSProfile(depth=1)
 SEVERAL = QoSProfile(depth=10)  # pushes on several links at once
@@ -76,8 +78,19 @@ class Handling:
 
     def act(self, period: float) -> None:
         """Change velocities by what pushes in the period that begins [s]."""
-        if self.pushes:
-            self._simulation.state = self.pushes.act(self._simulation.state, period)
+        if not self.pushes:
+            return
+        state = self.pushes.act(self._simulation.state, period)
+        speed, spin = (float(np.abs(part).max()) for part in np.split(state.u, 2, axis=1))
+        if speed <= FASTEST and spin <= FASTEST_TURN:
+            self._simulation.state = state
+            return
+        self.pushes.clear()
+        self.refusals.add(
+            'push',
+            f'ended, since a link would move at {speed:.4g} m/s and turn at {spin:.4g} rad/s; at '
+            f'most {FASTEST:g} m/s and {FASTEST_TURN:g} rad/s',
+        )
 
     def place(self, frame: str, position: Any, orientation: Any) -> None:
         """
@@ -99,6 +112,10 @@ class Handling:
         if frame.rpartition('/')[2] not in ('', WORLD, ODOM):
             raise ParameterError(f'the frame must be {WORLD} or {ODOM}, got {frame!r}')
         r = numbers_of(position, 'xyz', 'position')
+        if np.abs(r).max() > FARTHEST:
+            raise ParameterError(
+                f'position must be within {FARTHEST:g} m, got ({", ".join(f"{x:g}" for x in r)}) m'
+            )
         x, y, z, w = numbers_of(orientation, 'xyzw', 'orientation')
         norm = float(np.linalg.norm((x, y, z, w)))
         if not abs(norm - 1.0) <= UNIT_ERROR:

@@ -26,7 +26,7 @@ from snake_sim_ros.nodes.diagnostics import status_of
 from snake_sim_ros.nodes.diagnostics import values_of
 from snake_sim_ros.nodes.entity_services import serve_entities
 from snake_sim_ros.nodes.executors import make_executor
-from snake_sim_ros.nodes.executors import serve_some
+from snake_sim_ros.nodes.executors import Server
 from snake_sim_ros.nodes.handling import Handling
 from snake_sim_ros.nodes.load_meter import LoadMeter
 from snake_sim_ros.nodes.node_parameters import settle
@@ -310,7 +310,7 @@ def run(node: SimNode, stop: Event) -> None:
 
 def keep_time(node: SimNode, stop: Event) -> None:
     """Make simulated time follow the wall clock; serve messages in the time that is left."""
-    executor, load = make_executor(node), node.load
+    executor, load = Server(make_executor(node), node.warn), node.load
     node.publish_state()
     told = 0.0
     if node.compiler:
@@ -346,12 +346,12 @@ def keep_time(node: SimNode, stop: Event) -> None:
         if factor == 0.0:
             if now - served >= SERVICE:
                 served = now
-                serve_some(executor)
+                executor.serve_some()
             continue
         due += node.period / factor
         late = time.perf_counter() - due
         if late >= 0.0:  # A node that is late still takes its commands.
-            serve_some(executor)
+            executor.serve_some()
         if late > BACKLOG:
             load.overruns += 1
             node.warn('overrun', f'cannot keep up with real-time factor {factor:g}; time slips')

@@ -30,6 +30,7 @@ from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros.nodes.diagnostics import is_paused
 from snake_sim_ros.nodes.diagnostics import shown
+from snake_sim_ros.nodes.executors import Server
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import run_node
 from snake_sim_ros.nodes.stamps import seconds_from
@@ -247,12 +248,13 @@ def run(node: ViewerNode, stop: Event) -> None:
     """Look for messages and bring the page up to date, again and again."""
     executor = SingleThreadedExecutor()
     executor.add_node(node)
+    server = Server(executor, node.warn)
     try:
         while not stop.is_set():
             begin = time.monotonic()
             for _ in range(CALLBACKS):
                 served = node.served
-                executor.spin_once(timeout_sec=0)
+                server.spin_once(timeout_sec=0)
                 if node.served == served:
                     break
             node.update()

@@ -7,6 +7,8 @@ import numpy as np
 from snake_sim_ros.gaits.joint_reference import JointReference
 from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.gaits.limited_reference import LimitedReference
+from snake_sim_ros.nodes.sim_parameters import as_it_runs
+from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
@@ -33,9 +35,10 @@ class Sample:
 
 
 class Offline:
-    """A simulated scene that holds its start posture until a command."""
+    """A simulated scene that holds its start posture until a command; its joints have stops."""
 
     def __init__(self, scene: Scene) -> None:
+        scene = as_it_runs(Settings(), scene, ())
         self.simulation = Simulation(scene)
         self.reference = start_posture(scene)
         self.limiter = LimitedReference(self.reference.angle)

@@ -1,0 +1,157 @@
+"""What must hold of a node after each second of an attack: sentences on what does not."""
+
+from collections.abc import Iterator
+import math
+from typing import Any
+from urllib.error import URLError
+from urllib.request import urlopen
+
+import numpy as np
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool
+from std_srvs.srv import Trigger
+
+from snake_sim_ros.nodes.stamps import seconds_from
+from snake_sim_ros.nodes.tools.hostile_messages import NAMES
+from snake_sim_ros.nodes.tools.message_attack import MessageAttack
+from snake_sim_ros.scene.parameters import Robot
+
+PERIOD = 0.005  # s of a publish period
+OBEYED = 2  # periods after which a good command is obeyed, and one that was under way
+WAIT = 2.0  # s for a message that must come at once
+BEYOND = 0.01  # by which joints may be beyond limits: a stop ends a motion at the end of a step
+TOO_FAST = 0.03  # as a share; rates at the end of a step are measured with the drift of joints
+EFFORT = 0.5  # N m by which the torque changes of a joint that obeys
+DEFAULTS = {'robot__yaw_stiffness': 40.0, 'friction__longitudinal': 0.1, 'real_time_factor': 1.0}
+
+
+class SimCheck:
+    """
+    Watches `sim`: its time, its joints, and whether it obeys.
+
+    Attributes
+    ----------
+    resets : int
+        How often the robot had to be put back to its start, since a step diverged.
+    angle, rate : float
+        Largest of all joint_states [rad], [rad/s].
+    least_time : float
+        Least simulated time that passed in a second of a flood that nobody paused [s].
+
+    """
+
+    def __init__(self, attack: MessageAttack) -> None:
+        self.attack, self.robot = attack, Robot()
+        self.resets, self.angle, self.rate, self.least_time = 0, 0.0, 0.0, math.inf
+        self._wrong, self._stamp = '', -math.inf
+        self._last: Any = None
+        attack.node.create_subscription(
+            JointState, 'joint_states', self._on_states, QoSProfile(depth=50)
+        )
+        self.commands = attack.node.create_publisher(JointState, 'joint_command', 1)
+
+    def _on_states(self, message: JointState) -> None:
+        stamp = seconds_from(message.header.stamp)
+        if stamp < self._stamp:
+            self._wrong = f'the stamp went back from {self._stamp:g} s to {stamp:g} s'
+        self._last, self._stamp = message, stamp
+        angle, rate = (np.array(part) for part in (message.position, message.velocity))
+        if not np.isfinite([*angle, *rate, *message.effort]).all():
+            self._wrong = 'joint_states are not finite'
+            return
+        self.angle = max(self.angle, float(np.abs(angle).max()))
+        self.rate = max(self.rate, float(np.abs(rate).max()))
+
+    def problems(self) -> Iterator[str]:
+        """Yield a sentence on each promise that is broken."""
+        attack = self.attack
+        if not attack.set(**DEFAULTS):
+            yield 'good parameters were refused, or not answered'
+        if not attack.ask(attack.services['pause'], SetBool.Request(data=False)):
+            yield 'no answer of ~/pause'
+        before = self._stamp
+        if not attack.until(lambda: self._stamp > before, WAIT):
+            self.resets += 1
+            attack.ask(attack.services['reset'], Trigger.Request())
+            attack.ask(attack.services['pause'], SetBool.Request(data=False))
+            if not attack.until(lambda: self._stamp > before, WAIT):
+                yield 'time stands still, even after ~/reset'
+                return
+        if self.angle > self.robot.joint_limit + BEYOND:
+            yield f'a joint was at {self.angle:.4g} rad'
+        if self.rate > self.robot.joint_rate_limit * (1.0 + TOO_FAST):
+            yield f'a joint turned at {self.rate:.4g} rad/s'
+        if self._wrong:
+            yield self._wrong
+        yield from self._disobedience()
+        self.angle = self.rate = 0.0
+        self._wrong = ''
+
+    def _disobedience(self) -> Iterator[str]:
+        """Yield a sentence if a good command is not obeyed at once."""
+        hold = JointState(name=NAMES, position=list(self._last.position))
+        self.commands.publish(hold)
+        self.attack.until(lambda: False, 0.1)
+        k, before, stamp = NAMES.index('joint_5_yaw'), self._last, self._stamp
+        way = -0.3 if before.position[k] > 0.0 else 0.3
+        hold.position[k] = before.position[k] + way
+        self.commands.publish(hold)
+
+        def obeys() -> bool:
+            return abs(self._last.effort[k] - before.effort[k]) > EFFORT
+
+        if not self.attack.until(obeys, WAIT):
+            yield 'a good command was not obeyed'
+        elif (periods := round((self._stamp - stamp) / PERIOD)) > OBEYED + 1 + self._lag():
+            yield f'a good command was obeyed after {periods} periods'
+
+    def _lag(self) -> int:
+        """Return how many periods pass in the longest time that messages take to the node."""
+        return math.ceil(self.attack.longest_answer / PERIOD)
+
+
+class GaitCheck:
+    """Watches the commands of `gait`, which wait while joint_states are nonsense."""
+
+    def __init__(self, attack: MessageAttack) -> None:
+        self.attack, self.robot, self._wrong, self.count = attack, Robot(), '', 0
+        attack.node.create_subscription(
+            JointState, 'joint_command', self._on_command, QoSProfile(depth=50)
+        )
+
+    def _on_command(self, message: JointState) -> None:
+        self.count += 1
+        angle = np.abs(message.position).max(initial=0.0)
+        rate = np.abs(message.velocity).max(initial=0.0)
+        limits = self.robot.joint_limit, self.robot.joint_rate_limit
+        if not (angle <= limits[0] + 1e-9 and rate <= limits[1] + 1e-9):
+            self._wrong = f'a command had {angle:.4g} rad and {rate:.4g} rad/s'
+
+    def problems(self) -> Iterator[str]:
+        """Yield a sentence on each promise that is broken."""
+        attack, before = self.attack, self.count
+        if attack.ask(attack.services['restart'], Trigger.Request()) is None:
+            yield 'no answer of ~/restart'
+        if not attack.until(lambda: self.count > before, 3 * WAIT):
+            yield 'no commands after the attack'
+        if self._wrong:
+            yield self._wrong
+        self._wrong = ''
+
+
+class ViewerCheck:
+    """Looks at the page of `viewer`."""
+
+    def __init__(self, attack: MessageAttack, port: int) -> None:
+        self.attack, self.port = attack, port
+
+    def problems(self) -> Iterator[str]:
+        """Yield a sentence on each promise that is broken."""
+        try:
+            with urlopen(f'http://127.0.0.1:{self.port}/', timeout=WAIT) as page:
+                page.read()
+        except (OSError, URLError) as error:
+            yield f'the page is not served: {error}'
+        if self.attack.ask(self.attack.parameters, self.attack.parameters.srv_type.Request()) is None:
+            yield 'no answer of set_parameters'

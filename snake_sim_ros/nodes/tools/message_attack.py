@@ -1,0 +1,221 @@
+"""A flood of hostile messages, service calls and parameters at a node, and what it does then."""
+
+from collections.abc import Callable
+import math
+import random
+import time
+from typing import Any
+
+from rcl_interfaces.msg import Parameter
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import SetParameters
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
+from std_srvs.srv import SetBool
+from std_srvs.srv import Trigger
+
+from snake_sim_ros.nodes.tools.hostile_messages import damaged
+from snake_sim_ros.nodes.tools.hostile_messages import good_message
+from snake_sim_ros.nodes.tools.hostile_messages import hostile_message
+from snake_sim_ros.nodes.tools.hostile_messages import largest_message
+from snake_sim_ros.nodes.tools.hostile_messages import NUMBERS
+from snake_sim_ros.nodes.tools.hostile_messages import Topic
+from snake_sim_ros.nodes.tools.hostile_messages import WORDS
+
+RATE = 5000.0  # messages a second
+SLICE = 0.01  # s between two looks for what comes back
+POOL = 400  # hostile messages that are made beforehand, and sent again with other damage
+NEW = 20  # of them that are made anew every second
+CALLS = 20  # of services a second
+PENDING = 50  # calls without an answer; more are not made
+ANSWER = 5.0  # s for an answer at most
+SERVICES: dict[str, tuple[tuple[str, Any], ...]] = {
+    'sim': (('reset', Trigger), ('pause', SetBool), ('step', Trigger)),
+    'gait': (('restart', Trigger),),
+    'viewer': (),
+}
+PARAMETERS = {
+    'sim': (
+        *('real_time_factor', 'command_horizon', 'command_timeout', 'friction.longitudinal'),
+        *('robot.yaw_stiffness', 'gravity', 'push_link', 'push_duration', 'dt', 'no.such', ''),
+    ),
+    'gait': (
+        *('gait.yaw.amplitude', 'gait.yaw.angular_frequency', 'gait.pitch.phase', 'stride'),
+        *('scene', 'cmd_vel_timeout', 'blend_time', 'no.such', ''),
+    ),
+    'viewer': ('port', 'scene', 'no.such'),
+}
+
+
+def quality_of(topic: Topic) -> QoSProfile:
+    """Return a quality of service that the node asks of a topic."""
+    latched = topic.name == 'robot_description'
+    return QoSProfile(
+        depth=5,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+class MessageAttack:
+    """
+    A client that floods a node.
+
+    Parameters
+    ----------
+    name : str
+        The node: sim, gait or viewer.
+    topics : sequence of Topic
+    publishers : int
+        At least one for each topic.
+    seed : int
+
+    Attributes
+    ----------
+    sent : int
+        Messages so far.
+    longest_answer : float
+        Of a service that was asked alone [s].
+
+    """
+
+    def __init__(self, name: str, topics: tuple[Topic, ...], publishers: int, seed: int) -> None:
+        self.name, self.topics, self.sent, self.longest_answer = name, topics, 0, 0.0
+        self.rng = random.Random(seed)
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.node = Node('attack', context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.publishers = [
+            self.node.create_publisher(topic.kind, topic.name, quality_of(topic))
+            for topic in (topics * publishers)[: max(publishers, len(topics))]
+        ]
+        self.pool = [self._hostile(k) for k in range(POOL)]
+        self.good = [serialize_message(good_message(each.kind, self.rng)) for each in topics]
+        self.large = [largest_message(each.kind, self.rng) for each in topics]
+        self.parameters = self.node.create_client(SetParameters, f'{name}/set_parameters')
+        self.services = {
+            service: self.node.create_client(kind, f'{name}/{service}')
+            for service, kind in SERVICES[name]
+        }
+        self._pending: list[Any] = []
+
+    def _hostile(self, number: int) -> bytes:
+        return hostile_message(self.topics[number % len(self.topics)].kind, self.rng)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+    def until(self, condition: Callable[[], Any], seconds: float) -> bool:
+        """Serve the client until a condition holds; return whether it did in time."""
+        end = time.monotonic() + seconds
+        while not condition():
+            if time.monotonic() > end:
+                return False
+            self.executor.spin_once(timeout_sec=SLICE)
+        return True
+
+    def is_connected(self) -> bool:
+        """Return whether all messages and requests reach the node."""
+        found = all(each.get_subscription_count() for each in self.publishers)
+        return found and self.parameters.service_is_ready()
+
+    def flood(self, seconds: float) -> None:
+        """Send hostile messages, good ones among them, and call services."""
+        for _ in range(round(NEW * seconds)):
+            k = self.rng.randrange(POOL)
+            self.pool[k] = self._hostile(k)
+        begin = time.monotonic()
+        sent, tried, calls = 0, 0, 0
+        large = self.rng.random() * seconds
+        while (now := time.monotonic() - begin) < seconds:
+            due = min(int(RATE * now), tried + int(0.1 * RATE))
+            for _ in range(due - tried):
+                sent += self._send_one()
+            tried = due
+            if now >= large:
+                k, large = self.rng.randrange(len(self.topics)), math.inf
+                sent += self._publish(k, self.large[k])
+            if calls < CALLS * now:
+                calls += 1
+                self._call()
+            self.executor.spin_once(timeout_sec=0)
+            time.sleep(max(0.0, SLICE - (time.monotonic() - begin - now)))
+        self.sent += sent
+
+    def _publish(self, number: int, data: bytes) -> bool:
+        """Publish a message; return whether the middleware lets it through."""
+        try:
+            self.publishers[number].publish(data)
+        except RuntimeError:
+            return False
+        return True
+
+    def _send_one(self) -> bool:
+        rng, number = self.rng, self.rng.randrange(len(self.publishers))
+        k = number % len(self.topics)
+        what = rng.random()
+        if what < 0.1:
+            data = self.good[k]
+        else:
+            data = self.pool[rng.randrange(POOL // len(self.topics)) * len(self.topics) + k]
+            if what < 0.3:
+                data = damaged(data, rng)
+        return self._publish(number, data)
+
+    def _call(self) -> None:
+        """Call a service, or set a parameter, without waiting for an answer."""
+        self._pending = [future for future in self._pending if not future.done()]
+        if len(self._pending) >= PENDING:
+            return
+        rng = self.rng
+        client: Any = self.parameters
+        if self.services and rng.random() < 0.5:
+            client = rng.choice(list(self.services.values()))
+            request = client.srv_type.Request()
+            if client.srv_type is SetBool:
+                request.data = rng.random() < 0.5
+        else:
+            name = rng.choice(PARAMETERS[self.name])
+            request = SetParameters.Request(parameters=[Parameter(name=name, value=self._value())])
+        self._pending.append(client.call_async(request))
+
+    def _value(self) -> ParameterValue:
+        """Return a value of a random type; a type that no parameter has, too."""
+        rng = self.rng
+        return ParameterValue(
+            type=rng.randrange(11),
+            bool_value=rng.random() < 0.5,
+            integer_value=rng.choice((0, 1, -1, 2**63 - 1, -(2**63))),
+            double_value=rng.choice((*NUMBERS, 0.3, 1.0)),
+            string_value=rng.choice((*WORDS, 'sidewinding', '[' * 3000, '!!int x')),
+            double_array_value=rng.choice(([], [0.0, 0.0, -9.81], list(NUMBERS))),
+        )
+
+    def ask(self, client: Any, request: Any) -> Any:
+        """Return the answer of a service, None if there is none in time."""
+        begin = time.monotonic()
+        future = client.call_async(request)
+        if not self.until(future.done, ANSWER):
+            return None
+        self.longest_answer = max(self.longest_answer, time.monotonic() - begin)
+        return future.result()
+
+    def set(self, **values: float) -> bool:
+        """Set numbers, with a double underscore for a dot; return whether the node took them."""
+        parameters = [
+            Parameter(
+                name=name.replace('__', '.'), value=ParameterValue(type=3, double_value=value)
+            )
+            for name, value in values.items()
+        ]
+        response = self.ask(self.parameters, SetParameters.Request(parameters=parameters))
+        return response is not None and all(each.successful for each in response.results)

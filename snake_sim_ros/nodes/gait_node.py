@@ -41,6 +41,7 @@ from snake_sim_ros.nodes.node_parameters import declare
 from snake_sim_ros.nodes.node_parameters import parameter_fields
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import run_node
+from snake_sim_ros.nodes.received_bytes import reader
 from snake_sim_ros.nodes.sent_commands import COMMAND_FORMS
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
 from snake_sim_ros.nodes.velocity_commands import steering_from
@@ -128,7 +129,8 @@ class GaitNode(Node):
             kind, take = TwistStamped, self._on_twist_stamped
         else:
             kind, take = Twist, self._on_twist
-        self.create_subscription(kind, 'cmd_vel', take, QoSProfile(depth=1))
+        read = reader(kind, take, lambda error: self.warn('bytes', f'cmd_vel: {error}'))
+        self.create_subscription(kind, 'cmd_vel', read, QoSProfile(depth=1), raw=True)
         self.jumps = Jumps(self)
         self.watch = ClockWatch(self, self.jumps, self.warn)
         measured = self.settings.start_from == 'measured'

@@ -8,6 +8,7 @@ is that of a link, which is pushed, and whose axes the force keeps; or `world`, 
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
@@ -16,6 +17,7 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from snake_sim_ros.nodes.received_bytes import reader
 from snake_sim_ros.nodes.refusals import Refusals
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.state_messages import BASE
@@ -73,8 +75,12 @@ class Handling:
         self._simulation, self._moved = simulation, moved
         self.pushes = Pushes(simulation.scene.robot)
         settings.pushed_link(simulation.scene.robot)
-        node.create_subscription(WrenchStamped, '~/push', self._on_push, SEVERAL)
-        node.create_subscription(PoseStamped, '~/set_pose', self._on_pose, LATEST)
+        for kind, topic, take, quality in (
+            (WrenchStamped, 'push', self._on_push, SEVERAL),
+            (PoseStamped, 'set_pose', self._on_pose, LATEST),
+        ):
+            read = reader(kind, take, partial(refusals.add, topic))
+            node.create_subscription(kind, f'~/{topic}', read, quality, raw=True)
 
     def act(self, period: float) -> None:
         """Change velocities by what pushes in the period that begins [s]."""

@@ -1,9 +1,8 @@
 """
 Messages as the bytes that the middleware delivers, of which some are damaged.
 
-Where a list says that it is longer than the message, the middleware prints a line for each such
-message, however many come. Therefore the lengths are looked at before a message is read. A type
-that contains no list is safe as it is.
+The middleware prints some lines for each message that it cannot read, however many come. Therefore
+nodes take bytes, and look at the lengths in them before a message is read.
 """
 
 from collections.abc import Callable
@@ -63,6 +62,22 @@ def message_from(data: bytes, kind: Any) -> Any:
         raise DamagedMessage(
             f'a message of {len(data)} bytes is damaged: they are not those of a {kind.__name__}'
         ) from None
+
+
+def reader(
+    kind: Any, take: Callable[[Any], object], refuse: Callable[[DamagedMessage], object]
+) -> Callable[[bytes], None]:
+    """Return a callback for a subscription with ``raw=True``; it passes on what it reads."""
+
+    def read(data: bytes) -> None:
+        try:
+            message = message_from(data, kind)
+        except DamagedMessage as error:
+            refuse(error)
+        else:
+            take(message)
+
+    return read
 
 
 @cache

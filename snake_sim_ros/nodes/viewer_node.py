@@ -33,6 +33,8 @@ from snake_sim_ros.nodes.diagnostics import shown
 from snake_sim_ros.nodes.executors import Server
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import run_node
+from snake_sim_ros.nodes.received_bytes import DamagedMessage
+from snake_sim_ros.nodes.received_bytes import reader
 from snake_sim_ros.nodes.stamps import seconds_from
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
 from snake_sim_ros.nodes.transforms import LATCHED
@@ -138,7 +140,11 @@ class ViewerNode(Node):
             self.latest[topic] = message
             then(message)
 
-        self.create_subscription(kind, topic, take, qos)
+        def refuse(error: DamagedMessage) -> None:
+            self.served += 1
+            self.warn(f'bytes of {topic}', f'{topic}: {error}')
+
+        self.create_subscription(kind, topic, reader(kind, take, refuse), qos, raw=True)
 
     # ---- what there is to see -------------------------------------------------------------------
 

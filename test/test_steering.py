@@ -13,6 +13,7 @@ from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Wave
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.rotations import rotation_matrices
@@ -136,3 +137,19 @@ def test_a_simulated_robot_moves_and_turns_as_it_is_steered(speed, turning):
     # The contacts slip: in bends by 8 % in speed and 10 % in turning, see the module.
     assert ahead.sum() / seconds == pytest.approx(speed, rel=0.12 if turning else 0.02)
     assert (heading[-1] - heading[0]) / seconds == pytest.approx(turning, rel=0.12, abs=1e-3)
+
+
+@pytest.mark.parametrize('tiny', [5e-324, 1e-310, 1e-300])
+@pytest.mark.parametrize('speed', [5e-324, 0.1, 1e300])
+def test_frequencies_near_the_smallest_numbers_are_no_error(tiny, speed):
+    for yaw, pitch in ((tiny, 0.0), (tiny, 3.0), (3.0, tiny), (0.0, tiny)):
+        waves = (
+            replace(wave, angular_frequency=value)
+            for wave, value in ((SINUS_LIFTING.yaw, yaw), (SINUS_LIFTING.pitch, pitch))
+        )
+        shape = replace(SINUS_LIFTING, **dict(zip(('yaw', 'pitch'), waves, strict=True)))
+        for turning in (0.0, 1e300, -5e-324):
+            gait, _ = steered(speed, turning, shape)
+            check_limits(
+                with_settings(Scene(gait=gait), {}).gait, replace(ROBOT, joint_rate_limit=10.1)
+            )

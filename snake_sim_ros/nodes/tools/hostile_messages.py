@@ -138,11 +138,11 @@ def damaged(data: bytes, rng: random.Random) -> bytes:
     """Return the bytes of a message with some that are others, or without its end."""
     changed = bytearray(data)
     for _ in range(rng.randint(1, 4)):
-        place = rng.randrange(len(changed))
+        place = rng.randrange(len(changed) + 1)
         length = rng.choice((0, 1, 255, 2**16, 2**31 - 1, 2**32 - 1, rng.randrange(2**32)))
         new = rng.choice((bytes([rng.randrange(256)]), b'\xff\xfe\x80', struct.pack('<I', length)))
         changed[place : place + len(new)] = new
-    if rng.random() < 0.3:
+    if changed and rng.random() < 0.3:
         del changed[rng.randrange(len(changed)) :]
     return bytes(changed)
 

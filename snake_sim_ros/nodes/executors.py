@@ -21,7 +21,7 @@ SERVING = 2e-4
 # Errors that a message or a request causes, as far as no callback of a node has taken them.
 NOT_USABLE = (
     *(ValueError, TypeError, ArithmeticError, LookupError, AttributeError, RuntimeError),
-    ParameterException,
+    *(OSError, ParameterException),
 )
 
 

@@ -23,7 +23,7 @@ WAIT = 2.0  # s for a message that must come at once
 BEYOND = 0.01  # by which joints may be beyond limits: a stop ends a motion at the end of a step
 TOO_FAST = 0.03  # as a share; rates at the end of a step are measured with the drift of joints
 EFFORT = 0.5  # N m by which the torque changes of a joint that obeys
-DEFAULTS = {'robot__yaw_stiffness': 40.0, 'friction__longitudinal': 0.1, 'real_time_factor': 1.0}
+DEFAULTS = {'robot.yaw_stiffness': 40.0, 'friction.longitudinal': 0.1, 'real_time_factor': 1.0}
 
 
 class SimCheck:
@@ -66,8 +66,8 @@ class SimCheck:
     def problems(self) -> Iterator[str]:
         """Yield a sentence on each promise that is broken."""
         attack = self.attack
-        if not attack.set(**DEFAULTS):
-            yield 'good parameters were refused, or not answered'
+        if why := attack.set(DEFAULTS):
+            yield f'good parameters were refused: {why}'
         if not attack.ask(attack.services['pause'], SetBool.Request(data=False)):
             yield 'no answer of ~/pause'
         before = self._stamp

@@ -1,6 +1,7 @@
 """A flood of hostile messages, service calls and parameters at a node, and what it does then."""
 
 from collections.abc import Callable
+from collections.abc import Mapping
 import math
 import random
 import time
@@ -209,13 +210,13 @@ class MessageAttack:
         self.longest_answer = max(self.longest_answer, time.monotonic() - begin)
         return future.result()
 
-    def set(self, **values: float) -> bool:
-        """Set numbers, with a double underscore for a dot; return whether the node took them."""
+    def set(self, values: Mapping[str, float]) -> str:
+        """Set numbers; return an empty text, or why the node did not take them."""
         parameters = [
-            Parameter(
-                name=name.replace('__', '.'), value=ParameterValue(type=3, double_value=value)
-            )
+            Parameter(name=name, value=ParameterValue(type=3, double_value=value))
             for name, value in values.items()
         ]
         response = self.ask(self.parameters, SetParameters.Request(parameters=parameters))
-        return response is not None and all(each.successful for each in response.results)
+        if response is None:
+            return f'no answer within {ANSWER:g} s'
+        return '; '.join(each.reason for each in response.results if not each.successful)

@@ -54,6 +54,9 @@ def main(args: list[str] | None = None) -> int:
     except (ParameterError, OSError) as error:
         print(f'snake-sim: {error}', file=sys.stderr)
         return 2
+    except MemoryError as error:
+        print(f'snake-sim: not enough memory: {error}'.removesuffix(': '), file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         return 130
 

@@ -92,7 +92,10 @@ def write(
     if 'out' in files:
         npz.write(trajectory, files['out'], sensors)
     if 'csv' in files:
-        csv_table.write(trajectory, files['csv'], sensors)
+        try:
+            csv_table.write(trajectory, files['csv'], sensors)
+        except OSError as error:
+            raise OSError(f'{files["csv"]} takes no more: {error.strerror}') from None
     for name in ('gif', 'mp4'):
         if name in files:
             frames = partial(tqdm, desc=files[name].name, unit=' frames', leave=False)

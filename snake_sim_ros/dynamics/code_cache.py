@@ -11,6 +11,7 @@ from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Sequence
 from contextlib import contextmanager
+from contextlib import suppress
 import fcntl
 import hashlib
 import os
@@ -181,9 +182,11 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Save the code for some types of arguments."""
-        with locked():  # Numba reads the index of a function, and then writes it with one more.
-            super().save_overload(sig, data)
+        """Save the code for some types of arguments, if the disk takes it."""
+        with suppress(OSError):  # The folder was deleted, or the disk is full.
+            # Numba reads the index of a function, and then writes it with one more.
+            with locked():
+                super().save_overload(sig, data)
         self.unlock()
 
     def unlock(self) -> None:

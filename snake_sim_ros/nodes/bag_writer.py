@@ -101,9 +101,12 @@ class BagWriter:
     def write(self, topic: str, nanoseconds: int, data: bytes) -> None:
         """Write a message that was sent at a time [ns]."""
         count = self.counts[topic] = self.counts[topic] + 1
-        self._writer.add_message(
-            self._channels[topic], nanoseconds, data, publish_time=nanoseconds, sequence=count
-        )
+        try:
+            self._writer.add_message(
+                self._channels[topic], nanoseconds, data, publish_time=nanoseconds, sequence=count
+            )
+        except OSError as error:
+            raise self._full(error) from None
 
     def __enter__(self) -> 'BagWriter':
         """Return the writer itself."""
@@ -116,8 +119,19 @@ class BagWriter:
         trace: TracebackType | None,
     ) -> None:
         """Write the rest, then the index."""
-        self._writer.finish()
-        self._file.close()
+        try:
+            self._writer.finish()
+            self._file.close()
+        except OSError as again:
+            if error is None:
+                raise self._full(again) from None
+
+    def _full(self, error: OSError) -> OSError:
+        """Return an error that says which file takes no more, and how to get at what is in it."""
+        return OSError(
+            f'{self._file.name} takes no more: {error.strerror}; the bag ends there, without its '
+            f'index, and `mcap recover` of the MCAP tools reads it'
+        )
 
 
 def type_name(kind: Any) -> str:

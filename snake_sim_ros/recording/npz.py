@@ -54,7 +54,15 @@ def write(trajectory: Trajectory, path: Path, sensors: Mapping[str, Array] | Non
         seconds=trajectory.seconds,
         interrupted=trajectory.interrupted,
     )
-    path.write_bytes(buffer.getvalue())
+    begun = False
+    try:
+        with path.open('wb') as file:
+            begun = True
+            file.write(buffer.getvalue())
+    except OSError as error:
+        if begun:
+            path.unlink(missing_ok=True)
+        raise OSError(f'{path} cannot be written: {error.strerror}') from None
 
 
 def read(path: Path) -> Trajectory:

@@ -27,8 +27,8 @@ START = 120.0  # s for a node to start, which may have to compile the physics
 CONNECT = 20.0  # s for all publishers to find the node
 FLOOD = 1.0  # s between two looks
 PRINTED = 20_000  # bytes that a node may print in a second of a flood
-GROWTH = 50.0  # MB that a node may grow after the first third of many floods
-MANY = 30  # floods; until then the middleware has not seen the largest message of each topic
+GROWTH = 50.0  # MB that a node may grow from the second third to the last third of many floods
+MANY = 30  # floods; in fewer, the largest message of each topic may still be the first of its kind
 PUBLISHERS = (1, 20)
 STARTED = {'sim': 'physics ready', 'gait': 'waiting for a robot', 'viewer': 'http://'}
 
@@ -100,6 +100,7 @@ def _flooded(
     finally:
         attack.close()
     figures = f'{floods} floods, {most:.0f} bytes printed in a second at most'
+    figures += f', {max(memory, default=math.nan):.0f} MB at most'
     if isinstance(check, SimCheck):
         figures += f', {check.resets} resets after a divergence'
     publishers = f'{count} publisher{"s" * (count > 1)}'
@@ -110,5 +111,10 @@ def _flooded(
 
 
 def _growth(memory: list[float]) -> float:
-    """Return how much memory grew since the first third of some floods [MB]."""
-    return memory[-1] - memory[len(memory) // 3] if memory else math.nan
+    """
+    Return how much memory grew from the second third of some floods to the last one [MB].
+
+    The least of a third counts, since each largest message takes memory for a while.
+    """
+    third = len(memory) // 3
+    return min(memory[2 * third :]) - min(memory[third : 2 * third]) if third else math.nan

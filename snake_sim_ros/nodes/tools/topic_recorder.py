@@ -30,6 +30,7 @@ class TopicRecorder(Node):
     def __init__(self, bag: BagWriter) -> None:
         super().__init__('recorder')
         self._bag = bag
+        self.failure: OSError | None = None  # to write
         self._refused: set[tuple[str, str]] = set()
 
     def look(self) -> None:
@@ -64,7 +65,10 @@ class TopicRecorder(Node):
         self.create_subscription(message, topic, partial(self._take, topic), qos, raw=True)
 
     def _take(self, topic: str, data: bytes) -> None:
-        self._bag.write(topic, time.time_ns(), data)
+        try:
+            self._bag.write(topic, time.time_ns(), data)
+        except OSError as error:  # An executor prints errors of callbacks with their traceback.
+            self.failure = self.failure or error
 
     def _refuse(self, topic: str, why: str) -> None:
         """Print once why a topic is not recorded."""
@@ -111,6 +115,9 @@ def _record(bag: BagWriter, path: Path, stop: Event) -> None:
     while end is None or time.monotonic() < end:
         executor.spin_once(timeout_sec=0.05)
         now = time.monotonic()
+        if node.failure:
+            print()
+            raise node.failure
         if stop.is_set() and end is None:
             end = now + DRAIN
         if now - looked > LOOK_PERIOD:

@@ -1,0 +1,165 @@
+"""Real nodes under hostile messages: they go on, joints stay within limits, logs stay short."""
+
+import math
+import random
+import time
+
+from geometry_msgs.msg import Twist
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import initialize
+from hypothesis.stateful import invariant
+from hypothesis.stateful import rule
+from hypothesis.stateful import RuleBasedStateMachine
+from hypothesis.stateful import run_state_machine_as_test
+import numpy as np
+from offline import NAMES
+import pytest
+from rcl_interfaces.msg import Parameter
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from sim_client import SimClient
+
+from snake_sim_ros.nodes.tools.hostile_messages import hostile_message
+from snake_sim_ros.nodes.tools.hostile_messages import TOPICS
+
+LIMIT, FASTEST = math.pi / 4, 10.0  # rad, rad/s
+OBEYED = 10.0  # s
+UNKNOWN = 10  # no type of parameter
+
+
+@pytest.fixture(scope='module')
+def sim(make_graph):
+    client = SimClient(make_graph())
+    client.wait_until_connected()
+    return client
+
+
+def set_parameter(graph, node, name, value):
+    request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
+    return graph.call(SetParameters, f'{node}/set_parameters', request).results[0]
+
+
+class Attack(RuleBasedStateMachine):
+    """What anybody may do to `sim`, in any order."""
+
+    sim: SimClient
+    publishers: dict
+
+    @initialize()
+    def start(self):
+        self.paused = False
+        self.sim.pause(False)
+        self.sim.reset()
+
+    @rule(topic=st.sampled_from(TOPICS['sim']), seed=st.integers(0, 2**32))
+    def hostile(self, topic, seed):
+        rng = random.Random(seed)
+        for _ in range(20):
+            self.publishers[topic.name].publish(hostile_message(topic.kind, rng))
+
+    @rule(angle=st.floats(-4.0, 4.0), axes=st.integers(1, 20), back=st.booleans())
+    def far(self, angle, axes, back):
+        for k in range(4):
+            way = -angle if back and k % 2 else angle
+            self.sim.commands.publish(JointState(name=NAMES[:axes], position=[way] * axes))
+            self.sim.graph.spin(0.005)
+
+    @rule(paused=st.booleans())
+    def pause(self, paused):
+        assert self.sim.pause(paused).success
+        self.paused = paused
+
+    @rule()
+    def reset(self):
+        assert self.sim.reset().success
+
+    @rule(
+        name=st.sampled_from(['friction.longitudinal', 'command_horizon', 'no.such', 'dt']),
+        value=st.floats(allow_nan=True),
+    )
+    def parameter(self, name, value):
+        set_parameter(self.sim.graph, 'sim', name, ParameterValue(type=3, double_value=value))
+
+    @rule()
+    def good(self):
+        """A good command is obeyed, whatever came before."""
+        sim = self.sim
+        if self.paused:
+            return
+        target = -0.2 if sim.joint_states[-1].position[8] > 0.0 else 0.2
+        sim.send({name: target if name.endswith('yaw') else 0.0 for name in NAMES})
+        sim.graph.until(
+            lambda: abs(sim.joint_states[-1].position[8] - target) < 0.1, 'obedience', OBEYED
+        )
+
+    @invariant()
+    def holds(self):
+        """Joints are within their limits; time goes on unless it is paused."""
+        sim = self.sim
+        assert sim.process.popen.poll() is None, sim.process.output
+        messages = sim.joint_states[-400:]
+        del sim.joint_states[:-2]
+        angle = max(np.abs(message.position).max() for message in messages)
+        rate = max(np.abs(message.velocity).max() for message in messages)
+        assert angle <= LIMIT + 0.01 and rate <= FASTEST * 1.03
+        if not self.paused:
+            stamp = messages[-1].header.stamp
+            sim.graph.until(lambda: sim.joint_states[-1].header.stamp != stamp, 'time', OBEYED)
+
+
+def test_nothing_that_comes_breaks_it(sim):
+    Attack.sim = sim
+    Attack.publishers = {
+        topic.name: sim.graph.node.create_publisher(topic.kind, topic.name, QoSProfile(depth=20))
+        for topic in TOPICS['sim']
+    }
+    few = settings(max_examples=3, stateful_step_count=10, deadline=None, derandomize=True)
+    run_state_machine_as_test(Attack, settings=few)
+    # Each kind of warning at most once in 5 s.
+    assert len(sim.process.output) < 20_000
+
+
+def test_a_flood_of_damaged_commands_prints_one_line(sim):
+    sim.pause(False)
+    before, count = len(sim.process.output), 0
+    data = b'\x00\x01\x00\x00' + bytes(8) + b'\x01\x00\x00\x00\x00' + bytes(3) + b'\xff' * 8
+    end = time.monotonic() + 0.5
+    while time.monotonic() < end:
+        sim.commands.publish(data)
+        count += 1
+        sim.graph.spin(0.0005)
+    assert count > 50
+    assert len(sim.process.output) - before < 1000, sim.process.output[before:]
+
+
+def test_a_parameter_of_an_unknown_type_does_not_end_a_node(sim):
+    graph = sim.graph
+    client = graph.node.create_client(SetParameters, 'sim/set_parameters')
+    graph.until(client.service_is_ready, 'the service')
+    bad = Parameter(name='push_duration', value=ParameterValue(type=UNKNOWN))
+    client.call_async(SetParameters.Request(parameters=[bad]))
+    sim.process.wait_for('dropped what cannot be used: ValueError')
+    value = ParameterValue(type=3, double_value=0.2)
+    assert set_parameter(graph, 'sim', 'push_duration', value).successful
+
+
+def test_gait_goes_on_and_says_once_that_no_cmd_vel_comes(make_graph):
+    graph = make_graph()
+    commands = graph.record(JointState, 'joint_command')
+    process = graph.start(
+        'gait', 'gait.yaw.angular_frequency:=1.0e-310', 'cmd_vel_timeout:=0.05', 'start_from:=now'
+    )
+    publisher = graph.node.create_publisher(Twist, 'cmd_vel', QoSProfile(depth=1))
+    graph.until(lambda: commands and publisher.get_subscription_count(), 'commands')
+    for speed in (0.1, 5e-324, 0.2, 1e300, 0.3):
+        message = Twist()
+        message.linear.x, message.angular.z = speed, 1e300
+        publisher.publish(message)
+        graph.spin(0.2)
+    assert process.count('no cmd_vel for 0.05 s') == 1
+    assert process.count('too small; it stops') == 1
+    count = len(commands)
+    graph.until(lambda: len(commands) > count, 'more commands')

@@ -11,8 +11,8 @@ from snake_sim_ros.comparison import accuracies
 from snake_sim_ros.comparison import bench
 from snake_sim_ros.comparison.bench_rows import rows_of
 from snake_sim_ros.comparison.csv_tables import read_table
-from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.sim_parameters import as_it_runs
+from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene

@@ -132,9 +132,7 @@ def parts_at(laws: DenseLaws, inertia: float, rate: Array, P: Array, last: Parts
     holds = holds | (held != 0.0)
     K = HOLD * (inertia + R + V)
     pull = (np.where(holds, w, 0.0) - z) / r + K * np.where(holds, w, 0.0)
-    return Parts(
-        np.where(holds, pull, torque), np.where(holds, K, damping), cut, slip, held, miss
-    )
+    return Parts(np.where(holds, pull, torque), np.where(holds, K, damping), cut, slip, held, miss)
 
 
 Solve = Callable[[Array, Array], tuple[Array, Any]]

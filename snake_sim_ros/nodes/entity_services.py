@@ -5,6 +5,7 @@ They are offered where that package is installed. The entity `snake_robot`, as t
 has the pose of ``base_link``, which may be set; links, such as `link_6`, can be asked for.
 """
 
+from reprlib import repr as shortened
 from typing import Any
 
 import numpy as np
@@ -73,7 +74,7 @@ class EntityServices:
     def _on_set(self, request: Any, response: Any) -> Any:
         codes, state = standard.Result, request.state
         if request.entity != ROBOT_NAME:
-            why = f'entity must be {ROBOT_NAME}, got {request.entity!r}'
+            why = f'entity must be {ROBOT_NAME}, got {shortened(request.entity)}'
             return _answered(response, codes.RESULT_NOT_FOUND, why)
         parts = (state.twist.linear, state.twist.angular)
         if any(getattr(part, axis) for part in parts for axis in 'xyz'):

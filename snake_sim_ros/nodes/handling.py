@@ -9,6 +9,7 @@ is that of a link, which is pushed, and whose axes the force keeps; or `world`, 
 
 from collections.abc import Callable
 from functools import partial
+from reprlib import repr as shortened
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
@@ -116,7 +117,7 @@ class Handling:
 
         """
         if frame.rpartition('/')[2] not in ('', WORLD, ODOM):
-            raise ParameterError(f'the frame must be {WORLD} or {ODOM}, got {frame!r}')
+            raise ParameterError(f'the frame must be {WORLD} or {ODOM}, got {shortened(frame)}')
         r = numbers_of(position, 'xyz', 'position')
         if np.abs(r).max() > FARTHEST:
             raise ParameterError(

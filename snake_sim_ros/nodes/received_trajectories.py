@@ -258,7 +258,8 @@ def _jump(names: Sequence[str], angle: Array, rate: Array, limit: float) -> str:
     start, first = angle[:, worst].tolist()
     return (
         f'{TOPIC}: {names[worst]} jumps from {start:.4g} rad to its first point, {first:.4g} rad; '
-        f'{rate[worst]:.4g} rad/s would be needed, at most {limit:.4g} rad/s; it is led there at that rate'
+        f'{rate[worst]:.4g} rad/s would be needed, at most {limit:.4g} rad/s; it is led there at '
+        f'that rate'
     )
 
 

@@ -86,9 +86,7 @@ class SimNode(Node):
 
     def __init__(self) -> None:
         super().__init__('sim', automatically_declare_parameters_from_overrides=True)
-        self.settings, scene = settle(
-            self, Settings, changeable=CHANGEABLE, complete=as_it_runs
-        )
+        self.settings, scene = settle(self, Settings, changeable=CHANGEABLE, complete=as_it_runs)
         if self.get_parameter('use_sim_time').value:
             self.get_logger().warning('use_sim_time is ignored: this node makes simulated time')
 

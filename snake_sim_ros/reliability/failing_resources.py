@@ -7,6 +7,7 @@ import time
 
 from snake_sim_ros.nodes.tools.attacked_node import AttackedNode
 from snake_sim_ros.nodes.tools.attacked_node import node
+from snake_sim_ros.nodes.tools.bag_without_end import messages_in
 
 END = 120.0  # s for a program to end, which may have to compile the physics
 ROOM = 300_000  # bytes of a file at most
@@ -47,25 +48,9 @@ def _record(folder: Path) -> str:
     try:
         sim.wait_until_said('physics ready', END)
         problem = _verdict(_limited(f'--fsize={ROOM}', 'record', str(path)), told=str(path))
-        return problem or ('' if _messages(path) else f'{path} has no message that can be read')
+        return problem or ('' if messages_in(path) else f'{path} has no message that can be read')
     finally:
         sim.end()
-
-
-def _messages(path: Path) -> int:
-    """Return how many messages a bag without an end has."""
-    from mcap.exceptions import McapError
-    from mcap.records import Message
-    from mcap.stream_reader import StreamReader
-
-    count = 0
-    with path.open('rb') as file:
-        try:
-            for record in StreamReader(file).records:
-                count += isinstance(record, Message)
-        except McapError:  # its end
-            pass
-    return count
 
 
 def _killed_recorder(folder: Path) -> str:
@@ -79,7 +64,7 @@ def _killed_recorder(folder: Path) -> str:
             time.sleep(0.1)
         recorder.send(signal.SIGKILL)
         recorder.wait(END)
-        return '' if _messages(path) else f'{path} has no message that can be read'
+        return '' if messages_in(path) else f'{path} has no message that can be read'
     finally:
         recorder.end()
         sim.end()

@@ -82,10 +82,18 @@ class Robot(CheckedRecord):
         0.0393, 'm', 'distance L_GS from the center of a link to a contact sphere', minimum=0
     )
     contact_radius: PerLink = quantity(0.0525, 'm', 'contact sphere radius L_SC', minimum=0)
-    yaw_stiffness: PerJoint = quantity(40.0, 'N m/rad', 'horizontal gain K_hp', minimum=0)
-    yaw_damping: PerJoint = quantity(0.2, 'N m s/rad', 'horizontal gain K_hd', minimum=0)
-    pitch_stiffness: PerJoint = quantity(800.0, 'N m/rad', 'vertical gain K_vp', minimum=0)
-    pitch_damping: PerJoint = quantity(0.2, 'N m s/rad', 'vertical gain K_vd', minimum=0)
+    yaw_stiffness: PerJoint = quantity(
+        40.0, 'N m/rad', 'horizontal gain K_hp', minimum=0, maximum=1e9
+    )
+    yaw_damping: PerJoint = quantity(
+        0.2, 'N m s/rad', 'horizontal gain K_hd', minimum=0, maximum=1e9
+    )
+    pitch_stiffness: PerJoint = quantity(
+        800.0, 'N m/rad', 'vertical gain K_vp', minimum=0, maximum=1e9
+    )
+    pitch_damping: PerJoint = quantity(
+        0.2, 'N m s/rad', 'vertical gain K_vd', minimum=0, maximum=1e9
+    )
     joint_rate_limit: float = quantity(
         10.0, 'rad/s', 'largest joint reference rate accepted (assumption)', above=0
     )

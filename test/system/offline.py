@@ -79,7 +79,9 @@ class Offline:
         times = simulation.midpoints(STEPS)
         told = self.reference.sample(times, HORIZON, robot.joint_limit)
         period, limit = 1e-9 * PERIOD, robot.joint_rate_limit
-        report = simulation.advance(*self.limiter.limited(times, *told, period=period, limit=limit))
+        report = simulation.advance(
+            *self.limiter.limited(times, *told, period=period, limit=limit)
+        )
         assert not report.failure
         return self.sample()
 

@@ -153,5 +153,8 @@ class ViewerCheck:
                 page.read()
         except (OSError, URLError) as error:
             yield f'the page is not served: {error}'
-        if self.attack.ask(self.attack.parameters, self.attack.parameters.srv_type.Request()) is None:
+        if (
+            self.attack.ask(self.attack.parameters, self.attack.parameters.srv_type.Request())
+            is None
+        ):
             yield 'no answer of set_parameters'

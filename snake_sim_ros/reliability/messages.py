@@ -28,7 +28,7 @@ CONNECT = 20.0  # s for all publishers to find the node
 FLOOD = 1.0  # s between two looks
 PRINTED = 20_000  # bytes that a node may print in a second of a flood
 GROWTH = 50.0  # MB that a node may grow from the second third to the last third of many floods
-MANY = 30  # floods; in fewer, the largest message of each topic may still be the first of its kind
+MANY = 90  # floods; until then buffers grow to the size of the largest message of each topic
 PUBLISHERS = (1, 20)
 STARTED = {'sim': 'physics ready', 'gait': 'waiting for a robot', 'viewer': 'http://'}
 

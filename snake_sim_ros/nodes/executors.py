@@ -2,11 +2,11 @@
 
 import time
 
-from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from snake_sim_ros.nodes.parameter_requests import NOT_USABLE
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
 
 try:
@@ -18,11 +18,6 @@ except ImportError:  # It costs a third per message, but not every rclpy has it.
 # that wait, so some twenty calls find nothing and one or two take a message. The limit is the same
 # if no message waits.
 SERVING = 2e-4
-# Errors that a message or a request causes, as far as no callback of a node has taken them.
-NOT_USABLE = (
-    *(ValueError, TypeError, ArithmeticError, LookupError, AttributeError, RuntimeError),
-    *(OSError, ParameterException),
-)
 
 
 def make_executor(node: Node) -> Executor:
@@ -36,8 +31,8 @@ class Server:
     """
     Serves a node, which goes on if a message or a request is one that rclpy itself cannot take.
 
-    A parameter of an unknown type is one, or a time before 0 on /clock: their errors come out of
-    callbacks of rclpy, and would end the node.
+    A time before 0 on /clock is one: its error comes out of a callback of rclpy, and would end the
+    node.
 
     Parameters
     ----------

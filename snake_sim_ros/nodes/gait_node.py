@@ -41,6 +41,7 @@ from snake_sim_ros.nodes.node_parameters import declare
 from snake_sim_ros.nodes.node_parameters import parameter_fields
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import run_node
+from snake_sim_ros.nodes.parameter_requests import ParameterRequests
 from snake_sim_ros.nodes.received_bytes import reader
 from snake_sim_ros.nodes.sent_commands import COMMAND_FORMS
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
@@ -105,7 +106,12 @@ class GaitNode(Node):
     """Publishes the commands of a gait, which begins when the first robot subscribes."""
 
     def __init__(self) -> None:
-        super().__init__('gait', automatically_declare_parameters_from_overrides=True)
+        super().__init__(
+            'gait',
+            automatically_declare_parameters_from_overrides=True,
+            start_parameter_services=False,
+        )
+        ParameterRequests(self)
         self.settings, scene = settle(self, Settings, OF_SCENE, (*CHANGEABLE, *GAIT))
         self.gait, self.robot = scene.gait, scene.robot
         self._check_start()

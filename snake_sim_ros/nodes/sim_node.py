@@ -31,6 +31,7 @@ from snake_sim_ros.nodes.handling import Handling
 from snake_sim_ros.nodes.load_meter import LoadMeter
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import run_node
+from snake_sim_ros.nodes.parameter_requests import ParameterRequests
 from snake_sim_ros.nodes.refusals import Refusals
 from snake_sim_ros.nodes.sim_parameters import as_it_runs
 from snake_sim_ros.nodes.sim_parameters import CHANGEABLE
@@ -85,7 +86,12 @@ class SimNode(Node):
     """
 
     def __init__(self) -> None:
-        super().__init__('sim', automatically_declare_parameters_from_overrides=True)
+        super().__init__(
+            'sim',
+            automatically_declare_parameters_from_overrides=True,
+            start_parameter_services=False,
+        )
+        ParameterRequests(self)
         self.settings, scene = settle(self, Settings, changeable=CHANGEABLE, complete=as_it_runs)
         if self.get_parameter('use_sim_time').value:
             self.get_logger().warning('use_sim_time is ignored: this node makes simulated time')

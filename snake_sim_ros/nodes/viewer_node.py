@@ -33,6 +33,7 @@ from snake_sim_ros.nodes.diagnostics import shown
 from snake_sim_ros.nodes.executors import Server
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import run_node
+from snake_sim_ros.nodes.parameter_requests import ParameterRequests
 from snake_sim_ros.nodes.received_bytes import DamagedMessage
 from snake_sim_ros.nodes.received_bytes import reader
 from snake_sim_ros.nodes.stamps import seconds_from
@@ -80,7 +81,12 @@ class ViewerNode(Node):
     """Subscribes to the topics of a robot and keeps a page up to date with them."""
 
     def __init__(self) -> None:
-        super().__init__('viewer', automatically_declare_parameters_from_overrides=True)
+        super().__init__(
+            'viewer',
+            automatically_declare_parameters_from_overrides=True,
+            start_parameter_services=False,
+        )
+        ParameterRequests(self)
         settings, scene = settle(self, Settings, ())
         self.page = Page('snake robot', settings.host, settings.port)
         self.warn = ThrottledWarnings(self)

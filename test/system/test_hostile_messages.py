@@ -137,11 +137,8 @@ def test_a_flood_of_damaged_commands_prints_one_line(sim):
 
 def test_a_parameter_of_an_unknown_type_does_not_end_a_node(sim):
     graph = sim.graph
-    client = graph.node.create_client(SetParameters, 'sim/set_parameters')
-    graph.until(client.service_is_ready, 'the service')
-    bad = Parameter(name='push_duration', value=ParameterValue(type=UNKNOWN))
-    client.call_async(SetParameters.Request(parameters=[bad]))
-    sim.process.wait_for('dropped what cannot be used: ValueError')
+    result = set_parameter(graph, 'sim', 'push_duration', ParameterValue(type=UNKNOWN))
+    assert not result.successful and '10 is not a valid' in result.reason
     value = ParameterValue(type=3, double_value=0.2)
     assert set_parameter(graph, 'sim', 'push_duration', value).successful
 

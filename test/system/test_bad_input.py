@@ -94,7 +94,10 @@ PARAMS_FILE = """
     robot:
       yaw_damping: 0.3
 """
-DIVERGING = ('robot.yaw_damping:=100.0', 'pd_scheme:=midpoint')
+DIVERGING = (
+    *('robot.yaw_damping:=100.0', 'pd_scheme:=midpoint'),
+    *('robot.joint_stop:=false', 'robot.rate_stop:=false'),  # which would hold the joints
+)
 
 
 @pytest.fixture(scope='module')

@@ -146,17 +146,16 @@ def test_a_parameter_of_an_unknown_type_does_not_end_a_node(sim):
 def test_gait_goes_on_and_says_once_that_no_cmd_vel_comes(make_graph):
     graph = make_graph()
     commands = graph.record(JointState, 'joint_command')
-    process = graph.start(
-        'gait', 'gait.yaw.angular_frequency:=1.0e-310', 'cmd_vel_timeout:=0.05', 'start_from:=now'
-    )
+    process = graph.start('gait', 'cmd_vel_timeout:=0.05', 'start_from:=now')
     publisher = graph.node.create_publisher(Twist, 'cmd_vel', QoSProfile(depth=1))
     graph.until(lambda: commands and publisher.get_subscription_count(), 'commands')
+    tiny = ParameterValue(type=3, double_value=1e-310)
+    set_parameter(graph, 'gait', 'gait.yaw.angular_frequency', tiny)
     for speed in (0.1, 5e-324, 0.2, 1e300, 0.3):
         message = Twist()
         message.linear.x, message.angular.z = speed, 1e300
         publisher.publish(message)
         graph.spin(0.2)
     assert process.count('no cmd_vel for 0.05 s') == 1
-    assert process.count('too small; it stops') == 1
     count = len(commands)
     graph.until(lambda: len(commands) > count, 'more commands')

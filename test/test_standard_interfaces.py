@@ -215,7 +215,7 @@ class Entities:
     def __init__(self):
         self.simulation, self.services, self.moved = Simulation(Scene()), {}, 0
         node = SimpleNamespace(
-            create_subscription=lambda *_: None,
+            create_subscription=lambda *_, **__: None,
             create_service=lambda kind, name, callback: self.services.update({name: callback}),
         )
         handling = Handling(node, self.simulation, Settings(), None, self.count)

@@ -80,7 +80,7 @@ class Handling:
             (WrenchStamped, 'push', self._on_push, SEVERAL),
             (PoseStamped, 'set_pose', self._on_pose, LATEST),
         ):
-            read = reader(kind, take, partial(refusals.add, topic))
+            read = reader(kind, take, partial(self._refuse, topic))
             node.create_subscription(kind, f'~/{topic}', read, quality, raw=True)
 
     def act(self, period: float) -> None:
@@ -131,6 +131,9 @@ class Handling:
             )
         place(self._simulation, r, product(product(np.array([w, x, y, z]) / norm, -TURN), FLAT))
         self._moved()
+
+    def _refuse(self, topic: str, reason: object) -> None:
+        self.refusals.add(topic, reason)
 
     def _on_pose(self, message: PoseStamped) -> None:
         pose = message.pose

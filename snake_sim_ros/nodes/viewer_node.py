@@ -56,7 +56,6 @@ from snake_sim_ros.view.page import SHOW_PERIOD
 
 UNWATCHED_PERIOD = 0.1  # s between two looks for messages if no browser is connected
 CALLBACKS = 50  # served in a row at most
-MISSES = 5  # calls in a row that were no messages: nothing, or requests, after which it goes on
 STALE = 1.0  # s by which a pose may be older or newer than the joint angles
 EPOCH = 1e8  # s; a later stamp is that of a wall clock, and time is counted from the first one
 LAST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -265,12 +264,10 @@ def run(node: ViewerNode, stop: Event) -> None:
     try:
         while not stop.is_set():
             begin = time.monotonic()
-            misses = 0
             for _ in range(CALLBACKS):
                 served = node.served
                 server.spin_once(timeout_sec=0)
-                misses += node.served == served
-                if misses == MISSES:
+                if node.served == served:
                     break
             node.update()
             period = SHOW_PERIOD if node.page.watched else UNWATCHED_PERIOD

@@ -29,7 +29,8 @@ def found_cases():
     for path in FOUND:
         stored = yaml.safe_load(path.read_text(encoding='utf-8'))
         reason = stored.get('open', '')
-        marks = [pytest.mark.xfail(reason=reason, strict=True)] if reason else []
+        # Rounding of many steps decides whether an open one shows.
+        marks = [pytest.mark.xfail(reason=reason, strict=False)] if reason else []
         yield pytest.param(stored['case'], id=path.stem, marks=marks)
 
 

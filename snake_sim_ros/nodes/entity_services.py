@@ -5,7 +5,6 @@ They are offered where that package is installed. The entity `snake_robot`, as t
 has the pose of ``base_link``, which may be set; links, such as `link_6`, can be asked for.
 """
 
-from reprlib import repr as shortened
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from snake_sim_ros.nodes.state_messages import WORLD
 from snake_sim_ros.recording.from_messages import TO_WIRE
 from snake_sim_ros.recording.sensors import link_index
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.scene.robot_description import ROBOT_NAME
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.simulation import Simulation
@@ -74,7 +74,7 @@ class EntityServices:
     def _on_set(self, request: Any, response: Any) -> Any:
         codes, state = standard.Result, request.state
         if request.entity != ROBOT_NAME:
-            why = f'entity must be {ROBOT_NAME}, got {shortened(request.entity)}'
+            why = f'entity must be {ROBOT_NAME}, got {quoted(request.entity)}'
             return _answered(response, codes.RESULT_NOT_FOUND, why)
         parts = (state.twist.linear, state.twist.angular)
         if any(getattr(part, axis) for part in parts for axis in 'xyz'):

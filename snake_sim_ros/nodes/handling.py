@@ -9,7 +9,6 @@ is that of a link, which is pushed, and whose axes the force keeps; or `world`, 
 
 from collections.abc import Callable
 from functools import partial
-from reprlib import repr as shortened
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
@@ -28,6 +27,7 @@ from snake_sim_ros.recording.from_messages import WIRE_AXES
 from snake_sim_ros.recording.sensors import link_index
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.stepping.placing import place
@@ -117,7 +117,7 @@ class Handling:
 
         """
         if frame.rpartition('/')[2] not in ('', WORLD, ODOM):
-            raise ParameterError(f'the frame must be {WORLD} or {ODOM}, got {shortened(frame)}')
+            raise ParameterError(f'the frame must be {WORLD} or {ODOM}, got {quoted(frame)}')
         r = numbers_of(position, 'xyz', 'position')
         if np.abs(r).max() > FARTHEST:
             raise ParameterError(

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import difflib
 from functools import cache
-from reprlib import repr as shortened
 
 import numpy as np
 from sensor_msgs.msg import JointState
@@ -22,6 +21,7 @@ from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.stamps import seconds_from
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.quoting import quoted
 
 ROUNDING = 1e-9  # rad, rad/s; a motion may exceed limits at its points by so much
 STREAM = 0.5  # s; commands for a joint that come more often are a stream
@@ -260,7 +260,7 @@ def axes_of(topic: str, given: list[str], robot: Robot) -> Array:
             hint = (
                 f'did you mean {close[0]}?' if close else f'joints are {names[0]} to {names[-1]}'
             )
-            raise RejectedCommand('name', f'{topic}: unknown joint {shortened(name)}; {hint}')
+            raise RejectedCommand('name', f'{topic}: unknown joint {quoted(name)}; {hint}')
     if len(set(given)) < len(given):
         twice = next(name for name in given if given.count(name) > 1)
         raise RejectedCommand('twice', f'{topic} names joint {twice} more than once')

@@ -385,8 +385,7 @@ def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
     ----------
     scene : Scene
     settings : mapping
-        Dotted names to values, such as ``{'friction.longitudinal': 0.2}``; `gait.table` may be a
-        file.
+        Dotted names to values, such as ``{'dt': 0.01}``; `gait.table` may be a file.
 
     Raises
     ------

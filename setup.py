@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Package metadata, read by pip and by colcon alike."""
 
 from glob import glob

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The site: Sphinx, because rosdoc2 runs it for ROS packages, with pages in Markdown.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Crawl ahead, turn left and stop: cmd_vel to a gait that runs.
 

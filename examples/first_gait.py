@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Run a gait made of two waves without ROS, print how far it goes, and draw the run."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Steer lateral undulation to a heading by measured states, in a loop on Simulation.advance."""
 
 import argparse

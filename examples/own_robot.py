@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Simulate a robot of seven links instead of Aiko, and how friction changes its speed."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Print what a robot did in a ROS 2 bag or a recorded run, without ROS."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Record the torque of all joints for some seconds, and draw that of the yaw joints.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Sidewind until the robot is a meter away, then stop: parameters and cmd_vel of a gait that runs.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Draw how the four cases of the paper change with weaker servos: paths of link 6 in 15 s."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 A virtual Aiko: exact nonsmooth simulation of a wheel-less snake robot.
 

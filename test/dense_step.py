@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """One step of the paper's scheme in dense NumPy, to judge the results of compiled solvers."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Flat robots and their states, for tests of the planar level."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Random scenes with events, the same for all methods: pushes, landings, stops, hits of pegs."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Random scenes with pegs and steps, and checks of their contacts, for several tests."""
 
 from dataclasses import replace

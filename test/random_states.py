@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Random robots and states, and the exact motion of free links, for tests of single relations."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Bags as a robot leaves them: messages of commands, joint angles and poses at given times."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Scenes, runs and error bounds that the tests of the physics share."""
 
 from collections.abc import Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The steps of all methods in dense NumPy: which balance and which laws a step of each has to hold.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Three steps of a short robot; as a program it prints them and where the package is."""
 
 import json

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The compiled step against the dense one, and the sweeps of the chain against a dense solve."""
 
 from dataclasses import astuple

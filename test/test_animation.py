@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Moving pictures: how many, of what length, and what is where in them."""
 
 from dataclasses import replace

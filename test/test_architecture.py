@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What may import what, that the physics imports no ROS and no display, and how it compiles."""
 
 import ast
@@ -399,9 +401,22 @@ def texts():
                 yield path, content.decode()
 
 
+HEAD = """\
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+
+
+def test_every_source_file_says_whose_it_is():
+    for path, text in texts():
+        if path.suffix == '.py' or text.startswith('#!'):
+            first, _, rest = text.partition('\n')
+            assert (rest if first.startswith('#!') else text).startswith(HEAD), path
+
+
 @each_module
 def test_modules_are_short(module):
-    assert len(module.text.splitlines()) <= LONGEST_MODULE
+    assert len(module.text.removeprefix(HEAD).splitlines()) <= LONGEST_MODULE
 
 
 @each_module

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What methods without set-valued laws make up, against closed forms; and the table of it."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Bags: those of a run, read by another reader and by ours, and those of other robots."""
 
 from contextlib import contextmanager

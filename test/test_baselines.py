@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The methods that set-valued laws are held against do what their own equations say."""
 
 from dataclasses import replace

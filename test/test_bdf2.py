@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The step of second order: its order, its stability, its landings, and what it conserves."""
 
 from dataclasses import replace

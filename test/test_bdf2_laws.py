@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Laws of `bdf2` with steps of any length: what it conserves, its order, and its repeatability."""
 
 from dataclasses import replace

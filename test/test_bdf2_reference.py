@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The compiled step of `bdf2` against the dense one of `bdf2_reference`."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The bench: its arithmetic on known inputs, its file, and that a run that fails is a row."""
 
 from dataclasses import asdict

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Gaits that change while they run: no jumps, exact rates, limits kept, phases kept."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Charts and tables are drawn from CSV files alone: here from those of the documentation."""
 
 from pathlib import Path

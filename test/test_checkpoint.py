@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A simulation that goes on from a file takes the same steps, to the bit."""
 
 from dataclasses import replace

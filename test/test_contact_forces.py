@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Forces of the contacts, as they are shown: points, frames, and the balance of momentum."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Projections on the sets of admissible impulses: nearest points, and the laws that follow."""
 
 import math

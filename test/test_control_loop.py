@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The control loop of a real robot on every method: samples, delays, encoders and torques."""
 
 from dataclasses import replace

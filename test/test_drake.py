@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Drake on the same scene: what it gets, and what it does not get; see test_drake_runs.py."""
 
 import sys

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Runs of Drake on the same scene; conftest.py leaves them out where it is not installed."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The balance of energy: closed forms, and that a step leaves over what its order says."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 What changes a velocity from outside is what the next step starts from: pushes, states, gravity.
 

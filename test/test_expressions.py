@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Expressions of metrics: arithmetic that is looked up, never run, and what must hold of it."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Figures of the paper: drawn, labeled, and their numbers obey what holds for any run."""
 
 from dataclasses import replace

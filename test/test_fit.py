@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The fit of friction and gains to recordings that are made, and what it says of its certainty."""
 
 from dataclasses import replace

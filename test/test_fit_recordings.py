@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What a fit reads of a bag, and that it follows the commands in it as the simulator did."""
 
 from dataclasses import replace

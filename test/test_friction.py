@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Friction that differs forward and backward, and in patches of the ground, in closed form."""
 
 from dataclasses import replace

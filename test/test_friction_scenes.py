@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Whole runs with friction that differs forward and backward and in patches, compiled."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Messages read back as what they were made of: robots, poses, joints, contacts, obstacles."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Disks without room, deleted caches and too little memory: one sentence that names the file."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Joint references of the gaits and the postures in which the scenes begin."""
 
 import math

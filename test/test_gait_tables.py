@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Gaits from tables of joint angles: between and beyond their rows, in files, and in blends."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Ground of cells: gaps, directions, risers and edges, and a robot that climbs a step."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Hostile YAML files: each is refused with one short sentence, and soon."""
 
 from itertools import pairwise

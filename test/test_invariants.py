@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 What holds in every step of every gait: the contact laws, dissipation, symmetry, repeatability.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What holds in every step, whatever the robot, its posture and the floor: random steps."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The PD law at the four places in the time step where it may act, and at a predicted end."""
 
 import numpy as np

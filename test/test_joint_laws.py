@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Limited torque, dry friction and stops of the joints: closed forms on every method."""
 
 from dataclasses import fields

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The judges: spreads of errors, families of scenes, accounting, cycles, fronts and tables."""
 
 from dataclasses import asdict

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 What the launch file starts, with stand-ins for the packages launch and launch_ros.
 

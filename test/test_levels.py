@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Model levels: that they agree, which one is chosen, and what goes over from one to the other."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """References that move no faster than joints may, and joints that stay within their limits."""
 
 import numpy as np

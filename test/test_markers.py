@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Markers of contacts and obstacles, without any node."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What a gait takes from joint_states: angles that are usable, and robots that were put back."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Messages from and to YAML, as the commands topic and service read and print them."""
 
 from diagnostic_msgs.msg import DiagnosticStatus

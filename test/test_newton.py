@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Newton's method on hard contact problems: it converges, or says that it did not."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What is at rest stays at rest, what slides does not lift, and joints stay closed."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Optimization: known optima are found, constraints hold, and the same comes out every time."""
 
 from dataclasses import fields

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What only x86_64 processors have is not used on others, and is said to be missing there."""
 
 import math

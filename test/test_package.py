@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What the package needs and claims is the same in setup.py, package.xml, pages and changelog."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The front page and the pages behind it: length, links, numbers, versions."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Every value of a scene is checked; what is refused is named in one sentence."""
 
 from dataclasses import fields

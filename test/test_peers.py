@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """MuJoCo on the same scene: its model, its drives, and how its failures are told."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Pegs: gaps, directions, impacts, friction, and a snake that pushes itself along them."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The planar level: against its dense step, and its loads, friction and motion in closed form."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Pushes that last: momentum, joints, and what is refused."""
 
 from dataclasses import replace

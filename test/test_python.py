@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The library in Python: what its one import offers, its page, and its examples."""
 
 import ast

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Damaged messages: one error each, and nothing that the middleware prints by itself."""
 
 import random

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The joint reference after a command or a trajectory was received, without any node."""
 
 from array import array

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The attack with hostile files itself, and where the program writes: nowhere else."""
 
 import json

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The page on reliability has the tables that the program makes of its CSV files."""
 
 from pathlib import Path

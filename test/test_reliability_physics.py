@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Random scenes find what is broken; what they found once stays mended."""
 
 from pathlib import Path

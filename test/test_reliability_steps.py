@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Very long runs, made short: what they watch, and that they notice what is wrong."""
 
 from itertools import chain

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The URDF against the model, as an independent parser reads it; and what viewers show."""
 
 import json

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Laws that a robot of several links has to obey: momentum, joints, rest, dissipation, symmetry.
 

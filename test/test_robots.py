@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Robots that differ from Aiko and from link to link: gains, agreement, momentum, very many links.
 

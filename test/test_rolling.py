@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What the planar level leaves out, rolling: that it is all, and when it is too much."""
 
 from dataclasses import replace

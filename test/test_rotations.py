@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Euler parameters, rotation matrices and the kinematic map against their definitions."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Samples that loops keep are those of calls from one sample to the next, bit for bit."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Scenes as files: those that come with the package, round trips, and files that are refused."""
 
 import math

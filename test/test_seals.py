@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Seals of CSV files: what was changed by hand is told, what goes on later has its own head."""
 
 import re

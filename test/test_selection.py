@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The selection rule: which of the many normal forces of a robot that lies flat are taken."""
 
 from dataclasses import replace

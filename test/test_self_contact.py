@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Contacts of links with each other: gaps, directions, impacts, and a robot that curls up."""
 
 from dataclasses import replace

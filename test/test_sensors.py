@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What sensors measure: closed forms, noise from a seed, and the same bits live and recorded."""
 
 import csv

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Runs in time: references, sub-steps, recording, and runs that diverge."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Steps that are taken one at a time in memory that stays: the same bits as by any other call."""
 
 from dataclasses import astuple

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Soft impacts: whatever a link meets and however slowly, it does not bounce.
 

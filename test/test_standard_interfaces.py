@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Services and topics that need simulation_interfaces or tf2_msgs, tested with stand-ins.
 

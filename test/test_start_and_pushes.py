@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Postures and places in which scenes start, and pushes that they hold."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Steering: what a gait must be for a speed and a turning rate, and what the robot makes of it."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What a stepper promises, whatever its method: untouched inputs, reports, refusals."""
 
 from dataclasses import fields

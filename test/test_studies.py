@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Studies: what varies, what is measured, the table, and that every run comes out the same."""
 
 from dataclasses import fields

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Studies that are killed and go on, and a Dask cluster that loses a worker."""
 
 import json

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Recorded runs: what is kept of them, in which files, and what is said of files of others."""
 
 import csv

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The goals of follow_joint_trajectory, with a stand-in for the package control_msgs.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The physics alone, without nodes and compiler; and what is tested without the compiler."""
 
 import json

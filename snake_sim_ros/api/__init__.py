@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What `import snake_sim_ros` offers: scenes, runs and simulations in Python, without ROS."""
 
 from snake_sim_ros.api.gaits import table_of

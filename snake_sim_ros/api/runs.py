@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Scenes by name and value, their runs, and what is measured in them."""
 
 from collections.abc import Callable

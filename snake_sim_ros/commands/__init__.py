@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The command line `snake-sim`: a module for each command, with its arguments and what it does.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The command `snake-sim artefacts`: what methods without set-valued laws make up, as a CSV."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The commands `snake-sim fuzz` and `snake-sim soak`: attacks on the program, as CSV files."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The command `snake-sim bench`: error, time and much else of all methods as a CSV file."""
 
 import argparse

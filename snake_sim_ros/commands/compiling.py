@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The bar of the compiler, where a command has to compile before it can begin."""
 
 import time

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The commands `snake-sim topic`, `param` and `service`, for where there is no `ros2`."""
 
 import argparse

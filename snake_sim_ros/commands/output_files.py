@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The files that `run` and `export` write a run to: their options, their checks, the writing."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Arguments with which several commands choose a scene and change it, and the scene they mean."""
 
 import argparse

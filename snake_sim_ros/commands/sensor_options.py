@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Arguments that choose the sensors of a run, and the sensors they mean."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The command `snake-sim study`: many runs of a scene with other values, and what they measure."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The command `snake-sim view`: a live robot or a recorded run in the browser."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 What contact laws that are not set-valued change besides the accuracy of a path.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Rows of the bench: their columns, how files are read, and the entries that make rows."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Tables in Markdown of the parts of the bench."""
 
 from collections.abc import Iterable

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The charts of ensembles and cycles: root mean squares of errors over cost, with error bars."""
 
 from collections.abc import Sequence

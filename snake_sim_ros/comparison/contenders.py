@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The contenders of the bench: methods with their settings, time steps and ways to run them."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Converged paths of scenes, each computed once, and the distances of courses from them."""
 
 from dataclasses import replace

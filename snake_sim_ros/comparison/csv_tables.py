@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 CSV files of measurements: a head that says what was measured where, then a row for each run.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Runs of Drake's CENIC, an integrator with error control for convex contact, in one call.
 

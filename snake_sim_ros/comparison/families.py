@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Families of scenes: perturbed ones for statistics, and neighbors for bounds that hold around.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Hard contact problems, stored as single steps, and the residuals that solvers reach on them.
 

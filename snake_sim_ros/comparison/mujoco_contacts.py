@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Contacts and solver settings of MuJoCo: its own, two sets found by hand, and those of a search.
 

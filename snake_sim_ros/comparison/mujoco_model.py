@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The robot of a scene as an MJCF model of MuJoCo, with the settings that a user can choose.
 

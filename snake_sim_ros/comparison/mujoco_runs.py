@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Runs of MuJoCo on the scenes of this package, recorded like those of our own methods.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The fastest method for an accuracy, fronts of cost and error, and orders of convergence."""
 
 from collections.abc import Iterable

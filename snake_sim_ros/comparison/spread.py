@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The spread of errors over many runs: no single run, lucky or not, decides."""
 
 from collections.abc import Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Times of the stages of a step of method newton, from time stamps inside of real steps."""
 
 import time

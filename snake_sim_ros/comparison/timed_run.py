@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Runs of any method or simulator with their wall times, from which the bench makes its rows."""
 
 from collections.abc import Sequence

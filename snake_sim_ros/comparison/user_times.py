@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The part `user` of the bench: what of the speed of the compiled loop is left for a user.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 How the Delassus operator is formed: from loads of unit impulses in the chain without contacts.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The contact laws of a step solved on a dense Delassus operator in NumPy, for `bdf2_reference`.
 

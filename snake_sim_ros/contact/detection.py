@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Compiled contact detection: gaps and contact frames on the floor, on cells, at pegs and links.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Compiled generalized force directions of the contacts: velocities and wrenches, eqs. (17)-(37).
 

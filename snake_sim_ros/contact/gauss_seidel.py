@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Projected Gauss-Seidel iteration on the condensed contact problem, contact by contact.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """How linear contact laws join the inertia of the links that they act on."""
 
 from snake_sim_ros.contact.directions import direction

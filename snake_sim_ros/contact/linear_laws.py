@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The contact laws as impulses that follow from velocities, and their linear form in the chain.
 

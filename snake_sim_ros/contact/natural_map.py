@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The natural-map residual of the contact laws, by which all contact solvers are judged."""
 
 import math

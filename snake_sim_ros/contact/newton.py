@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Newton's method on the contact laws; each linear problem is solved exactly in a sweep over links.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """How deep a robot is in the floor, in an obstacle or in itself."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The paper's iteration, compiled: projections of all contacts at once, eqs. (84)-(93)."""
 
 import math

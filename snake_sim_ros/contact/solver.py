@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The contact problem of a step, and the call that solves it."""
 
 from typing import Any

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Where the contact solvers of Newton start in a step: from the history of the last one."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Forward dynamics of a chain of links with two hinge axes a joint, linear in the number of links.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The terms of the balance (75) of the links: inertia, momentum and joint torques, about O.
 

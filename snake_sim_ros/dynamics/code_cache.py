@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The cache of compiled functions on disk, which belongs to exactly these sources and libraries.
 

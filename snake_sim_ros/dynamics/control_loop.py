@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The control loop of a real robot: sampled angles, late commands, encoders, and torques as commands.
 

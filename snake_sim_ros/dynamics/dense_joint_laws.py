@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The set-valued laws of `joint_laws` in NumPy, for the dense steps; arrays of any one shape.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Generalized force directions, mass matrix and smooth forces in dense NumPy, sections II to IV.
 

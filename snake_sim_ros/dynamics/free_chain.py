@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The chain of links without contacts, factored once a step for any number of contact impulses.
 

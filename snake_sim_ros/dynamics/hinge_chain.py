@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 A chain of links with one hinge a joint, linear in the number of links: `stepping.planar` has two.
 

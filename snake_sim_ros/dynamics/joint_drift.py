@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 How far the joints are open, eqs. (11)-(13), and how they are closed, section VII-C.
 

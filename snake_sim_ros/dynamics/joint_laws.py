@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Set-valued laws on the axes of the joints: limited torque, dry friction and stops.
 

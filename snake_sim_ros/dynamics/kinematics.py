@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Compiled kinematics of the chain of links: eqs. (6), (66), (72), (83).
 

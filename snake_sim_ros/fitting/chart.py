@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The picture of a fit: residuals over time, as a distribution, and what segments ask for."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The search for the values that explain a recording: least squares, after a global stage."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 What a fit needs of a bag: the commands of the joints, their angles, and poses of links over time.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What a fit found, as text, as JSON and as the file of a scene."""
 
 from collections.abc import Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Recordings that are made: the motion of a scene as another recording would have measured it."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The values of a scene that a fit finds: their names, bounds and scales."""
 
 from collections.abc import Sequence

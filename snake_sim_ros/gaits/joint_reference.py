@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The references of the joints over time: commands, held or extrapolated, and trajectories."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """References that move no faster than joints may: a limit of their rates, whatever is told."""
 
 import numpy as np

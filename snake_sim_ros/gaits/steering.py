@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 A gait that is steered: forward speed by the frequency, turning by the offset of the yaw wave.
 

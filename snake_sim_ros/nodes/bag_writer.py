@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Bags: messages as an MCAP file, which `ros2 bag` and other tools open.
 

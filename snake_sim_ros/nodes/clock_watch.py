@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What a node notices of its clock: time that goes back, and a clock that is not the robot's."""
 
 import time

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The joint commands that the node `sim` receives, and the reference that holds after them."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The state of the simulation as a message for /diagnostics (REP 107)."""
 
 import re

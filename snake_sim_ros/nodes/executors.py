@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Executors of rclpy, and how long a node serves messages with them before it goes on."""
 
 import time

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 What is done to the robot of the node `sim` from outside, besides commands: pushes and placing.
 

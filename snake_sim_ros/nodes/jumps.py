@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Jumps of the time or of a robot: one is a reset, many in a row are two sources of one topic."""
 
 import time

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """How fast the node `sim` runs and what this costs, second by second."""
 
 import time

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What a program says that needs ROS 2 where it is not installed; it imports nothing of it."""
 
 from snake_sim_ros.scene.checked_records import ParameterError

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """ROS parameters of the nodes: the fields of a record, by dotted names, with descriptors."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Nodes that publish on the same topic, where one alone should: commands and the clock."""
 
 from collections.abc import Mapping

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Requests to set parameters, of which rclpy cannot take all."""
 
 from typing import Any

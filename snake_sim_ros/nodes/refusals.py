@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Messages that a node refuses: a sentence in its log, and for a while in its diagnostics."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The topics of sensors in the bag of a run without ROS, as `sim` would publish them."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The `sim` node: a virtual Aiko that follows joint commands and publishes its state."""
 
 from contextlib import nullcontext

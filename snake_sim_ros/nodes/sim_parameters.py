@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The parameters of the node `sim` besides those of its scene, and which of all may change."""
 
 from array import array

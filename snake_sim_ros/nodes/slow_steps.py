@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Which step of the physics took longest, and when steps outlast their publish period."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Times as messages carry them."""
 
 from builtin_interfaces.msg import Time

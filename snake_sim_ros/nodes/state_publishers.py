@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The topics on which the node `sim` publishes its state, its robot and its clock."""
 
 import time

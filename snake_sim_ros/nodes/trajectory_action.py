@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The action ``~/follow_joint_trajectory``, as a joint_trajectory_controller has it.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The place of the robot, but not of its links, as frames on /tf if tf2_msgs is installed."""
 
 from builtin_interfaces.msg import Time

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The order in which a node takes its messages, when reading one takes longer than a period."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What cmd_vel says, as a Twist or a TwistStamped, and when it holds."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The viewer's controls: they act on `sim` and `gait` through public services and parameters.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Pictures of an optimization: the front of two objectives, or one objective as it grows."""
 
 from collections.abc import Sequence

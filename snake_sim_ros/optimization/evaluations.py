@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Evaluations: the runs of values in one scene or several, and what they achieve together."""
 
 from collections.abc import Callable

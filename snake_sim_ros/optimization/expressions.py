@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Expressions of named numbers, such as ``speed - 0.1 * abs(sideways)``.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Order among evaluations, and the front of those that none beats in both objectives."""
 
 from collections.abc import Sequence

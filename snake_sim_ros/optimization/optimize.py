@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The loop of an optimization: generations of all searches are evaluated together, then judged.
 

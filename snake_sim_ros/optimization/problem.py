@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What an optimization is: a scene, bounds of values, objectives, constraints; and as a file."""
 
 from collections.abc import Mapping

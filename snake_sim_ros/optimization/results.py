@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What an optimization found, as files of scenes and as JSON."""
 
 from collections import Counter

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Objectives that hold for more than one scene: values that differ by given factors."""
 
 from collections.abc import Mapping

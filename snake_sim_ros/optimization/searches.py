@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Searches by CMA-ES, the evolution strategy that adapts the covariance of its samples.
 

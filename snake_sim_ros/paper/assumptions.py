@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Assumptions where the paper does not state its cases, in words for the figures."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The experiments of the paper, recorded for its figures: cases A, B and C, and variations of them.
 

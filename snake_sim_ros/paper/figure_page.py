@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Size and colors of the figures of the paper, and the empty page on which each is drawn."""
 
 from matplotlib.figure import Figure

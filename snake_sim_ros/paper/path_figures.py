@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Figures 6 to 9 of the paper: paths and postures, seen from above and in perspective."""
 
 from collections.abc import Mapping

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Effects of the printed errors of the paper: inertia from half the radius, sign in eq. (84).
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The numbers of the figures of the paper, as tables in Markdown."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Figures of torques, forces, errors and energies over time."""
 
 from matplotlib import colormaps

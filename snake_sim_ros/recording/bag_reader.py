@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Reading bags: an MCAP file of `snake-sim`, `ros2 bag` or a real robot becomes a trajectory."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Recorded runs as a table for spreadsheets and plotting programs."""
 
 from collections.abc import Mapping

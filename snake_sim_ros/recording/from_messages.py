@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Arrays and scenes from messages: the inverse of `nodes.state_messages` and `nodes.markers`.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Recorded runs as npz files of NumPy, whole or not at all."""
 
 from collections.abc import Mapping

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Recorded runs: which sources name one, how one is read, and a summary of how it went."""
 
 from pathlib import Path

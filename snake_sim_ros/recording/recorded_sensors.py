@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The sensors of a recorded run, as arrays by their names in npz files."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Noise of sensors: bits that depend on the seed, the sensor and the number of the sample alone.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The sensors of a simulation as it advances, sample by sample."""
 
 import numpy as np

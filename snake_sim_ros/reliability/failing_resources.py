@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Programs without room on a disk or in memory: each says so in one sentence, and ends."""
 
 from collections.abc import Callable

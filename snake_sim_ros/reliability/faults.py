@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Faults around real nodes: they are killed and stopped, and disks, memory and caches fail.
 

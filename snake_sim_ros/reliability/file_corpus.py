@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Good files of every kind, small ones, from which hostile ones are made."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 What reads files of every kind, as commands and nodes do, and goes on with what was read.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Hostile files: whatever a file holds, it is read, or refused in one sentence, soon and with little.
 

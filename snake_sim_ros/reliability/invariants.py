@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 What must hold in a run, whatever the scene; every check yields a sentence for what does not.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Hostile messages at real nodes: a second of a flood, then a look at what must hold, and so on.
 

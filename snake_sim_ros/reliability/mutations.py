@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Random changes of files: of their bytes, of the values in their YAML, of arrays and messages."""
 
 from collections.abc import Iterator

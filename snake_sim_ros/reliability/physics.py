@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Random physics: scenes of `random_scenes`, judged by `invariants`, and the least that fails.
 

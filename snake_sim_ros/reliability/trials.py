@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Trials: what was tried how often, and what went wrong, as rows of a CSV file and of a page.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Records: frozen dataclasses whose fields know their unit and range, and which check their values.
 

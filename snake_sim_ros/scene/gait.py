@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Joint references of snake gaits as pure functions of time, eqs. (70) and (71), and tables.
 

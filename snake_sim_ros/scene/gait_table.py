@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Joint angles over time as a table: a gait of any shape, in a scene and in files."""
 
 from collections.abc import Mapping

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Everything a robot can touch besides a flat floor: ground of cells, and pegs; gaps and frames.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """How many steps there are in periods of time."""
 
 from snake_sim_ros.scene.checked_records import ParameterError

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Posture of the robot: joint angles from coordinates, and coordinates from joint angles."""
 
 from functools import lru_cache

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Received values as sentences quote them: short, whatever they are."""
 
 from reprlib import Repr

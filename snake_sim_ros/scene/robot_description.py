@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The robot as a URDF, for viewers and for programs that compute its kinematics or its masses.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Files of scenes and robots: where they are found, and how they are read."""
 
 import difflib

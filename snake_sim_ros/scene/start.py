@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """How a scene starts, and what pushes the robot in it, as records of a scene."""
 
 from dataclasses import dataclass

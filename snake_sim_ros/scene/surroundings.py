@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What surrounds the robot, as records of a scene: friction, pegs and the ground."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Reading of YAML text, the only place that does, with checks that PyYAML does not make.
 

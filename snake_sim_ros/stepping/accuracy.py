@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The accuracy of a scene: the relative error of the path that one can expect over a gait cycle.
 

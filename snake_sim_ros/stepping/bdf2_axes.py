@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The laws on the axes of joints in a part of a step of method `bdf2`; see `dynamics.joint_laws`.
 

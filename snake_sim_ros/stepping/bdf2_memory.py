@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What method `bdf2` keeps of the last step, and the arrays that its steps fill."""
 
 from typing import NamedTuple

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 A step of method `bdf2` in dense NumPy, to read beside its equations, as `reference` is for [1].
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 States of the robot in joint coordinates, for the step of `bdf2` in dense NumPy, `bdf2_reference`.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """How a step of `bdf2` in dense NumPy is divided in parts, each as in `bdf2_reference`."""
 
 import numpy as np

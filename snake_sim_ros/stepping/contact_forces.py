@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Points and forces of the contacts of a robot, from the state and history of the last step."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Torques as commands, for robots with effort_commands."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Contacts that close in a step, and jumps of the velocities that their impulses reveal.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The joint references of a scene's gait for a few steps at a time."""
 
 import numpy as np

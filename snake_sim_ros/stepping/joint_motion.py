@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Motions in joint coordinates, by which joints are closed exactly, and their formula of two steps.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The table of time stepping methods. A new method is an entry here, and a module."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The numbers of a scene and the arrays of a step, as compiled code takes them."""
 
 from functools import lru_cache

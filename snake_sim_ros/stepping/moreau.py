@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The time step of the paper [1] compiled, with the joints eliminated in one sweep over the links.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The two-step formula of method `bdf2` for any ratio of steps, and the parts of a step of the scene.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A robot that is put somewhere else as it is: same joint angles, at rest."""
 
 import numpy as np

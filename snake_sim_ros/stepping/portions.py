@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Steps of a run with the gait of its scene, in calls that end some times a second."""
 
 import math

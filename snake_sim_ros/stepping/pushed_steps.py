@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The pushes of a scene while it advances, as impulses between its steps."""
 
 from collections.abc import Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Pushes that last: forces and torques from outside, as impulses on the whole chain of links.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The time step of the paper as printed: dense matrices in NumPy, to read beside the paper [1].
 

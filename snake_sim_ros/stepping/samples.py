@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Samples of a motion: arrays that steppers fill as they go, made before the first step."""
 
 from typing import NamedTuple

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The record of a run from its samples: joints, contact forces and levels."""
 
 import math

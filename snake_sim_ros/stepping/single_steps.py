@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Steps that are taken one at a time, as a controller in Python takes them, in memory that stays.
 

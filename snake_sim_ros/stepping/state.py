@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What a step starts from: the state of all links, and the history of the steps before it."""
 
 from collections.abc import Mapping

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The record of a run: poses, joints and contacts of a robot over time."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The steps of a scene where nobody says how it is stepped: those of the usual accuracy."""
 
 from collections.abc import Container

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The picture of a study: every metric over one value that varies, or as a map over two."""
 
 from collections.abc import Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The journal of a study: rows as they are done, a line of JSON each, until the table is written.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The key of a row: a digest of all that its result depends on."""
 
 from collections.abc import Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What is measured in a run: a number of its trajectory, by a name or a function of the user."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Runs of a study: a scene with the values of a row, and the row of the table that comes of it."""
 
 from collections.abc import Callable

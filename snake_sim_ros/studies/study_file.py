@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What a study is: a scene, what varies in it, what is measured; as a record and as a file."""
 
 from collections.abc import Callable

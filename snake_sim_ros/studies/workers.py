@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Who does the runs of a study: threads of this process, other processes, or a Dask cluster.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Runs as moving pictures: a GIF or an MP4 of the robot from obliquely above, by matplotlib.
 

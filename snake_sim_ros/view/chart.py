@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A run as a picture of numbers: path, joint angles, joint torques and contact forces."""
 
 from pathlib import Path

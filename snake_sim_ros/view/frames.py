@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 What the viewer shows, as arrays: the robot at one time, its recent past, and shapes of links.
 

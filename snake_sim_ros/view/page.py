@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 A page in the browser that shows a robot in 3-D, with plots and controls, by viser.
 

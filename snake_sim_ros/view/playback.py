@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Playback of a recorded run on a page in the browser, with a time slider."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The 3-D part of the viewer: floor, obstacles, robot, contacts and path of one scene."""
 
 from typing import Any

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A headless Chromium, which tests control over its own protocol (websockets come with viser)."""
 
 import base64

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The environment of all system tests, and physics that is compiled once for them."""
 
 from importlib.metadata import version

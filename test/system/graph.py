@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A ROS domain of its own for a test: real node processes, and one client node."""
 
 from collections.abc import Callable

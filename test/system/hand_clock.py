@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A clock that a test advances by hand, and the commands of a gait node that follows it."""
 
 from geometry_msgs.msg import Twist

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The offline twin of a sim node: the same steps without ROS, one publish period at a time."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A client of the sim node: it subscribes to all its topics and calls its services."""
 
 from diagnostic_msgs.msg import DiagnosticArray

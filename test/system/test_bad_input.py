@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Input that is not usable: the nodes report it in one sentence and keep working."""
 
 from array import array

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The live demonstration, as a user starts it: three processes, a summary and a picture."""
 
 import os

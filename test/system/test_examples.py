@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Every script of examples/ as a user runs it, with real nodes and without any."""
 
 import itertools

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A node whose physics is not compiled yet is there, tells of the compiler, and can be ended."""
 
 from pathlib import Path

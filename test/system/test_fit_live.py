@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The fit of a recording of live nodes: `sim` and `gait`, recorded through ROS."""
 
 import json

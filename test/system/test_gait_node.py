@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The gait node with a plain subscriber, with a clock of the test, and with the sim node."""
 
 from dataclasses import replace

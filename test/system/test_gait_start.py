@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Where and when the gait starts: at the joints of the robot, by the clock of the robot."""
 
 from itertools import pairwise

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The commands topic, param and service, in processes of their own, against live nodes."""
 
 import re

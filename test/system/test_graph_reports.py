@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What a sim node says of the graph around it and of the commands it gets, to real publishers."""
 
 import math

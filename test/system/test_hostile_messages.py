@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Real nodes under hostile messages: they go on, joints stay within limits, logs stay short."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Hostile parameters and their files: a node refuses them in one sentence, and stays."""
 
 from geometry_msgs.msg import Twist

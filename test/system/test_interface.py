@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Commands, parameters and topics of a sim node, as other programs use them."""
 
 import signal

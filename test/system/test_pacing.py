@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The measurement of pacing, as a user starts it: what it prints, and bounds that always hold."""
 
 import json

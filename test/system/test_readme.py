@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Every command of the README and of the pages that continue it, run in a folder of its own."""
 
 import os

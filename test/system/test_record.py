@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """`snake-sim record` and `snake-sim run --bag`: bags of live nodes and of a run without ROS."""
 
 from pathlib import Path

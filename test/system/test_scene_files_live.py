@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Nodes with scenes that hold a table of joint angles, a start posture and pushes."""
 
 import json

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The sim node over ROS: time, states, commands, services."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The tour of docs/first_steps.md, line by line, and the tables of docs/nodes.md.
 

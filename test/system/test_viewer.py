@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The viewer in a real browser: a live robot, its controls, and a recorded run."""
 
 import re

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Regularized contact, compiled: spring-dampers and smooth friction, in a semi-implicit Euler step.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Gauss-Seidel iteration with a friction pyramid in place of the ellipse, as `contact.gauss_seidel`.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Limits of the solvers of contact laws: friction, prox parameters, mass ratios."""
 
 from dataclasses import replace

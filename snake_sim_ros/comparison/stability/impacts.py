@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Falls, jamming, an upright link and a free spin: limits of time steps."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Limits of the joint controller, in flight and on the ground."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The maps of `stability`: quantities, methods, scenes, limits of theory."""
 
 from collections.abc import Callable

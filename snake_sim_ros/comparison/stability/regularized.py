@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Limits of regularized contact: stiff springs, and friction that is smooth at rest."""
 
 from collections.abc import Sequence

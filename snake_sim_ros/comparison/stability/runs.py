@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Maps over two quantities of where methods are accurate, inaccurate, unconverged, or blow up.
 

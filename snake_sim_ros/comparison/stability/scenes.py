@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Robots, states and errors that the scenes of several stability maps share."""
 
 from collections.abc import Callable

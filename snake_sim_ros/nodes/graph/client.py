@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A node for the time of one command: it looks at the graph, waits, and is interrupted."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The commands `service list` and `service call`."""
 
 from rclpy.exceptions import InvalidServiceNameException

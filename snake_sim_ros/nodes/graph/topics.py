@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The commands `topic list`, `topic echo`, `topic hz` and `topic pub`."""
 
 from functools import partial

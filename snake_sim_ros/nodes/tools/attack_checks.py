@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What must hold of a node after each second of an attack: sentences on what does not."""
 
 from collections.abc import Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A node in a process of its own that is to be attacked: its memory, and how much it prints."""
 
 from collections import deque

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What can be read of a bag whose recorder was killed, or whose disk was full."""
 
 from pathlib import Path

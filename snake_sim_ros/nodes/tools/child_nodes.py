@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Nodes in processes of their own, which a command starts, watches and ends."""
 
 from collections import deque

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The live demonstration: `sim` and `gait` in two processes, and this one that listens."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A client that only listens: when messages of robots came last."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Messages that nobody should send, as bytes: those of good messages with some fields changed.
 

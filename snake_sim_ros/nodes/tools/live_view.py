@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The live view of `snake-sim view`: the node `viewer`, and for a scene also `sim` and `gait`."""
 
 import sys

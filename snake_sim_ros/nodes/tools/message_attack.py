@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A flood of hostile messages, service calls and parameters at a node, and what it does then."""
 
 from collections.abc import Callable

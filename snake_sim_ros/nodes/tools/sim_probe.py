@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A probe of one `sim`: when its states arrive, how its clock runs, what processor it uses."""
 
 from collections.abc import Callable

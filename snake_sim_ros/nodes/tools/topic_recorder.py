@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The recorder of `snake-sim record`: all topics as an MCAP bag, until a signal ends it."""
 
 from functools import partial

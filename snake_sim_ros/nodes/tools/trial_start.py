@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A node that is started with some arguments and ended at once, in this process."""
 
 from collections.abc import Sequence

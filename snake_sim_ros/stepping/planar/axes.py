@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The laws on the yaw axes of joints in a step in the plane; see `dynamics.joint_laws`.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The algorithm of `contact.gauss_seidel` in the plane."""
 
 from typing import NamedTuple

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The records of `stepping.model` for a step in the plane, and what it keeps of the last step."""
 
 from typing import Any

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The step of `stepping.moreau` for a robot that lies flat: n+2 coordinates, exactly closed joints.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Contacts with pegs for a robot that lies flat, as `contact.detection` finds them in space."""
 
 import math

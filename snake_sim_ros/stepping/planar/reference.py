@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The time step of the planar level in dense NumPy, with which the compiled one is tested.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The call that solves the contacts of a step in the plane."""
 
 from snake_sim_ros.dynamics.compilation import Dispatched

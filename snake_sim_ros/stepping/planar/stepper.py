@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The planar level as a stepper; it converts states in space to the plane and back."""
 
 from collections.abc import Callable

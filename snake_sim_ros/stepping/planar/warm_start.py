@@ -1,3 +1,5 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Where the contact solvers of Newton start in a step in the plane: as `contact.warm_start`."""
 
 from snake_sim_ros.dynamics.compilation import inlined

@@ -154,7 +154,7 @@ def test_steering_of_very_slow_gaits(frequency, other):
 
 @pytest.mark.parametrize(
     ('name', 'value'),
-    [('dt', 1e-310), ('duration', 1e300), ('dt', 1e-10), ('gravity', (0.0, 0.0, -1e200))],
+    [('dt', 1e-310), ('duration', 1e300), ('dt', 1e-13), ('gravity', (0.0, 0.0, -1e200))],
 )
 def test_numbers_of_which_nothing_can_be_computed_are_refused(name, value):
     with pytest.raises(ParameterError, match=f'{name} must be at (least|most)'):

@@ -274,7 +274,7 @@ class Scene(CheckedRecord):
     gravity: tuple[float, ...] = quantity(
         (0.0, 0.0, -9.81), 'm/s^2', 'gravity in the inertial frame; tilt it for a slope'
     )
-    dt: float = quantity(1 / 4000, 's', 'time step', above=0, minimum=1e-9, maximum=0.1)
+    dt: float = quantity(1 / 4000, 's', 'time step', above=0, minimum=1e-12, maximum=0.1)
     accuracy: float = quantity(
         0.0,
         '1',

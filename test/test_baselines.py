@@ -4,7 +4,6 @@
 
 from dataclasses import replace
 import math
-import re
 
 import numpy as np
 import pytest
@@ -310,22 +309,14 @@ def test_a_run_that_takes_too_long_is_stopped():
 
 
 @pytest.mark.filterwarnings('ignore::RuntimeWarning')
-@pytest.mark.parametrize(
-    ('integrator', 'gravity', 'stiffness', 'reason'),
-    [
-        (
-            'BDF',
-            G,
-            1e300,
-            'Required step size is less',
-        ),  # the first touch is too hard for any step
-        ('Radau', 1e300, 1e4, 'array must not contain infs or NaNs'),  # in its Jacobian
-    ],
-)
-def test_an_integrator_that_fails_says_when_and_why(integrator, gravity, stiffness, reason):
-    scene = undulating(gravity=(0.0, 0.0, -gravity))
-    run = integrate(scene, replace(SOFT, stiffness=stiffness), integrator, 1e-4, 5.0)
-    assert re.match(rf't = \S+ s: {integrator}: {reason}', run.trajectory.report.failure)
+@pytest.mark.parametrize('integrator', ['BDF', 'Radau'])
+def test_an_integrator_that_fails_says_when_and_why(integrator):
+    state = Simulation(undulating()).state
+    u = np.zeros_like(state.u)
+    u[:, 5] = 1e100  # rad/s: the acceleration is finite, its Jacobian is not
+    run = integrate(undulating(), SOFT, integrator, 1e-4, 5.0, start=State(state.q, u))
+    reason = f't = 0 s: {integrator}: array must not contain infs or NaNs'
+    assert run.trajectory.report.failure.startswith(reason)
     assert run.status == 'diverged'
 
 

@@ -242,7 +242,7 @@ def test_levels_agree_with_a_limit_and_with_stops(method):
         for level in ('planar', 'spatial'):
             scene = with_settings(
                 load_scene('lateral_undulation'),
-                settings | {'method': method, 'level': level, 'duration': 0.15, 'dt': 1e-3},
+                settings | {'method': method, 'level': level, 'duration': 0.3, 'dt': 1e-3},
             )
             trajectory = run(scene)
             ends.append(trajectory.position[-1, 5, :2])
@@ -328,7 +328,7 @@ def test_programs_and_keys_of_the_page():
     for program in re.findall(r'```python\n(.*?)```', text, re.DOTALL):
         exec(compile(program, 'docs/servos.md', 'exec'), {})
     keys = set(re.findall(r'`(\w+)`', ' '.join(re.findall(r'^\| (`.*?) \|', text, re.MULTILINE))))
-    assert keys <= {item.name for item in fields(Robot)} and len(keys) == 10
+    assert keys <= {item.name for item in fields(Robot)} and len(keys) == 11
 
 
 def test_commands_of_the_page(capsys):

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random scenes find what is broken; what they found once stays mended."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import yaml
@@ -23,29 +21,11 @@ from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.state import State
 
-# Cases as `snake-sim fuzz` prints them. A file with a reason `open` is a defect that is left.
-FOUND = sorted((Path(__file__).parent / 'data' / 'found').glob('*.yaml'))
-
-
-def found_cases():
-    for path in FOUND:
-        stored = yaml.safe_load(path.read_text(encoding='utf-8'))
-        reason = stored.get('open', '')
-        # Rounding of many steps decides whether an open one shows.
-        marks = [pytest.mark.xfail(reason=reason, strict=False)] if reason else []
-        yield pytest.param(stored['case'], id=path.stem, marks=marks)
-
 
 @pytest.fixture(scope='module', autouse=True)
 def compiled():
     for method in ('newton', 'bdf2'):
         physics.warm_up((FLAT, method))
-
-
-@pytest.mark.parametrize('case', list(found_cases()))
-def test_what_was_found_stays_mended(case):
-    Simulation(scene_of(case)).compile()  # which is not a step that takes long
-    assert physics.judged(case).broken == []
 
 
 def test_a_robot_of_two_links_may_have_self_contact():

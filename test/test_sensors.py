@@ -148,11 +148,11 @@ def test_in_a_turn_it_measures_the_centripetal_acceleration(method):
 def test_specific_force_and_gravity_make_the_velocity(method):
     scene = with_settings(load_scene('sidewinding'), {'robot.link_count': 5, 'dt': 1 / 400})
     simulation = Simulation(replace(scene, method=method, level='spatial'))
-    simulation.advance(*simulation.gait_reference(40))
+    simulation.advance(*simulation.gait_reference(200))
     reader = SensorReader(simulation, Sensors(imu_links=(4,)), STEPS, 100.0)
     reader.imus()
     v = simulation.state.u[3, :3].copy()
-    for _ in range(5):
+    for _ in range(10):
         simulation.advance(*simulation.gait_reference(STEPS))
         reading = reader.imus()[0]
         R = rotation_matrices(simulation.state.q[3, 3:])[:, [2, 0, 1]]

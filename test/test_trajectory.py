@@ -133,7 +133,7 @@ def test_a_run_without_samples(saved, trajectory, tmp_path):
     [
         ('[]', 'is not a whole run: '),
         ('[' * 100000, 'is not a whole run: '),
-        ('{"steps": "many", "joint_torque": []}', 'steps of the report must be int, got many'),
+        ('{"steps": "many", "joint_torque": []}', "steps of the report must be int, got 'many'"),
         ('{"joint_torque": [[1], [1, 2]]}', 'is not a whole run: '),
     ],
 )

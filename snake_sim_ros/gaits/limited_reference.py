@@ -68,7 +68,8 @@ class LimitedReference:
         led = too_far | self._late
         if led.any():
             way = angle - self._angle
-            most = limit * (times - self._time)[:, None, None]
+            # In whole nanoseconds, as stamps are: a run has the same bits whenever it begins.
+            most = limit * np.round(times - self._time, 9)[:, None, None]
             behind = led & (np.abs(way) > most)
             angle = np.where(behind, self._angle + np.sign(way) * most, angle)
             rate = np.where(behind, np.sign(way) * limit, rate)

@@ -125,7 +125,8 @@ def load_arrays(path: Path, source: str) -> dict[str, Array]:
             size, full = path.stat().st_size, sum(item.file_size for item in archive.infolist())
         if full > max(USUAL_BYTES, MOST_TIMES * size):
             raise ParameterError(
-                f'{path} would unpack to {full} bytes, more than {MOST_TIMES} times its size'
+                f'{path} is too large: it would unpack to {full} bytes, more than '
+                f'{MOST_TIMES} times its size'
             )
         with np.load(path) as file:  # without pickles: files are data, never code
             return {name: np.asarray(file[name]) for name in file.files}

@@ -77,8 +77,8 @@ class Reader:
     def _answer(self, content: bytes) -> Answer:
         self.path.write_bytes(content)
         begin = time.perf_counter()
-        self._connection.send(str(self.path))
         try:
+            self._connection.send(str(self.path))
             if self._connection.poll(PATIENCE):
                 answer: Answer = self._connection.recv()
                 return answer._replace(memory=answer.memory - self._usual)

@@ -13,12 +13,11 @@ those of the robot Aiko and its surroundings in the paper.
 """
 
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 from typing import TYPE_CHECKING
 
-__version__ = '1.0.0'
-PACKAGE = Path(__file__).resolve().parent  # folder of the sources
+from snake_sim_ros.scene.about import __version__ as __version__
+
 __all__ = [
     'Friction',
     'Gait',

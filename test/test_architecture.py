@@ -415,6 +415,15 @@ def test_every_source_file_says_whose_it_is():
 
 
 @each_module
+def test_no_room_imports_the_public_interface(module):
+    # It imports the rooms; what they may know of the package is in `about`.
+    assert not any(
+        isinstance(node, ast.ImportFrom) and node.module == 'snake_sim_ros'
+        for node in module.nodes
+    )
+
+
+@each_module
 def test_modules_are_short(module):
     assert len(module.text.removeprefix(HEAD).splitlines()) <= LONGEST_MODULE
 

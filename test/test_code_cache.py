@@ -10,9 +10,9 @@ import sys
 
 import pytest
 
-from snake_sim_ros import PACKAGE
 from snake_sim_ros.dynamics import code_cache
 from snake_sim_ros.dynamics.compilation import watched
+from snake_sim_ros.scene.about import PACKAGE
 
 PROGRAM = """
 from snake_sim_ros.dynamics.compilation import watched

@@ -27,13 +27,13 @@ import platform
 import subprocess
 from typing import Any
 
-from snake_sim_ros import __version__
-from snake_sim_ros import PACKAGE
 from snake_sim_ros.comparison.seals import check
 from snake_sim_ros.comparison.seals import SEAL_NAME
 from snake_sim_ros.comparison.seals import SealChain
 from snake_sim_ros.comparison.seals import sealed
 from snake_sim_ros.comparison.seals import unsealed
+from snake_sim_ros.scene.about import __version__
+from snake_sim_ros.scene.about import PACKAGE
 from snake_sim_ros.scene.checked_records import ParameterError
 
 LIBRARIES = ('numpy', 'scipy', 'numba', 'mujoco-core', 'drake')

@@ -34,7 +34,7 @@ from numba.core.caching import CompileResultCacheImpl
 from numba.core.caching import FunctionCache
 import numpy as np
 
-from snake_sim_ros import PACKAGE
+from snake_sim_ros.scene.about import PACKAGE
 
 # Folders of all modules with compiled functions, and of the modules that these import.
 ROOMS = ('scene', 'dynamics', 'gaits', 'contact', 'stepping', 'comparison')

@@ -30,7 +30,6 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 import yaml
 
-from snake_sim_ros import __version__
 from snake_sim_ros.nodes.diagnostics import status_of
 from snake_sim_ros.nodes.diagnostics import values_of
 from snake_sim_ros.nodes.joint_names import joint_names
@@ -43,6 +42,7 @@ from snake_sim_ros.nodes.transforms import LATCHED
 from snake_sim_ros.nodes.transforms import TransformMessages
 from snake_sim_ros.recording.bag_reader import METADATA
 from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.about import __version__
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_to_text
 from snake_sim_ros.scene.robot_description import robot_description

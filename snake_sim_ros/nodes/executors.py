@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Executors of rclpy, and how long a node serves messages with them before it goes on."""
 
+from collections.abc import Callable
 import time
 
 from rclpy.executors import Executor
@@ -27,6 +28,22 @@ def make_executor(node: Node) -> Executor:
     executor = EventsExecutor()
     executor.add_node(node)
     return executor
+
+
+def served_until(
+    executor: Executor, condition: Callable[[], object], seconds: float, between: float
+) -> bool:
+    """
+    Serve until a condition holds; return whether it did in time.
+
+    `between` is the longest time between two looks [s].
+    """
+    end = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        executor.spin_once(timeout_sec=between)
+    return True
 
 
 class Server:

@@ -6,7 +6,7 @@ import difflib
 from pathlib import Path
 from typing import Any
 
-from snake_sim_ros import PACKAGE
+from snake_sim_ros.scene.about import PACKAGE
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.quoting import cut
 from snake_sim_ros.scene.quoting import LONGEST_PATH

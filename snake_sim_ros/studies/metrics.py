@@ -203,7 +203,10 @@ RUN_METRICS = (
     'slip',
     'peak_torque',
 )
-USUAL_METRICS = ('distance', 'speed', 'direction', 'energy', 'cost_of_transport', 'peak_torque')
+USUAL_METRICS: tuple[str, ...] = (
+    *('distance', 'speed', 'direction', 'energy'),
+    *('cost_of_transport', 'peak_torque'),
+)
 
 
 def metrics_of_run(trajectory: Trajectory) -> dict[str, float | None]:

@@ -14,6 +14,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 
+from snake_sim_ros.nodes.executors import served_until
+
 SLICE = 0.05  # s between two looks
 
 
@@ -68,12 +70,7 @@ class GraphWatch:
         return None
 
     def _until(self, condition: Callable[[], bool], seconds: float) -> bool:
-        end = time.monotonic() + seconds
-        while not condition():
-            if time.monotonic() > end:
-                return False
-            self.executor.spin_once(timeout_sec=SLICE)
-        return True
+        return served_until(self.executor, condition, seconds, SLICE)
 
 
 def crowd(count: int) -> list[Context]:

@@ -22,6 +22,7 @@ from rclpy.serialization import serialize_message
 from std_srvs.srv import SetBool
 from std_srvs.srv import Trigger
 
+from snake_sim_ros.nodes.executors import served_until
 from snake_sim_ros.nodes.tools.hostile_messages import damaged
 from snake_sim_ros.nodes.tools.hostile_messages import good_message
 from snake_sim_ros.nodes.tools.hostile_messages import hostile_message
@@ -119,12 +120,7 @@ class MessageAttack:
 
     def until(self, condition: Callable[[], Any], seconds: float) -> bool:
         """Serve the client until a condition holds; return whether it did in time."""
-        end = time.monotonic() + seconds
-        while not condition():
-            if time.monotonic() > end:
-                return False
-            self.executor.spin_once(timeout_sec=SLICE)
-        return True
+        return served_until(self.executor, condition, seconds, SLICE)
 
     def is_connected(self) -> bool:
         """Return whether all messages and requests reach the node."""

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import snake_sim_ros
+from snake_sim_ros.scene.about import PACKAGE
 from snake_sim_ros.scene.parameters import Scene
 
 if TYPE_CHECKING:
@@ -54,9 +55,9 @@ def complete(app: 'Sphinx', page: str, source: list[str]) -> None:
     elif page == 'scene_keys':
         source[0] += '\n| key | default | unit | what |\n|---|---|---|---|\n' + keys(Scene)
     elif page == 'rooms':
-        source[0] += ''.join(map(room, sorted(snake_sim_ros.PACKAGE.glob('*/__init__.py'))))
+        source[0] += ''.join(map(room, sorted(PACKAGE.glob('*/__init__.py'))))
     elif page in TOP:
-        text = (snake_sim_ros.PACKAGE.parent / TOP[page]).read_text(encoding='utf-8')
+        text = (PACKAGE.parent / TOP[page]).read_text(encoding='utf-8')
         source[0] = text.replace('](docs/', '](')
 
 

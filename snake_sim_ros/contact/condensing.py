@@ -130,14 +130,15 @@ def fill_loads(contacts, a, width, chain, X, depth):
     n, row = len(chain.twist), contacts.row[a]
     root = n // 2
     i, other = link_and_other(chain.frame, contacts, n, a)
-    force, turn = unit_wrenches(contacts, chain.frame, a)
+    force, turn = unit_wrenches(contacts.point, contacts, chain.frame, a)
     depth[0], depth[1] = max(0, root - i), max(0, i - root)
     # Variables, because Numba would compile `carry_to_root` once for each literal.
     count, adds = min(width, 3), other >= 0
     if adds:
         depth[0], depth[1] = max(depth[0], root - other), max(depth[1], other - root)
         X[row : row + width] = 0.0
-        minus = scaled(-1.0, force)
+        minus, _ = unit_wrenches(contacts.other_point, contacts, chain.frame, a)
+        minus = scaled(-1.0, minus)
         minus = carry_to_root(other, minus, count, chain.free, X, row, adds)
         force = add(minus, carry_to_root(i, force, count, chain.free, X, row, adds))
     else:
@@ -161,9 +162,20 @@ def link_and_other(frame, contacts, n, a):
 
 
 @inlined
-def unit_wrenches(contacts, frame, a):
+def unit_wrenches(point, contacts, frame, a):
     """
     Return the wrenches of unit impulses at contact a.
+
+    Parameters
+    ----------
+    point : ndarray, shape (contacts, 3)
+        Contact points of one link, from O in axes of I [m].
+    contacts : record array, shape (contacts,)
+        Table of contacts.
+    frame : ndarray, shape (contacts, 3, 3), or None
+        Contact frames in I; None on a flat floor.
+    a : int
+        Number of the contact.
 
     Returns
     -------
@@ -173,7 +185,7 @@ def unit_wrenches(contacts, frame, a):
         Those of both rolling components.
 
     """
-    p, r, o = contacts.point[a], contacts.radius[a], four(0.0, 0.0, 0.0, 0.0)
+    p, r, o = point[a], contacts.radius[a], four(0.0, 0.0, 0.0, 0.0)
     if frame is None:
         c, s = contacts.heading[a, 0], contacts.heading[a, 1]
         x, y, z = four(0.0, c, -s, 0.0), four(0.0, s, c, 0.0), four(1.0, 0.0, 0.0, 0.0)

@@ -320,8 +320,9 @@ def find_pair_contacts(a, tolerance, offset, radius, q, R, center, closed, conta
     """
     Fill the closed contacts of links with each other; return how many contacts are closed.
 
-    They are numbered from a on. `count` is the number of closed contacts found before, of which
-    the new ones follow. Other parameters are those of `find_obstacle_contacts`.
+    They are numbered from a on, and follow `count` closed ones found before. Both links feel a
+    force at one point in space, with levers from their own centers in q: these are elsewhere than
+    in `center` where joints are open. Other parameters are those of `find_obstacle_contacts`.
     """
     n = len(R)
     for i in range(n):
@@ -345,6 +346,9 @@ def find_pair_contacts(a, tolerance, offset, radius, q, R, center, closed, conta
                     count += 1
                     normal = dx / distance, dy / distance, dz / distance
                     place_contact(contacts, a, gap, arm, radius[i], axis, center[i], normal)
+                    for k in range(3):
+                        apart = (q[i, k] - q[j, k]) - (center[i, k] - center[j, k])
+                        contacts.other_point[a, k] = contacts.point[a, k] + apart
                     contacts.link[a], contacts.other_link[a] = i, j
                     fill_contact_frame(frame[a], normal, axis)
                 a += 1

@@ -6,6 +6,10 @@ Compiled generalized force directions of the contacts: velocities and wrenches, 
 In a scene with more than a flat floor every contact has a frame, see `scene.obstacles`, and
 rolling is along the axes of this frame. On a flat floor `frame` is None.
 
+A contact of two links acts on both at one point in space. Twists place the links as if the joints
+were closed, so that the point has different coordinates as one of the other link where joints are
+open in the middle of a step.
+
 `closed` and `contacts` are those of a `solver.Problem`; `frame`, `wrench` and `twist` are those of
 its chain. `frame`, shape (contacts, 3, 3), has the rows normal, e_x and e_y of every contact frame
 in I.
@@ -70,14 +74,15 @@ def contact_velocities(closed, contacts, frame, twist):
 
 
 @inlined
-def direction(contacts, frame, a, k):
+def direction(point, frame, a, k):
     """
     Return the wrench of a unit impulse at contact a along one axis of its frame.
 
-    The axis k is 0 for the normal, 1 for e_x and 2 for e_y. The result is a tuple of six numbers,
-    moment about O and impulse, in axes of I.
+    The axis k is 0 for the normal, 1 for e_x and 2 for e_y. `point`, shape (contacts, 3), are the
+    contact points of one link. The result is a tuple of six numbers, moment about O and impulse,
+    in axes of I.
     """
-    x, y, z = contacts.point[a, 0], contacts.point[a, 1], contacts.point[a, 2]
+    x, y, z = point[a, 0], point[a, 1], point[a, 2]
     ex, ey, ez = frame[a, k, 0], frame[a, k, 1], frame[a, k, 2]
     return y * ez - z * ey, z * ex - x * ez, x * ey - y * ex, ex, ey, ez
 
@@ -88,10 +93,12 @@ def add_wrench_in_frames(closed, contacts, frame, wrench):
     for a in closed:
         i, other = contacts.link[a], contacts.other_link[a]
         for k in range(3):
-            w = direction(contacts, frame, a, k)
+            w = direction(contacts.point, frame, a, k)
             for j in range(6):
                 wrench[i, j] += contacts.impulse[a, k] * w[j]
-                if other >= 0:
+            if other >= 0:
+                w = direction(contacts.other_point, frame, a, k)
+                for j in range(6):
                     wrench[other, j] -= contacts.impulse[a, k] * w[j]
         for k in range(3):
             roll = (
@@ -106,10 +113,14 @@ def velocities_in_frames(closed, contacts, frame, twist):
     for a in closed:
         i, other = contacts.link[a], contacts.other_link[a]
         for k in range(3):
-            w = direction(contacts, frame, a, k)
+            w = direction(contacts.point, frame, a, k)
             gamma = contacts.shift[a] if k == 0 else 0.0
             for j in range(6):
-                gamma += w[j] * (twist[i, j] - (twist[other, j] if other >= 0 else 0.0))
+                gamma += w[j] * twist[i, j]
+            if other >= 0:
+                w = direction(contacts.other_point, frame, a, k)
+                for j in range(6):
+                    gamma -= w[j] * twist[other, j]
             contacts.gamma[a, k] = gamma
         along = across = 0.0
         for k in range(3):

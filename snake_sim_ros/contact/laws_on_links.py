@@ -120,8 +120,9 @@ def add_laws_in_frames(closed, contacts, frame, rolling, wrench, inertia):
     """
     for a in closed:
         A, w = inertia[contacts.link[a]], wrench[contacts.link[a]]
-        normal = direction(contacts, frame, a, 0)
-        along, across = direction(contacts, frame, a, 1), direction(contacts, frame, a, 2)
+        point = contacts.point
+        normal = direction(point, frame, a, 0)
+        along, across = direction(point, frame, a, 1), direction(point, frame, a, 2)
         S_N, shift = contacts.S_N[a], contacts.shift[a]
         for k in range(6):
             w[k] += (contacts.P_0[a, 0] - S_N * shift) * normal[k]

@@ -22,6 +22,7 @@ from snake_sim_ros.dynamics.compilation import record_array
 CONTACT = np.dtype(
     [
         ('point', float, 3),  # contact point, from O in axes of I [m]
+        ('other_point', float, 3),  # the same point as one of the other link, see `directions`
         ('heading', float, 2),  # horizontal direction of the link axis: e_x of the contact frame
         ('radius', float),  # radius of the contact sphere [m]
         ('grip', float),  # factor of friction where there is more than a flat floor; `laws.grip`

@@ -88,7 +88,7 @@ def one_iteration(problem, operator, history):
     prepare_contacts(operator, problem)
     for a in problem.closed:
         problem.contacts.disc_radius[a] = -1.0
-    return linear_step(problem, operator)[0]
+    return linear_step(problem, operator, False)[0]
 
 
 @compiled

@@ -35,7 +35,7 @@ SMALL_CORRECTION = 1e-6  # after it the next one would be rounding [m/s, rad/s]
 
 
 @inlined
-def linear_step(problem, operator):
+def linear_step(problem, operator, always):
     """
     Fill velocities and impulses with the solution for the laws linear about the trial velocities.
 
@@ -47,14 +47,17 @@ def linear_step(problem, operator):
     operator : Operator or None
         If it has the contacts of this step, the small dense problem is solved, without the chain.
         Otherwise the chain is solved together with the laws.
+    always : bool
+        Whether the solution on the chain is corrected for rounding however far it is from the
+        trial velocities.
 
     Returns
     -------
     finite : bool
         Whether the solution is finite.
     exact : bool
-        Whether it was corrected for rounding. It is not if it is far from the trial velocities,
-        so that another iteration follows anyway.
+        Whether it was corrected for rounding. Usually it is not if it is far from the trial
+        velocities, so that another iteration follows anyway.
 
     """
     laws, closed, contacts, _ = problem
@@ -62,11 +65,11 @@ def linear_step(problem, operator):
         if operator.is_condensed[0]:
             return reduced_step(laws, closed, contacts, operator.delassus, operator.reduced), True
     linearize(laws, closed, contacts)
-    return solve_linear(problem)
+    return solve_linear(problem, always)
 
 
 @merged
-def solve_linear(problem):
+def solve_linear(problem, always):
     """Solve the chain together with linear laws; return what `linear_step` returns."""
     laws, closed, contacts, chain = problem
     rolling = laws.rolling.mu_x > 0.0
@@ -86,7 +89,7 @@ def solve_linear(problem):
         )
         contact_velocities(closed, contacts, chain.frame, chain.twist)
         linear_impulses(single, contacts, rolling)
-        if k == 0 and is_far(single, contacts):
+        if k == 0 and not always and is_far(single, contacts):
             exact = False
             break
         if k > 0 and not largest > SMALL_CORRECTION:

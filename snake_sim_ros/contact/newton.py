@@ -95,21 +95,25 @@ def iterate_laws(problem, tolerance, limit, operator, rounds, held):
     iterations : int
     residual, printed_residual : float
         As `natural_map` returns them [m/s]; infinite if the linear problem has no finite solution.
+    exact : bool
+        Whether the last solution was corrected for rounding; see `linear_step`.
 
     """
     laws, closed, contacts, _ = problem
     for a in closed:
         contacts.disc_radius[a] = contacts.held_radius[a] if held else FREE
     residual = printed = math.inf
+    exact = False
     iterations, steps = 0, COUPLED_ITERATIONS if rounds <= 0 else LATER_COUPLED_ITERATIONS
     if held:
         steps = HELD_ITERATIONS
     while iterations < min(steps, limit):
         iterations += 1
         before = residual
-        finite, exact = linear_step(problem, operator)
+        # Where a robot explodes, rounding alone keeps the velocities far from the last ones.
+        finite, exact = linear_step(problem, operator, residual <= tolerance)
         if not finite:
-            return iterations, math.inf, math.inf
+            return iterations, math.inf, math.inf, False
         if not held:
             residual, printed = natural_map(laws, closed, contacts, tolerance)
             if residual <= tolerance and exact:
@@ -131,7 +135,7 @@ def iterate_laws(problem, tolerance, limit, operator, rounds, held):
                 steps += 1  # slow, but converging
     if held:
         residual, printed = natural_map(laws, closed, contacts, tolerance)
-    return iterations, residual, printed
+    return iterations, residual, printed, exact
 
 
 @merged
@@ -155,7 +159,7 @@ def iterate(problem, tolerance, limit, operator):
 
     """
     laws, closed, contacts, chain = problem
-    iterations, fell_back, held = 0, False, False
+    iterations, fell_back, held, exact = 0, False, False, False
     residual = printed = math.inf
     relaxation, before = 1.0, 0.0
     swept = attempts_with_sweeps(operator)
@@ -172,9 +176,11 @@ def iterate(problem, tolerance, limit, operator):
         elif swept > 0:
             sweeps = SWEEPS if rounds == -swept else MORE_SWEEPS
             sweep_contacts(laws, closed, contacts, operator, sweeps)
-        spent, residual, printed = iterate_laws(problem, inner, most, operator, rounds, held)
+        spent, residual, printed, exact = iterate_laws(
+            problem, inner, most, operator, rounds, held
+        )
         iterations += spent
-        if residual <= tolerance or (held and residual == math.inf):
+        if (residual <= tolerance and exact) or (held and residual == math.inf):
             break
         if held:
             anchor_at_iterate(laws, closed, contacts)
@@ -187,7 +193,7 @@ def iterate(problem, tolerance, limit, operator):
             rounds += 1
         else:
             held = True
-    return Outcome(iterations, residual <= tolerance, residual, printed, fell_back)
+    return Outcome(iterations, residual <= tolerance and exact, residual, printed, fell_back)
 
 
 @inlined

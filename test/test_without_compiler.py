@@ -49,7 +49,7 @@ def test_physics_runs_without_nodes_and_without_compiler(tmp_path, method, level
 @pytest.mark.parametrize(
     ('files', 'passed'),
     [
-        ('test_self_contact.py', r'9\d'),
+        ('test_self_contact.py', r'10\d'),
         ('test_change.py', r'5\d\d'),
         ('test_pegs.py test_ground.py', r'2\d\d'),
         ('test_soft_impacts.py test_events.py', r'4\d\d'),

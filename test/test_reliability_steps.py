@@ -42,6 +42,14 @@ def test_a_soak_goes_on_and_repeats_its_end():
     assert row.figures.startswith('unconverged 0, ') and row.figures.endswith('rerun equal')
 
 
+def test_memory_that_was_freed_is_not_in_use():
+    before = steps.memory_in_use()
+    arrays = [np.ones(12000) for _ in range(500)]  # below the size that goes back at once
+    assert steps.memory_in_use() > before + 4e7
+    arrays[:-1] = []  # the last one holds the end of the heap
+    assert steps.memory_in_use() < before + 5e6
+
+
 def test_a_soak_begins_again_from_throws_that_differ():
     scene = with_settings(A, {'duration': 0.05})
     starts = []

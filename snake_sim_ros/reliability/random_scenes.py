@@ -39,7 +39,11 @@ DEEPEST_START = 2e-3  # penetration up to which a start is tried [m]
 
 
 def random_case(rng: Generator, surroundings: str, method: str) -> Case:
-    """Return a random case on a flat floor, or with cells, pegs, patches and self-contact."""
+    """
+    Return a random case on a flat floor, or with cells, pegs, patches and self-contact.
+
+    Among the latter, friction may differ forward and backward.
+    """
     n = int(rng.choice([1, 2, 3, 4, 5, 6, 8, 11], p=[0.05, 0.15, 0.2, 0.2, 0.15, 0.1, 0.1, 0.05]))
     scene: Case = {
         'robot': _robot(rng, n),
@@ -58,6 +62,8 @@ def random_case(rng: Generator, surroundings: str, method: str) -> Case:
         scene['gravity'] = _gravity(rng)
     if surroundings == OBSTACLES:
         scene |= _surroundings(rng, n, scene['robot']['link_length'])
+        if rng.random() < 0.5:
+            scene['friction']['backward'] = _coefficient(rng)
     parts: list[Case] = [{'steps': int(rng.integers(1, 40))} for _ in range(rng.integers(1, 4))]
     for part in parts[1:]:
         if rng.random() < 0.5:

@@ -172,6 +172,19 @@ def test_level_cells_are_a_floor(method):
     assert np.abs(ends[1].q - ends[0].q - np.array([0, 0, 0.1, 0, 0, 0, 0])).max() < bound
 
 
+@every_here
+def test_a_contact_that_opens_keeps_no_force(method):
+    # A link that lay on the floor and is thrown up: markers and sensors show what history has.
+    scene = link_scene(method, 1 / 1000, ground=step_at(1.0))
+    stepper, history = make_stepper(scene), empty_history(scene)
+    state, history, _ = stepper.advance(lying(), history, *references(scene, 5))
+    assert (history.impulse[:2, 0] > 0.0).all()
+    thrown = State(state.q, state.u + np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+    _, history, report = stepper.advance(thrown, history, *references(scene, 5))
+    assert report.contacts == 0
+    assert (history.impulse == 0.0).all()
+
+
 @each_here
 def test_link_slides_along_a_wall_of_several_cells(method, dt):
     # Frictionless along a wall of cells, pressed on it: neither floor nor wall change the velocity

@@ -25,6 +25,7 @@ from snake_sim_ros.contact.projections import prox_disc
 from snake_sim_ros.contact.projections import prox_ellipse
 from snake_sim_ros.contact.projections import prox_half_line
 from snake_sim_ros.contact.prox_iteration import copy_impulses
+from snake_sim_ros.contact.prox_iteration import forget_open
 from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.dynamics.compilation import compiled
@@ -145,4 +146,5 @@ def solve_with_sweeps(solver, model, problem, history):
         sweep(laws, closed, width, contacts, delassus, impulse)
         iterations += 1
     condensed_twists(closed, width, contacts, chain, delassus)
+    forget_open(closed, contacts, impulse)
     return Outcome(iterations, residual <= tolerance, residual, printed, False)

@@ -36,6 +36,18 @@ def copy_impulses(closed, impulse, contacts):
             contacts.impulse[a, j] = impulse[a, j]
 
 
+@compiled
+def forget_open(closed, contacts, impulse):
+    """Fill the impulses of open contacts, of shape (contacts, 5) [N s], with 0."""
+    for a in closed:
+        contacts.is_closed[a] = 1
+    for a in range(len(contacts)):
+        if contacts.is_closed[a] == 0:
+            for j in range(5):
+                impulse[a, j] = 0.0
+        contacts.is_closed[a] = 0
+
+
 @merged
 def prox_sweep(laws, closed, contacts, impulse):
     """
@@ -111,5 +123,6 @@ def solve_with_projections(solver, model, problem, history):
         iterations += 1
     if condensed:
         end_twists(closed, contacts, chain)
+    forget_open(closed, contacts, impulse)
     residual, printed = natural_map(laws, closed, contacts, 0.0)
     return Outcome(iterations, change < tolerance, residual, printed, False)

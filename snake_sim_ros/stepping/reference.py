@@ -274,6 +274,7 @@ class ReferenceStepper:
             laws, of_joints.inertia, posture.joint_rates(q_M, state.u), solve
         )
         terms, rule, P, last_P, u_E, converged = found
+        history.impulse[:] = 0.0  # also of contacts that have opened
         history.impulse[terms.active] = P
 
         gamma, u_E = terms.velocities(u_E), u_E.reshape(n, 6)

@@ -61,6 +61,4 @@ def test_what_is_tested_without_compiler(files, passed):
     paths = [f'test/{name}' for name in files.split()]
     arguments = ['-m', 'pytest', '-q', '-p', 'no:cacheprovider', *paths]
     printed = python(*arguments, folder=ROOT, NUMBA_DISABLE_JIT='1')
-    assert re.search(
-        rf'^{passed} passed(, \d skipped)?(, \d xfailed)? in', printed, re.MULTILINE
-    ), printed
+    assert re.search(rf'^{passed} passed(, \d skipped)? in', printed, re.MULTILINE), printed

@@ -37,7 +37,7 @@ from snake_sim_ros.stepping.state import State
 
 KINDS = (
     *((FLAT, 'newton'), (FLAT, 'bdf2'), (OBSTACLES, 'newton'), (OBSTACLES, 'bdf2')),
-    *((FLAT, 'newton_dense'),),
+    *((FLAT, 'newton_dense'), (OBSTACLES, 'newton_dense')),
 )
 FEW_KINDS, SHORT = 2, 120.0  # these kinds only, if an attack takes less than so many seconds
 JUDGED = 3  # steps of a run that are judged one by one

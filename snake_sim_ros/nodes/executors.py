@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 import time
+from typing import Any
 
 from rclpy.executors import Executor
 from rclpy.executors import SingleThreadedExecutor
@@ -44,6 +45,28 @@ def served_until(
             return False
         executor.spin_once(timeout_sec=between)
     return True
+
+
+class CountingExecutor(SingleThreadedExecutor):
+    """
+    An executor that counts what it serves.
+
+    Attributes
+    ----------
+    served : int
+        Messages, requests, responses and timers.
+
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.served = 0
+
+    def wait_for_ready_callbacks(self, *args: Any, **kwargs: Any) -> Any:
+        """Return what is ready next; `spin_once` calls it, which ends with an error of rclpy."""
+        found = super().wait_for_ready_callbacks(*args, **kwargs)
+        self.served += 1
+        return found
 
 
 class Server:

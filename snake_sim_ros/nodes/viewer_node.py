@@ -22,7 +22,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray
 from nav_msgs.msg import Odometry
 import numpy as np
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
@@ -32,6 +31,7 @@ from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros.nodes.diagnostics import is_paused
 from snake_sim_ros.nodes.diagnostics import shown
+from snake_sim_ros.nodes.executors import CountingExecutor
 from snake_sim_ros.nodes.executors import Server
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import run_node
@@ -57,7 +57,7 @@ from snake_sim_ros.view.page import PLOT_PERIOD
 from snake_sim_ros.view.page import SHOW_PERIOD
 
 UNWATCHED_PERIOD = 0.1  # s between two looks for messages if no browser is connected
-CALLBACKS = 50  # served in a row at most
+SERVING = 0.01  # s for which requests are served before the page is brought up to date
 STALE = 1.0  # s by which a pose may be older or newer than the joint angles
 EPOCH = 1e8  # s; a later stamp is that of a wall clock, and time is counted from the first one
 LAST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -93,7 +93,7 @@ class ViewerNode(Node):
         self.warn = ThrottledWarnings(self)
         self.physics = f'{self.get_namespace()}/sim: physics'.lstrip('/')
         self.latest: dict[str, Any] = {}  # topic -> last message
-        self.served = 0  # callbacks
+        self.messages = 0  # that came on the topics of a robot
         self.status: dict[str, str] = {}
         self.obstacles: list[Any] = []
         self.origin: float | None = None  # stamp at which time begins [s]
@@ -143,13 +143,13 @@ class ViewerNode(Node):
         then: Callable[[Any], None] = lambda message: None,
     ) -> None:
         def take(message: Any) -> None:
-            self.served += 1
+            self.messages += 1
             self.new = self.new or topic in ('joint_states', 'link_poses')
             self.latest[topic] = message
             then(message)
 
         def refuse(error: DamagedMessage) -> None:
-            self.served += 1
+            self.messages += 1
             self.warn(f'bytes of {topic}', f'{topic}: {error}')
 
         self.create_subscription(kind, topic, reader(kind, take, refuse), qos, raw=True)
@@ -258,19 +258,30 @@ def base_of(odom: Odometry) -> tuple[Array, Array]:
     return np.array([place.x, place.y, place.z]), np.array([turn.w, turn.x, turn.y, turn.z])
 
 
+def serve(node: ViewerNode, executor: CountingExecutor, server: Server) -> None:
+    """
+    Serve what waits in rounds, which take one message of a topic and one request of a service.
+
+    Another round follows only after a request, since of a topic the last message is enough.
+    """
+    end, requests = time.monotonic() + SERVING, True
+    while requests and time.monotonic() < end:
+        node.messages, executor.served, before = 0, 0, -1
+        while executor.served > before:  # The last look of a round finds nothing.
+            before = executor.served
+            server.spin_once(timeout_sec=0)
+        requests = executor.served > node.messages
+
+
 def run(node: ViewerNode, stop: Event) -> None:
     """Look for messages and bring the page up to date, again and again."""
-    executor = SingleThreadedExecutor()
+    executor = CountingExecutor()
     executor.add_node(node)
     server = Server(executor, node.warn)
     try:
         while not stop.is_set():
             begin = time.monotonic()
-            for _ in range(CALLBACKS):
-                served = node.served
-                server.spin_once(timeout_sec=0)
-                if node.served == served:
-                    break
+            serve(node, executor, server)
             node.update()
             period = SHOW_PERIOD if node.page.watched else UNWATCHED_PERIOD
             stop.wait(max(period - (time.monotonic() - begin), 0.0))

@@ -161,3 +161,16 @@ def test_gait_goes_on_and_says_once_that_no_cmd_vel_comes(make_graph):
     assert process.count('no cmd_vel for 0.05 s') == 1
     count = len(commands)
     graph.until(lambda: len(commands) > count, 'more commands')
+
+
+def test_the_viewer_answers_many_requests_at_once(make_graph):
+    """A request waits for one look at the topics, a tenth of a second, and not for one each."""
+    pytest.importorskip('viser')
+    graph = make_graph()
+    graph.start('viewer', 'port:=0')
+    client = graph.node.create_client(SetParameters, 'viewer/set_parameters')
+    graph.until(client.service_is_ready, 'the viewer')
+    begin = time.monotonic()
+    answers = [client.call_async(SetParameters.Request()) for _ in range(10)]
+    graph.until(lambda: all(each.done() for each in answers), 'answers')
+    assert time.monotonic() - begin < 1.0

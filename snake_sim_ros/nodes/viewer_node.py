@@ -12,6 +12,7 @@ ten times if no browser is connected; of each topic only the last message waits.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 import math
 import sys
 from threading import Event
@@ -37,10 +38,12 @@ from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import run_node
 from snake_sim_ros.nodes.parameter_requests import ParameterRequests
 from snake_sim_ros.nodes.received_bytes import DamagedMessage
-from snake_sim_ros.nodes.received_bytes import reader
+from snake_sim_ros.nodes.received_bytes import message_from
 from snake_sim_ros.nodes.stamps import seconds_from
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
 from snake_sim_ros.nodes.transforms import LATCHED
+from snake_sim_ros.nodes.turns import Prepare
+from snake_sim_ros.nodes.turns import Turns
 from snake_sim_ros.nodes.viewer_controls import Controls
 from snake_sim_ros.recording import from_messages
 from snake_sim_ros.scene.checked_records import CheckedRecord
@@ -60,6 +63,7 @@ UNWATCHED_PERIOD = 0.1  # s between two looks for messages if no browser is conn
 SERVING = 0.01  # s for which requests are served before the page is brought up to date
 STALE = 1.0  # s by which a pose may be older or newer than the joint angles
 EPOCH = 1e8  # s; a later stamp is that of a wall clock, and time is counted from the first one
+LARGE = 50_000  # bytes of a message, which takes 15 ms to read
 LAST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 NO_POINTS = np.zeros((0, 3))
 
@@ -93,6 +97,8 @@ class ViewerNode(Node):
         self.warn = ThrottledWarnings(self)
         self.physics = f'{self.get_namespace()}/sim: physics'.lstrip('/')
         self.latest: dict[str, Any] = {}  # topic -> last message
+        self.turns = Turns()
+        self.turns.open()
         self.messages = 0  # that came on the topics of a robot
         self.status: dict[str, str] = {}
         self.obstacles: list[Any] = []
@@ -117,6 +123,7 @@ class ViewerNode(Node):
 
     def update(self) -> None:
         """Bring the page up to date with the messages that came."""
+        self.turns.finish()
         changed, now = self.page.changed(), time.monotonic()
         if self.new:
             self.new = False
@@ -142,17 +149,22 @@ class ViewerNode(Node):
         qos: QoSProfile,
         then: Callable[[Any], None] = lambda message: None,
     ) -> None:
-        def take(message: Any) -> None:
-            self.messages += 1
+        def take(prepare: Prepare) -> None:
+            try:
+                message = prepare()
+            except DamagedMessage as error:
+                self.warn(f'bytes of {topic}', f'{topic}: {error}')
+                return
             self.new = self.new or topic in ('joint_states', 'link_poses')
             self.latest[topic] = message
             then(message)
 
-        def refuse(error: DamagedMessage) -> None:
+        def read(data: bytes) -> None:
             self.messages += 1
-            self.warn(f'bytes of {topic}', f'{topic}: {error}')
+            prepare = partial(message_from, data, kind)
+            self.turns.take(topic, prepare, take, large=len(data) > LARGE)
 
-        self.create_subscription(kind, topic, reader(kind, take, refuse), qos, raw=True)
+        self.create_subscription(kind, topic, read, qos, raw=True)
 
     # ---- what there is to see -------------------------------------------------------------------
 

@@ -8,10 +8,9 @@ second at most, mixed with good ones, calls of services and parameters.
 """
 
 from collections.abc import Iterator
-from contextlib import closing
+from dataclasses import dataclass
 import math
 import os
-import socket
 import time
 from typing import Any
 
@@ -21,6 +20,8 @@ from snake_sim_ros.nodes.tools.attack_checks import ViewerCheck
 from snake_sim_ros.nodes.tools.attacked_node import AttackedNode
 from snake_sim_ros.nodes.tools.attacked_node import node
 from snake_sim_ros.nodes.tools.attacked_node import on_own_domain
+from snake_sim_ros.nodes.tools.hostile_messages import TIME
+from snake_sim_ros.nodes.tools.hostile_messages import Topic
 from snake_sim_ros.nodes.tools.hostile_messages import TOPICS
 from snake_sim_ros.nodes.tools.message_attack import MessageAttack
 from snake_sim_ros.reliability.trials import Trial
@@ -32,52 +33,102 @@ PRINTED = 20_000  # bytes that a node may print in a second of a flood
 GROWTH = 50.0  # MB that a node may grow from the second third to the last third of many floods
 MANY = 90  # floods; until then buffers grow to the size of the largest message of each topic
 PUBLISHERS = (1, 20)
-STARTED = {'sim': 'physics ready', 'gait': 'waiting for a robot', 'viewer': 'http://'}
+STARTED = {'sim': 'physics ready', 'gait': 'waiting for a robot', 'viewer': r'http://\S+'}
+
+
+@dataclass(frozen=True)
+class Subject:
+    """
+    A node that is attacked.
+
+    Attributes
+    ----------
+    words : str
+        What the table calls it.
+    node : str
+    parameters : tuple of str
+        As ``name:=value``.
+    topics : tuple of Topic
+        On which it is flooded.
+
+    """
+
+    words: str
+    node: str
+    parameters: tuple[str, ...]
+    topics: tuple[Topic, ...]
+
+
+SUBJECTS = (
+    Subject('sim', 'sim', (), TOPICS['sim']),
+    Subject('gait', 'gait', ('start_from:=now',), TOPICS['gait']),
+    Subject(
+        'gait on /clock',
+        'gait',
+        ('start_from:=now', 'use_sim_time:=true'),
+        (*TOPICS['gait'], TIME),
+    ),
+    Subject('viewer', 'viewer', ('port:=0',), TOPICS['viewer']),
+)
 
 
 def trials(seconds: float, seed: int) -> Iterator[Trial]:
     """Flood sim, gait and viewer, each from 1 and from 20 publishers of a topic or more."""
-    share = seconds / (len(TOPICS) * len(PUBLISHERS))
+    share = seconds / (len(SUBJECTS) * len(PUBLISHERS))
     with on_own_domain(60 + os.getpid() % 40):
-        for name in TOPICS:
-            port = _free_port()
-            parameters = {'viewer': (f'port:={port}',), 'gait': ('start_from:=now',)}
-            attacked = node(name, *parameters.get(name, ()))
+        for subject in SUBJECTS:
+            attacked = node(subject.node, *subject.parameters)
             try:
-                if not attacked.wait_until_said(STARTED[name], START):
-                    yield _no_start(name, attacked)
+                if not attacked.wait_until_said(STARTED[subject.node], START):
+                    yield _no_start(subject, attacked)
                     continue
+                said = attacked.found(STARTED[subject.node])
                 for count in PUBLISHERS:
-                    yield _flooded(name, attacked, port, count, share, seed)
+                    yield flooded(subject, attacked, said, count, share, seed)
             finally:
                 attacked.end()
 
 
-def _free_port() -> int:
-    with closing(socket.socket()) as listener:
-        listener.bind(('127.0.0.1', 0))
-        return int(listener.getsockname()[1])
-
-
-def _no_start(name: str, attacked: AttackedNode) -> Trial:
+def _no_start(subject: Subject, attacked: AttackedNode) -> Trial:
     words = ' / '.join(list(attacked.lines)[-3:])
-    return Trial('messages', name, 'messages', 0, 1, 0.0, first=f'{name} did not start: {words}')
+    first = f'{subject.node} did not start: {words}'
+    return Trial('messages', subject.words, 'messages', 0, 1, 0.0, first=first)
 
 
-def _check(name: str, attack: MessageAttack, port: int) -> Any:
+def _check(name: str, attack: MessageAttack, said: str) -> Any:
     if name == 'viewer':
-        return ViewerCheck(attack, port)
+        return ViewerCheck(attack, said)
     return SimCheck(attack) if name == 'sim' else GaitCheck(attack)
 
 
-def _flooded(
-    name: str, attacked: AttackedNode, port: int, count: int, seconds: float, seed: int
+def flooded(
+    subject: Subject, attacked: AttackedNode, said: str, count: int, seconds: float, seed: int
 ) -> Trial:
-    """Flood a node for some time, from some publishers, and return what came of it."""
-    # The clock of gait is that of the machine: a hostile /clock is one more robot's.
-    topics = tuple(each for each in TOPICS[name] if each.name != '/clock')
-    attack = MessageAttack(name, topics, count, seed)
-    check = _check(name, attack, port)
+    """
+    Flood a node from some publishers.
+
+    Parameters
+    ----------
+    subject : Subject
+    attacked : AttackedNode
+        Its process.
+    said : str
+        What it said when it had started; of the viewer it is the address of the page.
+    count : int
+        How many publishers, at least one a topic.
+    seconds : float
+        How long.
+    seed : int
+
+    Returns
+    -------
+    Trial
+        What came of it.
+
+    """
+    name = subject.node
+    attack = MessageAttack(name, subject.topics, count, seed)
+    check = _check(name, attack, said)
     first, violations, floods, most = '', 0, 0, 0.0
     begin, memory = time.monotonic(), list[float]()
     try:
@@ -107,7 +158,7 @@ def _flooded(
         figures += f', {check.resets} resets after a divergence'
     publishers = f'{count} publisher{"s" * (count > 1)}'
     return Trial(
-        'messages', f'{name}, {publishers}', 'messages', attack.sent, violations,
+        'messages', f'{subject.words}, {publishers}', 'messages', attack.sent, violations,
         time.monotonic() - begin, attack.longest_answer, _growth(memory), figures, first,
     )  # fmt: skip
 

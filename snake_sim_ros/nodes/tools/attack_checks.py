@@ -15,7 +15,9 @@ from std_srvs.srv import SetBool
 from std_srvs.srv import Trigger
 
 from snake_sim_ros.nodes.stamps import seconds_from
+from snake_sim_ros.nodes.tools.hostile_messages import good_message
 from snake_sim_ros.nodes.tools.hostile_messages import NAMES
+from snake_sim_ros.nodes.tools.hostile_messages import TIME
 from snake_sim_ros.nodes.tools.message_attack import MessageAttack
 from snake_sim_ros.scene.parameters import Robot
 
@@ -25,7 +27,10 @@ WAIT = 2.0  # s for a message that must come at once
 BEYOND = 0.01  # by which joints may be beyond limits: a stop ends a motion at the end of a step
 TOO_FAST = 0.03  # as a share; rates at the end of a step are measured with the drift of joints
 EFFORT = 0.5  # N m by which the torque changes of a joint that obeys
-DEFAULTS = {'robot.yaw_stiffness': 40.0, 'friction.longitudinal': 0.1, 'real_time_factor': 1.0}
+DEFAULTS = {
+    **{'robot.yaw_stiffness': 40.0, 'friction.longitudinal': 0.1, 'real_time_factor': 1.0},
+    'use_sim_time': False,
+}
 
 
 class SimCheck:
@@ -114,10 +119,21 @@ class SimCheck:
 
 
 class GaitCheck:
-    """Watches the commands of `gait`, which wait while joint_states are nonsense."""
+    """
+    Watches the commands of `gait`, which wait while joint_states or the time are nonsense.
+
+    Parameters
+    ----------
+    attack : MessageAttack
+        If it attacks /clock, the node is to go by it, and has a good one after each flood.
+
+    """
 
     def __init__(self, attack: MessageAttack) -> None:
         self.attack, self.robot, self._wrong, self.count = attack, Robot(), '', 0
+        self.clock = None
+        if TIME in attack.topics:
+            self.clock = attack.node.create_publisher(TIME.kind, TIME.name, 1)
         attack.node.create_subscription(
             JointState, 'joint_command', self._on_command, QoSProfile(depth=50)
         )
@@ -133,30 +149,35 @@ class GaitCheck:
     def problems(self) -> Iterator[str]:
         """Yield a sentence on each promise that is broken."""
         attack, before = self.attack, self.count
+        if why := attack.set({'use_sim_time': self.clock is not None}):
+            yield f'a good parameter was refused: {why}'
         if attack.ask(attack.services['restart'], Trigger.Request()) is None:
             yield 'no answer of ~/restart'
-        if not attack.until(lambda: self.count > before, 3 * WAIT):
+        if not attack.until(lambda: self._commands_after(before), 3 * WAIT):
             yield 'no commands after the attack'
         if self._wrong:
             yield self._wrong
         self._wrong = ''
 
+    def _commands_after(self, count: int) -> bool:
+        """Tell the time if the node goes by it; return whether more commands came."""
+        if self.clock:
+            self.clock.publish(good_message(TIME.kind, self.attack.rng))
+        return self.count > count
+
 
 class ViewerCheck:
     """Looks at the page of `viewer`."""
 
-    def __init__(self, attack: MessageAttack, port: int) -> None:
-        self.attack, self.port = attack, port
+    def __init__(self, attack: MessageAttack, url: str) -> None:
+        self.attack, self.url = attack, url
 
     def problems(self) -> Iterator[str]:
         """Yield a sentence on each promise that is broken."""
         try:
-            with urlopen(f'http://127.0.0.1:{self.port}/', timeout=WAIT) as page:
+            with urlopen(self.url, timeout=WAIT) as page:
                 page.read()
         except (OSError, URLError) as error:
             yield f'the page is not served: {error}'
-        if (
-            self.attack.ask(self.attack.parameters, self.attack.parameters.srv_type.Request())
-            is None
-        ):
-            yield 'no answer of set_parameters'
+        if why := self.attack.set({'use_sim_time': False}):
+            yield f'a good parameter was refused: {why}'

@@ -77,9 +77,14 @@ class AttackedNode:
             return 0.0
         return int(pages) * os.sysconf('SC_PAGE_SIZE') / 1e6
 
+    def found(self, pattern: str) -> str:
+        """Return what a pattern matches in one of the last lines, else an empty text."""
+        matches = (re.search(pattern, line) for line in list(self.lines))
+        return next((match[0] for match in matches if match), '')
+
     def said(self, pattern: str) -> bool:
         """Return whether one of the last lines has a pattern in it."""
-        return any(re.search(pattern, line) for line in list(self.lines))
+        return bool(self.found(pattern))
 
     def wait_until_said(self, pattern: str, seconds: float) -> bool:
         """Wait for a pattern; return whether it came before the process or the time ended."""

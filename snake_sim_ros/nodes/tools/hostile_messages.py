@@ -10,6 +10,7 @@ twins, its texts long or no text at all. Some messages are damaged as bytes, too
 from dataclasses import dataclass
 import random
 import struct
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -36,6 +37,9 @@ from visualization_msgs.msg import Marker
 from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros.nodes.joint_names import joint_names
+from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.robot_description import robot_description
 
 LINKS = 11
 NAMES = joint_names(LINKS)
@@ -71,7 +75,6 @@ TOPICS: dict[str, tuple[Topic, ...]] = {
     'gait': (
         Topic('cmd_vel', Twist),
         Topic('joint_states', JointState),
-        Topic('/clock', Clock),
     ),
     'viewer': (
         Topic('joint_states', JointState),
@@ -83,6 +86,9 @@ TOPICS: dict[str, tuple[Topic, ...]] = {
         Topic('/diagnostics', DiagnosticArray),
     ),
 }
+
+# The clock of a node that goes by it.
+TIME = Topic('/clock', Clock)
 
 
 def good_message(kind: Any, rng: random.Random) -> Any:
@@ -105,6 +111,10 @@ def good_message(kind: Any, rng: random.Random) -> Any:
         message.markers = [
             Marker(ns='scene', type=k, points=[Point(x=0.1), Point()]) for k in range(1, 6)
         ]
+    elif kind is Clock:
+        message.clock = stamp_from(time.monotonic_ns())
+    elif kind is String:
+        message.data = robot_description(Robot())
     elif kind is DiagnosticArray:
         values = [KeyValue(key='real_time_factor', value='1'), KeyValue(key='state', value='up')]
         message.status = [DiagnosticStatus(name='sim: physics', message='ok', values=values)]

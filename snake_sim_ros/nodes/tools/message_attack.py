@@ -16,6 +16,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter as Setting
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
@@ -28,6 +29,7 @@ from snake_sim_ros.nodes.tools.hostile_messages import good_message
 from snake_sim_ros.nodes.tools.hostile_messages import hostile_message
 from snake_sim_ros.nodes.tools.hostile_messages import largest_message
 from snake_sim_ros.nodes.tools.hostile_messages import NUMBERS
+from snake_sim_ros.nodes.tools.hostile_messages import TIME
 from snake_sim_ros.nodes.tools.hostile_messages import Topic
 from snake_sim_ros.nodes.tools.hostile_messages import WORDS
 
@@ -46,13 +48,14 @@ SERVICES: dict[str, tuple[tuple[str, Any], ...]] = {
 PARAMETERS = {
     'sim': (
         *('real_time_factor', 'command_horizon', 'command_timeout', 'friction.longitudinal'),
-        *('robot.yaw_stiffness', 'gravity', 'push_link', 'push_duration', 'dt', 'no.such', ''),
+        *('robot.yaw_stiffness', 'gravity', 'push_link', 'push_duration', 'dt', 'use_sim_time'),
+        *('no.such', ''),
     ),
     'gait': (
         *('gait.yaw.amplitude', 'gait.yaw.angular_frequency', 'gait.pitch.phase', 'stride'),
-        *('scene', 'cmd_vel_timeout', 'blend_time', 'no.such', ''),
+        *('scene', 'cmd_vel_timeout', 'blend_time', 'use_sim_time', 'no.such', ''),
     ),
-    'viewer': ('port', 'scene', 'no.such'),
+    'viewer': ('port', 'scene', 'use_sim_time', 'no.such'),
 }
 
 
@@ -163,12 +166,18 @@ class MessageAttack:
         k = number % len(self.topics)
         what = rng.random()
         if what < 0.1:
-            data = self.good[k]
+            data = self._good(k)
         else:
             data = self.pool[rng.randrange(POOL // len(self.topics)) * len(self.topics) + k]
             if what < 0.3:
                 data = damaged(data, rng)
         return self._publish(number, data)
+
+    def _good(self, number: int) -> bytes:
+        """Return a message that the node can use; that of a clock has the time of now."""
+        if self.topics[number] == TIME:
+            return serialize_message(good_message(TIME.kind, self.rng))
+        return self.good[number]
 
     def _call(self) -> None:
         """Call a service, or set a parameter, without waiting for an answer."""
@@ -208,11 +217,10 @@ class MessageAttack:
         self.longest_answer = max(self.longest_answer, time.monotonic() - begin)
         return future.result()
 
-    def set(self, values: Mapping[str, float]) -> str:
-        """Set numbers; return an empty text, or why the node did not take them."""
+    def set(self, values: Mapping[str, float | bool]) -> str:
+        """Set parameters; return an empty text, or why the node did not take them."""
         parameters = [
-            Parameter(name=name, value=ParameterValue(type=3, double_value=value))
-            for name, value in values.items()
+            Setting(name, value=value).to_parameter_msg() for name, value in values.items()
         ]
         response = self.ask(self.parameters, SetParameters.Request(parameters=parameters))
         if response is None:

@@ -8,16 +8,20 @@ second at most, mixed with good ones, calls of services and parameters.
 """
 
 from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 import os
 import time
 from typing import Any
 
+import numpy as np
+
 from snake_sim_ros.nodes.tools.attack_checks import GaitCheck
 from snake_sim_ros.nodes.tools.attack_checks import SimCheck
 from snake_sim_ros.nodes.tools.attack_checks import ViewerCheck
 from snake_sim_ros.nodes.tools.attacked_node import AttackedNode
+from snake_sim_ros.nodes.tools.attacked_node import NO_BUFFERS
 from snake_sim_ros.nodes.tools.attacked_node import node
 from snake_sim_ros.nodes.tools.attacked_node import on_own_domain
 from snake_sim_ros.nodes.tools.hostile_messages import TIME
@@ -30,8 +34,9 @@ START = 120.0  # s for a node to start, which may have to compile the physics
 CONNECT = 20.0  # s for all publishers to find the node
 FLOOD = 1.0  # s between two looks
 PRINTED = 20_000  # bytes that a node may print in a second of a flood
-GROWTH = 50.0  # MB that a node may grow from the second third to the last third of many floods
-MANY = 90  # floods; until then buffers grow to the size of the largest message of each topic
+COPIES = 3  # of a message on its way: in the middleware, as bytes in Python, and what is read
+FEW = 6  # floods before memory is judged
+WARM = 0.05  # s between two of the largest messages, with which an attack begins
 PUBLISHERS = (1, 20)
 STARTED = {'sim': 'physics ready', 'gait': 'waiting for a robot', 'viewer': r'http://\S+'}
 
@@ -77,7 +82,7 @@ def trials(seconds: float, seed: int) -> Iterator[Trial]:
     share = seconds / (len(SUBJECTS) * len(PUBLISHERS))
     with on_own_domain(60 + os.getpid() % 40):
         for subject in SUBJECTS:
-            attacked = node(subject.node, *subject.parameters)
+            attacked = started(subject)
             try:
                 if not attacked.wait_until_said(STARTED[subject.node], START):
                     yield _no_start(subject, attacked)
@@ -87,6 +92,11 @@ def trials(seconds: float, seed: int) -> Iterator[Trial]:
                     yield flooded(subject, attacked, said, count, share, seed)
             finally:
                 attacked.end()
+
+
+def started(subject: Subject) -> AttackedNode:
+    """Start a node whose middleware keeps no buffers, so that its memory is its own."""
+    return node(subject.node, *subject.parameters, environment=NO_BUFFERS)
 
 
 def _no_start(subject: Subject, attacked: AttackedNode) -> Trial:
@@ -129,11 +139,13 @@ def flooded(
     name = subject.node
     attack = MessageAttack(name, subject.topics, count, seed)
     check = _check(name, attack, said)
+    most_growth = COPIES * max(len(data) for data in attack.large) / 1e6
     first, violations, floods, most = '', 0, 0, 0.0
     begin, memory = time.monotonic(), list[float]()
     try:
         if not attack.until(attack.is_connected, CONNECT):
             violations, first = 1, f'{name} could not be reached'
+        attack.send_largest(WARM)
         while not first and (floods == 0 or time.monotonic() - begin < seconds):
             printed = attacked.printed
             attack.flood(FLOOD)
@@ -145,7 +157,7 @@ def flooded(
             if attacked.printed - printed > PRINTED:
                 problems.append(f'{name} printed {attacked.printed - printed} bytes in a second')
             memory.append(attacked.memory)
-            if len(memory) > MANY and _growth(memory) > GROWTH:
+            if len(memory) >= FEW and _growth(memory) > most_growth:
                 problems.append(f'{name} grew by {_growth(memory):.0f} MB')
             violations += len(problems)
             if problems:
@@ -153,9 +165,7 @@ def flooded(
     finally:
         attack.close()
     figures = f'{floods} floods, {most:.0f} bytes printed in a second at most'
-    figures += f', {max(memory, default=math.nan):.0f} MB at most'
-    if isinstance(check, SimCheck):
-        figures += f', {check.resets} resets after a divergence'
+    figures += f', {max(memory, default=math.nan):.0f} MB at most{_times(attack, check)}'
     publishers = f'{count} publisher{"s" * (count > 1)}'
     return Trial(
         'messages', f'{subject.words}, {publishers}', 'messages', attack.sent, violations,
@@ -163,11 +173,28 @@ def flooded(
     )  # fmt: skip
 
 
+def _times(attack: MessageAttack, check: Any) -> str:
+    """Return how long answers took, and a simulated robot to obey, as words."""
+    words = ''
+    if attack.answers:
+        words = f', services in floods answered within {_spread(attack.answers)} s'
+    if isinstance(check, SimCheck):
+        words += f', {check.resets} resets after a divergence'
+        words += f', good commands obeyed within {_spread(check.periods)} periods'
+        words += f', under a flood within {_spread(check.under_flood)} s'
+    return words
+
+
+def _spread(values: Sequence[float]) -> str:
+    """Return the median and the largest of some numbers, as words."""
+    return f'{np.median(values):.2g} (at most {max(values):.2g})' if values else '?'
+
+
 def _growth(memory: list[float]) -> float:
     """
-    Return how much memory grew from the second third of some floods to the last one [MB].
+    Return how much memory grew from the first half of some floods to the last one [MB].
 
-    The least of a third counts, since each largest message takes memory for a while.
+    The least of a half counts, since each largest message takes memory for a while.
     """
-    third = len(memory) // 3
-    return min(memory[2 * third :]) - min(memory[third : 2 * third]) if third else math.nan
+    half = len(memory) // 2
+    return min(memory[half:]) - min(memory[:half]) if half else math.nan

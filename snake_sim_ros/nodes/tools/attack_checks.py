@@ -2,14 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """What must hold of a node after each second of an attack: sentences on what does not."""
 
+from collections.abc import Callable
 from collections.abc import Iterator
 import math
+import time
 from typing import Any
 from urllib.error import URLError
 from urllib.request import urlopen
 
 import numpy as np
+from rcl_interfaces.srv import SetParameters
 from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 from std_srvs.srv import Trigger
@@ -18,11 +22,15 @@ from snake_sim_ros.nodes.stamps import seconds_from
 from snake_sim_ros.nodes.tools.hostile_messages import good_message
 from snake_sim_ros.nodes.tools.hostile_messages import NAMES
 from snake_sim_ros.nodes.tools.hostile_messages import TIME
+from snake_sim_ros.nodes.tools.message_attack import ANSWER
 from snake_sim_ros.nodes.tools.message_attack import MessageAttack
 from snake_sim_ros.scene.parameters import Robot
 
 PERIOD = 0.005  # s of a publish period
-OBEYED = 2  # periods after which a good command is obeyed, and one that was under way
+OBEYED = 2  # periods after which a good command is obeyed, besides one that was under way
+COMMANDS = 3  # that are given when a flood was served, of which the fastest is judged
+SERVED = 0.02  # s for an answer when nothing waits before it
+STILL = 0.1  # s for which joints hold still before a good command
 WAIT = 2.0  # s for a message that must come at once
 BEYOND = 0.01  # by which joints may be beyond limits: a stop ends a motion at the end of a step
 TOO_FAST = 0.03  # as a share; rates at the end of a step are measured with the drift of joints
@@ -43,16 +51,23 @@ class SimCheck:
         How often the robot had to be put back to its start, since a step diverged.
     angle, rate : float
         Largest of all joint_states [rad], [rad/s].
-    least_time : float
-        Least simulated time that passed in a second of a flood that nobody paused [s].
+    under_flood : list of float
+        Times after which a good command was obeyed under a flood of damaged ones [s].
+    periods : list of int
+        Publish periods after which good commands were obeyed when a flood was served.
+    last : JointState
+        The newest of all joint_states.
+    stamp : float
+        Its time [s].
 
     """
 
     def __init__(self, attack: MessageAttack) -> None:
         self.attack, self.robot = attack, Robot()
-        self.resets, self.angle, self.rate, self.least_time = 0, 0.0, 0.0, math.inf
-        self._wrong, self._stamp = '', -math.inf
-        self._last: Any = None
+        self.resets, self.angle, self.rate = 0, 0.0, 0.0
+        self.under_flood, self.periods = list[float](), list[int]()
+        self._wrong, self.stamp = '', -math.inf
+        self.last: Any = None
         attack.node.create_subscription(
             JointState, 'joint_states', self._on_states, QoSProfile(depth=50)
         )
@@ -60,9 +75,9 @@ class SimCheck:
 
     def _on_states(self, message: JointState) -> None:
         stamp = seconds_from(message.header.stamp)
-        if stamp < self._stamp:
-            self._wrong = f'the stamp went back from {self._stamp:g} s to {stamp:g} s'
-        self._last, self._stamp = message, stamp
+        if stamp < self.stamp:
+            self._wrong = f'the stamp went back from {self.stamp:g} s to {stamp:g} s'
+        self.last, self.stamp = message, stamp
         angle, rate = (np.array(part) for part in (message.position, message.velocity))
         if not np.isfinite([*angle, *rate, *message.effort]).all():
             self._wrong = 'joint_states are not finite'
@@ -77,45 +92,66 @@ class SimCheck:
             yield f'good parameters were refused: {why}'
         if not attack.ask(attack.services['pause'], SetBool.Request(data=False)):
             yield 'no answer of ~/pause'
-        before = self._stamp
-        if not attack.until(lambda: self._stamp > before, WAIT):
+        before = self.stamp
+        if not attack.until(lambda: self.stamp > before, WAIT):
             self.resets += 1
             attack.ask(attack.services['reset'], Trigger.Request())
             attack.ask(attack.services['pause'], SetBool.Request(data=False))
-            if not attack.until(lambda: self._stamp > before, WAIT):
+            if not attack.until(lambda: self.stamp > before, WAIT):
                 yield 'time stands still, even after ~/reset'
                 return
+        yield from self._disobedience()
+        yield from self.excesses()
+
+    def excesses(self) -> Iterator[str]:
+        """Yield a sentence on each limit that a state since the last call was beyond."""
         if self.angle > self.robot.joint_limit + BEYOND:
             yield f'a joint was at {self.angle:.4g} rad'
         if self.rate > self.robot.joint_rate_limit * (1.0 + TOO_FAST):
             yield f'a joint turned at {self.rate:.4g} rad/s'
         if self._wrong:
             yield self._wrong
-        yield from self._disobedience()
-        self.angle = self.rate = 0.0
-        self._wrong = ''
+        self.angle, self.rate, self._wrong = 0.0, 0.0, ''
 
     def _disobedience(self) -> Iterator[str]:
-        """Yield a sentence if a good command is not obeyed at once."""
-        hold = JointState(name=NAMES, position=list(self._last.position))
-        self.commands.publish(hold)
-        self.attack.until(lambda: False, 0.1)
-        k, before, stamp = NAMES.index('joint_5_yaw'), self._last, self._stamp
+        """Yield a sentence if good commands are not obeyed at once."""
+        attack, (turn, obeys) = self.attack, self._turn()
+        under_flood = attack.flood_until(obeys, serialize_message(turn), WAIT)
+        if math.isnan(under_flood):
+            yield 'a good command under a flood of damaged ones was not obeyed'
+        self.under_flood.append(under_flood)
+        if not attack.until(self._is_served, ANSWER):
+            yield f'the flood was not served within {ANSWER:g} s'
+        for _ in range(COMMANDS):
+            turn, obeys = self._turn()
+            begin = self.stamp
+            if not attack.until(lambda: obeys() or self._send(turn), WAIT):  # noqa: B023
+                yield 'a good command was not obeyed'
+                return
+            self.periods.append(round((self.stamp - begin) / PERIOD))
+        if min(self.periods[-COMMANDS:]) > OBEYED + 1:
+            yield f'good commands were obeyed after {self.periods[-COMMANDS:]} periods'
+
+    def _send(self, command: JointState) -> bool:
+        """Publish a command once more, as a stream does, since a single one may get lost."""
+        self.commands.publish(command)
+        return False
+
+    def _is_served(self) -> bool:
+        """Return whether a request is answered at once, so that none waits before it."""
+        begin = time.monotonic()
+        self.attack.ask(self.attack.parameters, SetParameters.Request())
+        return time.monotonic() - begin < SERVED
+
+    def _turn(self) -> tuple[JointState, Callable[[], bool]]:
+        """Have joints hold still; return a command that turns one, and whether it is obeyed."""
+        command = JointState(name=NAMES, position=list(self.last.position))
+        self.commands.publish(command)
+        self.attack.until(lambda: False, STILL)
+        k, before = NAMES.index('joint_5_yaw'), self.last
         way = -0.3 if before.position[k] > 0.0 else 0.3
-        hold.position[k] = before.position[k] + way
-        self.commands.publish(hold)
-
-        def obeys() -> bool:
-            return abs(self._last.effort[k] - before.effort[k]) > EFFORT
-
-        if not self.attack.until(obeys, WAIT):
-            yield 'a good command was not obeyed'
-        elif (periods := round((self._stamp - stamp) / PERIOD)) > OBEYED + 1 + self._lag():
-            yield f'a good command was obeyed after {periods} periods'
-
-    def _lag(self) -> int:
-        """Return how many periods pass in the longest time that messages take to the node."""
-        return math.ceil(self.attack.longest_answer / PERIOD)
+        command.position[k] = before.position[k] + way
+        return command, lambda: (self.last.effort[k] - before.effort[k]) * way > EFFORT * abs(way)
 
 
 class GaitCheck:

@@ -34,7 +34,10 @@ from snake_sim_ros.nodes.tools.hostile_messages import Topic
 from snake_sim_ros.nodes.tools.hostile_messages import WORDS
 
 RATE = 5000.0  # messages a second
-SLICE = 0.01  # s between two looks for what comes back
+SLICE = 0.01  # s between two lots of messages
+LOOK = 1e-3  # s between two looks for what comes back
+GOOD = 0.1  # share of messages that the node can use
+CUT = 8  # bytes that miss at the end of a message that is cut short
 POOL = 400  # hostile messages that are made beforehand, and sent again with other damage
 NEW = 20  # of them that are made anew every second
 CALLS = 20  # of services a second
@@ -87,6 +90,8 @@ class MessageAttack:
         Messages so far.
     longest_answer : float
         Of a service that was asked alone [s].
+    answers : list of float
+        Times that services took to answer in floods [s].
 
     """
 
@@ -110,6 +115,7 @@ class MessageAttack:
             service: self.node.create_client(kind, f'{name}/{service}')
             for service, kind in SERVICES[name]
         }
+        self.answers: list[float] = []
         self._pending: list[Any] = []
 
     def _hostile(self, number: int) -> bytes:
@@ -130,30 +136,78 @@ class MessageAttack:
         found = all(each.get_subscription_count() for each in self.publishers)
         return found and self.parameters.service_is_ready()
 
+    def send_largest(self, pause: float) -> None:
+        """Have each publisher send its largest message, with a pause after each [s]."""
+        for number in range(len(self.publishers)):
+            self.sent += self.publish(number, self.large[number % len(self.topics)])
+            self.until(lambda: False, pause)
+
     def flood(self, seconds: float) -> None:
         """Send hostile messages, good ones among them, and call services."""
         for _ in range(round(NEW * seconds)):
             k = self.rng.randrange(POOL)
             self.pool[k] = self._hostile(k)
-        begin = time.monotonic()
-        sent, tried, calls = 0, 0, 0
-        large = self.rng.random() * seconds
-        while (now := time.monotonic() - begin) < seconds:
-            due = min(int(RATE * now), tried + int(0.1 * RATE))
-            for _ in range(due - tried):
-                sent += self._send_one()
-            tried = due
+        large, calls = self.rng.random() * seconds, 0
+
+        def act(now: float) -> None:
+            nonlocal large, calls
             if now >= large:
                 k, large = self.rng.randrange(len(self.topics)), math.inf
-                sent += self._publish(k, self.large[k])
+                self.sent += self.publish(k, self.large[k])
             if calls < CALLS * now:
                 calls += 1
                 self._call()
-            self.executor.spin_once(timeout_sec=0)
-            time.sleep(max(0.0, SLICE - (time.monotonic() - begin - now)))
-        self.sent += sent
 
-    def _publish(self, number: int, data: bytes) -> bool:
+        self._stream(seconds, self._send_one, act)
+
+    def flood_until(self, condition: Callable[[], Any], good: bytes, seconds: float) -> float:
+        """
+        Send messages that are cut short, and good ones of the first topic among them.
+
+        Parameters
+        ----------
+        condition : callable
+        good : bytes
+            Of the good messages.
+        seconds : float
+            After which it ends in any case.
+
+        Returns
+        -------
+        float
+            When the condition held [s], nan if it did not.
+
+        """
+
+        def send() -> bool:
+            number = self.rng.randrange(len(self.publishers))
+            k = number % len(self.topics)
+            if k == 0 and self.rng.random() < GOOD:
+                return self.publish(number, good)
+            return self.publish(number, self._of_pool(k)[:-CUT])
+
+        return self._stream(seconds, send, lambda now: None, condition)
+
+    def _stream(
+        self,
+        seconds: float,
+        send: Callable[[], bool],
+        act: Callable[[float], object],
+        condition: Callable[[], Any] = lambda: False,
+    ) -> float:
+        """Send at a rate, and act in between; return when a condition held [s], else nan."""
+        begin, tried = time.monotonic(), 0
+        while (now := time.monotonic() - begin) < seconds:
+            due = min(int(RATE * now), tried + int(0.1 * RATE))
+            self.sent += sum(send() for _ in range(due - tried))
+            tried = due
+            act(now)
+            left = SLICE - (time.monotonic() - begin - now)
+            if served_until(self.executor, condition, max(left, 0.0), LOOK):
+                return time.monotonic() - begin
+        return math.nan
+
+    def publish(self, number: int, data: bytes) -> bool:
         """Publish a message; return whether the middleware lets it through."""
         try:
             self.publishers[number].publish(data)
@@ -165,13 +219,18 @@ class MessageAttack:
         rng, number = self.rng, self.rng.randrange(len(self.publishers))
         k = number % len(self.topics)
         what = rng.random()
-        if what < 0.1:
+        if what < GOOD:
             data = self._good(k)
         else:
-            data = self.pool[rng.randrange(POOL // len(self.topics)) * len(self.topics) + k]
+            data = self._of_pool(k)
             if what < 0.3:
                 data = damaged(data, rng)
-        return self._publish(number, data)
+        return self.publish(number, data)
+
+    def _of_pool(self, number: int) -> bytes:
+        """Return a hostile message of a topic."""
+        topics = len(self.topics)
+        return self.pool[self.rng.randrange(POOL // topics) * topics + number]
 
     def _good(self, number: int) -> bytes:
         """Return a message that the node can use; that of a clock has the time of now."""
@@ -194,7 +253,9 @@ class MessageAttack:
         else:
             name = rng.choice(PARAMETERS[self.name])
             request = SetParameters.Request(parameters=[Parameter(name=name, value=self._value())])
-        self._pending.append(client.call_async(request))
+        begin, future = time.monotonic(), client.call_async(request)
+        future.add_done_callback(lambda _: self.answers.append(time.monotonic() - begin))
+        self._pending.append(future)
 
     def _value(self) -> ParameterValue:
         """Return a value of a random type; a type that no parameter has, too."""

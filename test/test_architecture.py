@@ -74,6 +74,7 @@ OPTIONAL = {
     'PIL': ('comparison/chart*', 'paper/*figure*', 'view/animation'),
     'cma': ('optimization/searches',),
     'distributed': ('studies/workers',),
+    'hypothesis': ('nodes/tools/sim_states',),
     'imageio_ffmpeg': ('view/animation',),
     'matplotlib': (
         *('comparison/chart*', 'comparison/stability/chart', 'paper/*figure*', 'view/animation'),

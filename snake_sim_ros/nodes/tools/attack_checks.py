@@ -34,6 +34,8 @@ STILL = 0.1  # s for which joints hold still before a good command
 WAIT = 2.0  # s for a message that must come at once
 BEYOND = 0.01  # by which joints may be beyond limits: a stop ends a motion at the end of a step
 TOO_FAST = 0.03  # as a share; rates at the end of a step are measured with the drift of joints
+SLOW = 0.5  # rad/s of a joint that holds still
+TURN, TURNED = 0.3, 0.15  # rad that a joint is told to turn, and by which it obeyed
 EFFORT = 0.5  # N m by which the torque changes of a joint that obeys
 DEFAULTS = {
     **{'robot.yaw_stiffness': 40.0, 'friction.longitudinal': 0.1, 'real_time_factor': 1.0},
@@ -147,11 +149,19 @@ class SimCheck:
         """Have joints hold still; return a command that turns one, and whether it is obeyed."""
         command = JointState(name=NAMES, position=list(self.last.position))
         self.commands.publish(command)
+        k = NAMES.index('joint_5_yaw')
         self.attack.until(lambda: False, STILL)
-        k, before = NAMES.index('joint_5_yaw'), self.last
-        way = -0.3 if before.position[k] > 0.0 else 0.3
-        command.position[k] = before.position[k] + way
-        return command, lambda: (self.last.effort[k] - before.effort[k]) * way > EFFORT * abs(way)
+        self.attack.until(lambda: abs(self.last.velocity[k]) < SLOW, WAIT)
+        before = self.last
+        way = -1.0 if before.position[k] > 0.0 else 1.0
+        command.position[k] = before.position[k] + way * TURN
+
+        def obeys() -> bool:
+            # A torque that was large, since something threw the robot, need not grow.
+            effort = (self.last.effort[k] - before.effort[k]) * way
+            return effort > EFFORT or (self.last.position[k] - before.position[k]) * way > TURNED
+
+        return command, obeys
 
 
 class GaitCheck:

@@ -95,12 +95,14 @@ class SimNode(Node):
         )
         ParameterRequests(self)
         self.settings, scene = settle(self, Settings, changeable=CHANGEABLE, complete=as_it_runs)
+        self.settings.check(scene)
         if self.get_parameter('use_sim_time').value:
             self.get_logger().warning('use_sim_time is ignored: this node makes simulated time')
 
         self.period = 1.0 / self.settings.publish_rate
         self.steps = steps_in(self.period, scene.dt, 'publish period')
         self.simulation = Simulation(scene)
+        self._share_iterations()
         self.paused = self.settings.start_paused
         self.stop = Event()
         self.level_changes = 0
@@ -185,7 +187,7 @@ class SimNode(Node):
         reference = self.inbox.sample(simulation.midpoints(self.steps))
         if not self.compiler:  # A step that waits for the compiler would be pushed twice.
             self.handling.act(self.period)
-        begin = time.perf_counter()
+        begin, cut = time.perf_counter(), simulation.budget.cut
         try:
             with watched(refuse) if self.compiler else nullcontext():
                 report = simulation.advance(*reference)
@@ -196,6 +198,13 @@ class SimNode(Node):
         most = self.period / factor if factor > 0.0 else math.inf
         if sentence := self.slow_steps.look(simulation, time.perf_counter() - begin, most):
             self.warn('late period', sentence)
+        if cut := simulation.budget.cut - cut:
+            self.warn(
+                'cut steps',
+                f'{cut} of the {report.steps} steps before t = {simulation.time:g} s were cut, '
+                f'since they share {self.settings.iteration_budget} iterations: residual '
+                f'{report.residual_max:.3g} m/s at most',
+            )
         if report.level != level:
             why = f': {report.left}' if report.left else ': the robot lies flat'
             self.get_logger().debug(f'level {report.level} from t = {simulation.time:g} s on{why}')
@@ -257,6 +266,7 @@ class SimNode(Node):
             'clamped_commands': self.inbox.clamped,
             'limited_references': self.inbox.limiter.count,
             'rejected_pushes_and_poses': self.handling.refusals.count,
+            'cut_steps': self.simulation.budget.cut,
             **values_of(self.simulation),
         }
         state = 'paused' if self.paused else 'running'
@@ -284,6 +294,10 @@ class SimNode(Node):
         self.inbox.settings = self.handling.settings = self.settings
         if scene != self.simulation.scene:
             self.simulation.change(scene)
+        self._share_iterations()
+
+    def _share_iterations(self) -> None:
+        self.simulation.budget.share = self.settings.iteration_budget / self.steps
 
 
 def look_at_compiler(node: SimNode, compiler: Compiler, told: float) -> float:

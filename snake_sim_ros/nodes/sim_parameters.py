@@ -14,14 +14,17 @@ from rclpy.parameter import Parameter
 from snake_sim_ros.recording.sensors import link_index
 from snake_sim_ros.recording.sensors import Sensors
 from snake_sim_ros.scene.checked_records import flat_fields
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.checked_records import quantity
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.stepping.accuracy import with_accuracy
+from snake_sim_ros.stepping.methods import method_of
+from snake_sim_ros.stepping.methods import METHODS
 
 CHANGEABLE = (
-    *('real_time_factor', 'command_horizon', 'command_timeout'),
+    *('real_time_factor', 'iteration_budget', 'command_horizon', 'command_timeout'),
     *('friction.longitudinal', 'friction.transversal', 'friction.rolling', 'pegs.friction'),
     *('robot.yaw_stiffness', 'robot.yaw_damping', 'robot.pitch_stiffness', 'robot.pitch_damping'),
     *('self_contact_friction', 'gravity', 'push_link', 'push_duration'),
@@ -41,6 +44,13 @@ class Settings(Sensors):
     )
     real_time_factor: float = quantity(
         1.0, '1', 'simulated time per wall time; 0 is as fast as possible', minimum=0, maximum=1000
+    )
+    iteration_budget: int = quantity(
+        0,
+        '1',
+        'contact iterations that the steps of a publish period share; 0: as many as they need',
+        minimum=0,
+        maximum=10**12,
     )
     command_horizon: float = quantity(
         0.05, 's', 'how long a command is extrapolated with its velocity', minimum=0, maximum=1
@@ -67,6 +77,14 @@ class Settings(Sensors):
         if self.push_link == '':
             return robot.middle_link
         return link_index(self.push_link, robot.link_count, 'push_link')
+
+    def check(self, scene: Scene) -> None:
+        """Raise ParameterError if the node cannot run a scene with these settings."""
+        self.pushed_link(scene.robot)
+        if self.iteration_budget and not METHODS[method_of(scene)].compiled:
+            raise ParameterError(
+                f'iteration_budget needs a method that is compiled, got {method_of(scene)}'
+            )
 
 
 def as_it_runs(settings: Settings, scene: Scene, given: Container[str]) -> Scene:
@@ -108,5 +126,6 @@ def changed(
     }
     own: dict[str, Any] = {n: given.pop(n) for n in flat_fields(settings) if n in given}
     settings = replace(settings, **own)
-    settings.pushed_link(scene.robot)
-    return settings, with_settings(scene, given)
+    scene = with_settings(scene, given)
+    settings.check(scene)
+    return settings, scene

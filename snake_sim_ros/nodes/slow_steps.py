@@ -5,13 +5,12 @@
 import numpy as np
 
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.simulation import Simulation
 
 
-def step_times(stepper: Stepper, steps: int, seconds: float) -> Array:
-    """Return the time of each step of the last call, which took some seconds in all [s]."""
-    ticks = np.diff(stepper.cycles[: steps + 1])
+def step_times(cycles: Array, steps: int, seconds: float) -> Array:
+    """Return the times of steps with these time stamps, which took some seconds in all [s]."""
+    ticks = np.diff(cycles[: steps + 1])
     return np.asarray(ticks * (seconds / max(1, int(ticks.sum()))))
 
 
@@ -49,7 +48,8 @@ class SlowSteps:
         report = simulation.last
         if seconds <= min(most, self.longest) or not report.steps:
             return ''  # No step is longer than all of them, so that nothing is new.
-        times = step_times(simulation.stepper, report.steps, seconds)
+        source = simulation.budget if simulation.budget.share else simulation.stepper
+        times = step_times(source.cycles, report.steps, seconds)
         if not len(times):  # A method that is not compiled does not time its steps.
             times = np.full(report.steps, seconds / report.steps)
         k, dt = int(times.argmax()), simulation.scene.dt

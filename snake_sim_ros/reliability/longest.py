@@ -61,14 +61,14 @@ def longest_step(name: str, scene: Scene, seconds: float) -> Trial:
         steps = run.latest.steps
         if run.report.failure or not steps:
             break
-        times = step_times(simulation.stepper, steps, spent)
+        times = step_times(simulation.stepper.cycles, steps, spent)
         if times.max() > min(longest, PERIOD):
             reference = simulation.gait.reference(first, steps)
             for _ in range(AGAIN):
                 again = time.perf_counter()
                 simulation.stepper.advance(*start, *reference)
                 spent = time.perf_counter() - again
-                times = np.minimum(times, step_times(simulation.stepper, steps, spent))
+                times = np.minimum(times, step_times(simulation.stepper.cycles, steps, spent))
             if times.max() > longest:
                 longest, when = float(times.max()), (first + int(times.argmax())) * scene.dt
         late += int((times > PERIOD).sum())

@@ -193,6 +193,10 @@ class Stepper(Protocol):
         """
         ...
 
+    def limit_iterations(self, limit: int) -> None:
+        """Let a step take that many contact iterations at most, if steps are compiled."""
+        ...
+
     def single_steps(self, state: State, history: History) -> OneByOne | None:
         """Return what goes on by single steps from the last call, None if there is no such way."""
         ...

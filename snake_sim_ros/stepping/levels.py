@@ -163,6 +163,10 @@ class LevelStepper:
         """Return the history before the first step."""
         return self.returned.empty_history()
 
+    def limit_iterations(self, limit: int) -> None:
+        """Let a spatial step take that many iterations at most; planar ones have their own."""
+        self.spatial.limit_iterations(limit)
+
     def advance(
         self, state: State, history: History, angle: Array, rate: Array,
         samples: Samples | None = None,
@@ -312,6 +316,10 @@ class FlatStepper:
     def empty_history(self) -> History:
         """Return the history before the first step."""
         return self.planar.empty_history()
+
+    def limit_iterations(self, limit: int) -> None:
+        """Let a step take that many iterations at most."""
+        self.planar.limit_iterations(limit)
 
     def advance(
         self, state: State, history: History, angle: Array, rate: Array,

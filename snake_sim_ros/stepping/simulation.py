@@ -27,6 +27,7 @@ from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.gait_ahead import GaitAhead
+from snake_sim_ros.stepping.iteration_budget import IterationBudget
 from snake_sim_ros.stepping.levels import LevelStepper
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.portions import LEAST_STEPS
@@ -71,6 +72,8 @@ class Simulation:
         Report of all steps since the start or the last reset.
     last : Report
         Report of the last call of `advance`.
+    budget : IterationBudget
+        What the steps of a call without samples share, if anything.
 
     """
 
@@ -79,6 +82,7 @@ class Simulation:
         self.scene, self.given = scene, stepper is not None
         self.stepper = stepper or make_stepper(scene)
         self.step_count, self.gait, self._pushes = 0, GaitAhead(scene), PushedSteps(scene)
+        self.budget = IterationBudget()
         self._single_steps: OneByOne | None = None
         self.reset()
 
@@ -230,21 +234,24 @@ class Simulation:
             rate = np.zeros(np.shape(angle))
         if self.scene.pushes:
             return self._noted(self._pushed(angle, rate, samples))
-        going_on = self._single_steps if samples is None else None
+        going_on = self._single_steps if samples is None and not self.budget.share else None
         last = going_on.take(angle, rate) if going_on else None
         if not last:
             last = self._taken(angle, rate, samples)
         goes_on = last.steps == self.last.steps == 1 and not self._single_steps
         self._noted(last)
-        if goes_on and samples is None and not self.given:
+        if goes_on and samples is None and not (self.given or self.budget.share):
             self._single_steps = self.stepper.single_steps(self._state, self._history)
         return last
 
     def _taken(self, angle: Array, rate: Array, samples: Samples | None) -> Report:
         """Go on by steps of the stepper."""
-        state, history, report = self.stepper.advance(
-            self.state, self.history, angle, rate, samples
-        )
+        now = self.state, self.history, angle, rate
+        if samples is None and self.budget.share:
+            most = self.scene.solver.iteration_limit
+            state, history, report = self.budget.advance(self.stepper, most, *now)
+        else:
+            state, history, report = self.stepper.advance(*now, samples)
         self._go_on_from(state, history)
         return report
 

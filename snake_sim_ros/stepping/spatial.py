@@ -63,6 +63,10 @@ class SpatialStepper:
         """Let `advance` end once the robot has lain flat and still for that number of steps."""
         self.model = self.model._replace(settle_steps=settle_steps)
 
+    def limit_iterations(self, limit: int) -> None:
+        """Let a step take that many iterations at most."""
+        self.model = self.model._replace(iteration_limit=limit)
+
     def advance(
         self, state: State, history: History, angle: Array, rate: Array,
         samples: Samples | None = None,

@@ -285,6 +285,19 @@ def test_steps_that_outlast_their_period_are_told(make_graph):
     assert sim.process.output.count('publish period of') < 5  # one in five seconds
 
 
+def test_steps_that_a_budget_cuts_are_told_and_counted(make_graph):
+    # No step reaches this tolerance.
+    never = 'level:=spatial', 'solver.residual_tolerance:=1.0e-300'
+    sim = SimClient(make_graph(), 'iteration_budget:=100', *never)
+    sim.wait_until_connected()
+    told = 's were cut, since they share 100 iterations: residual '
+    sim.process.wait_for(told)
+    assert re.search(rf'[1-9]\d* of the 20 steps before t = \S+ {told}\S+ m/s', sim.process.output)
+    sim.graph.until(lambda: sim.diagnostics and int(sim.values()['cut_steps']) > 20, 'counts')
+    assert int(sim.values()['cut_steps']) <= int(sim.values()['unconverged_steps'])
+    assert sim.process.stop(signal.SIGTERM) == 0, sim.process.output
+
+
 def test_node_ends_well_on_sigterm_while_it_starts(make_graph):
     process = make_graph().start('sim')
     process.wait_for('tf2_msgs')  # what it says first, while it is being made

@@ -133,6 +133,10 @@ class PlanarStepper:
         """Return the history before the first step."""
         return self.returned.empty_history()
 
+    def limit_iterations(self, limit: int) -> None:
+        """Let a step take that many iterations at most."""
+        self.model = self.model._replace(iteration_limit=limit)
+
     def advance(
         self, state: State, history: History, angle: Array, rate: Array,
         samples: Samples | None = None,

@@ -8,10 +8,14 @@ A signal ends a program cleanly from its first moment on.
 
 from importlib import import_module
 import os
+import resource
 import signal
 import sys
 
 from snake_sim_ros.nodes.missing_ros import missing_ros
+
+# MB of addresses with which the nodes start; with a third less the middleware aborts, or waits.
+NEEDED = {'sim': 1500, 'gait': 600, 'viewer': 1000}
 
 
 def sim() -> int:
@@ -34,6 +38,14 @@ def _run(name: str) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, frame: os._exit(0))
     sys.argv[0] = name
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if 0 <= limit < NEEDED[name] * 10**6:
+        print(
+            f'error: {name} needs {NEEDED[name]} MB of memory addresses, and the limit '
+            f'(ulimit -v) is {limit / 1e6:.0f} MB',
+            file=sys.stderr,
+        )
+        return 2
     try:
         node = import_module(f'snake_sim_ros.nodes.{name}_node')
     except ImportError as error:

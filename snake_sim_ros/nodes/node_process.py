@@ -53,8 +53,8 @@ def run_node(
     Returns
     -------
     int
-        2 if a parameter is not usable; one sentence on standard error says which and why. In all
-        other cases the process ends here, with exit status 0.
+        2 if a parameter is not usable, or if memory does not suffice; one sentence on standard
+        error says which and why. In all other cases the process ends here, with exit status 0.
 
     """
     if not os.access(os.path.expanduser('~'), os.W_OK):
@@ -72,6 +72,9 @@ def run_node(
         del node
     except ParameterError as error:
         print(f'error: {error}', file=sys.stderr, flush=True)
+        return 2
+    except MemoryError as error:
+        print(f'error: not enough memory: {error}'.removesuffix(': '), file=sys.stderr, flush=True)
         return 2
     except (KeyboardInterrupt, RuntimeError):  # The middleware turns one into the other.
         if not stop.is_set():

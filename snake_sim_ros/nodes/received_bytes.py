@@ -36,7 +36,7 @@ Skip = Callable[[bytes, int, str], int]
 
 
 class DamagedMessage(ValueError):
-    """The bytes of a message are not those of its type."""
+    """The bytes of a message are not those of its type, or too many for the memory."""
 
 
 def message_from(data: bytes, kind: Any) -> Any:
@@ -60,6 +60,8 @@ def message_from(data: bytes, kind: Any) -> Any:
         if order is None or _skip_message(kind)(data[ENCAPSULATION:], 0, order) < 0:
             raise DamagedMessage
         return deserialize_message(data, kind)
+    except MemoryError:
+        raise DamagedMessage(f'there is no memory for a message of {len(data)} bytes') from None
     except (DamagedMessage, struct.error, RuntimeError, UnicodeDecodeError):
         raise DamagedMessage(
             f'a message of {len(data)} bytes is damaged: they are not those of a {kind.__name__}'

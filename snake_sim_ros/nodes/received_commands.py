@@ -23,6 +23,7 @@ from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.stamps import seconds_from
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.quoting import cut
 from snake_sim_ros.scene.quoting import quoted
 
 ROUNDING = 1e-9  # rad, rad/s; a motion may exceed limits at its points by so much
@@ -258,7 +259,7 @@ def axes_of(topic: str, given: list[str], robot: Robot) -> Array:
         )
     for name in given:
         if name not in known:
-            close = difflib.get_close_matches(name, names, n=1)
+            close = difflib.get_close_matches(cut(name), names, n=1)
             hint = (
                 f'did you mean {close[0]}?' if close else f'joints are {names[0]} to {names[-1]}'
             )

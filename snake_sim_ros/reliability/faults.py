@@ -1,14 +1,15 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Faults around real nodes: they are killed and stopped, and disks, memory and caches fail.
+Faults around real nodes: they are killed and stopped; clocks, disks, memory and caches fail.
 
-Steps of the wall clock are not tried: they need a program that fakes the time of a process. What
-needs minutes, or the rights to mount, is left out where there are none.
+What needs minutes, the rights to mount or a program that is not installed is left out where there
+are none.
 """
 
 from collections.abc import Callable
 from collections.abc import Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
 import math
@@ -24,9 +25,14 @@ import time
 from snake_sim_ros.nodes.tools.attacked_node import AttackedNode
 from snake_sim_ros.nodes.tools.attacked_node import node
 from snake_sim_ros.nodes.tools.attacked_node import on_own_domain
+from snake_sim_ros.nodes.tools.bag_without_end import what_is_wrong_with_stamps
 from snake_sim_ros.nodes.tools.graph_watch import crowd
 from snake_sim_ros.nodes.tools.graph_watch import GraphWatch
 from snake_sim_ros.nodes.tools.graph_watch import leave
+from snake_sim_ros.reliability.clock_steps import faketime
+from snake_sim_ros.reliability.clock_steps import STEPS
+from snake_sim_ros.reliability.clock_steps import WallClock
+from snake_sim_ros.reliability.failing_resources import COMMANDS
 from snake_sim_ros.reliability.failing_resources import DISK
 from snake_sim_ros.reliability.failing_resources import MEMORY
 from snake_sim_ros.reliability.trials import Trial
@@ -34,10 +40,13 @@ from snake_sim_ros.reliability.trials import Trial
 START = 120.0  # s for a node to start, which may have to compile the physics
 RECOVER = 30.0  # s until messages come again; discovery takes a part of it
 SILENCE = 10.0  # s without messages after a node goes on that was stopped
+PACED = 2.0  # s over which messages are counted
 FLOW = ('joint_states', 'joint_command')
 NODES = {'sim': (), 'gait': ('use_sim_time:=true', 'start_from:=now'), 'viewer': ('port:=0',)}
-LONG = 300.0  # s from which on there is time for many robots and participants
+MINUTE = 60.0  # s from which on there is time for many robots and participants
 ROBOTS = 20
+SLOWLY = 0.05  # their real-time factor
+FULL_RATE = 200  # Hz of joint_states at a factor of 1
 CROWD = 40
 
 
@@ -71,8 +80,9 @@ def trials(seconds: float, seed: int) -> Iterator[Trial]:
         ('too little memory', 'programs', 0.0, lambda found, *_: _resources(found, MEMORY)),
         ('deleted cache', 'nodes', 0.0, _deleted_cache),
         ('read-only cache', 'nodes', 0.0, _read_only_cache),
+        ('steps of the wall clock', 'steps', 0.0, _clock_steps),
     ]
-    if seconds >= LONG:
+    if seconds >= MINUTE:
         subjects += [
             (f'{ROBOTS} robots on a domain', 'robots', 0.0, _robots),
             (f'{CROWD} participants', 'nodes', 0.0, _crowd),
@@ -95,15 +105,15 @@ def trials(seconds: float, seed: int) -> Iterator[Trial]:
 class Demo:
     """The nodes of a robot that moves, each of which may be started again."""
 
-    def __init__(self) -> None:
-        self.watch = GraphWatch(FLOW)
+    def __init__(self, environment: Mapping[str, str] | None = None) -> None:
+        self.environment, self.watch = environment or {}, GraphWatch(FLOW)
         self.nodes: dict[str, AttackedNode] = {}
         for name in NODES:
             self.start(name)
 
     def start(self, name: str) -> None:
         """Start a node, again if it ran."""
-        self.nodes[name] = node(name, *NODES[name])
+        self.nodes[name] = node(name, *NODES[name], environment=self.environment)
 
     def close(self) -> None:
         """End all."""
@@ -159,6 +169,45 @@ def _stops(found: Found, seconds: float, rng: random.Random) -> None:
         found.add(demo.dead() or ('' if took else f'no messages after {name} was stopped'))
 
     _with_demo(found, seconds, stop)
+
+
+def _clock_steps(found: Found, *_: object) -> None:
+    if not faketime():
+        found.figures = 'not tried, since faketime is missing'
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        clock, path = WallClock(Path(folder)), Path(folder, 'run.mcap')
+        demo = Demo(clock.environment)
+        recorder = AttackedNode([*COMMANDS, 'record', str(path)], clock.environment)
+        try:
+            if demo.watch.flow(FLOW, START) is None:
+                found.add(demo.dead() or 'the demo did not start')
+                return
+            paces = [_pace(demo)]
+            for offset in STEPS:
+                clock.step(offset)
+                took = demo.watch.flow(FLOW, SILENCE)
+                found.took(took)
+                paces.append(_pace(demo))
+                slow = '' if paces[-1] > 0.5 * paces[0] else f'{paces[-1]:.0f} messages a second'
+                silent = '' if took else 'no messages'
+                problem = demo.dead() or silent or slow
+                found.add(f'{problem} with a clock off by {offset:g} s' if problem else '')
+            if recorder.end() is None:
+                found.problems.append('the recorder did not end')
+            elif problem := what_is_wrong_with_stamps(path, '/joint_states'):
+                found.problems.append(problem)
+            found.figures = f'{paces[0]:.0f} joint_states a second, then {min(paces[1:]):.0f}'
+        finally:
+            recorder.end()
+            demo.close()
+
+
+def _pace(demo: Demo) -> float:
+    """Return how many messages of joint_states come in a second, measured over `PACED`."""
+    before = demo.watch.counts[FLOW[0]]
+    demo.watch.spin(PACED)
+    return (demo.watch.counts[FLOW[0]] - before) / PACED
 
 
 def _resources(found: Found, cases: tuple[Callable[[Path], str], ...]) -> None:
@@ -220,7 +269,7 @@ def _read_only_cache(found: Found, *_: object) -> None:
 def _robots(found: Found, *_: object) -> None:
     topics = [f'/robot_{k}/joint_states' for k in range(ROBOTS)]
     watch = GraphWatch(topics)
-    slowly = 'real_time_factor:=0.05'
+    slowly = f'real_time_factor:={SLOWLY}'
     sims = [
         node('sim', slowly, f'publish_clock:={str(k == 0).lower()}', f'-r __ns:=/robot_{k}')
         for k in range(ROBOTS)
@@ -231,6 +280,13 @@ def _robots(found: Found, *_: object) -> None:
         for k, sim in enumerate(sims):
             silent = f'robot {k} has not been heard: {" / ".join(list(sim.lines)[-2:])}'
             found.add('' if watch.counts[topics[k]] else silent)
+        before = dict(watch.counts)
+        watch.spin(PACED)
+        rates = [(watch.counts[topic] - before[topic]) / PACED for topic in topics]
+        found.figures = (
+            f'joint_states of a robot come {min(rates):.1f} to {max(rates):.1f} times a second, '
+            f'of {FULL_RATE * SLOWLY:g}'
+        )
     finally:
         for sim in sims:
             sim.send(signal.SIGINT)

@@ -8,6 +8,7 @@ from typing import Any
 LONGEST = 80  # characters of a quoted value
 LONGEST_PATH = 250  # characters of the name of a file
 LONGEST_REASON = 250  # characters of what a library finds wrong
+LOOKED_AT = 10_000  # characters of a text that is cut; each takes memory
 
 _SHORT = Repr()
 _SHORT.maxlevel = 3
@@ -28,6 +29,8 @@ def quoted(value: Any) -> str:
 
 def cut(text: str, longest: int = LONGEST) -> str:
     """Return a text in one line, with dots in its middle if it is longer than that."""
+    if len(text) > LOOKED_AT:
+        text = text[: LOOKED_AT // 2] + text[-LOOKED_AT // 2 :]
     line = ' '.join(text.split()) if not text.isprintable() else text
     line = ''.join(each if each.isprintable() else '?' for each in line)
     half = (longest - 3) // 2

@@ -11,6 +11,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 
@@ -58,6 +59,10 @@ class GraphWatch:
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 
+    def publisher(self, topic: str) -> Publisher:
+        """Return a publisher of JointState."""
+        return self.node.create_publisher(JointState, topic, QoSProfile(depth=1))
+
     def spin(self, seconds: float) -> None:
         """Listen for some time."""
         self._until(lambda: False, seconds)
@@ -71,6 +76,11 @@ class GraphWatch:
 
     def _until(self, condition: Callable[[], bool], seconds: float) -> bool:
         return served_until(self.executor, condition, seconds, SLICE)
+
+
+def large_command(size: int) -> JointState:
+    """Return a command for a joint whose name has so many characters."""
+    return JointState(name=['x' * size], position=[0.0])
 
 
 def crowd(count: int) -> list[Context]:

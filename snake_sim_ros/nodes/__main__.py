@@ -14,7 +14,7 @@ import sys
 
 from snake_sim_ros.nodes.missing_ros import missing_ros
 
-# MB of addresses with which the nodes start; with a third less the middleware aborts, or waits.
+# MB of addresses with which the nodes start; with 1000, 300 and 600 they abort, or wait.
 NEEDED = {'sim': 1500, 'gait': 600, 'viewer': 1000}
 
 

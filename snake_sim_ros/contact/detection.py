@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.contact.frames import fill_contact_frame
+from snake_sim_ros.contact.frames import set_axis
 from snake_sim_ros.contact.laws import make_disc
 from snake_sim_ros.contact.laws import OtherFriction
 from snake_sim_ros.contact.patches import fill_grip
@@ -84,6 +86,8 @@ def find_contacts(obstacles, tolerance, model, work, q):
     """
     Fill the closed contacts, their points and frames.
 
+    Contacts that `takes_part` names count as closed whatever their gap.
+
     Parameters
     ----------
     obstacles : Obstacles or None
@@ -148,7 +152,7 @@ def find_floor_contacts(tolerance, offset, radius, height, R, center, closed, co
         x, y, z = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
         for a, signed in ((i, offset[i]), (n + i, -offset[i])):
             gap = height[i] + signed * z - radius[i]
-            if gap <= tolerance:
+            if gap <= tolerance or contacts.takes_part[a] == 1:
                 closed[count] = a
                 count += 1
                 contacts.gap[a] = gap
@@ -182,8 +186,8 @@ def find_obstacle_contacts(
             x, y, z = q[i, 0] + arm * axis[0], q[i, 1] + arm * axis[1], q[i, 2] + arm * axis[2]
             for k in range(4):
                 gap, nx, ny, nz = ground_contact(obstacles, x, y, z, radius[i], k)
-                if gap <= tolerance:
-                    a = (side if k == 0 else 1 + 3 * side + k) * n + i
+                a = (side if k == 0 else 1 + 3 * side + k) * n + i
+                if gap <= tolerance or (gap < math.inf and contacts.takes_part[a] == 1):
                     closed[count] = a
                     count += 1
                     place_contact(contacts, a, gap, arm, radius[i], axis, center[i], (nx, ny, nz))
@@ -192,15 +196,16 @@ def find_obstacle_contacts(
                     fill_contact_frame(frame[a], (nx, ny, nz), axis)
         for k in range(len(obstacles.pegs)):
             px, py, peg_radius = obstacles.pegs[k, 0], obstacles.pegs[k, 1], obstacles.pegs[k, 2]
+            a = obstacles.first_peg + k * n + i
             reach = offset[i] + radius[i] + peg_radius + tolerance
-            if (px - q[i, 0]) ** 2 + (py - q[i, 1]) ** 2 > reach * reach:
+            asked = contacts.takes_part[a] == 1
+            if not asked and (px - q[i, 0]) ** 2 + (py - q[i, 1]) ** 2 > reach * reach:
                 continue
             arm, distance, nx, ny = peg_contact(
                 q[i, 0], q[i, 1], axis[0], axis[1], offset[i], px, py
             )
             gap = distance - peg_radius - radius[i]
-            if gap <= tolerance:
-                a = obstacles.first_peg + k * n + i
+            if gap <= tolerance or asked:
                 closed[count] = a
                 count += 1
                 place_contact(contacts, a, gap, arm, radius[i], axis, center[i], (nx, ny, 0.0))
@@ -330,7 +335,10 @@ def find_pair_contacts(a, tolerance, offset, radius, q, R, center, closed, conta
         for j in range(i + 2, n):
             x, y, z = q[i, 0] - q[j, 0], q[i, 1] - q[j, 1], q[i, 2] - q[j, 2]
             reach = offset[i] + offset[j] + radius[i] + radius[j] + tolerance
-            if x * x + y * y + z * z > reach * reach:
+            asked = False
+            for side in range(4):
+                asked = asked or contacts.takes_part[a + side] == 1
+            if not asked and x * x + y * y + z * z > reach * reach:
                 a += 4
                 continue
             for side in range(4):
@@ -341,7 +349,7 @@ def find_pair_contacts(a, tolerance, offset, radius, q, R, center, closed, conta
                 dz = z + arm * axis[2] - other * R[j, 2, 2]
                 distance = math.sqrt(dx * dx + dy * dy + dz * dz)
                 gap = distance - radius[i] - radius[j]
-                if gap <= tolerance:
+                if gap <= tolerance or contacts.takes_part[a] == 1:
                     closed[count] = a
                     count += 1
                     normal = dx / distance, dy / distance, dz / distance
@@ -363,38 +371,3 @@ def place_contact(contacts, a, gap, arm, radius, axis, center, normal):
     contacts.radius[a] = radius
     for k in range(3):
         contacts.point[a, k] = center[k] + arm * axis[k] - radius * normal[k]
-
-
-@inlined
-def fill_contact_frame(frame, normal, axis):
-    """
-    Fill a frame with the normal, e_x along a link and e_y across it, both in the tangent plane.
-
-    Deviation: a link at right angles to the plane has no direction in it. Its axis is replaced by
-    e_x of I or, at a wall across e_x, by e_y of I.
-    """
-    nx, ny, nz = normal
-    x, y, z = tangential_part(normal, axis)
-    square = x * x + y * y + z * z
-    if square <= 1e-12:
-        steep = abs(nx) > 0.7
-        x, y, z = tangential_part(normal, (0.0 if steep else 1.0, 1.0 if steep else 0.0, 0.0))
-        square = x * x + y * y + z * z
-    scale = 1.0 / math.sqrt(square)
-    x, y, z = scale * x, scale * y, scale * z
-    set_axis(frame, 0, normal)
-    set_axis(frame, 1, (x, y, z))
-    set_axis(frame, 2, (ny * z - nz * y, nz * x - nx * z, nx * y - ny * x))
-
-
-@inlined
-def tangential_part(normal, v):
-    """Return v without its part along the normal."""
-    along = normal[0] * v[0] + normal[1] * v[1] + normal[2] * v[2]
-    return v[0] - along * normal[0], v[1] - along * normal[1], v[2] - along * normal[2]
-
-
-@inlined
-def set_axis(frame, k, v):
-    """Write the vector v to frame[k]."""
-    frame[k, 0], frame[k, 1], frame[k, 2] = v

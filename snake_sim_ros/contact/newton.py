@@ -44,6 +44,7 @@ from snake_sim_ros.contact.table import FREE
 from snake_sim_ros.contact.warm_start import improve
 from snake_sim_ros.contact.warm_start import predict
 from snake_sim_ros.contact.warm_start import remember
+from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.scene.parameters import Array
@@ -351,6 +352,12 @@ def prepare_contacts(operator, problem):
         if operator.is_condensed[0]:
             width = 5 if laws.rolling.mu_x > 0.0 else 3
             condense(closed, width, contacts, chain, operator.delassus)
+
+
+@compiled
+def condense_anew(operator, problem):
+    """Condense other contacts of the same step, if they are few; see `prepare_contacts`."""
+    prepare_contacts(operator, problem)
 
 
 @merged

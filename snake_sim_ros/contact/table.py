@@ -30,6 +30,7 @@ CONTACT = np.dtype(
         ('impulse', float, 5),  # impulses P [N s]
         ('gap', float),  # gap g [m]
         ('start_gap', float),  # depth at the start, as a gap, if any contact was deep; else 0 [m]
+        ('takes_part', np.int64),  # 1 if it takes part in the step whatever its gap
         ('is_loaded', np.int64),  # 1 if it carries load at the end of the step
         ('end_gap', float),  # gap at the end of the step [m]
         ('shift', float),  # gap over the time it may close in; added to gamma_N [m/s]

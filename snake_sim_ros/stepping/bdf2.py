@@ -12,9 +12,11 @@ end, by BDF2 [1]_ with the steps of `parts`:
 The star marks the predicted end. The coordinates x are those of `joint_motion`, with which joints
 are closed exactly, so that nothing drifts. The contact laws are unchanged. They hold for u_E and
 are solved by Newton's method. Contacts that may close in the step take part with their gaps; see
-`events`. What a step leaves of the gaps of loaded contacts is closed by a move of the
+`events`. Those that neither carried load nor are closed at the predicted end are left out at
+first, and join where the solution without them would close them: a contact that does not push
+changes nothing. What a step leaves of the gaps of loaded contacts is closed by a move of the
 configuration alone; see `contact.closing`. A part of a step that still ends in an obstacle is
-repeated, first with the contacts that faster links could reach, then with half of its length.
+repeated, first with the contacts that are in it, then with half of its length.
 
 The formula never differentiates across an event, which is any jump of the velocity: a contact that
 lands, however softly; a normal impulse beyond what forces make in a step (an impact without
@@ -35,12 +37,10 @@ The same in NumPy, to be read beside these equations, is `bdf2_reference`.
 
 from typing import NamedTuple
 
-from snake_sim_ros.contact.closing import close_gaps
 from snake_sim_ros.contact.detection import find_contacts
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.newton import prepare_contacts
 from snake_sim_ros.contact.newton import solve_prepared
-from snake_sim_ros.contact.penetration import gap_at
 from snake_sim_ros.contact.penetration import penetration
 from snake_sim_ros.contact.selection import apply_selection_rule
 from snake_sim_ros.contact.solver import Problem
@@ -53,28 +53,31 @@ from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.control_loop import loop_law
 from snake_sim_ros.dynamics.control_loop import read_by_controllers
 from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
-from snake_sim_ros.dynamics.kinematics import chain_coordinates
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.bdf2_axes import axes_change
 from snake_sim_ros.stepping.bdf2_axes import begin_axes
 from snake_sim_ros.stepping.bdf2_axes import begin_impact
 from snake_sim_ros.stepping.bdf2_axes import joints_meet_stops
+from snake_sim_ros.stepping.bdf2_end import CLOSED
+from snake_sim_ros.stepping.bdf2_end import DEEP
+from snake_sim_ros.stepping.bdf2_end import deep_contacts_take_part
+from snake_sim_ros.stepping.bdf2_end import forget_who_took_part
+from snake_sim_ros.stepping.bdf2_end import place_end
 from snake_sim_ros.stepping.bdf2_memory import keep_state
 from snake_sim_ros.stepping.bdf2_memory import recognize
+from snake_sim_ros.stepping.events import add_approaching
 from snake_sim_ros.stepping.events import closed_at_end
 from snake_sim_ros.stepping.events import Events
 from snake_sim_ros.stepping.events import events
 from snake_sim_ros.stepping.events import find_end_gaps
-from snake_sim_ros.stepping.events import gaps_to_close
 from snake_sim_ros.stepping.events import LANDING_SPEED
 from snake_sim_ros.stepping.events import leave_gaps
-from snake_sim_ros.stepping.joint_motion import add_velocities
+from snake_sim_ros.stepping.events import likely_to_push
 from snake_sim_ros.stepping.joint_motion import formula
 from snake_sim_ros.stepping.joint_motion import keep
 from snake_sim_ros.stepping.joint_motion import keep_velocities
 from snake_sim_ros.stepping.joint_motion import predict_end
-from snake_sim_ros.stepping.joint_motion import reach_end
 from snake_sim_ros.stepping.moreau import finish
 from snake_sim_ros.stepping.moreau import turns_are_small
 from snake_sim_ros.stepping.parts import aligned_size
@@ -99,23 +102,18 @@ from snake_sim_ros.stepping.steps import noted
 # flat robot follow the heights of its links through the stiff joints, so that these must not sink.
 PRESS_SPEED = 3e-8  # [m/s]
 
-DEEP = 1e-6  # penetration at the end of a step with which it is repeated [m]
-FASTEST = 10.0  # up to this speed contacts may take part in a step that is repeated [m/s]
-CLOSED = 5e-7  # gap up to which a contact is closed at the end of a step [m]
-MOST_CLOSINGS = 3  # moves of the configuration in a step that close gaps
-
 # Where the controller may act. For both the method takes it at the end of the step.
 IMPLICIT_SCHEMES = ('average', 'end')
 
 
 @merged
-def begin(model, own, work, angle, control, h, h_q, late, speed, history):
+def begin(model, own, work, angle, control, h, h_q, late, history):
     """
     Return the contact problem for the predicted end of the step.
 
-    Its closed contacts are those that can close in the step, at a given speed [m/s]. h and h_q are
-    those of `formula`, `late` is as in `events.leave_gaps`, and `angle`, shape (n-1, 2), are the
-    joint angles at the start; `control` is the memory of the control loop.
+    Its closed contacts are those that can close in the step. h and h_q are those of `formula`,
+    `late` is as in `events.leave_gaps`, and `angle`, shape (n-1, 2), are the joint angles at the
+    start; `control` is the memory of the control loop.
     """
     chain = work.chain
     for j in range(len(own.end_angle)):
@@ -134,9 +132,11 @@ def begin(model, own, work, angle, control, h, h_q, late, speed, history):
         begin_axes(model.joint_laws, own, work, angle, h, h_q)
     link_inertia(model, work.R, work.center, chain.bare)
     smooth_momentum(model, h, own.hat.u, own.star.u, work.R, work.center, chain.momentum)
-    reach = max(model.activation_tolerance, speed * h_q)
+    reach = max(model.activation_tolerance, LANDING_SPEED * h_q)
     count = find_contacts(model.obstacles, reach, model, work, work.q_mid)
     closed, contacts = work.closed[:count], work.contacts
+    for a in closed:
+        contacts.takes_part[a] = 1
     contact_velocities(closed, contacts, chain.frame, chain.twist)
     leave_gaps(model, h_q, late, closed, contacts, history.impulse)
     laws = apply_selection_rule(
@@ -159,14 +159,15 @@ def solve_landing(model, own, work, problem, h, h_q, history, report):
     is_small : bool
         Whether `turns_are_small`.
     found : Events
-    closed : ndarray of int, shape (k,)
-        Numbers of the contacts that are closed at the end.
+    count : int
+        Number of contacts that are closed at the end, the first ones in the problem's `closed`.
 
     """
     laws, closed, contacts, chain = problem
-    found = Events(False, False, 0)
-    for impact in range(2):  # one call of the solver, which is compiled where it is called
-        landing = Problem(laws, closed, contacts, chain)
+    found, impact = Events(False, False, 0), False
+    count = likely_to_push(closed, contacts)
+    while True:  # one call of the solver, which is compiled where it is called
+        landing = Problem(laws, closed[:count], contacts, chain)
         for attempt in range(MOST_CHANGES):
             prepare_contacts(work.operator, landing)
             outcome = solve_prepared(work.operator, model, landing, history)
@@ -174,9 +175,14 @@ def solve_landing(model, own, work, problem, h, h_q, history, report):
                 break
         note_outcome(outcome, report)
         if not turns_are_small(model.dt, chain.twist, report):
-            return False, found, closed
+            return False, found, count
         if impact:
             break
+        contact_velocities(closed[count:], contacts, chain.frame, chain.twist)
+        more = add_approaching(closed, count, contacts)
+        if more > count:
+            count = more
+            continue
         keep_velocities(work, own.moving)
         meets = joints_meet_stops(model.joint_laws, own.moving.rate, work)
         find_end_gaps(h_q, closed, contacts)
@@ -185,9 +191,9 @@ def solve_landing(model, own, work, problem, h, h_q, history, report):
             found = Events(True, True, found.closed)
         if not found.lands:
             break
-        closed = closed[: closed_at_end(model.activation_tolerance, closed, contacts)]
+        count, impact = closed_at_end(model.activation_tolerance, closed, contacts), True
         begin_impact(model.joint_laws, work)
-    return True, found, closed
+    return True, found, count
 
 
 class Part(NamedTuple):
@@ -200,12 +206,8 @@ class Part(NamedTuple):
 
 
 @merged
-def one_part(own, model, work, dt, speed, steps):
-    """
-    Return the `Part` of length dt [s] with the references in own.end_angle.
-
-    Contacts take part that may close at a given speed [m/s].
-    """
+def one_part(own, model, work, dt, steps):
+    """Return the `Part` of length dt [s] with the references in own.end_angle."""
     report, history = steps.report[0], steps.history
     memory, depth = history.memory, 0.0
     span = memory.span[0]
@@ -226,48 +228,16 @@ def one_part(own, model, work, dt, speed, steps):
         h,
         h_q,
         dt - h_q,
-        speed,
         contact_history,
     )
-    is_small, found, closed = solve_landing(
+    is_small, found, count = solve_landing(
         model, own, work, problem, h, h_q, contact_history, report
     )
     if is_small:
         keep_velocities(work, own.end)
-        closing = Problem(problem.laws, closed, problem.contacts, problem.chain)
-        place_end(model, own, work, closing, h_q, memory.depth[0] > DEEP, steps.q)
+        place_end(model, own, work, problem, count, h_q, memory.depth[0] > DEEP, steps.q)
         depth = penetration(model.obstacles, model.contact_offset, model.contact_radius, own.q)
     return Part(is_small, found, h, depth)
-
-
-@merged
-def place_end(model, own, work, problem, h_q, was_deep, q_start):
-    """
-    Fill the coordinates at the end, with the gaps of the contacts closed that carry load.
-
-    If a contact is deep in an obstacle at the start, at q_start, all return to their depths there:
-    the step undoes no more than it did.
-    """
-    _, closed, contacts, _ = problem
-    offset, radius, move = model.contact_offset, model.contact_radius, own.closing
-    for a in closed:
-        contacts.is_loaded[a] = contacts.impulse[a, 0] > 0.0
-        contacts.start_gap[a] = 0.0
-        if was_deep:
-            gap = gap_at(model.obstacles, offset, radius, q_start, contacts, a)
-            contacts.start_gap[a] = min(gap, 0.0)
-    for attempt in range(MOST_CLOSINGS + 1):
-        largest = gaps_to_close(closed, contacts)
-        if largest > CLOSED and attempt < MOST_CLOSINGS:
-            close_gaps(work.operator, problem, h_q)
-            keep_velocities(work, move)
-            add_velocities(move, own.moving)
-        elif attempt > 0:
-            break
-        reach_end(h_q, model.mass, own.star.pose, own.hat, own.moving)
-        chain_coordinates(model.half_length, model.mass, own.moving.pose, own.moving.angle, own.q)
-        for a in closed:
-            contacts.end_gap[a] = gap_at(model.obstacles, offset, radius, own.q, contacts, a)
 
 
 @merged
@@ -304,14 +274,15 @@ def step(own, model, work, steps, k):
     known, before = memory.span[0] > 0.0, noted(report)
     report.contacts = 0
     keep_state(steps.q, steps.u, own.q_start, own.u_start)
-    done, size, speed = 0, first_size(model.path_tolerance, memory), LANDING_SPEED
+    done, size = 0, first_size(model.path_tolerance, memory)
+    forget_who_took_part(work.contacts)
     while done < TICKS:
         size = aligned_size(done, size)
         dt = model.dt * size / TICKS
         late = model.dt * ((done + size) / TICKS - 0.5)
         end_references(model.dt, late, known, angle, rate, memory, own)
         keep_history(steps.history, own.kept)
-        part = one_part(own, model, work, dt, speed, steps)
+        part = one_part(own, model, work, dt, steps)
         if not part.is_small:
             keep_state(own.q_start, own.u_start, steps.q, steps.u)
             return False
@@ -319,13 +290,14 @@ def step(own, model, work, steps, k):
         is_taken, next_size = judge_part(model.path_tolerance, error, size)
         was_deep = memory.depth[0] > DEEP
         if part.depth > (memory.depth[0] + CLOSED if was_deep else DEEP):
-            if speed < FASTEST:
-                is_taken, next_size, speed = False, size, 10.0 * speed
+            if deep_contacts_take_part(model, work, own.q):
+                is_taken, next_size = False, size
             elif size > 1:
                 is_taken, next_size = False, size // 2
         if is_taken:
             take(own, model, work, dt, part, steps)
-            done, speed = done + size, LANDING_SPEED
+            done += size
+            forget_who_took_part(work.contacts)
         else:
             restore_history(own.kept, steps.history)
         size = next_size

@@ -69,16 +69,17 @@ from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.bdf2 import CLOSED
-from snake_sim_ros.stepping.bdf2 import DEEP
-from snake_sim_ros.stepping.bdf2 import MOST_CLOSINGS
 from snake_sim_ros.stepping.bdf2 import PRESS_SPEED
+from snake_sim_ros.stepping.bdf2_end import CLOSED
+from snake_sim_ros.stepping.bdf2_end import DEEP
+from snake_sim_ros.stepping.bdf2_end import MOST_CLOSINGS
 from snake_sim_ros.stepping.bdf2_reference_motion import chain_velocities
 from snake_sim_ros.stepping.bdf2_reference_motion import coordinates
 from snake_sim_ros.stepping.bdf2_reference_motion import end_of
 from snake_sim_ros.stepping.bdf2_reference_motion import Formula
 from snake_sim_ros.stepping.bdf2_reference_motion import formula
 from snake_sim_ros.stepping.events import LANDING_SPEED
+from snake_sim_ros.stepping.events import MOST_CLOSED
 from snake_sim_ros.stepping.events import RESTING_GAP
 from snake_sim_ros.stepping.joint_motion import Motion
 from snake_sim_ros.stepping.model import MOST_CONDENSED
@@ -156,6 +157,7 @@ class PartEnd(NamedTuple):
     lands: bool  # whether there was a second solution
     jumps: bool  # whether the next part starts anew
     settled: bool  # whether the laws of the joint axes hold
+    took_part: Array  # (contacts,) which contacts could close
 
 
 def balance(scene: Scene, R: Array, terms: Formula, angle: Array, rate: Array) -> Balance:
@@ -192,12 +194,13 @@ def shifts(
 
 
 def contacts_of(
-    scene: Scene, q: Array, u: Array, terms: Formula, dt: float, impulse: Array, speed: float
+    scene: Scene, q: Array, u: Array, terms: Formula, dt: float, impulse: Array, takes_part: Array
 ) -> Contacts:
     """Return the contacts that may close, at the predicted end q (n, 7) with velocities (n, 6)."""
     h, h_q, solver = terms.h, terms.h_q, scene.solver
     gap, *directions = scene_contacts(scene, q)
-    active = np.flatnonzero(gap <= max(solver.activation_tolerance, speed * h_q))
+    near = gap <= max(solver.activation_tolerance, LANDING_SPEED * h_q)
+    active = np.flatnonzero(near | (takes_part & np.isfinite(gap)))
     W = np.concatenate([W_k.reshape(u.size, len(gap), -1) for W_k in directions], axis=2)
     W, gap, last = W[:, active], gap[active], impulse[active, 0]
     gamma = np.einsum('rkj,r->kj', W, u.ravel())
@@ -312,7 +315,7 @@ def placed(
     robot, W_tau, u = scene.robot, dynamics.W_tau, u_E
     for attempt in range(MOST_CLOSINGS + 1):
         gap = gap - start_gap
-        closes = (np.abs(gap) <= RESTING_GAP) & ((gap < 0.0) | contacts.loaded)
+        closes = (np.abs(gap) <= MOST_CLOSED) & ((gap < 0.0) | contacts.loaded)
         if attempt < MOST_CLOSINGS and np.abs(gap[closes]).max(initial=0.0) > CLOSED:
             W_N = contacts.W[:, closes, 0]
             u = u + closing_velocities(scene, dynamics, W_N, gap[closes], terms.h_q, few)
@@ -332,13 +335,14 @@ def closed_at_end(contacts: Contacts, P_N: Array, gap: Array, tolerance: float) 
 
 def problem(
     scene: Scene, history: History, dt: float, angle: Array, rate: Array,
-    speed: float = LANDING_SPEED,
+    takes_part: Array | None = None,
 ) -> tuple[Formula, Contacts, Balance]:  # fmt: skip
     """
     Return what the velocities at the end of a part of length dt have to satisfy.
 
     The history is that of the part before; its impulses count for the time h of this part. Joint
-    references (n-1, 2) are those of the end. Contacts take part that a given speed [m/s] closes.
+    references (n-1, 2) are those of the end. Contacts of a mask (contacts,) take part whatever
+    their gaps.
     """
     robot, memory = scene.robot, history.memory
     terms = formula(robot, memory, dt)
@@ -347,16 +351,18 @@ def problem(
     known = history.memory.phase[0] != UNKNOWN  # else velocities do not fit the joints
     u_star = chain_velocities(robot, R, terms.star) if known else terms.star.u
     last = history.impulse * (terms.h / (memory.span[0] or scene.dt))
-    contacts = contacts_of(scene, q_star, u_star, terms, dt, last, speed)
+    asked = np.zeros(len(last), dtype=bool) if takes_part is None else takes_part
+    contacts = contacts_of(scene, q_star, u_star, terms, dt, last, asked)
     return terms, contacts, balance(scene, R, terms, angle, rate)
 
 
 def part(
     scene: Scene, history: History, dt: float, angle: Array, rate: Array,
-    speed: float = LANDING_SPEED,
+    takes_part: Array | None = None,
 ) -> PartEnd:  # fmt: skip
     """Return the end of a part of length dt; the parameters are those of `problem`."""
-    terms, contacts, dynamics = problem(scene, history, dt, angle, rate, speed)
+    terms, contacts, dynamics = problem(scene, history, dt, angle, rate, takes_part)
+    candidates = contacts
     of_joints, angle_A = make_joint_laws(scene.robot), history.memory.end.angle
     stops = np.minimum(-of_joints.stop, angle_A), np.maximum(of_joints.stop, angle_A)
     bounds = ((stop - terms.hat.angle) / terms.h_q for stop in stops)
@@ -369,20 +375,23 @@ def part(
     meets = bool(laws.meets_stop(joint_rate).any())
     lands = meets or bool((contacts.shift[P[:, 0] > 0.0] != 0.0).any())
     anew = lands or jumps(contacts, P[:, 0], weight)
-    gap, moving = end_gaps(contacts, u_E, terms.h_q), u_E
+    gap, moving, closed = end_gaps(contacts, u_E, terms.h_q), u_E, np.ones(len(P), dtype=bool)
     if lands:  # (ix)
         closed = closed_at_end(contacts, P[:, 0], gap, scene.solver.activation_tolerance)
-        contacts, gap = contacts.without_gaps(closed), gap[closed]
+        contacts = contacts.without_gaps(closed)
         laws = laws.in_impact(joint_rate, torque)
         u_E, P, dynamics = solve_all(scene, dynamics, contacts, laws, joint_rate)[0]
-    contacts = contacts._replace(loaded=P[:, 0] > 0.0)
+    candidates.loaded[:] = False
+    candidates.loaded[closed] = P[:, 0] > 0.0
     q_A = coordinates(scene.robot, history.memory.end.pose, history.memory.end.angle)
-    start_gap = scene_gaps(scene, q_A)[contacts.active]
+    start_gap = scene_gaps(scene, q_A)[candidates.active]
     was_deep = history.memory.depth[0] > DEEP
     start_gap = np.where(was_deep, np.minimum(start_gap, 0.0), 0.0)
     few = len(P) <= MOST_CONDENSED
-    end, q_E = placed(scene, terms, dynamics, contacts, moving, gap, start_gap, few)
+    end, q_E = placed(scene, terms, dynamics, candidates, moving, gap, start_gap, few)
     end = end._replace(rate=(dynamics.W_tau.T @ u_E.ravel()).reshape(-1, 2), u=u_E)
+    took_part = np.zeros(len(history.impulse), dtype=bool)
+    took_part[candidates.active] = True
     impulse = np.zeros(history.impulse.shape)
     impulse[contacts.active] = np.where(P[:, :1] > 0.0, P, 0.0)
-    return PartEnd(State(q_E, u_E), end, impulse, terms.h, lands, anew, settled)
+    return PartEnd(State(q_E, u_E), end, impulse, terms.h, lands, anew, settled, took_part)

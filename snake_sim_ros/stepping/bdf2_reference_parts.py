@@ -7,15 +7,13 @@ import numpy as np
 from snake_sim_ros.dynamics.force_directions import scene_gaps
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.bdf2 import CLOSED
-from snake_sim_ros.stepping.bdf2 import DEEP
-from snake_sim_ros.stepping.bdf2 import FASTEST
+from snake_sim_ros.stepping.bdf2_end import CLOSED
+from snake_sim_ros.stepping.bdf2_end import DEEP
 from snake_sim_ros.stepping.bdf2_memory import Bdf2Memory
 from snake_sim_ros.stepping.bdf2_reference import part
 from snake_sim_ros.stepping.bdf2_reference import PartEnd
 from snake_sim_ros.stepping.bdf2_reference_motion import recognized
 from snake_sim_ros.stepping.bdf2_reference_motion import same
-from snake_sim_ros.stepping.events import LANDING_SPEED
 from snake_sim_ros.stepping.parts import ANEW
 from snake_sim_ros.stepping.parts import SMOOTH
 from snake_sim_ros.stepping.parts import TICKS
@@ -67,9 +65,11 @@ def step(
     Return the ends of the parts of a step of the scene, with references (n-1, 2) of its middle.
 
     Its first part is ``1/first`` of it. Parts double where they fit. A part with an end inside the
-    floor is repeated with contacts that are farther away, and then with half of its length.
+    floor is repeated with the contacts that are deep there and, if all of them took part, with
+    half of its length.
     """
-    memory, ends, done, size, speed = history.memory, [], 0, TICKS // first, LANDING_SPEED
+    memory, ends, done, size = history.memory, [], 0, TICKS // first
+    nobody = takes_part = np.zeros(len(history.impulse), dtype=bool)
     known = memory
     if not (memory.phase[0] != UNKNOWN and same(memory, state)):
         history = history._replace(memory=recognized(scene.robot, state, memory))
@@ -79,16 +79,18 @@ def step(
         while done % size:
             size //= 2
         dt, late = scene.dt * size / TICKS, scene.dt * ((done + size) / TICKS - 0.5)
-        end = part(scene, history, dt, *references(scene, known, angle, rate, late), speed)
+        end = part(scene, history, dt, *references(scene, known, angle, rate, late), takes_part)
+        takes_part = takes_part | end.took_part
         depth, before = depth_of(scene, end.state), history.memory.depth[0]
         deep = depth > (before + CLOSED if before > DEEP else DEEP)
-        if deep and speed < FASTEST:
-            speed *= 10.0
+        deep_ones = scene_gaps(scene, end.state.q) <= -DEEP
+        if deep and (deep_ones & ~takes_part).any():
+            takes_part = takes_part | deep_ones
         elif deep and size > 1:
             size //= 2
         else:
             ends.append(end)
             memory = remembered(history, dt, end)._replace(depth=np.array([depth]))
             history = history._replace(impulse=end.impulse, memory=memory)
-            done, size, speed = done + size, min(2 * size, TICKS), LANDING_SPEED
+            done, size, takes_part = done + size, min(2 * size, TICKS), nobody
     return ends

@@ -17,6 +17,7 @@ import numpy as np
 
 from snake_sim_ros.comparison.soak import EndlessRun
 from snake_sim_ros.nodes.slow_steps import step_times
+from snake_sim_ros.reliability.trials import shares
 from snake_sim_ros.reliability.trials import Trial
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
@@ -44,9 +45,9 @@ SUBJECTS: dict[str, dict[str, Any]] = {  # of scene lateral_undulation
 
 def trials(seconds: float, seed: int) -> Iterator[Trial]:
     """Look for the longest step of each subject in its share of the time; the seed is not used."""
-    for name, settings in SUBJECTS.items():
+    for (name, settings), share in shares([*SUBJECTS.items()], seconds):
         scene = with_settings(load_scene('lateral_undulation'), settings)
-        yield longest_step(name, scene, seconds / len(SUBJECTS))
+        yield longest_step(name, scene, share)
 
 
 def longest_step(name: str, scene: Scene, seconds: float) -> Trial:

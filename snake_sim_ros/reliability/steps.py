@@ -3,12 +3,12 @@
 """
 Very long runs, which must stay converged, bounded, flat in memory and time, and repeatable.
 
-Each subject is run for its share of the time, up to `MOST_STEPS`. Memory in use may grow by
-`MEMORY_GROWTH` after the first hundredth of the steps. Time per step is compared between the first
-and the last third of the run, as medians over seconds of simulated time; each is divided by the
-median time of one second of the same scene that is run again and again in between, so that a
-machine that becomes slower or busier counts less. In runs of less than `JUDGED_SECONDS` the growth
-is not judged. What a run did last is done once more, from a checkpoint in a file.
+Each subject is run for its share of the time, up to `MOST_STEPS` of its method. Memory in use may
+grow by `MEMORY_GROWTH` after the first hundredth of the steps. Time per step is compared between
+the first and the last third of the run, as medians over seconds of simulated time; each is divided
+by the median time of one second of the same scene that is run again and again in between, so that
+a machine that becomes slower or busier counts less. In runs of less than `JUDGED_SECONDS` the
+growth is not judged. What a run did last is done once more, from a checkpoint in a file.
 """
 
 from collections import deque
@@ -28,6 +28,7 @@ from snake_sim_ros.comparison.soak import EndlessRun
 from snake_sim_ros.comparison.soak import resident_memory
 from snake_sim_ros.comparison.soak import SOAKED_SCENES
 from snake_sim_ros.recording import checkpoint
+from snake_sim_ros.reliability.trials import shares
 from snake_sim_ros.reliability.trials import Trial
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene
@@ -39,7 +40,7 @@ from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import named_arrays
 from snake_sim_ros.stepping.state import State
 
-MOST_STEPS = 10**8
+MOST_STEPS = {'newton': 10**8, 'bdf2': 10**7}
 MEMORY_GROWTH = 5.0  # MB
 TIME_GROWTH = 0.05  # of the time per step
 JUDGED_SECONDS = 60.0  # of wall time from which on that is judged
@@ -58,7 +59,7 @@ class Subject:
     scene: Scene
     deepest: float  # penetration that is allowed [m]
     widest: float  # joint gap that a step may make before it is corrected [m]
-    most_steps: int = MOST_STEPS
+    most_steps: int = MOST_STEPS['newton']
     start: Callable[[int], Simulation] | None = None  # see `EndlessRun`
 
 
@@ -95,20 +96,19 @@ def thrown(scene: Scene, seed: int, number: int) -> Simulation:
 
 def subjects(seed: int) -> dict[str, Subject]:
     """Return what is soaked, by name."""
-    found = {}
-    for method, dt in (('newton', 1 / 4000), ('bdf2', 1 / 100)):
+    scene = load_scene('hyper_redundant')
+    found = {'hyper_redundant, newton': Subject(scene, 1e-3, 1e-3, 10**6)}
+    for method, dt in (('bdf2', 1 / 100), ('newton', 1 / 4000)):
         own = {'method': method, 'dt': dt}
         for name, settings in SOAKED_SCENES.items():
             scene = with_settings(load_scene(name), settings | own)
             start = partial(_again, scene) if scene.pegs.x else None
-            found[f'{name}, {method}'] = Subject(scene, 1e-3, 1e-3, start=start)
-    for method, dt in (('newton', 1 / 4000), ('bdf2', 1 / 400)):
+            found[f'{name}, {method}'] = Subject(scene, 1e-3, 1e-3, MOST_STEPS[method], start)
+    for method, dt in (('bdf2', 1 / 400), ('newton', 1 / 4000)):
         settings = {'method': method, 'dt': dt, 'duration': 3.0}
         scene = with_settings(load_scene('lateral_undulation'), settings)
         start = partial(thrown, scene, seed)
-        found[f'thrown, {method}'] = Subject(scene, 20.0 * dt, 1e-3, start=start)
-    scene = load_scene('hyper_redundant')
-    found['hyper_redundant, newton'] = Subject(scene, 1e-3, 1e-3, most_steps=10**6)
+        found[f'thrown, {method}'] = Subject(scene, 20.0 * dt, 1e-3, MOST_STEPS[method], start)
     return found
 
 
@@ -118,9 +118,8 @@ def _again(scene: Scene, number: int) -> Simulation:
 
 def trials(seconds: float, seed: int) -> Iterator[Trial]:
     """Soak all subjects, each for its share of the time."""
-    found = subjects(seed)
-    for name, subject in found.items():
-        yield soaked(name, subject, seconds / len(found))
+    for (name, subject), share in shares([*subjects(seed).items()], seconds):
+        yield soaked(name, subject, share)
 
 
 def soaked(name: str, subject: Subject, seconds: float) -> Trial:

@@ -9,13 +9,18 @@ A part of an attack is a module of this room with a function `trials(seconds, se
 
 from collections.abc import Iterable
 from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import fields
 from pathlib import Path
+import time
 from typing import Protocol
+from typing import TypeVar
 
 from snake_sim_ros.comparison.csv_tables import records_of
 from snake_sim_ros.comparison.csv_tables import Table
+
+Subject = TypeVar('Subject')
 
 
 @dataclass(frozen=True)
@@ -70,6 +75,13 @@ class Part(Protocol):
     def trials(self, seconds: float, seed: int) -> Iterator[Trial]:
         """Attack for about some seconds; the same seed tries the same things."""
         ...
+
+
+def shares(subjects: Sequence[Subject], seconds: float) -> Iterator[tuple[Subject, float]]:
+    """Yield each subject with its share of some seconds; what one leaves goes to later ones."""
+    end = time.perf_counter() + seconds
+    for k, subject in enumerate(subjects):
+        yield subject, (end - time.perf_counter()) / (len(subjects) - k)
 
 
 def page(rows: Iterable[Trial]) -> Iterator[str]:

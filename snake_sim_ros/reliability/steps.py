@@ -40,7 +40,7 @@ from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import named_arrays
 from snake_sim_ros.stepping.state import State
 
-MOST_STEPS = {'newton': 10**8, 'bdf2': 10**7}
+MOST_STEPS = {'newton': 10**8, 'bdf2': 25 * 10**5}
 MEMORY_GROWTH = 5.0  # MB
 TIME_GROWTH = 0.05  # of the time per step
 JUDGED_SECONDS = 60.0  # of wall time from which on that is judged

@@ -139,7 +139,7 @@ class GaitNode(Node):
             kind, take = Twist, self._on_twist
         read = reader(kind, take, lambda error: self.warn('bytes', f'cmd_vel: {error}'))
         self.create_subscription(kind, 'cmd_vel', read, QoSProfile(depth=1), raw=True)
-        self.jumps = Jumps(self)
+        self.jumps = Jumps(self.warn)
         self.watch = ClockWatch(self, self.jumps, self.warn)
         measured = self.settings.start_from == 'measured'
         self.start = MeasuredStart(self, self.robot, self.watch, self.jumps, used=measured)

@@ -4,7 +4,7 @@
 
 import time
 
-from rclpy.node import Node
+from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
 
 MANY = 4  # jumps in a row, each soon after the one before
 SOON = 0.2  # s between two jumps in a row; resets do not follow each other that fast
@@ -15,13 +15,13 @@ OF_ROBOT = 'joint_states jump back and forth: is there more than one publisher o
 
 class Jumps:
     """
-    Counts jumps, tells single ones from those back and forth, and warns of these, once.
+    Counts jumps, tells single ones from those back and forth, and warns of these.
 
     All times are those of the monotonic clock, since the clock of the node may be what jumps.
     """
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    def __init__(self, warn: ThrottledWarnings) -> None:
+        self._warn = warn
         self._row: list[bool] = []
         self._last = -CALM
 
@@ -37,7 +37,7 @@ class Jumps:
         if len(self._row) == MANY:
             # Simulators that share names have two times and two robots.
             sentence = OF_TIME if any(self._row) else OF_ROBOT
-            self._node.get_logger().warning(f'{sentence} the gait waits until there is not')
+            self._warn('jumps', f'{sentence} the gait waits until there is not')
 
     @property
     def many(self) -> bool:

@@ -206,7 +206,7 @@ def test_every_method_is_tested():
     assert {method for method, _ in cases} == set(METHODS)
 
 
-@pytest.mark.parametrize('method', [name for name in METHODS if name != 'reference'])
+@pytest.mark.parametrize('method', METHODS)
 @often
 @given(case=cases())
 def test_the_same_bits_twice(method, case):

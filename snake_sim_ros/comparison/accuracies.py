@@ -68,10 +68,11 @@ def _entered(case: str, scene: Scene, accuracy: float) -> tuple[Entrant, Row]:
         'solver.residual_tolerance': own.solver.residual_tolerance,
     }
     row = Row(
-        part='accuracy', case=case, method=own.method, level='spatial', setting='accuracy',
+        part='accuracy', case=case, method=own.method, level='auto', setting='accuracy',
         dt=own.dt, tolerance=accuracy, n=own.robot.link_count, duration=own.duration,
     )  # fmt: skip
-    return Entrant(row.method, row.setting, (1 / own.dt,), compiled_course, settings), row
+    rates = (1 / own.dt,)
+    return Entrant(row.method, row.setting, rates, compiled_course, settings, row.level), row
 
 
 def _accuracies(

@@ -89,7 +89,7 @@ def entered_rows(
     """Yield each entrant of a case with its row, in which only the keys are filled."""
     for entrant, rate in field:
         yield entrant, Row(
-            part=part, case=case, method=entrant.method, level='spatial',
+            part=part, case=case, method=entrant.method, level=entrant.level,
             setting=entrant.setting, dt=1 / rate, n=scene.robot.link_count,
             duration=scene.duration,
         )  # fmt: skip

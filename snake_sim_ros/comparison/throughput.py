@@ -80,7 +80,7 @@ def throughput(
         for entrant, rate, ready in [*_ours(), *_mujoco(case)]:
             row = Row(
                 part='throughput', case=case, method=entrant.method, dt=1 / rate,
-                level='auto' if entrant.settings else 'spatial', n=scene.robot.link_count,
+                level=entrant.level, n=scene.robot.link_count,
                 duration=scene.duration,
             )  # fmt: skip
             rows = tuple(replace(row, setting=on_threads(entrant.setting, k)) for k in THREADS)
@@ -88,18 +88,12 @@ def throughput(
             yield Entry(rows, run, 2 * WALL)
 
 
-class _Ours(Entrant):
-    def scene(self, scene: Scene, dt: float) -> Scene:
-        """Return a scene at the level `auto`, which users have."""
-        return replace(super().scene(scene, dt), level='auto')
-
-
 def _ours() -> Iterator[tuple[Entrant, float, MakeRobots]]:
     for method, rates in OURS:
         loose = LOOSE_TOLERANCE if method == 'bdf2' else {}
         setting = 'residual 1e-5 m/s' if loose else 'default'
         settings = {'method': method, **loose}
-        entrant = _Ours(method, setting, rates, compiled_course, settings)
+        entrant = Entrant(method, setting, rates, compiled_course, settings, level='auto')
         for rate in rates:
             yield entrant, rate, OurRobots
 

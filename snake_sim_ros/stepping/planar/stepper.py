@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import FLAT
@@ -73,6 +74,35 @@ def to_space(half_length, q, u, tilt, height, links, velocities):
         velocities[i, 3] = u[i, 2] * (2.0 * (e1 * e3 - e0 * e2))
         velocities[i, 4] = u[i, 2] * (2.0 * (e2 * e3 + e0 * e1))
         velocities[i, 5] = u[i, 2] * (e0 * e0 - e1 * e1 - e2 * e2 + e3 * e3)
+        if i > 0:
+            close_twist(links[i - 1], links[i], velocities[i])
+
+
+@inlined
+def close_twist(before, link, velocity):
+    """
+    Roll a link until the axes of its joint with the link before are at right angles.
+
+    Tilted links that keep their tilts while they bend would open the joint by these tilts. Spheres
+    and joint points are on the axis of the link and stay where they are. `before` and `link`,
+    shape (7,), are coordinates, and `velocity`, shape (6,), is that of the link, as in `to_space`.
+    """
+    a0, a1, a2, a3 = before[3], before[4], before[5], before[6]
+    e0, e1, e2, e3 = link[3], link[4], link[5], link[6]
+    y_x, y_y = 2.0 * (a1 * a2 - a0 * a3), a0 * a0 - a1 * a1 + a2 * a2 - a3 * a3
+    y_z = 2.0 * (a2 * a3 + a0 * a1)
+    x, y = e0 * e0 + e1 * e1 - e2 * e2 - e3 * e3, 2.0 * (e1 * e2 + e0 * e3)
+    twist = y_x * x + y_y * y + y_z * (2.0 * (e1 * e3 - e0 * e2))
+    if abs(twist) <= ROUNDING:
+        return
+    x, y = 2.0 * (e1 * e2 - e0 * e3), e0 * e0 - e1 * e1 + e2 * e2 - e3 * e3
+    roll = -math.atan2(twist, y_x * x + y_y * y + y_z * (2.0 * (e2 * e3 + e0 * e1)))
+    c, s = math.cos(roll / 2), math.sin(roll / 2)
+    link[3], link[4] = c * e0 - s * e3, c * e1 + s * e2
+    link[5], link[6] = c * e2 - s * e1, c * e3 + s * e0
+    c, s = math.cos(roll), math.sin(roll)
+    w_x, w_y = velocity[3], velocity[4]
+    velocity[3], velocity[4] = c * w_x + s * w_y, c * w_y - s * w_x
 
 
 @compiled
@@ -102,8 +132,9 @@ class PlanarStepper:
     A stepper with a compiled loop over steps in the plane; see `base.Stepper`.
 
     Links keep their heights and tilts, which are those of a robot that lies flat up to the
-    tolerances of `levels`. The contact impulses of the first step stop their velocities out of the
-    plane, as in any inelastic impact.
+    tolerances of `levels`, but for the rolls that keep joints closed; see `close_twist`. The
+    contact impulses of the first step stop their velocities out of the plane, as in any inelastic
+    impact.
 
     Parameters
     ----------

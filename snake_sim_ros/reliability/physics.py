@@ -30,6 +30,7 @@ from snake_sim_ros.reliability.random_scenes import start_of
 from snake_sim_ros.reliability.trials import Trial
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.simulation import Simulation
@@ -181,8 +182,8 @@ def _run(case: Case, simulation: Simulation, outcome: Outcome) -> None:
         if is_spatial and len(samples.q):
             converged = report.unconverged == 0
             outcome.broken += _of_steps(simulation, before, samples, converged=converged)
-        outcome.broken += _of_energy(simulation, before, reference[0])
         depth = max(depth, report.penetration_max)
+        outcome.broken += _of_energy(simulation, before, reference[0], depth)
         if report.failure:
             outcome.diverged = 1
             return
@@ -202,9 +203,11 @@ def _of_steps(
         )  # fmt: skip
 
 
-def _of_energy(simulation: Simulation, before: State, angle: Any) -> Iterator[str]:
+def _of_energy(simulation: Simulation, before: State, angle: Any, depth: float) -> Iterator[str]:
     """
     Judge the energy of a robot that nothing drives, on a floor below it.
+
+    It is above that of the lowest configuration, of contacts that are at the largest depth so far.
 
     Implicit controllers only take energy, but for what springs store less or more of as a step
     turns links by an angle that is not small, or as torques are limited.
@@ -216,7 +219,8 @@ def _of_energy(simulation: Simulation, before: State, angle: Any) -> Iterator[st
     limited = np.isfinite(robot.per_joint('torque_limit')).any()
     if drives or explicit or limited or gx != 0.0 or gy != 0.0 or gz > 0.0 or scene.ground.heights:
         return
-    first, last = (passive_energy(scene, s, angle[0]) for s in (before, simulation.state))
+    depth = max(depth, -float(gaps(robot, before.q).min()))
+    first, last = (passive_energy(scene, s, angle[0], depth) for s in (before, simulation.state))
     inertia = min(
         robot.per_link('inertia_transversal').min(), robot.per_link('inertia_axial').min()
     )

@@ -13,6 +13,7 @@ the Delassus operator, 1/G_kk, and the velocities contain all impulses found so 
 import math
 from typing import NamedTuple
 
+from snake_sim_ros.contact.admissible import without_gain
 from snake_sim_ros.contact.condensing import condense
 from snake_sim_ros.contact.delassus import condensed_twists
 from snake_sim_ros.contact.delassus import condensed_velocities
@@ -25,7 +26,7 @@ from snake_sim_ros.contact.projections import prox_disc
 from snake_sim_ros.contact.projections import prox_ellipse
 from snake_sim_ros.contact.projections import prox_half_line
 from snake_sim_ros.contact.prox_iteration import copy_impulses
-from snake_sim_ros.contact.prox_iteration import forget_open
+from snake_sim_ros.contact.prox_iteration import keep_impulses
 from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.dynamics.compilation import compiled
@@ -146,5 +147,7 @@ def solve_with_sweeps(solver, model, problem, history):
         sweep(laws, closed, width, contacts, delassus, impulse)
         iterations += 1
     condensed_twists(closed, width, contacts, chain, delassus)
-    forget_open(closed, contacts, impulse)
-    return Outcome(iterations, residual <= tolerance, residual, printed, False)
+    outcome = Outcome(iterations, residual <= tolerance, residual, printed, False)
+    outcome = without_gain(problem, outcome)
+    keep_impulses(outcome.converged, closed, contacts, impulse)
+    return outcome

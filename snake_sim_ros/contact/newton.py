@@ -24,13 +24,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.contact.admissible import anchor_at_iterate
+from snake_sim_ros.contact.admissible import without_gain
 from snake_sim_ros.contact.condensing import condense
 from snake_sim_ros.contact.delassus import condensed_twists
 from snake_sim_ros.contact.delassus import Delassus
 from snake_sim_ros.contact.delassus import make_delassus
-from snake_sim_ros.contact.laws import grip
-from snake_sim_ros.contact.laws import rolling_disc
-from snake_sim_ros.contact.laws import sliding_disc
 from snake_sim_ros.contact.line_search import law_error
 from snake_sim_ros.contact.line_search import line_search
 from snake_sim_ros.contact.line_search import move_trial
@@ -59,29 +58,6 @@ HELD_ITERATIONS = 30  # iterations with held radii, at most
 INEXACT_ROUNDS = 8  # rounds that solve the problem with held radii inexactly
 RESTART_ROUNDS = 24  # rounds after which radii restart if links can touch; see restart_radii
 MOST_RELAXATION = 64.0  # largest share of a radius step that the radii move by
-
-
-@inlined
-def anchor_at_iterate(laws, closed, contacts):
-    """Fill the anchors with the admissible impulses next to the iterate, in scaled components."""
-    for a in closed:
-        P_N = max(0.0, contacts.iterate[a, 0])
-        contacts.anchor[a, 0] = P_N
-        radius = grip(laws.other, contacts, a) * P_N
-        disc = sliding_disc(laws, laws.other, a, contacts.iterate[a, 1])
-        anchor_disc(disc, contacts, a, radius)
-        anchor_disc(rolling_disc(laws, laws.other, a), contacts, a, radius)
-
-
-@inlined
-def anchor_disc(disc, contacts, a, radius):
-    """Fill the anchor of one kind of friction at contact a, for a disc of given radius [N s]."""
-    k = disc.column
-    x, y = disc.over_x * contacts.iterate[a, k], disc.over_y * contacts.iterate[a, k + 1]
-    square = x * x + y * y
-    shrink = 1.0 if square <= radius * radius else radius / math.sqrt(square)
-    contacts.anchor[a, k] = disc.mu_x * shrink * x
-    contacts.anchor[a, k + 1] = disc.mu_y * shrink * y
 
 
 @merged
@@ -367,6 +343,7 @@ def solve_prepared(operator, model, problem, history):
     predict(laws, closed, contacts, history)
     outcome = iterate(problem, model.residual_tolerance, model.iteration_limit, operator)
     fill_twists(laws, closed, contacts, chain, operator)
+    outcome = without_gain(problem, outcome)
     remember(closed, contacts, history)
     return outcome
 

@@ -14,6 +14,7 @@ or nearly straight robot may tip or roll first, and its step then does not conve
 import math
 from typing import NamedTuple
 
+from snake_sim_ros.contact.admissible import anchor_disc
 from snake_sim_ros.contact.delassus import Delassus
 from snake_sim_ros.contact.delassus import solve_condensed
 from snake_sim_ros.contact.laws import anchored_disc
@@ -30,7 +31,6 @@ from snake_sim_ros.contact.linear_laws import linearize_disc
 from snake_sim_ros.contact.linear_laws import normal_law
 from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.natural_map import sliding_bound
-from snake_sim_ros.contact.newton import anchor_disc
 from snake_sim_ros.contact.newton import find_radius_steps
 from snake_sim_ros.contact.newton import INEXACT_ROUNDS
 from snake_sim_ros.contact.newton import next_relaxation

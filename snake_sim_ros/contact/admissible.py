@@ -1,0 +1,113 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Admissible impulses next to those of an iteration, and what is taken of them if it does not end.
+
+Contacts only take energy: the power ``P . gamma`` of the impulses with the velocities after them
+is not positive. Impulses that satisfy the laws have none that is; those of an iteration that ends
+before may drive the robot. Of admissible ones, a share s of all is admissible, since their sets
+are cones, and has the power ``s (P . gamma_free + s P . G P)``. It is not positive up to
+``s = -P . gamma_free/(P . G P)``, the share that takes most energy.
+"""
+
+import math
+
+from snake_sim_ros.contact.delassus import end_twists
+from snake_sim_ros.contact.laws import grip
+from snake_sim_ros.contact.laws import rolling_disc
+from snake_sim_ros.contact.laws import sliding_disc
+from snake_sim_ros.contact.natural_map import natural_map
+from snake_sim_ros.contact.solver import Outcome
+from snake_sim_ros.dynamics.articulated_body import factor_chain
+from snake_sim_ros.dynamics.articulated_body import reset_chain
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.compilation import inlined
+
+
+@inlined
+def anchor_at_iterate(laws, closed, contacts):
+    """Fill the anchors with the admissible impulses next to the iterate, in scaled components."""
+    for a in closed:
+        P_N = max(0.0, contacts.iterate[a, 0])
+        contacts.anchor[a, 0] = P_N
+        radius = grip(laws.other, contacts, a) * P_N
+        disc = sliding_disc(laws, laws.other, a, contacts.iterate[a, 1])
+        anchor_disc(disc, contacts, a, radius)
+        anchor_disc(rolling_disc(laws, laws.other, a), contacts, a, radius)
+
+
+@inlined
+def anchor_disc(disc, contacts, a, radius):
+    """Fill the anchor of one kind of friction at contact a, for a disc of given radius [N s]."""
+    k = disc.column
+    x, y = disc.over_x * contacts.iterate[a, k], disc.over_y * contacts.iterate[a, k + 1]
+    square = x * x + y * y
+    shrink = 1.0 if square <= radius * radius else radius / math.sqrt(square)
+    contacts.anchor[a, k] = disc.mu_x * shrink * x
+    contacts.anchor[a, k + 1] = disc.mu_y * shrink * y
+
+
+@inlined
+def without_gain(problem, outcome):
+    """
+    Return the outcome of a contact solver, with impulses that take energy if it did not converge.
+
+    Impulses, velocities and twists of the problem are replaced if the contacts would drive the
+    robot.
+    """
+    residual, printed = outcome.residual, outcome.printed_residual
+    if not outcome.converged and not power(problem.closed, problem.contacts) <= 0.0:
+        residual, printed = take_energy(problem)
+    return Outcome(outcome.iterations, outcome.converged, residual, printed, outcome.fell_back)
+
+
+@compiled
+def power(closed, contacts):
+    """Return ``P . gamma`` of the closed contacts without their shifts [J]."""
+    total = 0.0
+    for a in closed:
+        total -= contacts.impulse[a, 0] * contacts.shift[a]
+        for j in range(5):
+            total += contacts.impulse[a, j] * contacts.gamma[a, j]
+    return total
+
+
+@compiled
+def take_energy(problem):
+    """
+    Fill the largest share of the admissible impulses next to the present ones that takes energy.
+
+    Velocities and twists are filled, too.
+
+    Returns
+    -------
+    residual, printed_residual : float
+        As `natural_map` returns them [m/s].
+
+    """
+    laws, closed, contacts, chain = problem
+    reset_chain(chain)
+    factor_chain(chain)
+    for a in closed:
+        for j in range(5):
+            P = contacts.impulse[a, j]
+            contacts.iterate[a, j] = P if math.isfinite(P) else 0.0
+            contacts.impulse[a, j] = 0.0
+    anchor_at_iterate(laws, closed, contacts)
+    end_twists(closed, contacts, chain)
+    use_share(1.0, closed, contacts)
+    free = power(closed, contacts)
+    end_twists(closed, contacts, chain)
+    whole = power(closed, contacts)
+    if not whole <= 0.0:
+        use_share(free / (free - whole) if free < 0.0 else 0.0, closed, contacts)
+        end_twists(closed, contacts, chain)
+    return natural_map(laws, closed, contacts, 0.0)
+
+
+@inlined
+def use_share(share, closed, contacts):
+    """Fill the impulses with a share of the anchors."""
+    for a in closed:
+        for j in range(5):
+            contacts.impulse[a, j] = share * contacts.anchor[a, j]

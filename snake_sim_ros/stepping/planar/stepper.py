@@ -42,7 +42,7 @@ ROUNDING = 1e-13  # tilts that differ from FLAT by less are FLAT
 
 
 @compiled
-def to_space(half_length, most_twist, q, u, tilt, height, links, velocities):
+def to_space(half_length, q, u, tilt, height, links, velocities):
     """
     Fill the coordinates and velocities of all links from planar ones.
 
@@ -50,8 +50,6 @@ def to_space(half_length, most_twist, q, u, tilt, height, links, velocities):
     ----------
     half_length : ndarray, shape (n,)
         Half of the link lengths [m].
-    most_twist : float
-        Twist of a joint up to which it is left open; see `close_twist`.
     q, u, tilt : ndarray
         As in `model.PlanarMemory`.
     height : ndarray, shape (n,)
@@ -77,11 +75,11 @@ def to_space(half_length, most_twist, q, u, tilt, height, links, velocities):
         velocities[i, 4] = u[i, 2] * (2.0 * (e2 * e3 + e0 * e1))
         velocities[i, 5] = u[i, 2] * (e0 * e0 - e1 * e1 - e2 * e2 + e3 * e3)
         if i > 0:
-            close_twist(most_twist, links[i - 1], links[i], velocities[i])
+            close_twist(links[i - 1], links[i], velocities[i])
 
 
 @inlined
-def close_twist(most_twist, before, link, velocity):
+def close_twist(before, link, velocity):
     """
     Roll a link until the axes of its joint with the link before are at right angles.
 
@@ -95,7 +93,7 @@ def close_twist(most_twist, before, link, velocity):
     y_z = 2.0 * (a2 * a3 + a0 * a1)
     x, y = e0 * e0 + e1 * e1 - e2 * e2 - e3 * e3, 2.0 * (e1 * e2 + e0 * e3)
     twist = y_x * x + y_y * y + y_z * (2.0 * (e1 * e3 - e0 * e2))
-    if abs(twist) <= most_twist:
+    if abs(twist) <= ROUNDING:
         return
     x, y = 2.0 * (e1 * e2 - e0 * e3), e0 * e0 - e1 * e1 + e2 * e2 - e3 * e3
     roll = -math.atan2(twist, y_x * x + y_y * y + y_z * (2.0 * (e2 * e3 + e0 * e1)))
@@ -108,17 +106,17 @@ def close_twist(most_twist, before, link, velocity):
 
 
 @compiled
-def samples_to_space(half_length, most_twist, q, u, tilt, height, count, links, velocities):
+def samples_to_space(half_length, q, u, tilt, height, count, links, velocities):
     """Fill a number of samples in space from planar ones, with what `to_space` takes."""
     for m in range(count):
-        to_space(half_length, most_twist, q[m], u[m], tilt, height, links[m], velocities[m])
+        to_space(half_length, q[m], u[m], tilt, height, links[m], velocities[m])
 
 
 @compiled
-def is_recalled(half_length, most_twist, memory, links, velocities, made_links, made_velocities):
+def is_recalled(half_length, memory, links, velocities, made_links, made_velocities):
     """Return whether the planar coordinates of a memory give these links, to the bit."""
     q, u, tilt = memory.q, memory.u, memory.tilt
-    to_space(half_length, most_twist, q, u, tilt, links[:, 2], made_links, made_velocities)
+    to_space(half_length, q, u, tilt, links[:, 2], made_links, made_velocities)
     for i in range(len(u)):
         for k in range(7):
             if made_links[i, k] != links[i, k]:
@@ -134,9 +132,9 @@ class PlanarStepper:
     A stepper with a compiled loop over steps in the plane; see `base.Stepper`.
 
     Links keep their heights and tilts, which are those of a robot that lies flat up to the
-    tolerances of `levels`, but for the rolls that keep joints of `bdf2` closed; see `close_twist`.
-    The contact impulses of the first step stop their velocities out of the plane, as in any
-    inelastic impact.
+    tolerances of `levels`, but for the rolls that keep joints closed; see `close_twist`. The
+    contact impulses of the first step stop their velocities out of the plane, as in any inelastic
+    impact.
 
     Parameters
     ----------
@@ -155,8 +153,6 @@ class PlanarStepper:
         self.model = make_planar_model(scene)
         self.work = make_planar_workspace(scene)
         self.loop = loop
-        # The paper's step corrects the drift of joints in space; other schemes never open them.
-        self.most_twist = math.inf if scheme is None else ROUNDING
         n = scene.robot.link_count
         self.empty = empty_history(scene, make_planar_memory(n, scheme))
         self.made = np.empty((n, 7)), np.empty((n, 6))  # see is_recalled
@@ -209,9 +205,7 @@ class PlanarStepper:
         end = self.in_space(q, u, tilt, height)
         if count:
             reached = kept.reached_by(report.steps)
-            samples_to_space(
-                half, self.most_twist, record.q, record.u, tilt, height, reached, kept.q, kept.u
-            )
+            samples_to_space(half, record.q, record.u, tilt, height, reached, kept.q, kept.u)
             kept.is_planar[:reached] = True
         self.remember(history.memory, q, u, tilt)
         return end, history, report
@@ -219,7 +213,7 @@ class PlanarStepper:
     def in_space(self, q: Array, u: Array, tilt: Array, height: Array) -> State:
         """Return the state of the links, see `to_space`."""
         end = State(np.empty((len(u), 7)), np.empty((len(u), 6)))
-        to_space(self.model.half_length, self.most_twist, q, u, tilt, height, end.q, end.u)
+        to_space(self.model.half_length, q, u, tilt, height, end.q, end.u)
         return end
 
     def single_steps(self, state: State, history: History) -> SingleSteps | None:
@@ -256,8 +250,8 @@ class PlanarStepper:
         if single:
             self.going_on(state, history, q, u, tilt).prepare()
         end = State(np.empty((1, *state.q.shape)), np.empty((1, *state.u.shape)))
-        to_space(half, self.most_twist, q, u, tilt, height, end.q[0], end.u[0])
-        samples_to_space(half, self.most_twist, q[None], u[None], tilt, height, 1, end.q, end.u)
+        to_space(half, q, u, tilt, height, end.q[0], end.u[0])
+        samples_to_space(half, q[None], u[None], tilt, height, 1, end.q, end.u)
 
     def reason(self) -> str:
         """Return why the next step is not planar, as a clause."""
@@ -324,9 +318,7 @@ class PlanarStepper:
 
     def goes_on(self, state: State, memory: PlanarMemory) -> bool:
         """Return whether the last step was planar and led to this state, to the bit."""
-        same = is_recalled(
-            self.model.half_length, self.most_twist, memory, state.q, state.u, *self.made
-        )
+        same = is_recalled(self.model.half_length, memory, state.q, state.u, *self.made)
         return bool(same and memory.known[0])
 
     def take_up(self, state: State, R: Array, spin: Array) -> None:

@@ -23,6 +23,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from snake_sim_ros.nodes.middleware import keep_no_buffers
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.quoting import cut
 from snake_sim_ros.scene.quoting import LONGEST_REASON
@@ -62,6 +63,7 @@ def run_node(
     stop = Event()
     try:
         _interrupt_on_signals(stop)
+        keep_no_buffers()
         initialize(args)
         _refuse_arguments(remove_ros_args(sys.argv if args is None else args)[1:])
         node = made(make)

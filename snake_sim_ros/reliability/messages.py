@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
+from snake_sim_ros.nodes.middleware import NO_BUFFERS
 from snake_sim_ros.nodes.tools.attack_checks import GaitCheck
 from snake_sim_ros.nodes.tools.attack_checks import SimCheck
 from snake_sim_ros.nodes.tools.attack_checks import ViewerCheck
 from snake_sim_ros.nodes.tools.attacked_node import AttackedNode
-from snake_sim_ros.nodes.tools.attacked_node import NO_BUFFERS
 from snake_sim_ros.nodes.tools.attacked_node import node
 from snake_sim_ros.nodes.tools.attacked_node import on_own_domain
 from snake_sim_ros.nodes.tools.hostile_messages import TIME
@@ -38,6 +38,10 @@ COPIES = 3  # of a message on its way: in the middleware, as bytes in Python, an
 FEW = 6  # floods before memory is judged
 WARM = 0.05  # s between two of the largest messages, with which an attack begins
 PUBLISHERS = (1, 20)
+# The GNU C library gives blocks of this size and more back as soon as they are free [B]. It begins
+# with that by itself, but keeps ever larger ones in the heap once a larger one was freed, up to
+# 32 MB. Memory would then be that of a heap with holes, and not what a node uses.
+GIVEN_BACK = {'MALLOC_MMAP_THRESHOLD_': '131072'}
 STARTED = {'sim': 'physics ready', 'gait': 'waiting for a robot', 'viewer': r'http://\S+'}
 
 
@@ -95,8 +99,8 @@ def trials(seconds: float, seed: int) -> Iterator[Trial]:
 
 
 def started(subject: Subject) -> AttackedNode:
-    """Start a node whose middleware keeps no buffers, so that its memory is its own."""
-    return node(subject.node, *subject.parameters, environment=NO_BUFFERS)
+    """Start a node that keeps no buffers and no large blocks: its memory is what it uses."""
+    return node(subject.node, *subject.parameters, environment=NO_BUFFERS | GIVEN_BACK)
 
 
 def _no_start(subject: Subject, attacked: AttackedNode) -> Trial:

@@ -6,7 +6,6 @@ from collections import deque
 from collections.abc import Iterator
 from collections.abc import Mapping
 from contextlib import contextmanager
-from importlib.metadata import version
 import os
 from pathlib import Path
 import re
@@ -16,18 +15,9 @@ import sys
 from threading import Thread
 import time
 
-from snake_sim_ros.scene.parameters import CONFIG
-
 LINES = 50  # of the output that are kept
 END = 5.0  # s for a process to end when it is asked to
 LOOK = 0.02  # s between two looks at what a process said
-# Each of the many buffers of a subscription keeps the size of the largest message it ever held,
-# unless Fast DDS is told otherwise. Its variable has another name from kilted on.
-_NAME = 'FASTRTPS' if int(version('rclpy').partition('.')[0]) < 9 else 'FASTDDS'
-NO_BUFFERS = {
-    'RMW_FASTRTPS_USE_QOS_FROM_XML': '1',
-    f'{_NAME}_DEFAULT_PROFILES_FILE': str(CONFIG / 'fastdds_no_buffers.xml'),
-}
 
 
 class AttackedNode:

@@ -35,9 +35,10 @@ WAIT = 2.0  # s for a message that must come at once
 BEYOND = 0.01  # by which joints may be beyond limits: a stop ends a motion at the end of a step
 TOO_FAST = 0.03  # as a share; rates at the end of a step are measured with the drift of joints
 SLOW = 0.5  # rad/s of a joint that holds still
-TURN, TURNED = 0.3, 0.15  # rad that a joint is told to turn, and by which it obeyed
-EFFORT = 0.5  # N m by which the torque changes of a joint that obeys
-DEFAULTS = {
+# Rad that a joint is told to turn, and by which it obeyed: the way of two periods at its rate
+# limit, 10 rad/s. Damping of a joint that is not led elsewhere adds 0.05 rad at most.
+TURN, TURNED = 0.3, 0.1
+DEFAULTS: dict[str, float | bool] = {
     **{'robot.yaw_stiffness': 40.0, 'friction.longitudinal': 0.1, 'real_time_factor': 1.0},
     'use_sim_time': False,
 }
@@ -69,14 +70,18 @@ class SimCheck:
         self.resets, self.angle, self.rate = 0, 0.0, 0.0
         self.under_flood, self.periods = list[float](), list[int]()
         self._wrong, self.stamp = '', -math.inf
+        self._begin, self._published, self._told = -math.inf, -math.inf, math.inf
         self.last: Any = None
         attack.node.create_subscription(
             JointState, 'joint_states', self._on_states, QoSProfile(depth=50)
         )
         self.commands = attack.node.create_publisher(JointState, 'joint_command', 1)
 
-    def _on_states(self, message: JointState) -> None:
+    def _on_states(self, message: JointState, info: dict[str, int]) -> None:
         stamp = seconds_from(message.header.stamp)
+        self._published = 1e-9 * info['source_timestamp']
+        if self._published <= self._told:
+            self._begin = stamp
         if stamp < self.stamp:
             self._wrong = f'the stamp went back from {self.stamp:g} s to {stamp:g} s'
         self.last, self.stamp = message, stamp
@@ -125,18 +130,24 @@ class SimCheck:
         if not attack.until(self._is_served, ANSWER):
             yield f'the flood was not served within {ANSWER:g} s'
         for _ in range(COMMANDS):
+            self._told = math.inf
             turn, obeys = self._turn()
-            begin = self.stamp
             if not attack.until(lambda: obeys() or self._send(turn), WAIT):  # noqa: B023
                 yield 'a good command was not obeyed'
                 return
-            self.periods.append(round((self.stamp - begin) / PERIOD))
+            self.periods.append(round((self.stamp - self._begin) / PERIOD))
         if min(self.periods[-COMMANDS:]) > OBEYED + 1:
             yield f'good commands were obeyed after {self.periods[-COMMANDS:]} periods'
 
     def _send(self, command: JointState) -> bool:
-        """Publish a command once more, as a stream does, since a single one may get lost."""
+        """
+        Publish a command once more, as a stream does, since a single one may get lost.
+
+        Time runs from the last state that was published before the first of them, which may still
+        wait to be read here: this process may have to wait for the machine, too.
+        """
         self.commands.publish(command)
+        self._told = min(self._told, time.time())
         return False
 
     def _is_served(self) -> bool:
@@ -149,19 +160,23 @@ class SimCheck:
         """Have joints hold still; return a command that turns one, and whether it is obeyed."""
         command = JointState(name=NAMES, position=list(self.last.position))
         self.commands.publish(command)
-        k = NAMES.index('joint_5_yaw')
-        self.attack.until(lambda: False, STILL)
+        k, end = NAMES.index('joint_5_yaw'), time.time() + STILL
+        self.attack.until(lambda: self._published > end, WAIT)
         self.attack.until(lambda: abs(self.last.velocity[k]) < SLOW, WAIT)
-        before = self.last
-        way = -1.0 if before.position[k] > 0.0 else 1.0
-        command.position[k] = before.position[k] + way * TURN
+        before = self._reference(k)
+        way = -1.0 if before > 0.0 else 1.0
+        command.position[k] = before + way * TURN
+        return command, lambda: (self._reference(k) - before) * way > TURNED
 
-        def obeys() -> bool:
-            # A torque that was large, since something threw the robot, need not grow.
-            effort = (self.last.effort[k] - before.effort[k]) * way
-            return effort > EFFORT or (self.last.position[k] - before.position[k]) * way > TURNED
+    def _reference(self, joint: int) -> float:
+        """
+        Return the angle that a joint is led to, as its angle and torque tell [rad].
 
-        return command, obeys
+        A robot that was thrown may press on a joint so hard that it neither turns much when it is
+        told to nor needs more torque: it was led elsewhere with much torque before.
+        """
+        torque = self.last.effort[joint]
+        return float(self.last.position[joint] + torque / DEFAULTS['robot.yaw_stiffness'])
 
 
 class GaitCheck:

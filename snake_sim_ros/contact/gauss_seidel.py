@@ -26,7 +26,7 @@ from snake_sim_ros.contact.projections import prox_disc
 from snake_sim_ros.contact.projections import prox_ellipse
 from snake_sim_ros.contact.projections import prox_half_line
 from snake_sim_ros.contact.prox_iteration import copy_impulses
-from snake_sim_ros.contact.prox_iteration import keep_impulses
+from snake_sim_ros.contact.prox_iteration import forget_open
 from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.dynamics.compilation import compiled
@@ -123,6 +123,14 @@ def largest_eigenvalue(G, k):
     return 0.5 * (G[k, k] + G[k + 1, k + 1]) + math.sqrt(half * half + off * off)
 
 
+@inlined
+def keep_impulses(closed, contacts, impulse):
+    """Fill the impulses of closed contacts, of shape (contacts, 5) [N s], with those used."""
+    for a in closed:
+        for j in range(5):
+            impulse[a, j] = contacts.impulse[a, j]
+
+
 class GaussSeidel(NamedTuple):
     """Projected Gauss-Seidel iteration, with the arrays of the Delassus operator."""
 
@@ -149,5 +157,7 @@ def solve_with_sweeps(solver, model, problem, history):
     condensed_twists(closed, width, contacts, chain, delassus)
     outcome = Outcome(iterations, residual <= tolerance, residual, printed, False)
     outcome = without_gain(problem, outcome)
-    keep_impulses(outcome.converged, closed, contacts, impulse)
+    if not outcome.converged:  # others may be in the table now
+        keep_impulses(closed, contacts, impulse)
+    forget_open(closed, contacts, impulse)
     return outcome

@@ -5,7 +5,6 @@
 import math
 from typing import NamedTuple
 
-from snake_sim_ros.contact.admissible import without_gain
 from snake_sim_ros.contact.condensing import condense
 from snake_sim_ros.contact.delassus import condensed_velocities
 from snake_sim_ros.contact.delassus import Delassus
@@ -38,18 +37,10 @@ def copy_impulses(closed, impulse, contacts):
 
 
 @compiled
-def keep_impulses(converged, closed, contacts, impulse):
-    """
-    Fill the impulses of open contacts, of shape (contacts, 5) [N s], with 0.
-
-    Those of closed ones become those of the table if the iteration did not converge, which
-    `without_gain` may have replaced.
-    """
+def forget_open(closed, contacts, impulse):
+    """Fill the impulses of open contacts, of shape (contacts, 5) [N s], with 0."""
     for a in closed:
         contacts.is_closed[a] = 1
-        if not converged:
-            for j in range(5):
-                impulse[a, j] = contacts.impulse[a, j]
     for a in range(len(contacts)):
         if contacts.is_closed[a] == 0:
             for j in range(5):
@@ -132,8 +123,6 @@ def solve_with_projections(solver, model, problem, history):
         iterations += 1
     if condensed:
         end_twists(closed, contacts, chain)
+    forget_open(closed, contacts, impulse)
     residual, printed = natural_map(laws, closed, contacts, 0.0)
-    outcome = Outcome(iterations, change < tolerance, residual, printed, False)
-    outcome = without_gain(problem, outcome)
-    keep_impulses(outcome.converged, closed, contacts, impulse)
-    return outcome
+    return Outcome(iterations, change < tolerance, residual, printed, False)

@@ -24,6 +24,7 @@ from snake_sim_ros.gaits.joint_reference import JointReference
 from snake_sim_ros.gaits.joint_reference import Motion
 from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.gaits.limited_reference import LimitedReference
+from snake_sim_ros.nodes.goal_tolerances import Tracked
 from snake_sim_ros.nodes.other_publishers import OtherPublishers
 from snake_sim_ros.nodes.received_bytes import DamagedMessage
 from snake_sim_ros.nodes.received_bytes import message_from
@@ -46,6 +47,7 @@ from snake_sim_ros.stepping.efforts import command_effort
 from snake_sim_ros.stepping.efforts import commanded_effort
 from snake_sim_ros.stepping.levels import is_vertical
 from snake_sim_ros.stepping.levels import what_is_told
+from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.simulation import Simulation
 
 C = TypeVar('C', bound=ReceivedCommand)
@@ -214,6 +216,12 @@ class CommandInbox:
             for item in self._reference.motions
         )
 
+    def tracked(self, motion: Motion) -> Tracked:
+        """Return where the joints of a trajectory are told to be, and where they are."""
+        state, now = self._simulation.state, np.array([self._simulation.time])
+        numbers = *self._sampled(now, 0.0), *joint_motion(state.q[None], state.u[None])
+        return Tracked(*(values.reshape(-1)[motion.axes] for values in numbers))
+
     def stop(self, motion: Motion) -> None:
         """Hold the joints of a trajectory where they are told to be at the simulated time."""
         angle, axes = self.commanded_angle().ravel()[motion.axes], motion.axes
@@ -233,7 +241,7 @@ class CommandInbox:
         try:
             message = message_from(data, kind)
         except DamagedMessage as error:
-            self._reject(RejectedCommand('bytes', f'{topic}: {error}'))
+            self.reject(RejectedCommand('bytes', f'{topic}: {error}'))
             return
         stamp = seconds_from(message.header.stamp) if hasattr(message, 'header') else 0.0
         if 0.0 < stamp <= self._void and self.settings.publish_clock:
@@ -292,7 +300,7 @@ class CommandInbox:
             if self._simulation.scene.level == 'planar':
                 _refuse_vertical(topic, command)
         except RejectedCommand as error:
-            self._reject(error)
+            self.reject(error)
             raise
         self._reference = command.reference
         if command.effort:
@@ -310,7 +318,8 @@ class CommandInbox:
         self._heard, self._silent = now, ''
         return command
 
-    def _reject(self, error: RejectedCommand) -> None:
+    def reject(self, error: RejectedCommand) -> None:
+        """Count a command that is rejected, and warn why."""
         self.rejected += 1
         self._rejection = f'{error}; the last good command is held'
         self._rejected_at = time.monotonic()

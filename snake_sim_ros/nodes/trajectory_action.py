@@ -7,24 +7,35 @@ It is served where the package control_msgs is installed. A goal goes the way of
 `joint_trajectory`, and is refused for the same reasons.
 """
 
+from dataclasses import dataclass
+import math
 from typing import Any
 from typing import Protocol
 
+import numpy as np
 from rclpy.action import ActionServer
 from rclpy.action import CancelResponse
 from rclpy.action import GoalResponse
 from rclpy.node import Node
 from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectoryPoint
 
 from snake_sim_ros.gaits.joint_reference import Motion
+from snake_sim_ros.nodes.goal_tolerances import Tolerance
+from snake_sim_ros.nodes.goal_tolerances import tolerance_from
+from snake_sim_ros.nodes.goal_tolerances import Tracked
 from snake_sim_ros.nodes.received_commands import RejectedCommand
+from snake_sim_ros.nodes.stamps import seconds_from
+from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.scene.parameters import Array
 
 try:
     from control_msgs.action import FollowJointTrajectory
 except ImportError:  # The ROS 2 packages on PyPI do not have it.
     FollowJointTrajectory = None
 
-REACHED, INVALID_GOAL = 0, -1  # the numbers of FollowJointTrajectory
+REACHED, INVALID_GOAL, OFF_PATH, GOAL_MISSED = 0, -1, -4, -5  # numbers of FollowJointTrajectory
+FEEDBACK_PERIOD = 0.05  # s of simulated time, as that of a joint_trajectory_controller
 CANCELED, REPLACED = 'canceled', 'another command took over its joints'
 
 
@@ -36,11 +47,44 @@ class Inbox(Protocol):
     def take_trajectory(self, message: JointTrajectory) -> Motion:
         """Take a trajectory, or raise RejectedCommand."""
 
+    def reject(self, error: RejectedCommand) -> None:
+        """Log why a goal is rejected, and count it."""
+
     def follows(self, motion: Motion) -> bool:
         """Return whether the joints still follow a trajectory that was taken."""
 
+    def tracked(self, motion: Motion) -> Tracked:
+        """Return where the joints of a trajectory are told to be, and where they are."""
+
     def stop(self, motion: Motion) -> None:
         """Hold the joints of a trajectory where they are told to be."""
+
+
+@dataclass
+class Followed:
+    """
+    The trajectory of a goal, and what was found on the way.
+
+    Attributes
+    ----------
+    motion : Motion
+    path, goal : Tolerance
+        On the way, and at its end.
+    patience : float
+        Time after the end up to which the joints may reach it [s]; 0: any.
+    final : ndarray, shape (k,), optional
+        What the joints were told at the end [rad], when it was there.
+    told_at : float
+        Simulated time of the last feedback [s].
+
+    """
+
+    motion: Motion
+    path: Tolerance
+    goal: Tolerance
+    patience: float
+    final: Array | None = None
+    told_at: float = -math.inf
 
 
 class TrajectoryAction:
@@ -54,25 +98,38 @@ class TrajectoryAction:
     ----------
     inbox : Inbox
         Its attribute `watch` is called with the simulated time [s] while there is a goal.
-    result : type
-        The type of results.
+    kind : type
+        The type of the action, with those of its results and feedback.
 
     """
 
-    def __init__(self, inbox: Inbox, result: Any) -> None:
-        self._inbox, self._result = inbox, result
+    def __init__(self, inbox: Inbox, kind: Any) -> None:
+        self._inbox, self._kind = inbox, kind
         self._goal: Any = None
-        self._motion: Motion | None = None
+        self._followed: Followed | None = None
 
     def on_goal(self, request: Any) -> GoalResponse:
         """Take the trajectory of a goal or reject it; the log says why."""
         try:
-            motion = self._inbox.take_trajectory(request.trajectory)
+            followed = self._taken(request)
         except RejectedCommand:
             return GoalResponse.REJECT
         self._end(INVALID_GOAL, REPLACED)
-        self._motion = motion
+        self._followed = followed
         return GoalResponse.ACCEPT
+
+    def _taken(self, request: Any) -> Followed:
+        names = list(request.trajectory.joint_names)
+        try:
+            path, goal = (
+                tolerance_from(field, getattr(request, field), names)
+                for field in ('path_tolerance', 'goal_tolerance')
+            )
+        except RejectedCommand as error:
+            self._inbox.reject(error)
+            raise
+        motion = self._inbox.take_trajectory(request.trajectory)
+        return Followed(motion, path, goal, seconds_from(request.goal_time_tolerance))
 
     def on_accepted(self, goal: Any) -> None:
         """Follow the goal whose trajectory was taken last."""
@@ -80,29 +137,65 @@ class TrajectoryAction:
 
     def on_cancel(self, goal: Any) -> CancelResponse:
         """Hold the joints of a goal."""
-        if self._goal is None or self._goal.goal_id != goal.goal_id or self._motion is None:
+        if self._goal is None or self._goal.goal_id != goal.goal_id or self._followed is None:
             return CancelResponse.REJECT
-        self._inbox.stop(self._motion)
+        self._inbox.stop(self._followed.motion)
         self._end(REACHED, CANCELED)
         return CancelResponse.ACCEPT
 
     def _on_time(self, now: float) -> None:
-        """End the goal if its trajectory ended, or if its joints follow another command."""
-        if self._motion is None:
+        """Give feedback; end the goal where its trajectory, a tolerance or a command does."""
+        if self._followed is None:
             return
-        if not self._inbox.follows(self._motion):
+        followed, motion = self._followed, self._followed.motion
+        tracked = self._inbox.tracked(motion)
+        if self._is_replaced(tracked):
             self._end(INVALID_GOAL, REPLACED)
-        elif now >= self._motion.end:
+            return
+        if now >= followed.told_at + FEEDBACK_PERIOD:
+            followed.told_at = now
+            self._goal.publish_feedback(self._feedback(now, tracked))
+        if now < motion.begin:
+            return
+        if now < motion.end:
+            if violation := followed.path.violation(tracked):
+                self._inbox.stop(motion)
+                self._end(OFF_PATH, violation)
+            return
+        followed.final = tracked.told_angle
+        violation = followed.goal.violation(tracked)
+        if not violation:
             self._end(REACHED, '')
+        elif 0.0 < followed.patience <= now - motion.end:
+            self._end(GOAL_MISSED, violation)
+
+    def _is_replaced(self, tracked: Tracked) -> bool:
+        """Return whether the joints follow another command, after their trajectory, too."""
+        followed = self._followed
+        if followed is None or followed.final is None:
+            return followed is not None and not self._inbox.follows(followed.motion)
+        return not np.array_equal(tracked.told_angle, followed.final)
+
+    def _feedback(self, now: float, tracked: Tracked) -> Any:
+        """Return where the joints are told to be, where they are, and the difference."""
+        feedback, followed = self._kind.Feedback(), self._followed
+        feedback.header.stamp = stamp_from(round(1e9 * now))
+        feedback.joint_names = list(followed.path.names) if followed else []
+        told, there = tracked[:2], tracked[2:]
+        off = [one - other for one, other in zip(told, there, strict=True)]
+        for name, (angle, rate) in (('desired', told), ('actual', there), ('error', off)):
+            point = JointTrajectoryPoint(positions=angle.tolist(), velocities=rate.tolist())
+            setattr(feedback, name, point)
+        return feedback
 
     def _end(self, code: int, error: str) -> None:
         """End the goal with a result."""
-        goal, self._goal, self._motion, self._inbox.watch = self._goal, None, None, None
+        goal, self._goal, self._followed, self._inbox.watch = self._goal, None, None, None
 
         def finish(goal: Any) -> Any:
             ends = {'': goal.succeed, CANCELED: goal.canceled}
             ends.get(error, goal.abort)()
-            return self._result(error_code=code, error_string=error)
+            return self._kind.Result(error_code=code, error_string=error)
 
         if goal is not None:
             goal.execute(finish)
@@ -112,7 +205,7 @@ def serve_trajectories(node: Node, inbox: Inbox) -> None:
     """Serve the action of a node if its package is installed."""
     if FollowJointTrajectory is None:
         return
-    action = TrajectoryAction(inbox, FollowJointTrajectory.Result)
+    action = TrajectoryAction(inbox, FollowJointTrajectory)
     ActionServer(
         node,
         FollowJointTrajectory,

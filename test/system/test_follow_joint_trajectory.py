@@ -4,6 +4,7 @@
 
 from action_msgs.msg import GoalStatus
 from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTolerance
 import pytest
 from rclpy.action import ActionClient
 from rclpy.duration import Duration
@@ -30,13 +31,14 @@ def done(sim, future, what):
     return future.result()
 
 
-def send(sim, seconds, angle, name=JOINT):
-    """Send a goal of one point; return its handle."""
+def send(sim, seconds, angle, name=JOINT, tolerance=0.0, feedback=None):
+    """Send a goal of one point, with a tolerance on the path [rad]; return its handle."""
     point = JointTrajectoryPoint(positions=[angle])
     point.time_from_start = Duration(seconds=seconds).to_msg()
     goal = FollowJointTrajectory.Goal()
     goal.trajectory = JointTrajectory(joint_names=[name], points=[point])
-    return done(sim, sim.action.send_goal_async(goal), 'the answer to a goal')
+    goal.path_tolerance = [JointTolerance(name=name, position=tolerance)]
+    return done(sim, sim.action.send_goal_async(goal, feedback), 'the answer to a goal')
 
 
 def result(sim, handle):
@@ -51,6 +53,17 @@ def test_goal_succeeds_at_the_end_of_its_trajectory(sim):
     assert result(sim, handle) == (GoalStatus.STATUS_SUCCEEDED, 0, '')
     assert sim.now >= begin + 0.55  # a result may overtake the last states
     assert sim.joint_states[-1].position[0] == pytest.approx(0.4, abs=0.05)
+
+
+def test_goal_gives_feedback_and_ends_where_a_joint_leaves_the_path(sim):
+    heard = []
+    handle = send(sim, 0.5, 0.1, feedback=heard.append)
+    assert result(sim, handle)[0] == GoalStatus.STATUS_SUCCEEDED
+    assert heard[-1].feedback.joint_names == [JOINT]
+    assert abs(heard[-1].feedback.error.positions[0]) < 0.1
+    status, code, sentence = result(sim, send(sim, 0.2, -0.5, tolerance=1e-4))
+    assert (status, code) == (GoalStatus.STATUS_ABORTED, -4)
+    assert sentence.startswith(f'the angle of {JOINT} is off by ')
 
 
 def test_goal_that_is_not_usable_is_rejected_with_the_sentence(sim):

@@ -5,10 +5,16 @@ How far the joints are open, eqs. (11)-(13), and how they are closed, section VI
 
 Arrays are those of `kinematics`: half of the link lengths, coordinates q with unit Euler
 parameters, velocities u, link frames R and angular velocities omega in I.
+
+A stop of a joint bounds the rate of an axis as it is at the middle of the step. While the robot
+turns, the angle at the end of the step differs from that of this rate by terms of the order
+dt^2, and over many steps a joint creeps beyond its stop. This drift is removed with that of the
+joints: an angle at its stop does not grow in a step.
 """
 
 import math
 
+from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.kinematics import axis_x
@@ -57,7 +63,7 @@ def joint_violation_rate(half_length, R, u, omega):
 
 
 @inlined
-def close_joints(rule, half_length, mass, q):
+def close_joints(rule, half_length, mass, furthest, q):
     """
     Remove the joint drift, section VII-C: link by link from the first one, which stays in place.
 
@@ -75,6 +81,8 @@ def close_joints(rule, half_length, mass, q):
         PAPER, CENTER_OF_MASS or NONE.
     half_length, mass : ndarray, shape (n,)
         Half of the link lengths [m], and masses of the links [kg].
+    furthest : ndarray, shape (n-1, 2)
+        Largest joint angles to either side, see `furthest_angle`.
     q : ndarray, shape (n, 7)
         Coordinates; corrected.
 
@@ -86,6 +94,8 @@ def close_joints(rule, half_length, mass, q):
         x, y, z = q[i, 0], q[i, 1], q[i, 2]
         if i > 0:
             square_axes(q, i - 1)
+            if furthest[i - 1, 0] < math.inf or furthest[i - 1, 1] < math.inf:
+                turn_back(q, i - 1, furthest)
             a, b = axis_z(q, i - 1), axis_z(q, i)
             for k in range(3):
                 q[i, k] = q[i - 1, k] + half_length[i - 1] * a[k] + half_length[i] * b[k]
@@ -112,7 +122,7 @@ def square_axes(q, j):
     """
     a, b = axis_y(q, j), axis_x(q, j + 1)
     x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-    sine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    sine = along(a, b)
     square = sine * sine
     if square < SMALL_SQUARE:
         c = 1.0 - square * (1.0 / 8.0 + square * (5.0 / 128.0))
@@ -121,8 +131,12 @@ def square_axes(q, j):
         cosine = math.sqrt(x * x + y * y + z * z)
         c = math.sqrt(0.5 * (1.0 + cosine))
         s = sine / (2.0 * c * cosine)
-    x, y, z = s * x, s * y, s * z
-    i = j + 1
+    turn_link(q, j + 1, c, s * x, s * y, s * z)
+
+
+@inlined
+def turn_link(q, i, c, x, y, z):
+    """Turn link i by the rotation in I with the Euler parameters (c, x, y, z)."""
     e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
     q[i, 3], q[i, 4], q[i, 5], q[i, 6] = (
         c * e0 - x * e1 - y * e2 - z * e3,
@@ -135,5 +149,60 @@ def square_axes(q, j):
 @inlined
 def joint_twist(q, j):
     """Return e_y of link j times e_x of link j+1: g_Jphi, eq. (13)."""
-    a, b = axis_y(q, j), axis_x(q, j + 1)
+    return along(axis_y(q, j), axis_x(q, j + 1))
+
+
+@inlined
+def along(a, b):
+    """Return the scalar product of two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inlined
+def furthest_angle(stop, q, j, k, middle):
+    """
+    Return the largest angle of axis k of joint j, to either side, after a step of the paper [rad].
+
+    Parameters
+    ----------
+    stop : float
+        Where the stop is [rad].
+    q : ndarray, shape (n, 7)
+        Coordinates at the start of the step.
+    j, k : int
+    middle : float
+        Angle at the middle of the step [rad].
+
+    Returns
+    -------
+    float
+        Infinite where no stop acts. A stop that is met between start and middle of the step acts
+        at the middle.
+
+    """
+    if not abs(middle) >= stop:
+        return math.inf
+    start = abs(joint_angle(q, j, k))
+    return start if start >= stop else abs(middle)
+
+
+@compiled
+def joint_angle(q, j, k):
+    """Return the angle of axis k of joint j, eq. (66) [rad]."""
+    if k == 0:
+        a, b, c = axis_z(q, j), axis_x(q, j), axis_x(q, j + 1)
+        return math.atan2(-along(a, c), along(b, c))
+    a, b, c = axis_y(q, j), axis_y(q, j + 1), axis_z(q, j + 1)
+    return math.atan2(-along(a, c), along(a, b))
+
+
+@compiled
+def turn_back(q, j, furthest):
+    """Turn link j+1 about the axes of joint j until its angles are at most `furthest`."""
+    for k in range(2):
+        angle = joint_angle(q, j, k)
+        if abs(angle) > furthest[j, k]:
+            half = 0.5 * (math.copysign(furthest[j, k], angle) - angle)
+            x, y, z = axis_y(q, j) if k == 0 else axis_x(q, j + 1)
+            s = math.sin(half)
+            turn_link(q, j + 1, math.cos(half), s * x, s * y, s * z)

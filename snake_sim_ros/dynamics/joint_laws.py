@@ -32,6 +32,7 @@ import numpy as np
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.joint_drift import furthest_angle
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Robot
 
@@ -68,6 +69,7 @@ class AxisLaws(NamedTuple):
     cut: Array  # sign of the limit that the controller is at; 0: it follows
     slip: Array  # sign of the rate against which friction acts; 0: it does not, or it holds
     held: Array  # sign of the bound that holds the rate; 0: none does
+    furthest: Array  # largest angles to either side after a step of the paper [rad]
 
 
 def make_joint_laws(robot: Robot) -> JointLaws:
@@ -85,7 +87,9 @@ def make_joint_laws(robot: Robot) -> JointLaws:
 
 def make_axis_laws(n: int) -> AxisLaws:
     """Return the arrays for n links."""
-    return AxisLaws(*(np.zeros((n - 1, 2)) for _ in AxisLaws._fields))
+    axes = AxisLaws(*(np.zeros((n - 1, 2)) for _ in AxisLaws._fields))
+    axes.furthest[:] = math.inf
+    return axes
 
 
 @inlined
@@ -247,11 +251,12 @@ def begin_axis_impact(laws, axes, j, k, torque, damping):
 
 
 @merged
-def begin_joint_laws(model, work):
+def begin_joint_laws(model, work, q):
     """
     Begin a step of the paper with the laws of the joints; work has those of the controller.
 
-    Of `stepping.model.Workspace`, torque and damping are replaced, and axes is filled.
+    Of `stepping.model.Workspace`, torque and damping are replaced, and axes is filled. The
+    coordinates q are those at the start of the step.
     """
     laws, axes, mid = model.joint_laws, work.axes, work.coordinate[1]
     for j in range(len(axes.rate)):
@@ -259,6 +264,7 @@ def begin_joint_laws(model, work):
             axes.torque[j, k], axes.damping[j, k] = work.torque[j, k], work.damping[j, k]
             axes.rate[j, k] = mid[j, k, 1]
             begin_axis(laws, axes, model.dt, j, k)
+            axes.furthest[j, k] = furthest_angle(laws.stop, q, j, k, mid[j, k, 0])
             if mid[j, k, 0] >= laws.stop:
                 axes.high[j, k] = 0.0
             elif mid[j, k, 0] <= -laws.stop:

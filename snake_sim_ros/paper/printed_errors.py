@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from snake_sim_ros.dynamics.control_loop import make_control_memory
+from snake_sim_ros.dynamics.dense_joint_drift import without_drift
 from snake_sim_ros.dynamics.force_directions import joint_directions
 from snake_sim_ros.dynamics.force_directions import mass_matrix
 from snake_sim_ros.dynamics.force_directions import smooth_forces
@@ -21,7 +22,6 @@ from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.reference import end_coordinates
 from snake_sim_ros.stepping.reference import joint_torque_law
 from snake_sim_ros.stepping.reference import middle_coordinates
-from snake_sim_ros.stepping.reference import without_drift
 from snake_sim_ros.stepping.state import State
 
 
@@ -69,4 +69,5 @@ def step_in_the_air(
     u = u_E.reshape(state.u.shape)
     q = end_coordinates(state.q, q_M, state.u, u, dt)
     rates = [float(np.abs(W_J.T @ v).reshape(-1, 4)[:, :3].max()) for v in (u_A, u_E)]
-    return State(without_drift(robot, q, scene.drift_correction), u), rates[0], rates[1]
+    q = without_drift(robot, q, scene.drift_correction, np.full((robot.link_count - 1, 2), np.inf))
+    return State(q, u), rates[0], rates[1]

@@ -82,7 +82,7 @@ def begin_step(model, work, steps, k):
     )
     control_impulses(model, control, work.coordinate, angle, rate, work.torque, work.damping)
     if model.joint_laws.present:
-        begin_joint_laws(model, work)
+        begin_joint_laws(model, work, q)
     axis_loads(chain.axis, work.torque, work.damping, chain.torque, chain.damping)
     link_inertia(model, R, work.center, chain.bare)
     smooth_momentum(model, model.dt, u, u, R, work.center, chain.momentum)
@@ -134,7 +134,8 @@ def end_step(model, work, steps, problem, outcome):
     note_outcome(outcome, report)
     report.contacts = len(problem.closed)
     note_joints(model, q, report)
-    close_joints(model.drift_correction, model.half_length, model.mass, q)
+    furthest = work.axes.furthest
+    close_joints(model.drift_correction, model.half_length, model.mass, furthest, q)
     depth = penetration(model.obstacles, model.contact_offset, model.contact_radius, q)
     report.penetration_max = max(report.penetration_max, depth)
     return finish(model, work.chain.twist, q, u, steps.history.settling, report)

@@ -26,11 +26,10 @@ from snake_sim_ros.contact.selection import selection_compliance
 from snake_sim_ros.dynamics.control_loop import ControlMemory
 from snake_sim_ros.dynamics.control_loop import dense_control
 from snake_sim_ros.dynamics.control_loop import loop_law
+from snake_sim_ros.dynamics.dense_joint_drift import furthest_angles
+from snake_sim_ros.dynamics.dense_joint_drift import without_drift
 from snake_sim_ros.dynamics.dense_joint_laws import dense_laws
 from snake_sim_ros.dynamics.dense_joint_laws import solve_laws_of_axes
-from snake_sim_ros.dynamics.force_directions import E_X
-from snake_sim_ros.dynamics.force_directions import E_Y
-from snake_sim_ros.dynamics.force_directions import E_Z
 from snake_sim_ros.dynamics.force_directions import joint_directions
 from snake_sim_ros.dynamics.force_directions import joint_gaps
 from snake_sim_ros.dynamics.force_directions import mass_matrix
@@ -45,12 +44,9 @@ from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene import posture
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import PD_SCHEMES
-from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.rotations import cross
 from snake_sim_ros.scene.rotations import H_bar
-from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import divergence
 from snake_sim_ros.stepping.base import Report
@@ -108,37 +104,6 @@ def end_coordinates(q_A: Array, q_M: Array, u_A: Array, u_E: Array, dt: float) -
         q_E[i, :3] += dt / 2 * u_E[i, :3]
         q_E[i, 3:] = p_M + dt / 4 * H_bar(p_M).T @ u_E[i, 3:]
     return q_E
-
-
-def without_drift(robot: Robot, q: Array, rule: str) -> Array:
-    """
-    Return the coordinates with closed joints, section VII-C: link 1 and all velocities are kept.
-
-    Deviation: the paper turns link i+1 about its own e_z until its e_x is at right angles to e_y
-    of link i. At a pitch of 90 degrees no such turn exists, and beyond it the turn flips the link.
-    Here it is turned about the common normal of both, which is the smallest turn there is.
-
-    Deviation, for the rule ``center_of_mass``: the robot is then moved back so that its center of
-    mass is where it was, which section VII-C does not keep.
-    """
-    q = q.copy()
-    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1)[:, None]
-    if rule == 'none':
-        return q
-    center = posture.center_of_mass(robot, q)
-    half = robot.per_link('link_length') / 2
-    for i in range(robot.link_count - 1):
-        R_i, R_next = rotation_matrices(q[i : i + 2, 3:])
-        normal = cross(R_i @ E_Y, R_next @ E_X)
-        cosine = float(np.linalg.norm(normal))
-        theta = math.atan2((R_i @ E_Y) @ (R_next @ E_X), cosine)
-        turn = np.array([math.cos(theta / 2), *(math.sin(theta / 2) / cosine * normal)])
-        q[i + 1, 3:] = product(turn, q[i + 1, 3:])
-        R_next = rotation_matrices(q[i + 1 : i + 2, 3:])[0]
-        q[i + 1, :3] = q[i, :3] + half[i] * R_i @ E_Z + half[i + 1] * R_next @ E_Z
-    if rule == 'center_of_mass':
-        q[:, :3] += center - posture.center_of_mass(robot, q)
-    return q
 
 
 def contact_prox(
@@ -279,8 +244,9 @@ class ReferenceStepper:
 
         gamma, u_E = terms.velocities(u_E), u_E.reshape(n, 6)
         q_free = end_coordinates(state.q, q_M, state.u, u_E, dt)  # (83)
-        q_E = without_drift(robot, q_free, scene.drift_correction)
-        g_J = joint_gaps(robot, without_drift(robot, q_free, 'none'))
+        furthest = furthest_angles(of_joints.stop, posture.joint_angles(state.q), angle_M)
+        q_E = without_drift(robot, q_free, scene.drift_correction, furthest)
+        g_J = joint_gaps(robot, without_drift(robot, q_free, 'none', furthest))
 
         def residual(compliance: float) -> float:
             each = zip(terms.friction, rule.center, last_P, gamma, strict=True)

@@ -233,6 +233,22 @@ def test_a_joint_lifts_a_link_only_with_enough_torque(method):
         assert raised > 0.01 if lifts else abs(raised) < 1e-5
 
 
+@pytest.mark.xfail(strict=True, reason='each solution for laws of joints may take the limit')
+@pytest.mark.parametrize('method', METHODS)
+def test_a_step_takes_no_more_iterations_than_its_limit(method):
+    laws = {'joint_friction': 0.05, 'pitch_torque_limit': 0.5, 'joint_stop': True}
+    robot = Robot(link_count=3, joint_limit=0.05, **laws)
+    solver = Solver(iteration_limit=2)
+    scene = Scene(robot=robot, method=method, dt=DT, level='spatial', solver=solver)
+    q, u = chain_coordinates(robot, np.zeros((2, 2))), np.zeros((3, 6))
+    q[:, 2], u[:, 5] = robot.contact_radius, 1.0
+    angle = np.tile([[0.0, -0.2], [0.3, 0.0]], (20, 1, 1))
+    stepper = make_stepper(scene)
+    start = State(q, u), stepper.empty_history()
+    *_, report = stepper.advance(*start, angle, np.zeros(angle.shape))
+    assert report.iterations <= 2 * report.steps
+
+
 @pytest.mark.parametrize('method', METHODS)
 def test_a_limit_gives_no_energy(method):
     # A controller with a limit is a spring whose energy grows linearly beyond it, and a damper.

@@ -145,9 +145,18 @@ def test_soaks_of_the_page_are_as_long_as_it_says(rows):
 
 
 def test_files_of_the_page_say_what_is_known_of_them():
-    for name in ('bench', 'stability', 'artefacts', 'drake/bench'):
+    for name in ('bench', 'stability', 'artefacts', 'drake/bench', 'level_auto/bench'):
         header = read_table(STORED / f'{name}.csv').header
         assert 'sources' in header and 'provenance' not in header, name
+
+
+def test_tables_of_the_ensembles_at_level_auto_are_those_of_their_file(tmp_path):
+    stored = STORED / 'level_auto'
+    assert main(['chart', str(stored / 'bench.csv'), '--out', str(tmp_path)]) == 0
+    for name in ('ensemble.md', 'targets.md'):
+        text = (tmp_path / name).read_text(encoding='utf-8')
+        assert text == (stored / name).read_text(encoding='utf-8')
+    assert text in PAGE
 
 
 def test_artefacts_are_a_table_in_markdown(tmp_path):

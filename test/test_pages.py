@@ -72,7 +72,7 @@ def test_artefacts_are_those_that_were_measured(name):
 def test_speeds_are_those_that_were_measured():
     measured = {
         (row[1].strip('`'), row[2]): tuple(row[3:6])
-        for row in rows(read('docs/speed_accuracy.md'))
+        for row in rows(read('docs/speed_accuracy/targets.md'))
         if row[0] == 'ensemble' and row[2].endswith('%')
     }
     shown = {

@@ -96,7 +96,7 @@ def solved_again(model, problem, some, operator, history, fresh):
     """Solve for some of the contacts, on the operator of all of them or on their own."""
     part = Problem(problem.laws, some, problem.contacts, problem.chain)
     prepare_contacts(operator, part if fresh else problem)
-    return solve_prepared(operator, model, part, history).converged
+    return solve_prepared(operator, model, part, history, model.iteration_limit).converged
 
 
 def scenes():

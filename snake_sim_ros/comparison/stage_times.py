@@ -36,7 +36,9 @@ def spatial_stages(model, work, steps, stamps):
         stamps[k, 0] = cycle_counter()
         problem = begin_step(model, work, steps, k)
         stamps[k, 1] = cycle_counter()
-        outcome = solve_contacts(Newton(None), model, problem, steps.history)
+        outcome = solve_contacts(
+            Newton(None), model, problem, steps.history, model.iteration_limit
+        )
         stamps[k, 2] = cycle_counter()
         if not end_step(model, work, steps, problem, outcome):
             break
@@ -57,7 +59,7 @@ def planar_stages(model, work, steps, stamps):
         stamps[k, 1] = cycle_counter()
         closed = work.closed[:count]
         outcome = planar_newton.solve_planar_contacts(
-            planar_newton.PlanarNewton(None), model, work, closed, history
+            planar_newton.PlanarNewton(None), model, work, closed, history, model.iteration_limit
         )
         stamps[k, 2] = cycle_counter()
         if not planar.end_planar_step(model, work, steps, count, outcome):

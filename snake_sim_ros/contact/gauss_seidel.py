@@ -139,7 +139,7 @@ class GaussSeidel(NamedTuple):
 
 @solve.register(GaussSeidel)
 @inlined
-def solve_with_sweeps(solver, model, problem, history):
+def solve_with_sweeps(solver, model, problem, history, limit):
     """Sweep until the contact laws hold; see `solver.solve`."""
     laws, closed, contacts, chain = problem
     delassus, impulse, tolerance = solver.delassus, history.impulse, model.residual_tolerance
@@ -150,7 +150,7 @@ def solve_with_sweeps(solver, model, problem, history):
         copy_impulses(closed, impulse, contacts)
         condensed_velocities(closed, width, contacts, delassus)  # anew: rounding does not add up
         residual, printed = natural_map(laws, closed, contacts, tolerance)
-        if residual <= tolerance or iterations >= model.iteration_limit:
+        if residual <= tolerance or iterations >= limit:
             break
         sweep(laws, closed, width, contacts, delassus, impulse)
         iterations += 1

@@ -309,10 +309,10 @@ def make_operator(most: int, width: int, links: int, swept: int = MOST_SWEPT) ->
 
 @solve.register(Newton)
 @inlined
-def solve_contacts(solver, model, problem, history):
+def solve_contacts(solver, model, problem, history, limit):
     """Solve the contacts of a step; see `solver.solve`."""
     prepare_contacts(solver.operator, problem)
-    return solve_prepared(solver.operator, model, problem, history)
+    return solve_prepared(solver.operator, model, problem, history, limit)
 
 
 @inlined
@@ -337,11 +337,11 @@ def condense_anew(operator, problem):
 
 
 @merged
-def solve_prepared(operator, model, problem, history):
+def solve_prepared(operator, model, problem, history, limit):
     """Solve contacts after `prepare_contacts`; see `solver.solve`."""
     laws, closed, contacts, chain = problem
     predict(laws, closed, contacts, history)
-    outcome = iterate(problem, model.residual_tolerance, model.iteration_limit, operator)
+    outcome = iterate(problem, model.residual_tolerance, limit, operator)
     fill_twists(laws, closed, contacts, chain, operator)
     outcome = without_gain(problem, outcome)
     remember(closed, contacts, history)

@@ -94,7 +94,7 @@ class ProxIteration(NamedTuple):
 
 @solve.register(ProxIteration)
 @inlined
-def solve_with_projections(solver, model, problem, history):
+def solve_with_projections(solver, model, problem, history, limit):
     """
     Iterate impulses and twists until the contact laws hold; see `solver.solve`.
 
@@ -108,7 +108,7 @@ def solve_with_projections(solver, model, problem, history):
     columns = width * len(closed)
     condensed = False
     iterations, change = 0, math.inf
-    while not change < tolerance and iterations < model.iteration_limit:
+    while not change < tolerance and iterations < limit:
         if 0 < iterations == columns <= len(delassus.packed):
             # After as many sweeps as the Delassus operator has columns, forming it costs no more
             # than was spent so far, and later sweeps cost less. The iterates stay the same.

@@ -37,7 +37,7 @@ class Outcome(NamedTuple):
 
 
 @Dispatched
-def solve(solver, model, problem, history):
+def solve(solver, model, problem, history, limit):
     """
     Solve the contact problem of a step with the method that belongs to the type of `solver`.
 
@@ -48,12 +48,14 @@ def solve(solver, model, problem, history):
     solver : NamedTuple
         Arrays of the method.
     model : Model
-        Tolerances, iteration limit and time step; see `stepping.model`.
+        Tolerances and time step; see `stepping.model`.
     problem : Problem
         Its contacts and chain are filled with the solution.
     history : History
         Impulses of the last step, from which the method starts; see `stepping.state`. They are
         replaced by those of this step.
+    limit : int
+        Most iterations that it may take, at least 1.
 
     Returns
     -------

@@ -137,12 +137,12 @@ def parts_at(laws: DenseLaws, inertia: float, rate: Array, P: Array, last: Parts
     return Parts(np.where(holds, pull, torque), np.where(holds, K, damping), cut, slip, held, miss)
 
 
-Solve = Callable[[Array, Array], tuple[Array, Any]]
+Solve = Callable[[Array, Array, int], tuple[Array, Any, int]]
 
 
 def solve_laws_of_axes(
-    laws: DenseLaws, inertia: float, rate: Array, solve: Solve
-) -> tuple[Any, Array, Array, bool]:
+    laws: DenseLaws, inertia: float, rate: Array, solve: Solve, limit: int
+) -> tuple[Any, Array, Array, int, bool]:
     """
     Solve a step with the laws of its joint axes.
 
@@ -154,7 +154,10 @@ def solve_laws_of_axes(
     rate : ndarray
         Rates to begin with [rad/s].
     solve : callable
-        Returns the rates at the end of the step and its solution, for torques and dampings.
+        Returns the rates at the end of the step, its solution and the iterations that this took,
+        for torques, dampings and the most iterations that it may take.
+    limit : int
+        Most iterations of all solutions together.
 
     Returns
     -------
@@ -162,20 +165,24 @@ def solve_laws_of_axes(
         As `solve` returns it.
     rate, impulse : ndarray
         Rates of the axes [rad/s] and their impulses, those of friction and stops included [N m s].
+    iterations : int
+        Of all solutions.
     converged : bool
 
     """
     part = parts_at(laws, inertia, rate, laws.controller(rate), None)
+    iterations = 0
     for attempt in range(MOST_CHANGES):
-        rate, solution = solve(part.torque, part.damping)
+        rate, solution, spent = solve(part.torque, part.damping, limit - iterations)
+        iterations += spent
         impulse = part.torque - part.damping * rate
         after = parts_at(laws, inertia, rate, impulse, part)
         misses = after.miss > SAME_RATE
-        if not misses.any():
+        if iterations >= limit or not misses.any():
             break
         same = (after.cut == part.cut) & (after.slip == part.slip) & (after.held == part.held)
         moves = misses & ~same
         if attempt >= TOGETHER and moves.any():
             misses &= ~moves | (np.arange(moves.size).reshape(moves.shape) == moves.argmax())
         part = Parts(*(np.where(misses, a, b) for a, b in zip(after, part, strict=True)))
-    return solution, rate, impulse, not misses.any()
+    return solution, rate, impulse, iterations, not misses.any()

@@ -273,7 +273,7 @@ def begin_joint_laws(model, work, q):
 
 
 @inlined
-def joint_laws_change(laws, axes, torque, damping, outcome, attempt, report):
+def joint_laws_change(laws, axes, torque, damping, outcome, attempt, left, report):
     """
     Fill torques and dampings, shape (n-1, 2), of the next solution; return whether there is one.
 
@@ -288,12 +288,14 @@ def joint_laws_change(laws, axes, torque, damping, outcome, attempt, report):
         That of the contacts in the last solution.
     attempt : int
         Number of the solution, from 0.
+    left : int
+        Iterations that it was allowed to take. If it took them all, it is the last one.
     report : record
         It counts the iterations of all solutions but the last one, and a step without an end.
 
     """
     misses = moves = False
-    is_last = attempt + 1 == MOST_CHANGES
+    is_last = attempt + 1 == MOST_CHANGES or outcome.iterations >= left
     for j in range(len(torque)):
         for k in range(torque.shape[1]):
             impulse = torque[j, k] - damping[j, k] * axes.rate[j, k]

@@ -67,14 +67,15 @@ def compile_solver(scene: Scene, level: str) -> None:
     if loop.func in (moreau.advance, bdf2.advance):
         problem = Problem(model.laws, work.closed, work.contacts, work.chain)
     if loop.func is moreau.advance:
-        compile_call(solve, first, model, problem, history)
+        compile_call(solve, first, model, problem, history, 1)
     elif loop.func is bdf2.advance:
         report = np.zeros(1, REPORT)[0]
-        numbers = problem, 0.0, 0.0, without_memory(history), report
+        numbers = problem, 0.0, 0.0, without_memory(history), 1, report
         compile_call(bdf2.solve_landing, model, first, work, *numbers)
     else:
         solver = first if loop.func is planar_moreau.advance_in_plane else PlanarNewton(None)
-        compile_call(solve_in_plane, solver, model, work, work.closed, without_memory(history))
+        rest = work.closed, without_memory(history), 1
+        compile_call(solve_in_plane, solver, model, work, *rest)
 
 
 def compile_search(scene: Scene, level: str) -> None:

@@ -94,6 +94,7 @@ from snake_sim_ros.stepping.parts import TICKS
 from snake_sim_ros.stepping.parts import UNKNOWN
 from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import count_steps
+from snake_sim_ros.stepping.steps import iterations_left
 from snake_sim_ros.stepping.steps import keep_sample
 from snake_sim_ros.stepping.steps import note_outcome
 from snake_sim_ros.stepping.steps import noted
@@ -147,9 +148,9 @@ def begin(model, own, work, angle, control, h, h_q, late, history):
 
 
 @inlined
-def solve_landing(model, own, work, problem, h, h_q, history, report):
+def solve_landing(model, own, work, problem, h, h_q, history, most, report):
     """
-    Solve the contacts and, if they land, the impact.
+    Solve the contacts and, if they land, the impact, up to `most` iterations in the report.
 
     The velocities that move the coordinates are then in own.moving, and those after the impact in
     the chain.
@@ -170,8 +171,9 @@ def solve_landing(model, own, work, problem, h, h_q, history, report):
         landing = Problem(laws, closed[:count], contacts, chain)
         for attempt in range(MOST_CHANGES):
             prepare_contacts(work.operator, landing)
-            outcome = solve_prepared(work.operator, model, landing, history)
-            if not axes_change(model.joint_laws, work, outcome, attempt, report):
+            left = iterations_left(most, report)
+            outcome = solve_prepared(work.operator, model, landing, history, left)
+            if not axes_change(model.joint_laws, work, outcome, attempt, left, report):
                 break
         note_outcome(outcome, report)
         if not turns_are_small(model.dt, chain.twist, report):
@@ -206,8 +208,12 @@ class Part(NamedTuple):
 
 
 @merged
-def one_part(own, model, work, dt, steps):
-    """Return the `Part` of length dt [s] with the references in own.end_angle."""
+def one_part(own, model, work, dt, most, steps):
+    """
+    Return the `Part` of length dt [s] with the references in own.end_angle.
+
+    The report is to end with `most` iterations.
+    """
     report, history = steps.report[0], steps.history
     memory, depth = history.memory, 0.0
     span = memory.span[0]
@@ -231,7 +237,7 @@ def one_part(own, model, work, dt, steps):
         contact_history,
     )
     is_small, found, count = solve_landing(
-        model, own, work, problem, h, h_q, contact_history, report
+        model, own, work, problem, h, h_q, contact_history, most, report
     )
     if is_small:
         keep_velocities(work, own.end)
@@ -282,7 +288,7 @@ def step(own, model, work, steps, k):
         late = model.dt * ((done + size) / TICKS - 0.5)
         end_references(model.dt, late, known, angle, rate, memory, own)
         keep_history(steps.history, own.kept)
-        part = one_part(own, model, work, dt, steps)
+        part = one_part(own, model, work, dt, before[0] + model.iteration_limit, steps)
         if not part.is_small:
             keep_state(own.q_start, own.u_start, steps.q, steps.u)
             return False

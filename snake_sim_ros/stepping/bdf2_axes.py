@@ -46,14 +46,14 @@ def begin_axes(laws, own, work, angle, h, h_q):
 
 
 @inlined
-def axes_change(laws, work, outcome, attempt, report):
+def axes_change(laws, work, outcome, attempt, left, report):
     """Return whether the laws of the joints ask for another solution, and prepare it."""
     if not laws.present:
         return False
     chain = work.chain
     joint_rates(work.R, chain.twist, work.axes.rate)
     return joint_laws_change(
-        laws, work.axes, chain.torque, chain.damping[:, ::2], outcome, attempt, report
+        laws, work.axes, chain.torque, chain.damping[:, ::2], outcome, attempt, left, report
     )
 
 

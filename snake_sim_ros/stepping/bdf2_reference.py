@@ -258,15 +258,15 @@ def solve_contacts(terms: Balance, contacts: Contacts) -> tuple[Array, Array]:
 
 def solve_all(
     scene: Scene, dynamics: Balance, contacts: Contacts, laws: DenseLaws, rate: Array
-) -> tuple[tuple[Array, Array, Balance], Array, Array, bool]:
+) -> tuple[tuple[Array, Array, Balance], Array, Array, int, bool]:
     """Return what `solve_laws_of_axes` does, with u_E, P and the balance that they satisfy."""
 
-    def solve(torque: Array, damping: Array) -> tuple[Array, tuple[Array, Array, Balance]]:
+    def solve(torque: Array, damping: Array, limit: int) -> tuple[Array, object, int]:
         terms = dynamics._replace(torque=torque.ravel(), resistance=damping.ravel())
         u_E, P = solve_contacts(terms, contacts)
-        return (terms.W_tau.T @ u_E.ravel()).reshape(-1, 2), (u_E, P, terms)
+        return (terms.W_tau.T @ u_E.ravel()).reshape(-1, 2), (u_E, P, terms), 0
 
-    return solve_laws_of_axes(laws, make_joint_laws(scene.robot).inertia, rate, solve)
+    return solve_laws_of_axes(laws, make_joint_laws(scene.robot).inertia, rate, solve, 1)
 
 
 def jumps(contacts: Contacts, P_N: Array, weight: float) -> bool:
@@ -367,7 +367,7 @@ def part(
     stops = np.minimum(-of_joints.stop, angle_A), np.maximum(of_joints.stop, angle_A)
     bounds = ((stop - terms.hat.angle) / terms.h_q for stop in stops)
     laws = dense_laws(of_joints, terms.h, dynamics.torque, dynamics.resistance, *bounds)
-    solution, joint_rate, torque, settled = solve_all(
+    solution, joint_rate, torque, _, settled = solve_all(
         scene, dynamics, contacts, laws, terms.star.rate
     )
     u_E, P, dynamics = solution

@@ -57,8 +57,11 @@ from snake_sim_ros.dynamics.kinematics import twists
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.stepping.steps import count_steps
+from snake_sim_ros.stepping.steps import iterations_left
 from snake_sim_ros.stepping.steps import keep_sample
 from snake_sim_ros.stepping.steps import note_outcome
+from snake_sim_ros.stepping.steps import noted
 
 
 @inlined
@@ -98,12 +101,12 @@ def begin_step(model, work, steps, k):
 
 
 @inlined
-def solve_again(model, work, outcome, attempt, report):
+def solve_again(model, work, outcome, attempt, left, report):
     """Return whether the laws of the joints ask for another solution, and prepare it."""
     chain = work.chain
     joint_rates(work.R, chain.twist, work.axes.rate)
     if not model.joint_laws.present or not joint_laws_change(
-        model.joint_laws, work.axes, work.torque, work.damping, outcome, attempt, report
+        model.joint_laws, work.axes, work.torque, work.damping, outcome, attempt, left, report
     ):
         return False
     axis_loads(chain.axis, work.torque, work.damping, chain.torque, chain.damping)
@@ -187,15 +190,19 @@ def advance(solver, model, work, steps):
 
     The type of `solver` chooses the contact solver; see `contact.solver.solve`.
     """
+    report = steps.report[0]
     for k in range(len(steps.angle)):
         steps.cycles[k] = cycle_counter()
+        before = noted(report)
         problem = begin_step(model, work, steps, k)
         for attempt in range(MOST_CHANGES):
-            outcome = solve(solver, model, problem, steps.history)
-            if not solve_again(model, work, outcome, attempt, steps.report[0]):
+            left = iterations_left(before[0] + model.iteration_limit, report)
+            outcome = solve(solver, model, problem, steps.history, left)
+            if not solve_again(model, work, outcome, attempt, left, report):
                 break
         goes_on = end_step(model, work, steps, problem, outcome)
-        if steps.report[0].steps > k:
+        count_steps(before, report)
+        if report.steps > k:
             keep_sample(k, model.dt, model.dt, work.applied, steps)
         if not goes_on:
             break

@@ -220,23 +220,22 @@ class ReferenceStepper:
         n, history = robot.link_count, copied(history)
         q_M = middle_coordinates(state, dt)  # (72)
         torque, damping = joint_torque_law(scene, state, q_M, history.control, angle, rate)
-        of_joints, angle_M, iterations = make_joint_laws(robot), posture.joint_angles(q_M), 0
+        of_joints, angle_M = make_joint_laws(robot), posture.joint_angles(q_M)
         low = np.where(angle_M <= -of_joints.stop, 0.0, -np.inf)
         high = np.where(angle_M >= of_joints.stop, 0.0, np.inf)
         laws = dense_laws(of_joints, dt, dt * torque, dt * damping, low, high)
 
-        def solve(torque: Array, damping: Array) -> tuple[Array, Solution]:
-            nonlocal iterations
+        def solve(torque: Array, damping: Array, limit: int) -> tuple[Array, Solution, int]:
             terms = self.terms(state, q_M, torque.ravel(), damping.ravel())
             P = history.impulse[terms.active]
             rule = self.selection_rule(terms, state.u.ravel(), P)
-            P, last_P, u_E, spent, converged = self.iterate(terms, rule, P)
-            iterations += spent
+            P, last_P, u_E, iterations, converged = self.iterate(terms, rule, P, limit)
             found = Solution(terms, rule, P, last_P, u_E, converged)
-            return (terms.W_tau.T @ u_E).reshape(-1, 2), found
+            return (terms.W_tau.T @ u_E).reshape(-1, 2), found, iterations
 
-        found, joint_rate, _, settled = solve_laws_of_axes(
-            laws, of_joints.inertia, posture.joint_rates(q_M, state.u), solve
+        found, joint_rate, _, iterations, settled = solve_laws_of_axes(
+            *(laws, of_joints.inertia, posture.joint_rates(q_M, state.u), solve),
+            scene.solver.iteration_limit,
         )
         terms, rule, P, last_P, u_E, converged = found
         history.impulse[:] = 0.0  # also of contacts that have opened
@@ -307,10 +306,10 @@ class ReferenceStepper:
         return SelectionRule(compliance, center)
 
     def iterate(
-        self, terms: Terms, rule: SelectionRule, P: Array
+        self, terms: Terms, rule: SelectionRule, P: Array, limit: int
     ) -> tuple[Array, Array, Array, int, bool]:
         """
-        Iterate the contact impulses, eqs. (84)-(93).
+        Iterate the contact impulses, eqs. (84)-(93), up to `limit` times.
 
         Returns
         -------
@@ -328,7 +327,7 @@ class ReferenceStepper:
         _, _, _, W_N, W_T, W_V, W_J, _, M_inv, momentum = terms
         G_J = W_J.T @ M_inv @ W_J
         last_P, u_E, iterations, change = P, M_inv @ momentum, 0, math.inf
-        while not change < solver.tolerance and iterations < solver.iteration_limit:
+        while not change < solver.tolerance and iterations < limit:
             S = W_N @ P[:, 0] + W_T @ P[:, 1:3].ravel() + W_V @ P[:, 3:].ravel()  # (76)
             # (84), with both terms negative; the paper's first sign is lost in print.
             right = W_J.T @ M_inv @ (momentum + S)

@@ -118,7 +118,6 @@ def keep_sample(k, dt, span, applied, steps):
 def note_outcome(outcome, report):
     """Add an `Outcome` of a contact solver to a report, a record of REPORT."""
     report.iterations += outcome.iterations
-    report.iterations_max = max(report.iterations_max, outcome.iterations)
     report.unconverged += outcome.converged == 0
     report.fallbacks += outcome.fell_back
     report.residual_max = max(report.residual_max, outcome.residual)
@@ -143,8 +142,19 @@ def take_back(before, report):
 
 
 @inlined
+def iterations_left(most, report):
+    """
+    Return the iterations that the next solution of a step may take, at least 1.
+
+    The step is to end with `most` iterations in a report, a record of REPORT.
+    """
+    return max(1, most - report.iterations)
+
+
+@inlined
 def count_steps(before, report):
-    """Count steps that do not converge, not their parts; `before` was `noted` before the step."""
+    """Count the step, not its solutions, of which `before` was `noted` before the step."""
+    report.iterations_max = max(report.iterations_max, report.iterations - before[0])
     report.unconverged = min(report.unconverged, before[2] + 1)
     report.fallbacks = min(report.fallbacks, before[3] + 1)
 

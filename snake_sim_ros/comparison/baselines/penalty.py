@@ -85,7 +85,7 @@ def make_impulses(dt, closed, contacts, impulse):
 
 @solve.register(PenaltyLaw)
 @inlined
-def solve_with_springs(law, model, problem, history):
+def solve_with_springs(law, model, problem, history, limit):
     """
     Fill contact impulses and the velocities that follow from them; see `contact.solver.solve`.
 

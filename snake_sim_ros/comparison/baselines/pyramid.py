@@ -78,7 +78,7 @@ class Pyramid(NamedTuple):
 
 @solve.register(Pyramid)
 @inlined
-def solve_with_pyramid(solver, model, problem, history):
+def solve_with_pyramid(solver, model, problem, history, limit):
     """
     Sweep until the laws of the pyramid hold; see `solver.solve`.
 
@@ -94,7 +94,7 @@ def solve_with_pyramid(solver, model, problem, history):
         copy_impulses(closed, impulse, contacts)
         condensed_velocities(closed, 3, contacts, delassus)  # anew: rounding does not add up
         residual = pyramid_map(laws, closed, contacts)
-        if residual <= tolerance or iterations >= model.iteration_limit:
+        if residual <= tolerance or iterations >= limit:
             break
         sweep_pyramid(laws, closed, contacts, delassus, impulse)
         iterations += 1

@@ -70,7 +70,7 @@ def first_yaw_law(model, work, j):
 
 
 @inlined
-def yaw_axes_change(model, work, outcome, attempt, report):
+def yaw_axes_change(model, work, outcome, attempt, left, report):
     """Return whether the laws of the joints ask for another solution, and prepare it."""
     n, laws = len(work.twist), model.joint_laws
     if not laws.present:
@@ -78,7 +78,7 @@ def yaw_axes_change(model, work, outcome, attempt, report):
     for j in range(n - 1):
         work.axes.rate[j, 0] = work.twist[j + 1, 0] - work.twist[j, 0]
     torque, damping = work.torque.reshape(n - 1, 1), work.chain.damping.reshape(n - 1, 1)
-    return joint_laws_change(laws, work.axes, torque, damping, outcome, attempt, report)
+    return joint_laws_change(laws, work.axes, torque, damping, outcome, attempt, left, report)
 
 
 @inlined

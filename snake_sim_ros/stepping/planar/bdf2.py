@@ -50,6 +50,7 @@ from snake_sim_ros.stepping.planar.newton import solve_planar_contacts
 from snake_sim_ros.stepping.planar.warm_start import SECOND_CHANGE
 from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import count_steps
+from snake_sim_ros.stepping.steps import iterations_left
 from snake_sim_ros.stepping.steps import note_outcome
 from snake_sim_ros.stepping.steps import noted
 from snake_sim_ros.stepping.steps import sampled_row
@@ -249,9 +250,11 @@ def fill_predicted_grips(patches, model, own, work, h_q):
 
 
 @merged
-def planar_part(own, model, work, dt, steps):
+def planar_part(own, model, work, dt, most, steps):
     """
     Find the velocities after a time dt, with the references in own.end_angle; they are in own.end.
+
+    The report is to end with `most` iterations.
 
     Returns
     -------
@@ -269,10 +272,11 @@ def planar_part(own, model, work, dt, steps):
     contact_history, meets = without_memory(history), False
     for impact in range(2):  # one call of the solver, which is compiled where it is called
         for attempt in range(MOST_CHANGES):
+            left = iterations_left(most, report)
             outcome = solve_planar_contacts(
-                PlanarNewton(None), model, work, work.closed, contact_history
+                PlanarNewton(None), model, work, work.closed, contact_history, left
             )
-            if not yaw_axes_change(model, work, outcome, attempt, report):
+            if not yaw_axes_change(model, work, outcome, attempt, left, report):
                 break
         note_outcome(outcome, report)
         if impact:
@@ -323,7 +327,8 @@ def planar_step(own, model, work, steps, k):
         end_references(model.dt, late, known, angle, rate, memory, own)
         if model.path_tolerance > 0.0:
             keep_history(steps.history, own.kept)
-        outcome, h, h_q, meets = planar_part(own, model, work, dt, steps)
+        most = before[0] + model.iteration_limit
+        outcome, h, h_q, meets = planar_part(own, model, work, dt, most, steps)
         error = path_error(dt, 2, own.moving, own.star.u)
         taken, next_size = judge_part(model.path_tolerance, error, size)
         if not taken:

@@ -19,7 +19,7 @@ from snake_sim_ros.stepping.planar.solver import solve_in_plane
 
 
 @merged
-def sweep_in_plane(model, work, delassus, impulse):
+def sweep_in_plane(model, work, delassus, impulse, limit):
     """
     Sweep until the friction laws hold, with loads that follow from the friction.
 
@@ -36,7 +36,7 @@ def sweep_in_plane(model, work, delassus, impulse):
         condensed_velocities(closed, 3, contacts, delassus)
         equilibrium.find_loads(model, work)
         residual, printed = natural_map(model.laws, closed, contacts, tolerance)
-        if residual <= tolerance or iterations >= model.iteration_limit:
+        if residual <= tolerance or iterations >= limit:
             break
         for k, a in enumerate(closed):
             last = impulse[a, 0] if impulse[a, 0] > 0.0 else contacts.impulse[a, 0]
@@ -59,6 +59,6 @@ class PlanarGaussSeidel(NamedTuple):
 
 @solve_in_plane.register(PlanarGaussSeidel)
 @inlined
-def solve_plane_with_sweeps(solver, model, work, closed, history):
+def solve_plane_with_sweeps(solver, model, work, closed, history, limit):
     """Solve the contacts of a step; see `solver.solve_in_plane`."""
-    return sweep_in_plane(model, work, solver.delassus, history.impulse)
+    return sweep_in_plane(model, work, solver.delassus, history.impulse, limit)

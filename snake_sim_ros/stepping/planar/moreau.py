@@ -45,8 +45,11 @@ from snake_sim_ros.stepping.planar.pegs import find_peg_contacts
 from snake_sim_ros.stepping.planar.pegs import peg_depth
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
 from snake_sim_ros.stepping.state import without_memory
+from snake_sim_ros.stepping.steps import count_steps
+from snake_sim_ros.stepping.steps import iterations_left
 from snake_sim_ros.stepping.steps import keep_forces
 from snake_sim_ros.stepping.steps import note_outcome
+from snake_sim_ros.stepping.steps import noted
 from snake_sim_ros.stepping.steps import sampled_row
 
 SLIP_MEMORY = 3.0  # time constant with which slip and way are forgotten [s]
@@ -233,14 +236,18 @@ def advance_in_plane(solver, model, work, steps):
     The type of `solver` chooses the contact solver; see `solver.solve_in_plane`.
     """
     history = without_memory(steps.history)
+    report = steps.report[0]
     for k in range(len(steps.angle)):
         steps.cycles[k] = cycle_counter()
+        before = noted(report)
         count = begin_planar_step(model, work, steps, k)
         for attempt in range(MOST_CHANGES):
-            outcome = solve_in_plane(solver, model, work, work.closed[:count], history)
-            if not yaw_axes_change(model, work, outcome, attempt, steps.report[0]):
+            left = iterations_left(before[0] + model.iteration_limit, report)
+            outcome = solve_in_plane(solver, model, work, work.closed[:count], history, left)
+            if not yaw_axes_change(model, work, outcome, attempt, left, report):
                 break
         if not end_planar_step(model, work, steps, count, outcome):
             break
+        count_steps(before, report)
         keep_planar_sample(k, model.dt, model.dt, work.applied, steps)
     steps.cycles[len(steps.angle)] = cycle_counter()

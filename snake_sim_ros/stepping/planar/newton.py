@@ -317,10 +317,9 @@ class PlanarNewton(NamedTuple):
 
 @solve_in_plane.register(PlanarNewton)
 @inlined
-def solve_planar_contacts(solver, model, work, closed, history):
+def solve_planar_contacts(solver, model, work, closed, history, limit):
     """Solve the contacts of a step; see `solver.solve_in_plane`."""
     laws, contacts, delassus = model.laws, work.contacts, solver.delassus
-    limit = model.iteration_limit
     predict_sliding(closed, contacts, history)
     begin_condensed_in_plane(model, work, delassus)
     iterations, residual = iterate_coupled_in_plane(model, work, closed, delassus, limit)

@@ -37,11 +37,11 @@ def prox_friction(model, work, impulse):
 
 
 @merged
-def project_in_plane(model, work, impulse):
+def project_in_plane(model, work, impulse, limit):
     """Iterate until the friction laws hold, with loads that follow from the friction."""
     equilibrium.factor_bare(work)
     iterations, change = 0, math.inf
-    while not change < model.tolerance and iterations < model.iteration_limit:
+    while not change < model.tolerance and iterations < limit:
         copy_impulses(work.closed, impulse, work.contacts)
         equilibrium.planar_twists(model, work)
         equilibrium.find_loads(model, work)
@@ -59,6 +59,6 @@ class PlanarProxIteration(NamedTuple):
 
 @solve_in_plane.register(PlanarProxIteration)
 @inlined
-def solve_plane_with_projections(solver, model, work, closed, history):
+def solve_plane_with_projections(solver, model, work, closed, history, limit):
     """Solve the contacts of a step; see `solver.solve_in_plane`."""
-    return project_in_plane(model, work, history.impulse)
+    return project_in_plane(model, work, history.impulse, limit)

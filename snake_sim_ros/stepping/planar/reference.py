@@ -196,15 +196,19 @@ class DenseLoop:
         """Return the solution of a step with the laws of its joints, and the yaw impulses."""
         impulse = steps.history.impulse
 
-        def solve(torque: Array, damping: Array) -> tuple[Array, Solution]:
+        def solve(torque: Array, damping: Array, limit: int) -> tuple[Array, Solution, int]:
             known = self.with_law(terms, torque[:, 0], damping[:, 0])
-            found = self.iterate(model, known, impulse[:, 0], impulse[:, 1:3])
-            return np.diff(found.u_E.reshape(-1, 3)[:, 2])[:, None], found
+            found = self.iterate(model, known, impulse[:, 0], impulse[:, 1:3], limit)
+            turn = np.diff(found.u_E.reshape(-1, 3)[:, 2])[:, None]
+            return turn, found, found.iterations
 
         turn, inertia = np.diff(steps.u[:, 2])[:, None], model.joint_laws.inertia
-        found, turn, _, settled = solve_laws_of_axes(terms.laws, inertia, turn, solve)
+        found, turn, _, iterations, settled = solve_laws_of_axes(
+            terms.laws, inertia, turn, solve, model.iteration_limit
+        )
         converged = found.converged and settled
-        return found._replace(converged=converged), terms.laws.controller(turn)[:, 0]
+        found = found._replace(iterations=iterations, converged=converged)
+        return found, terms.laws.controller(turn)[:, 0]
 
     def terms(self, model: PlanarModel, q: Array, u: Array, angle: Array, rate: Array) -> Terms:
         """Return the terms of the balance at the middle of a step, for yaw references (n-1,)."""
@@ -239,15 +243,15 @@ class DenseLoop:
         )
 
     def iterate(
-        self, model: PlanarModel, terms: Terms, normal: Array, tangential: Array
+        self, model: PlanarModel, terms: Terms, normal: Array, tangential: Array, limit: int
     ) -> Solution:
-        """Iterate loads and friction from some impulses, eqs. (84)-(93)."""
+        """Iterate loads and friction from some impulses, up to `limit` times, eqs. (84)-(93)."""
         solver, (theta, _, W_J, W_T, _, _, momentum, _, M_inv) = self.scene.solver, terms
         n, half, offset = len(theta), model.half_length, model.offset
         reaction = M_inv @ W_J @ np.linalg.inv(W_J.T @ M_inv @ W_J) if n > 1 else W_J
         c, s = np.cos(theta), np.sin(theta)
         iterations, change = 0, math.inf
-        while not change < solver.tolerance and iterations < solver.iteration_limit:
+        while not change < solver.tolerance and iterations < limit:
             u_E = M_inv @ (momentum + W_T @ tangential.ravel())
             u_E = u_E - reaction @ (W_J.T @ u_E)
             along, across = (tangential[:n] + tangential[n:]).T

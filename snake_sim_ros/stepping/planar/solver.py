@@ -6,7 +6,7 @@ from snake_sim_ros.dynamics.compilation import Dispatched
 
 
 @Dispatched
-def solve_in_plane(solver, model, work, closed, history):
+def solve_in_plane(solver, model, work, closed, history, limit):
     """
     Solve the contacts of a step in the plane with the method of the type of `solver`.
 
@@ -22,6 +22,8 @@ def solve_in_plane(solver, model, work, closed, history):
         Numbers of the closed contacts.
     history : History
         That of the last step; it is replaced by that of this step.
+    limit : int
+        Most iterations that it may take, at least 1.
 
     Returns
     -------

@@ -301,8 +301,8 @@ def test_a_step_that_does_not_converge_says_so(method):
     )
     _, _, report = stepper.advance(*arguments)
     # Two steps; the first of BDF2 has three parts.
-    iterations = 12 if method == 'bdf2' else 6
-    assert (report.steps, report.iterations, report.iterations_max) == (2, iterations, 3)
+    iterations = (12, 9) if method == 'bdf2' else (6, 3)
+    assert (report.steps, report.iterations, report.iterations_max) == (2, *iterations)
     assert (report.unconverged, report.status) == (2, Status.MAX_ITERATIONS)
     assert report.residual_max > 0.0
 

@@ -70,7 +70,7 @@ def compile_solver(scene: Scene, level: str) -> None:
         compile_call(solve, first, model, problem, history, 1)
     elif loop.func is bdf2.advance:
         report = np.zeros(1, REPORT)[0]
-        numbers = problem, 0.0, 0.0, without_memory(history), 1, report
+        numbers = problem, 0.0, 0.0, without_memory(history), report
         compile_call(bdf2.solve_landing, model, first, work, *numbers)
     else:
         solver = first if loop.func is planar_moreau.advance_in_plane else PlanarNewton(None)

@@ -148,9 +148,9 @@ def begin(model, own, work, angle, control, h, h_q, late, history):
 
 
 @inlined
-def solve_landing(model, own, work, problem, h, h_q, history, most, report):
+def solve_landing(model, own, work, problem, h, h_q, history, report):
     """
-    Solve the contacts and, if they land, the impact, up to `most` iterations in the report.
+    Solve the contacts and, if they land, the impact, each with all iterations of the limit.
 
     The velocities that move the coordinates are then in own.moving, and those after the impact in
     the chain.
@@ -169,6 +169,7 @@ def solve_landing(model, own, work, problem, h, h_q, history, most, report):
     count = likely_to_push(closed, contacts)
     while True:  # one call of the solver, which is compiled where it is called
         landing = Problem(laws, closed[:count], contacts, chain)
+        most = report.iterations + model.iteration_limit
         for attempt in range(MOST_CHANGES):
             prepare_contacts(work.operator, landing)
             left = iterations_left(most, report)
@@ -208,12 +209,8 @@ class Part(NamedTuple):
 
 
 @merged
-def one_part(own, model, work, dt, most, steps):
-    """
-    Return the `Part` of length dt [s] with the references in own.end_angle.
-
-    The report is to end with `most` iterations.
-    """
+def one_part(own, model, work, dt, steps):
+    """Return the `Part` of length dt [s] with the references in own.end_angle."""
     report, history = steps.report[0], steps.history
     memory, depth = history.memory, 0.0
     span = memory.span[0]
@@ -237,7 +234,7 @@ def one_part(own, model, work, dt, most, steps):
         contact_history,
     )
     is_small, found, count = solve_landing(
-        model, own, work, problem, h, h_q, contact_history, most, report
+        model, own, work, problem, h, h_q, contact_history, report
     )
     if is_small:
         keep_velocities(work, own.end)
@@ -288,7 +285,7 @@ def step(own, model, work, steps, k):
         late = model.dt * ((done + size) / TICKS - 0.5)
         end_references(model.dt, late, known, angle, rate, memory, own)
         keep_history(steps.history, own.kept)
-        part = one_part(own, model, work, dt, before[0] + model.iteration_limit, steps)
+        part = one_part(own, model, work, dt, steps)
         if not part.is_small:
             keep_state(own.q_start, own.u_start, steps.q, steps.u)
             return False

@@ -250,11 +250,9 @@ def fill_predicted_grips(patches, model, own, work, h_q):
 
 
 @merged
-def planar_part(own, model, work, dt, most, steps):
+def planar_part(own, model, work, dt, steps):
     """
     Find the velocities after a time dt, with the references in own.end_angle; they are in own.end.
-
-    The report is to end with `most` iterations.
 
     Returns
     -------
@@ -271,6 +269,7 @@ def planar_part(own, model, work, dt, most, steps):
     begin_planar_part(model, own, work, memory.end.heading, h, h_q)
     contact_history, meets = without_memory(history), False
     for impact in range(2):  # one call of the solver, which is compiled where it is called
+        most = report.iterations + model.iteration_limit
         for attempt in range(MOST_CHANGES):
             left = iterations_left(most, report)
             outcome = solve_planar_contacts(
@@ -327,8 +326,7 @@ def planar_step(own, model, work, steps, k):
         end_references(model.dt, late, known, angle, rate, memory, own)
         if model.path_tolerance > 0.0:
             keep_history(steps.history, own.kept)
-        most = before[0] + model.iteration_limit
-        outcome, h, h_q, meets = planar_part(own, model, work, dt, most, steps)
+        outcome, h, h_q, meets = planar_part(own, model, work, dt, steps)
         error = path_error(dt, 2, own.moving, own.star.u)
         taken, next_size = judge_part(model.path_tolerance, error, size)
         if not taken:

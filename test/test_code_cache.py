@@ -15,6 +15,7 @@ from snake_sim_ros.dynamics.compilation import watched
 from snake_sim_ros.scene.about import PACKAGE
 
 PROGRAM = """
+import sys
 from snake_sim_ros.dynamics.compilation import watched
 from snake_sim_ros.dynamics import kinematics
 import numpy as np
@@ -22,12 +23,12 @@ names = []
 with watched(names.append):
     kinematics.joint_motions(np.zeros((1, 2, 7)), np.zeros((1, 2, 6)), np.zeros((2, 3, 3)),
                              np.zeros((2, 3)), np.zeros((1, 1, 2, 2)))
-print(len(names))
+print(len(names), 'scipy.linalg' in sys.modules)
 """
 
 
 def compiled_functions(cache: Path, sources: Path) -> int:
-    """Return how many functions a process of an installation compiles."""
+    """Return how many functions a process compiles, which imports SciPy only if it compiles."""
     done = subprocess.run(
         [sys.executable, '-c', PROGRAM],
         env={**os.environ, 'XDG_CACHE_HOME': str(cache), 'PYTHONPATH': str(sources)},
@@ -36,7 +37,9 @@ def compiled_functions(cache: Path, sources: Path) -> int:
         text=True,
         check=True,
     )
-    return int(done.stdout)
+    count, is_ready = done.stdout.split()
+    assert is_ready == str(count != '0')
+    return int(count)
 
 
 def test_installations_of_the_same_sources_share_it(tmp_path):

@@ -170,15 +170,20 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
         self._lock: IO[str] | None = None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the code for some types of arguments, or None: this process compiles it."""
-        found = super().load_overload(sig, target_context)
+        """
+        Return the code for some types of arguments, or None: this process compiles it.
+
+        The cache of Numba gets its whole compiler ready first, and with that imports SciPy, which
+        takes longer than all else at a start. What is only loaded needs none of it.
+        """
+        found = self._load_overload(sig, target_context)
         if found is None and self.shares_work and self._lock is None:
             types = hashlib.sha256(str(sig).encode()).hexdigest()[:16]
             path = Path(self.cache_path) / f'{self._impl.filename_base}-{types}.lock'
             path.parent.mkdir(parents=True, exist_ok=True)
             self._lock = path.open('w')
             fcntl.flock(self._lock, fcntl.LOCK_EX)
-            found = super().load_overload(sig, target_context)
+            found = self._load_overload(sig, target_context)
             if found is not None:
                 self.unlock()
         return found

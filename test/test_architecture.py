@@ -311,7 +311,7 @@ def test_functions_are_compiled_or_typed(module):
 @each_module
 def test_nothing_is_compiled_in_another_way(module):
     # `compiled` alone knows how: options would differ from function to function.
-    places = ('dynamics/compilation', 'dynamics/bound_call', 'dynamics/code_cache')
+    places = ('dynamics/compilation', 'dynamics/code_cache', 'dynamics/records')
     assert ('numba' in module.packages()) == (module.place in places)
     assert not re.search(r'\bn?jit\(', module.text) or module.place == 'dynamics/compilation'
 

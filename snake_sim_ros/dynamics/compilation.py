@@ -6,6 +6,7 @@ from collections.abc import Callable
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import update_wrapper
+import gc
 import operator
 import os
 import platform
@@ -169,11 +170,26 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any
     return wrapper
 
 
-def compile_call(function: Any, *arguments: Any) -> None:
-    """Compile a compiled or `Dispatched` function for a call from compiled code."""
-    if isinstance(function, Dispatched):
-        function = function.implementations[type(arguments[0])]
-    function.compile(tuple(map(numba.typeof, arguments)))
+class _Pause(event.Listener):  # type: ignore[misc]
+    """Lets the collector of garbage pause: the compiler makes millions of objects that stay."""
+
+    def __init__(self) -> None:
+        self.depth, self.was_enabled = 0, True
+
+    def on_start(self, started: Any) -> None:
+        if self.depth == 0:
+            self.was_enabled = gc.isenabled()
+            gc.disable()
+        self.depth += 1
+
+    def on_end(self, ended: Any) -> None:
+        self.depth -= 1
+        if self.depth == 0 and self.was_enabled:
+            gc.enable()
+
+
+_pause = _Pause()
+event.register('numba:compile', _pause)
 
 
 class _Teller(event.Listener):  # type: ignore[misc]

@@ -11,7 +11,6 @@ share a level: one compiles the contact solver, the other one what is around it.
 from collections.abc import Callable
 from collections.abc import Sequence
 from contextlib import suppress
-import gc
 import os
 import pickle
 import subprocess
@@ -77,7 +76,6 @@ class Job(NamedTuple):
     def do(self, tell: Callable[[str], object]) -> None:
         """Fill the cache; tell the name of every function."""
         os.nice(self.niceness)
-        gc.disable()  # The compiler makes millions of objects that stay: a tenth of its time.
         CodeCache.shares_work = True
         with watched(tell):
             if self.solver:

@@ -6,7 +6,6 @@ What the compiler does for a level, and what of that a second process can do at 
 The contact solver is half of a step, for the compiler too.
 """
 
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,14 +14,16 @@ from snake_sim_ros.contact.line_search import line_search
 from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.solver import Problem
 from snake_sim_ros.contact.solver import solve
-from snake_sim_ros.dynamics.compilation import compile_call
+from snake_sim_ros.dynamics.bound_call import compile_call
+from snake_sim_ros.dynamics.bound_call import Loop
 from snake_sim_ros.dynamics.compilation import Dispatched
+from snake_sim_ros.dynamics.records import type_of
+from snake_sim_ros.dynamics.records import type_of_made
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping import bdf2
 from snake_sim_ros.stepping import moreau
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.planar import moreau as planar_moreau
-from snake_sim_ros.stepping.planar.newton import PlanarNewton
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
 from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import REPORT
@@ -32,7 +33,7 @@ def one_level(scene: Scene, level: str) -> Any:
     """Return the stepper of one level of a scene; None if its steps are not compiled."""
     stepper: Any = make_stepper(scene)
     stepper = getattr(stepper, level, stepper)
-    return stepper if isinstance(getattr(stepper, 'loop', None), partial) else None
+    return stepper if isinstance(getattr(stepper, 'loop', None), Loop) else None
 
 
 def function_count(scene: Scene, level: str) -> int:
@@ -40,7 +41,7 @@ def function_count(scene: Scene, level: str) -> int:
     stepper = one_level(scene, level)
     found: set[Any] = set()
     if stepper:
-        _find(stepper.loop.func, stepper.loop.args[0], found)
+        _find(stepper.loop.func, stepper.loop.first, found)
     return sum(1 for function in found if function.targetoptions.get('inline') != 'always')
 
 
@@ -62,20 +63,22 @@ def compile_solver(scene: Scene, level: str) -> None:
     stepper = one_level(scene, level)
     if not stepper:
         return
-    loop, model, work, history = stepper.loop, stepper.model, stepper.work, stepper.empty
-    (first,) = loop.args
-    if loop.func in (moreau.advance, bdf2.advance):
-        problem = Problem(model.laws, work.closed, work.contacts, work.chain)
-    if loop.func is moreau.advance:
-        compile_call(solve, first, model, problem, history, 1)
-    elif loop.func is bdf2.advance:
-        report = np.zeros(1, REPORT)[0]
-        numbers = problem, 0.0, 0.0, without_memory(history), report
-        compile_call(bdf2.solve_landing, model, first, work, *numbers)
+    function, model, work = stepper.loop.func, stepper.model, stepper.work
+    first, kinds = stepper.loop.first, (type_of(model), type_of(work))
+    history = type_of_made(without_memory(stepper.empty))
+    if function in (moreau.advance, bdf2.advance):
+        problem = type_of_made(Problem(model.laws, work.closed, work.contacts, work.chain))
+    if function is moreau.advance:
+        whole = type_of(stepper.empty)
+        compile_call(solve, type_of(first), kinds[0], problem, whole, type_of(1))
+    elif function is bdf2.advance:
+        h, report = type_of(model.dt), type_of(np.zeros(1, REPORT)).dtype
+        arguments = kinds[0], type_of(first), kinds[1], problem, h, h, history, report
+        compile_call(bdf2.solve_landing, *arguments)
     else:
-        solver = first if loop.func is planar_moreau.advance_in_plane else PlanarNewton(None)
-        rest = work.closed, without_memory(history), 1
-        compile_call(solve_in_plane, solver, model, work, *rest)
+        is_moreau = function is planar_moreau.advance_in_plane
+        solver = type_of(first if is_moreau else first.solver)
+        compile_call(solve_in_plane, solver, *kinds, type_of(work.closed), history, type_of(1))
 
 
 def compile_search(scene: Scene, level: str) -> None:
@@ -84,6 +87,6 @@ def compile_search(scene: Scene, level: str) -> None:
     if not stepper:
         return
     model, work = stepper.model, stepper.work
-    contacts = model.laws, work.closed, work.contacts
-    compile_call(natural_map, *contacts, model.residual_tolerance)
+    contacts = [type_of(part) for part in (model.laws, work.closed, work.contacts)]
+    compile_call(natural_map, *contacts, type_of(model.residual_tolerance))
     compile_call(line_search, *contacts)

@@ -4,7 +4,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 from snake_sim_ros.contact.delassus import Delassus
@@ -13,6 +12,7 @@ from snake_sim_ros.contact.gauss_seidel import GaussSeidel
 from snake_sim_ros.contact.newton import Newton
 from snake_sim_ros.contact.prox_iteration import MOST_CONDENSED_ROWS
 from snake_sim_ros.contact.prox_iteration import ProxIteration
+from snake_sim_ros.dynamics.bound_call import Loop
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.obstacles import has_one_ellipse
@@ -42,14 +42,12 @@ Make = Callable[[Scene], Any]  # a contact solver for a scene
 
 def _spatial(solver: Make) -> Callable[[Scene], SpatialStepper]:
     """Return the maker of a stepper for the paper's step with a contact solver."""
-    return lambda scene: SpatialStepper(scene, partial(moreau.advance, solver(scene)))
+    return lambda scene: SpatialStepper(scene, Loop(moreau.advance, solver(scene)))
 
 
 def _planar(solver: Make) -> Callable[[Scene], PlanarStepper]:
     """Return the maker of a stepper for the paper's step in the plane with a contact solver."""
-    return lambda scene: PlanarStepper(
-        scene, partial(planar_moreau.advance_in_plane, solver(scene))
-    )
+    return lambda scene: PlanarStepper(scene, Loop(planar_moreau.advance_in_plane, solver(scene)))
 
 
 def _delassus(scene: Scene) -> Delassus:
@@ -64,13 +62,13 @@ def _small_delassus(scene: Scene) -> Delassus:
 def _spatial_bdf2(scene: Scene) -> SpatialStepper:
     n = scene.robot.link_count
     own = bdf2_memory.make_arrays(n, contact_count(scene))
-    return SpatialStepper(scene, partial(bdf2.advance, own), bdf2_memory.make_memory(n))
+    return SpatialStepper(scene, Loop(bdf2.advance, own), bdf2_memory.make_memory(n))
 
 
 def _planar_bdf2(scene: Scene) -> PlanarStepper:
     n = scene.robot.link_count
     own = planar_bdf2.make_planar_arrays(n, contact_count(scene))
-    loop = partial(planar_bdf2.advance_bdf2_in_plane, own)
+    loop = Loop(planar_bdf2.advance_bdf2_in_plane, own)
     return PlanarStepper(scene, loop, planar_bdf2.make_planar_bdf2_memory(n))
 
 

@@ -17,9 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.dynamics.bound_call import BoundCall
-from snake_sim_ros.dynamics.bound_call import call
-from snake_sim_ros.dynamics.bound_call import last_argument
 from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.records import Block
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.state import History
@@ -33,11 +32,8 @@ from snake_sim_ros.stepping.steps import report_of
 from snake_sim_ros.stepping.steps import Steps
 
 PITCH_ROUNDING = 1e-9  # pitch references up to this count as zero [rad], [rad/s]
-ANY_PITCH, NO_PITCH, PITCH = (
-    0,
-    1,
-    2,
-)  # pitch references for which a loop is right: all, zero, not zero
+# Pitch references for which a loop is right: all, those that are zero, those that are not.
+ANY_PITCH, NO_PITCH, PITCH = 0, 1, 2
 FLOAT = np.dtype(np.float64)
 
 
@@ -48,33 +44,30 @@ class End(NamedTuple):
     history: Callable[[Steps], History]
 
 
+class Next(NamedTuple):
+    """The step that is asked for, and for which a loop is right."""
+
+    pitch: int  # the pitch references for which it is: ANY_PITCH, NO_PITCH or PITCH
+    settles: bool  # whether the robot must yet lie flat before it is planar; see `state.History`
+    angle: Array  # (1, n-1, 2) as in `steps.Steps`
+    rate: Array  # (1, n-1, 2)
+    settling: Array  # (1,)
+    report: Any  # (1,)
+
+
 @compiled
-def take_one(bound, pitch, settles):
-    """
-    Take a step by a bound call of a loop; return False if the step is another one, or not taken.
-
-    Parameters
-    ----------
-    bound : BoundCall
-        Its last argument is a `steps.Steps` with one joint reference.
-    pitch : int
-        The pitch references for which the loop is right: ANY_PITCH, NO_PITCH or PITCH.
-    settles : bool
-        Whether the robot must yet lie flat before it is planar; see `state.History`.
-
-    """
-    steps = last_argument(bound)
-    if pitch != ANY_PITCH:
-        largest = 0.0
-        for j in range(steps.angle.shape[1]):
-            largest = max(largest, abs(steps.angle[0, j, 1]), abs(steps.rate[0, j, 1]))
-        if (largest > PITCH_ROUNDING) != (pitch == PITCH):
-            return False
-        if (steps.history.settling[0] > 0.0) != settles:
-            return False
-    clear_report(steps.report[0])
-    call(bound)
-    return steps.report[0].steps == 1
+def begin_one(following):
+    """Empty the report for the `Next` step; return 1 if the loop is right for it, or 0."""
+    if following.pitch != ANY_PITCH:
+        angle, rate, largest = following.angle, following.rate, 0.0
+        for j in range(angle.shape[1]):
+            largest = max(largest, abs(angle[0, j, 1]), abs(rate[0, j, 1]))
+        if (largest > PITCH_ROUNDING) != (following.pitch == PITCH):
+            return 0
+        if (following.settling[0] > 0.0) != following.settles:
+            return 0
+    clear_report(following.report[0])
+    return 1
 
 
 class Given:
@@ -107,7 +100,7 @@ class SingleSteps:
     record : Record
         Without samples.
     pitch : int
-        See `take_one`.
+        See `Next`.
     end : End
 
     Attributes
@@ -133,12 +126,12 @@ class SingleSteps:
             np.zeros(self.shape), record,
         )  # fmt: skip
         self.angle, self.rate = self.steps.angle, self.steps.rate
-        self.pitch, self.settles = pitch, bool(history.settling[0] > 0.0)
         self.level, self.dt, self.applied = stepper.level, stepper.model.dt, stepper.work.applied
         stepper.cycles = self.steps.cycles
-        self.bound = BoundCall(
-            stepper.loop.func, *stepper.loop.args, stepper.model, stepper.work, self.steps
-        )
+        settling = self.steps.history.settling
+        following = pitch, bool(settling[0] > 0.0), self.angle, self.rate, settling
+        self.begin = BoundCall(begin_one, Block(Next(*following, self.steps.report)))
+        self.loop = stepper.loop.bound(stepper.model, stepper.work, self.steps)
         self.end, self.left = end, ''
         self.given_state: Given | None = None
         self.given_history: Given | None = None
@@ -159,17 +152,20 @@ class SingleSteps:
             if given and given.is_changed():
                 return None
         self.angle[...], self.rate[...], self.before[...] = angle, rate, self.block
-        if take_one(self.bound, self.pitch, self.settles):
-            self.given_state = self.given_history = None
+        if self.begin():
+            self.loop()
             report = report_of(self.steps, self.applied, self.dt, self.level)
-            report.left = self.left
-            return report
-        self.block[...] = self.before
+            if report.steps:
+                self.given_state = self.given_history = None
+                report.left = self.left
+                return report
+            self.block[...] = self.before
         return None
 
     def prepare(self) -> None:
         """Compile the steps, by one that is not taken."""
-        take_one(self.bound, ANY_PITCH, False)
+        self.begin()
+        self.loop()
         self.block[...] = self.before
 
     @property

@@ -92,6 +92,7 @@ class PlanarBdf2Arrays(NamedTuple):
     end_angle: Array  # (n-1, 2)
     end_rate: Array  # (n-1, 2)
     kept: Array  # (3, contacts, 5)
+    solver: PlanarNewton
 
 
 def make_planar_motion(n: int) -> PlanarMotion:
@@ -112,7 +113,15 @@ def make_planar_arrays(n: int, contacts: int) -> PlanarBdf2Arrays:
     hat, star, end, before = (make_planar_motion(n) for _ in range(4))
     angle, rate = np.zeros((2, n - 1, 2))
     return PlanarBdf2Arrays(
-        hat, star, end, before, np.zeros((n, 3)), angle, rate, np.zeros((3, contacts, 5))
+        hat,
+        star,
+        end,
+        before,
+        np.zeros((n, 3)),
+        angle,
+        rate,
+        np.zeros((3, contacts, 5)),
+        PlanarNewton(None),
     )
 
 
@@ -273,7 +282,7 @@ def planar_part(own, model, work, dt, steps):
         for attempt in range(MOST_CHANGES):
             left = iterations_left(most, report)
             outcome = solve_planar_contacts(
-                PlanarNewton(None), model, work, work.closed, contact_history, left
+                own.solver, model, work, work.closed, contact_history, left
             )
             if not yaw_axes_change(model, work, outcome, attempt, left, report):
                 break

@@ -3,12 +3,12 @@
 """The planar level as a stepper; it converts states in space to the plane and back."""
 
 from collections.abc import Callable
-from functools import partial
 import math
 from typing import Any
 
 import numpy as np
 
+from snake_sim_ros.dynamics.bound_call import Loop
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.scene.parameters import Array
@@ -222,7 +222,7 @@ class PlanarStepper:
 
         It is None if the step before was not planar, or if the loop is not compiled.
         """
-        if not (isinstance(self.loop, partial) and self.goes_on(state, history.memory)):
+        if not (isinstance(self.loop, Loop) and self.goes_on(state, history.memory)):
             return None
         return self.going_on(state, history, *self.coordinates(state, history.memory, True))
 

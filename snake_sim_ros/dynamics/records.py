@@ -1,0 +1,189 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Records that compiled functions reach by their address.
+
+Numba passes a NamedTuple by value. That of a model or a workspace holds the headers of up to 200
+arrays, which every call copies, and which the compiler carries through all functions. Here a
+record is a block of words in memory, and an argument is one address. What is in a block does not
+change as long as it lives, so that the compiler may read a word once for a whole loop. What is in
+the arrays may change.
+"""
+
+from functools import cache
+import hashlib
+import struct
+from typing import Any
+
+from llvmlite import ir
+from numba.core import types
+from numba.core.imputils import lower_getattr_generic
+from numba.core.types.containers import BaseTuple
+from numba.core.typing.templates import AttributeTemplate
+from numba.core.typing.templates import infer_getattr
+from numba.extending import models
+from numba.extending import register_model
+from numba.np.numpy_support import from_dtype
+import numpy as np
+
+WORD = ir.IntType(64)
+
+
+class RecordType(types.Type):  # type: ignore[misc]
+    """
+    The type of a record in compiled code: its class, a NamedTuple, and the types of its fields.
+
+    An array has a word for its address and one for each length, any other field one word.
+    """
+
+    def __init__(self, cls: Any, kinds: tuple[Any, ...]) -> None:
+        self.instance_class, self.kinds = cls, kinds
+        sizes = [_size(kind) for kind in kinds]
+        self.places = [sum(sizes[:k]) for k in range(len(sizes))]
+        self.size = sum(sizes)
+        self.format = ''.join(map(_format, kinds))
+        content = ' '.join([cls.__module__, cls.__qualname__, *map(str, kinds)])
+        super().__init__(f'{cls.__name__}_{hashlib.sha256(content.encode()).hexdigest()[:12]}')
+
+
+def _size(kind: Any) -> int:
+    """Return the number of words of a field."""
+    if isinstance(kind, types.Array):
+        return 1 + int(kind.ndim)
+    return int(getattr(kind, 'size', kind is not types.none))
+
+
+def _format(kind: Any) -> str:
+    """Return the words of a field, as of `struct`."""
+    if isinstance(kind, RecordType):
+        return kind.format
+    return 'd' if kind is types.float64 else _size(kind) * 'q'
+
+
+@cache
+def _type_of(key: Any) -> Any:
+    """Return the type for what `_read` returns."""
+    if not isinstance(key, tuple):
+        return key
+    first, *rest = key
+    if isinstance(first, np.dtype):
+        return types.Array(from_dtype(first), rest[0], 'C')
+    return RecordType(first, tuple(map(_type_of, rest)))
+
+
+def _read(value: Any, words: list[Any]) -> Any:
+    """Append the words of a value, and return what its type is found by."""
+    if isinstance(value, np.ndarray):
+        if not value.flags.c_contiguous:
+            raise TypeError(
+                f'arrays of a record must be C-contiguous, got strides {value.strides}'
+            )
+        words.append(value.__array_interface__['data'][0])
+        words.extend(value.shape)
+        return value.dtype, value.ndim
+    if isinstance(value, tuple):
+        return type(value), *[_read(part, words) for part in value]
+    if value is None:
+        return types.none
+    words.append(value)
+    if isinstance(value, float):
+        return types.float64
+    return types.boolean if isinstance(value, (bool, np.bool_)) else types.int64
+
+
+class Block:
+    """
+    A record in memory, for compiled functions.
+
+    Parameters
+    ----------
+    record : NamedTuple
+        Numbers, None, C-contiguous arrays, and such records.
+
+    Attributes
+    ----------
+    record : NamedTuple
+    kind : RecordType
+    address : int
+
+    """
+
+    def __init__(self, record: Any) -> None:
+        words: list[Any] = []
+        self.record, self.kind = record, _type_of(_read(record, words))
+        # One word more: there is a record without fields, and no array of an empty buffer.
+        self._words = np.frombuffer(struct.pack(self.kind.format + 'q', *words, 0), np.int64)
+        self.address = self._words.__array_interface__['data'][0]
+
+
+def type_of(value: Any) -> Any:
+    """Return the type of a value in compiled code, that of a record by its address."""
+    return _type_of(_read(value, []))
+
+
+def type_of_made(record: Any) -> Any:
+    """Return the type of a record that compiled code makes of others."""
+    return BaseTuple.from_types(tuple(map(type_of, record)), type(record))
+
+
+register_model(RecordType)(models.OpaqueModel)
+
+
+@infer_getattr
+class _Fields(AttributeTemplate):  # type: ignore[misc]
+    key = RecordType
+
+    def generic_resolve(self, kind: Any, name: str) -> Any:
+        fields = kind.instance_class._fields
+        return kind.kinds[fields.index(name)] if name in fields else None
+
+
+@lower_getattr_generic(RecordType)  # type: ignore[untyped-decorator]
+def _field(context: Any, builder: Any, kind: Any, address: Any, name: str) -> Any:
+    k = kind.instance_class._fields.index(name)
+    words = builder.bitcast(address, WORD.as_pointer())
+    place = builder.gep(words, [WORD(kind.places[k])], inbounds=True)
+    field = kind.kinds[k]
+    if isinstance(field, RecordType):
+        return builder.bitcast(place, context.get_value_type(field))
+    if isinstance(field, types.Array):
+        return _array(context, builder, field, place)
+    if field is types.none:
+        return context.get_dummy_value()
+    model = context.data_model_manager[field]
+    return model.from_data(builder, _word(builder, place, model.get_data_type()))
+
+
+def _word(builder: Any, place: Any, kind: Any) -> Any:
+    """Return a word that never changes, as a value of some type."""
+    value = builder.load(builder.bitcast(place, kind.as_pointer()))
+    value.set_metadata('invariant.load', builder.module.add_metadata([]))
+    return value
+
+
+def _array(context: Any, builder: Any, kind: Any, place: Any) -> Any:
+    """Return the header of an array from its address and lengths."""
+    model = context.data_model_manager[kind]
+    lengths = [_word(builder, builder.gep(place, [WORD(1 + k)]), WORD) for k in range(kind.ndim)]
+    size = WORD(context.get_abi_sizeof(context.get_data_type(kind.dtype)))
+    strides, count = [size], WORD(1)
+    for length in lengths[:0:-1]:
+        strides.insert(0, builder.mul(strides[0], length))
+    for length in lengths:
+        count = builder.mul(count, length)
+    value = ir.Constant(model.get_value_type(), None)
+    parts = {
+        'data': _word(builder, place, context.get_value_type(model.get_type('data'))),
+        'nitems': count,
+        'itemsize': size,
+        'shape': lengths,
+        'strides': strides,
+    }
+    for name, part in parts.items():
+        if isinstance(part, list):
+            whole = ir.Constant(ir.ArrayType(WORD, len(part)), ir.Undefined)
+            for k, one in enumerate(part):
+                whole = builder.insert_value(whole, one, k)
+            part = whole
+        value = model.set(builder, value, part, name)
+    return value

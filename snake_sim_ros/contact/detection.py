@@ -24,7 +24,6 @@ from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.scene.obstacles import first_pair
 from snake_sim_ros.scene.obstacles import first_peg
-from snake_sim_ros.scene.obstacles import has_one_ellipse
 from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.obstacles import pair_contacts
 from snake_sim_ros.scene.parameters import Array
@@ -42,7 +41,7 @@ class Obstacles(NamedTuple):
     first_peg: int  # number of the first contact with a peg
     first_pair: int  # number of the first contact of two links
     pair_count: int  # number of such contacts
-    patches: Patches | None  # None where the ground has one ellipse of friction
+    patches: Patches
 
 
 def make_obstacles(scene: Scene) -> Obstacles | None:
@@ -69,7 +68,6 @@ def make_other_friction(scene: Scene, proximal: float) -> OtherFriction | None:
     if is_flat(scene):
         return None
     floor = scene.friction
-    backward = make_disc(1, floor.against_backward, floor.transversal, proximal)
     mu, mu_pair = scene.pegs.friction, scene.self_contact_friction
     return OtherFriction(
         first_peg=first_peg(scene),
@@ -77,7 +75,8 @@ def make_other_friction(scene: Scene, proximal: float) -> OtherFriction | None:
         peg=make_disc(1, mu, mu, proximal),
         pair=make_disc(1, mu_pair, mu_pair, proximal),
         rolling=make_disc(3, 0.0, 0.0, proximal),
-        backward=None if has_one_ellipse(scene) else backward,
+        backward=make_disc(1, floor.against_backward, floor.transversal, proximal),
+        has_sides=floor.has_direction,
     )
 
 

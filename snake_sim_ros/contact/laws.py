@@ -67,7 +67,8 @@ class OtherFriction(NamedTuple):
     peg: Disc
     pair: Disc
     rolling: Disc  # zero: such contacts have no rolling friction
-    backward: Disc | None  # None where the ground has one ellipse, as `obstacles.has_one_ellipse`
+    backward: Disc
+    has_sides: bool  # whether `backward` differs from `Laws.sliding`
 
 
 class Laws(NamedTuple):
@@ -91,21 +92,19 @@ def sliding_disc(laws, other, a, P_x):
         return laws.sliding
     if a >= other.first_pair:
         return other.pair
-    return other.peg if a >= other.first_peg else ground_disc(laws, other.backward, P_x)
+    return other.peg if a >= other.first_peg else ground_disc(laws, other, P_x)
 
 
 @inlined
 def floor_disc(laws, other, P_x):
     """Return the sliding friction of a contact with the ground, as `sliding_disc` does."""
-    return laws.sliding if other is None else ground_disc(laws, other.backward, P_x)
+    return laws.sliding if other is None else ground_disc(laws, other, P_x)
 
 
 @inlined
-def ground_disc(laws, backward, P_x):
-    """Return the sliding friction of the ground; `backward` is that of `OtherFriction`."""
-    if backward is None:
-        return laws.sliding
-    return backward if P_x > 0.0 else laws.sliding
+def ground_disc(laws, other, P_x):
+    """Return the sliding friction of the ground in a scene with an `OtherFriction`."""
+    return other.backward if P_x > 0.0 else laws.sliding
 
 
 @inlined
@@ -124,27 +123,16 @@ def anchored_side(contacts, a):
 @inlined
 def changes_side(other, contacts, a):
     """Return whether the iterate of contact a has friction of another side than its anchor."""
-    return False if other is None else crosses(other, other.backward, contacts, a)
-
-
-@inlined
-def crosses(other, backward, contacts, a):
-    """Do what `changes_side` does, for contacts that may differ."""
-    if backward is None:
+    if other is None:
         return False
-    return a < other.first_peg and contacts.iterate[a, 1] * contacts.anchor[a, 1] < 0.0
+    crosses = contacts.iterate[a, 1] * contacts.anchor[a, 1] < 0.0
+    return crosses and other.has_sides and a < other.first_peg
 
 
 @inlined
 def grip(other, contacts, a):
     """Return the factor of all friction of contact a: 1 but for patches of the ground."""
-    return 1.0 if other is None else ground_grip(other.backward, contacts, a)
-
-
-@inlined
-def ground_grip(backward, contacts, a):
-    """Return the grip of contact a; `backward` is that of `OtherFriction`."""
-    return 1.0 if backward is None else contacts.grip[a]
+    return 1.0 if other is None else contacts.grip[a]
 
 
 @inlined

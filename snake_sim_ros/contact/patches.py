@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.scene.obstacles import has_one_ellipse
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 
@@ -28,10 +27,8 @@ class Patches(NamedTuple):
     origin_y: float
 
 
-def make_patches(scene: Scene) -> Patches | None:
-    """Return the patches of a scene as the compiled step takes them, None with one ellipse."""
-    if has_one_ellipse(scene):
-        return None
+def make_patches(scene: Scene) -> Patches:
+    """Return the patches of a scene as the compiled step takes them; there may be none."""
     patches, rows = scene.patches, scene.patches.factors
     factors = np.array(rows, dtype=float) if rows else np.zeros((0, 0))
     return Patches(factors, patches.cell, *patches.origin)
@@ -50,5 +47,4 @@ def patch_factor(patches, x, y):
 @inlined
 def fill_grip(patches, contacts, a, x, y):
     """Fill the grip of contact a, of a sphere above (x, y) of I [m]; without patches it is 1."""
-    if patches is not None:
-        contacts.grip[a] = patch_factor(patches, x, y)
+    contacts.grip[a] = patch_factor(patches, x, y)

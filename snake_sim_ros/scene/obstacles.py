@@ -47,12 +47,7 @@ def is_flat(scene: Scene) -> bool:
     Friction that differs forward and backward or in patches needs the code for obstacles.
     """
     obstacles = scene.ground.heights or scene.pegs.x or scene.self_contact
-    return has_one_ellipse(scene) and not obstacles
-
-
-def has_one_ellipse(scene: Scene) -> bool:
-    """Return whether friction on the ground is the same forward and backward and everywhere."""
-    return not scene.friction.has_direction and not scene.patches.factors
+    return not (obstacles or scene.friction.has_direction or scene.patches.factors)
 
 
 def first_peg(scene: Scene) -> int:

@@ -15,7 +15,6 @@ from snake_sim_ros.contact.prox_iteration import ProxIteration
 from snake_sim_ros.dynamics.bound_call import Loop
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import contact_count
-from snake_sim_ros.scene.obstacles import has_one_ellipse
 from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.quoting import quoted
@@ -178,16 +177,7 @@ def make_stepper(scene: Scene) -> Stepper:
 
 def share_compiled(stepper: Stepper, scene: Scene, other: Stepper, other_scene: Scene) -> None:
     """Let the stepper of another scene know the code that a stepper has, if they have the same."""
-    kinds = [
-        (
-            method_of(each),
-            is_flat(each),
-            has_one_ellipse(each),
-            bool(each.ground.heights),
-            each.self_contact,
-        )
-        for each in (scene, other_scene)
-    ]
+    kinds = [(method_of(each), is_flat(each)) for each in (scene, other_scene)]
     both = isinstance(stepper, levels.LevelStepper) and isinstance(other, levels.LevelStepper)
     if both and kinds[0] == kinds[1]:
         other.used |= stepper.used  # type: ignore[attr-defined]

@@ -19,6 +19,7 @@ from snake_sim_ros.dynamics.joint_laws import JointLaws
 from snake_sim_ros.dynamics.joint_laws import make_axis_laws
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.obstacles import first_peg
+from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
 from snake_sim_ros.scene.parameters import PD_SCHEMES
@@ -113,7 +114,7 @@ class PlanarModel(NamedTuple):
     pegs: Array  # (pegs, 3) x, y and radius of the pegs [m]
     first_peg: int  # number of the first contact with a peg
     activation_tolerance: float
-    patches: Patches | None  # None where the ground has one ellipse of friction
+    patches: Patches | None  # None: a flat floor
 
 
 class PlanarWorkspace(NamedTuple):
@@ -183,7 +184,7 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         pegs=scene.pegs.axes,
         first_peg=first_peg(scene),
         activation_tolerance=scene.solver.activation_tolerance,
-        patches=make_patches(scene),
+        patches=None if is_flat(scene) else make_patches(scene),
     )
 
 

@@ -19,8 +19,8 @@ from snake_sim_ros.dynamics.code_cache import CodeCache
 # that are here twice: with it they are longer, for the methods that are most used.
 collect_ignore = []
 if not os.environ.get('NUMBA_DISABLE_JIT'):
-    collect_ignore += ['test_change.py', 'test_found.py', 'test_friction.py']
-    collect_ignore += ['test_self_contact.py', 'test_soft_impacts.py']
+    collect_ignore += ['test_change.py', 'test_condensing.py', 'test_found.py']
+    collect_ignore += ['test_friction.py', 'test_self_contact.py', 'test_soft_impacts.py']
 if find_spec('pydrake') is None:  # Drake needs Python 3.12
     collect_ignore.append('test_drake_runs.py')
 if find_spec('control_msgs') is None:  # it is not on PyPI; test_trajectory_action.py stands in
@@ -31,7 +31,7 @@ if find_spec('control_msgs') is None:  # it is not on PyPI; test_trajectory_acti
 # physics is compiled, mixed with what computes, because they wait; what is short is last, so that
 # both end together.
 ORDER = (
-    *('test_pegs', 'test_without_compiler', 'test_levels', 'test_agreement', 'test_condensing'),
+    *('test_pegs', 'test_without_compiler', 'test_levels', 'test_agreement'),
     *('test_friction_scenes', 'test_newton', 'test_artefacts', 'test_viewer'),
     *('test_single_steps', 'test_joint_laws', 'test_bdf2_reference', 'test_optimization'),
     *('test_graph_commands', 'test_invariants', 'test_graph_reports', 'test_interface'),

@@ -78,7 +78,7 @@ def _read(value: Any, words: list[Any]) -> Any:
             raise TypeError(
                 f'arrays of a record must be C-contiguous, got strides {value.strides}'
             )
-        words.append(value.__array_interface__['data'][0])
+        words.append(value.ctypes.data)
         words.extend(value.shape)
         return value.dtype, value.ndim
     if isinstance(value, tuple):
@@ -113,7 +113,7 @@ class Block:
         self.record, self.kind = record, _type_of(_read(record, words))
         # One word more: there is a record without fields, and no array of an empty buffer.
         self._words = np.frombuffer(struct.pack(self.kind.format + 'q', *words, 0), np.int64)
-        self.address = self._words.__array_interface__['data'][0]
+        self.address = self._words.ctypes.data
 
 
 def type_of(value: Any) -> Any:

@@ -13,7 +13,8 @@ from snake_sim_ros.stepping.sampling import Limits
 
 FIRST_PORTION = 25  # steps of a call if unconverged ones are limited; doubles while all converge
 LEAST_STEPS, MOST_STEPS = 100, 20_000  # of a call, whose references are in memory
-PORTION_SECONDS = 0.1  # wall time up to which the next call takes more steps [s]
+PORTION_SECONDS = 0.1  # wall time that a call is to take [s]
+SHORTEST = PORTION_SECONDS / 32  # wall time of a call up to which the next one may be so long [s]
 
 
 class Advances(Protocol):
@@ -66,7 +67,8 @@ class Portions:
         if self.is_cautious and simulation.report.unconverged:
             self.portion = FIRST_PORTION
         elif seconds < PORTION_SECONDS:
-            self.portion = min(2 * self.portion, MOST_STEPS)
+            growth = 2 if self.is_cautious else PORTION_SECONDS / max(seconds, SHORTEST)
+            self.portion = min(int(growth * self.portion), MOST_STEPS)
 
     def over(self) -> bool:
         """Return whether no further step is taken."""

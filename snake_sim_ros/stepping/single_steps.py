@@ -154,10 +154,9 @@ class SingleSteps:
         self.angle[...], self.rate[...], self.before[...] = angle, rate, self.block
         if self.begin():
             self.loop()
-            report = report_of(self.steps, self.applied, self.dt, self.level)
+            report = report_of(self.steps, self.applied, self.dt, self.level, self.left)
             if report.steps:
                 self.given_state = self.given_history = None
-                report.left = self.left
                 return report
             self.block[...] = self.before
         return None

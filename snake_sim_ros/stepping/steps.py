@@ -168,14 +168,13 @@ def clear_report(report):
     report.joint_gap_max = report.joint_twist_max = report.failed_turn = 0.0
 
 
-def report_of(steps: Steps, applied: Array, dt: float, level: str) -> Report:
-    """Return the report of a loop whose last step, of dt [s], had joint impulses (n-1, 2)."""
-    numbers: Any = steps.report[0].item()
-    link, turn, _ = numbers[-3:]
-    report = Report(*numbers[:-3])
-    report.joint_torque, report.level = applied / dt, level
-    if level == 'planar':
-        report.planar_steps = report.steps
-    if link:
-        report.failure = divergence(link, turn, dt)
-    return report
+def report_of(steps: Steps, applied: Array, dt: float, level: str, left: str = '') -> Report:
+    """
+    Return the report of a loop whose last step, of dt [s], had joint impulses (n-1, 2).
+
+    `left` is as in `base.Report`.
+    """
+    *numbers, link, turn, _ = steps.report[0].item()
+    planar_steps = numbers[0] if level == 'planar' else 0
+    failure = divergence(link, turn, dt) if link else ''
+    return Report(*numbers, applied / dt, level, planar_steps, left, failure)

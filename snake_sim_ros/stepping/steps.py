@@ -174,7 +174,9 @@ def report_of(steps: Steps, applied: Array, dt: float, level: str, left: str = '
 
     `left` is as in `base.Report`.
     """
-    *numbers, link, turn, _ = steps.report[0].item()
+    numbers: Any = steps.report[0].item()
+    link, turn, _ = numbers[-3:]
     planar_steps = numbers[0] if level == 'planar' else 0
     failure = divergence(link, turn, dt) if link else ''
-    return Report(*numbers, applied / dt, level, planar_steps, left, failure)
+    rest = applied / dt, level, planar_steps, left, failure
+    return Report(*(numbers[:-3] + rest))

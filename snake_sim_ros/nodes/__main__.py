@@ -35,8 +35,9 @@ def viewer() -> int:
 
 def _run(name: str) -> int:
     # The imports of a node take a second or two. Until they are done there is nothing to clean up.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, frame: os._exit(0))
+    for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # as with nohup
+            signal.signal(number, lambda number, frame: os._exit(0))
     sys.argv[0] = name
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if 0 <= limit < NEEDED[name] * 10**6:

@@ -306,7 +306,16 @@ def test_node_ends_well_on_sigterm_while_it_starts(make_graph):
     assert 'Traceback' not in process.output
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.fixture
+def terminal():
+    """Have processes heed SIGHUP, which nohup may have this test ignore."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures('terminal')
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_node_ends_well_while_it_imports(make_graph, number):
     process = make_graph().start('sim')
     status, deadline = Path(f'/proc/{process.popen.pid}/status'), time.monotonic() + 10
@@ -318,12 +327,9 @@ def test_node_ends_well_while_it_imports(make_graph, number):
     assert not process.output
 
 
+@pytest.mark.usefixtures('terminal')
 def test_node_ends_well_when_its_terminal_closes(make_graph):
-    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup may have this test ignore it
-    try:
-        sim = SimClient(make_graph())
-    finally:
-        signal.signal(signal.SIGHUP, before)
+    sim = SimClient(make_graph())
     sim.wait_until_connected()
     assert sim.process.stop(signal.SIGHUP) == 0, sim.process.output
     assert 'Traceback' not in sim.process.output

@@ -93,7 +93,6 @@ class SimNode(Node):
             automatically_declare_parameters_from_overrides=True,
             start_parameter_services=False,
         )
-        ParameterRequests(self)
         self.settings, scene = settle(self, Settings, changeable=CHANGEABLE, complete=as_it_runs)
         self.settings.check(scene)
         if self.get_parameter('use_sim_time').value:
@@ -134,6 +133,8 @@ class SimNode(Node):
             self.needed = 1
         else:
             self.begin(time.perf_counter() - begin)
+        # Loading takes half a second, in which no service could answer.
+        ParameterRequests(self)
         serve(self)
         serve_entities(self, self.simulation, self.handling)
         serve_trajectories(self, self.inbox)

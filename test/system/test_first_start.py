@@ -5,15 +5,18 @@
 from pathlib import Path
 import shutil
 
+from graph import next_domain
 from offline import nanoseconds
 import pytest
 from rcl_interfaces.srv import GetParameters
+import rclpy
 from sensor_msgs.msg import JointState
 from sim_client import SimClient
 from std_srvs.srv import SetBool
 from std_srvs.srv import Trigger
 
 from snake_sim_ros.dynamics.code_cache import FOLDER
+from snake_sim_ros.nodes.sim_node import SimNode
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.posture import joint_angles
@@ -39,6 +42,14 @@ def start(make_graph, tmp_path, monkeypatch):
         return SimClient(make_graph())
 
     return make
+
+
+@pytest.fixture
+def middleware():
+    """Let nodes be made in the process of the test."""
+    rclpy.init(domain_id=next_domain())
+    yield
+    rclpy.shutdown()
 
 
 def children_of(process):
@@ -85,6 +96,20 @@ def test_a_node_is_there_while_its_physics_is_compiled(start):
     )
     assert sim.process.count('compiling the physics') == 1
     assert sim.process.stop() == 0
+
+
+def test_a_service_is_there_when_it_can_answer(middleware, monkeypatch):
+    early = []
+
+    def load(node, level):
+        early.extend(service.srv_name for service in node.services)
+
+    monkeypatch.setattr(SimNode, '_load', load)
+    node = SimNode()
+    names = {service.srv_name for service in node.services}
+    node.destroy_node()
+    assert {'~/reset', '~/step', '~/pause', 'sim/get_parameters'} <= names
+    assert not [name for name in early if not name.endswith('get_type_description')]
 
 
 @pytest.mark.parametrize('signal', [2, 15])

@@ -175,7 +175,16 @@ def test_a_missing_file_is_not_replaced_by_a_scene_of_the_package(tmp_path):
 
 
 def test_a_missing_robot_is_refused(written):
-    assert refusal(written('robot: aika.yaml')).startswith('no file aika.yaml; ')
+    assert refusal(written('robot: aika')) == (
+        "scene.yaml: robot: no file aika; did you mean 'aiko'? the robots that come with the "
+        f'package: {", ".join(ROBOTS)}'
+    )
+
+
+def test_scenes_that_a_message_names_are_no_robots():
+    assert refusal('nowhere').endswith(
+        f'the scenes that come with the package: {", ".join(SCENES)}'
+    )
 
 
 @pytest.mark.parametrize('text', ['gait: [30', 'dt: 0.001\n\tx: 1', b'dt: \xff', '? {a: 1}\n: 2'])

@@ -347,7 +347,7 @@ def load_scene(source: str | Path) -> Scene:
         name = cut(str(source), LONGEST_PATH)
         raise ParameterError(f'{name} is a robot, not a scene; scenes say "robot: {name}"')
     if isinstance(mapping.get('robot'), str):
-        robot = find_file(mapping['robot'], path.parent)
+        robot = find_file(mapping['robot'], path.parent, path.name)
         mapping['robot'] = to_mapping(from_mapping(Robot, read_mapping(robot), robot.name))
     return _scene(mapping, path.name, path.parent)
 

@@ -14,6 +14,7 @@ from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.scene.yaml_text import read_yaml
 
 CONFIG = PACKAGE / 'config'
+OF_ROBOT = 'link_count'  # a key that every robot of the package has, and no scene
 
 
 def is_file(path: Path) -> bool:
@@ -33,8 +34,23 @@ def is_file(path: Path) -> bool:
         raise ParameterError(f'{cut(path.name)} cannot be the name of a file: {reason}') from None
 
 
-def find_file(source: str | Path, folder: Path) -> Path:
-    """Return a file in a folder or, if the source is only a name, one of the package."""
+def find_file(source: str | Path, folder: Path, robot_of: str = '') -> Path:
+    """
+    Return a file in a folder or, if the source is only a name, one of the package.
+
+    Parameters
+    ----------
+    source : str or Path
+    folder : Path
+    robot_of : str, optional
+        Name of the scene whose robot the source is; without one it is a scene.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such file.
+
+    """
     if not isinstance(source, (str, Path)):
         raise ParameterError(
             f'a scene must be a Scene, a YAML file or the name of a scene, got {quoted(source)}'
@@ -44,12 +60,20 @@ def find_file(source: str | Path, folder: Path) -> Path:
     for candidate in [folder / name for name in names] + packaged:
         if is_file(candidate):
             return candidate
-    scenes = sorted(path.stem for path in CONFIG.glob('*.yaml'))
-    close = difflib.get_close_matches(cut(str(source)), scenes, n=1)
+    where, what = (f'{robot_of}: robot: ', 'robots') if robot_of else ('', 'scenes')
+    known = files_of_package(robots=bool(robot_of))
+    close = difflib.get_close_matches(cut(str(source)), known, n=1)
     hint = f'did you mean {close[0]!r}? ' if close else ''
     raise ParameterError(
-        f'no file {cut(str(source), LONGEST_PATH)}; {hint}the scenes that come with the package: '
-        f'{", ".join(scenes)}'
+        f'{where}no file {cut(str(source), LONGEST_PATH)}; {hint}the {what} that come with the '
+        f'package: {", ".join(known)}'
+    )
+
+
+def files_of_package(*, robots: bool) -> list[str]:
+    """Return the names of the scenes, or of the robots, that come with the package."""
+    return sorted(
+        path.stem for path in CONFIG.glob('*.yaml') if (OF_ROBOT in read_mapping(path)) == robots
     )
 
 

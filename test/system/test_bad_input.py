@@ -279,7 +279,7 @@ BAD_STARTS = {
     'missing file': (
         'sim',
         ['scene:=nowhere.yaml'],
-        'no file nowhere.yaml; the scenes that come with the package: aiko, aiko_with_servos',
+        'no file nowhere.yaml; the scenes that come with the package: aiko_with_servos, hyper',
     ),
     'negative': (
         'sim',

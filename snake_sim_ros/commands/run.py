@@ -36,6 +36,7 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.periods import samples_of
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.studies.metrics import metrics_of_run
 
@@ -68,7 +69,8 @@ def _run(options: argparse.Namespace) -> int:
         raise ParameterError(f'rate must be above 0 Hz and finite, got {rate:g} Hz')
     scene = scene_with_accuracy(options, options.scene, 1.0 / rate)
     make_stepper(scene)
-    samples_of(scene, rate)
+    steps, samples = samples_of(scene, rate)
+    make_samples(scene, steps, samples + 1)  # whether memory suffices
     sensors = sensors_of(options, scene.robot.link_count, rate)
     trajectory = _recorded(scene, rate, files.get('bag'), sensors)
     measured = recorded_sensors(trajectory, sensors)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command snake-sim, its pictures, and the launchers of the nodes."""
 
+from argparse import Namespace
 import json
 import os
 from pathlib import Path
@@ -15,7 +16,9 @@ import time
 import numpy as np
 import pytest
 
+from snake_sim_ros.commands import compiling
 from snake_sim_ros.commands.main import main
+from snake_sim_ros.commands.scene_options import scene_from
 from snake_sim_ros.comparison import timing
 from snake_sim_ros.comparison.charts import path_figure
 from snake_sim_ros.recording.bag_reader import read_bag
@@ -158,7 +161,16 @@ def test_numbers_in_settings_are_written_as_usual(capsys):
         ),
         (['lateral_undulation', '--rate', '0'], 'rate must be above 0 Hz and finite, got 0 Hz'),
         (['lateral_undulation', '--duration', '-1'], 'duration must be above 0 s, got -1 s'),
+        (['lateral_undulation', '--duration', '1e9'], 'samples need more memory than there is'),
         (['lateral_undulation', '--out', 'nowhere/run.npz'], '--out: no folder'),
+        (
+            ['lateral_undulation', '--set', 'robot=aika'],
+            '--set: robot: no file aika; did you mean',
+        ),
+        (
+            ['lateral_undulation', '--set', 'friction={transversl: 1}'],
+            "unknown name 'friction.transversl'; did you mean 'transversal'?",
+        ),
         (
             ['lateral_undulation', '--method', 'magic'],
             "unknown method 'magic'; choose from: auto, bdf2, gauss_seidel, newton, newton_dense, "
@@ -173,10 +185,23 @@ def test_numbers_in_settings_are_written_as_usual(capsys):
 )
 def test_unusable_arguments_of_run(arguments, sentence, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(compiling, 'compile_first', lambda scene: pytest.fail('it compiled'))
     assert main(['run', *arguments]) == 2
     told = [line for line in capsys.readouterr().err.splitlines() if 'snake-sim: ' in line]
     assert len(told) == 1
     assert sentence in told[0]
+
+
+def test_set_takes_what_a_file_takes(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / 'scene.yaml'
+    path.write_text(
+        'robot: slender\nfriction: {transversal: 0.3}\ngait: {yaw: {amplitude_deg: 20}}\n'
+    )
+    given = ['robot=slender', 'friction={transversal: 0.3}', 'gait={yaw: {amplitude_deg: 20}}']
+    options = Namespace(set=given)
+    (tmp_path / 'empty.yaml').write_text('{}')
+    assert scene_from(options, 'empty') == load_scene(path)
 
 
 def test_run_that_diverges_says_so_and_saves_what_was_good(tmp_path, capsys):

@@ -43,7 +43,7 @@ def find_file(source: str | Path, folder: Path, robot_of: str = '') -> Path:
     source : str or Path
     folder : Path
     robot_of : str, optional
-        Name of the scene whose robot the source is; without one it is a scene.
+        Where the source is named as a robot, such as the scene; without that it is a scene.
 
     Raises
     ------

@@ -10,6 +10,7 @@ import pytest
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 
+pytest.importorskip('mcap_ros2')  # bag_writer needs it
 from snake_sim_ros.commands import main as program
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.dynamics import code_cache

@@ -10,6 +10,7 @@ import pytest
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
 
+pytest.importorskip('mcap_ros2')  # bag_writer needs it
 from snake_sim_ros.nodes import received_bytes
 from snake_sim_ros.nodes.bag_writer import BagWriter
 from snake_sim_ros.nodes.bag_writer import STATES

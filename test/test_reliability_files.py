@@ -10,6 +10,7 @@ import sys
 import numpy as np
 import pytest
 
+pytest.importorskip('mcap_ros2')  # the corpus has bags
 from snake_sim_ros.dynamics.code_cache import FOLDER
 from snake_sim_ros.recording import npz
 from snake_sim_ros.recording.npz import load_arrays
@@ -20,8 +21,6 @@ from snake_sim_ros.reliability.files import content_of
 from snake_sim_ros.reliability.files import Reader
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.studies.journal import Journal
-
-pytest.importorskip('mcap')
 
 # Prints the names of all files that the command opened to write, made, moved or removed.
 WATCHED = """

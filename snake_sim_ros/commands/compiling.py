@@ -10,7 +10,6 @@ from snake_sim_ros.nodes.compiling import Compiler
 from snake_sim_ros.nodes.compiling import is_loaded
 from snake_sim_ros.nodes.compiling import levels_of
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.apart import function_count
 from snake_sim_ros.stepping.simulation import Simulation
 
 LAYOUT = 'compiling |{bar}| {n:.0f} of at most {total} functions, {elapsed}'
@@ -22,9 +21,9 @@ def compile_first(scene: Scene) -> None:
     simulation = Simulation(scene)
     if is_loaded(lambda: simulation.compile(scene.gait)):
         return
-    level = levels_of(scene)[0]
-    compiler = Compiler(scene, lambda _: simulation.compile(scene.gait), [level])
-    with tqdm(total=function_count(scene, level), bar_format=LAYOUT, leave=False) as bar:
+    levels = levels_of(scene)[:1]
+    compiler = Compiler(scene, lambda _: simulation.compile(scene.gait), levels)
+    with tqdm(total=compiler.most[0], bar_format=LAYOUT, leave=False) as bar:
         try:
             compiler.start()
             while not compiler.is_done:

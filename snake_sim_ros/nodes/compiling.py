@@ -27,6 +27,7 @@ from snake_sim_ros.gaits.joint_reference import compile_sampling
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.apart import compile_search
 from snake_sim_ros.stepping.apart import compile_solver
+from snake_sim_ros.stepping.apart import function_count
 from snake_sim_ros.stepping.levels import FlatStepper
 from snake_sim_ros.stepping.levels import is_vertical
 from snake_sim_ros.stepping.levels import LevelStepper
@@ -104,6 +105,8 @@ class Compiler:
     ----------
     functions : int
         How many functions are compiled so far.
+    most : list of int
+        How many functions each level has at most.
     loaded : int
         How many levels are loaded.
     error : Exception, optional
@@ -117,6 +120,7 @@ class Compiler:
     ) -> None:  # fmt: skip
         self.scene, self.load, self.levels, self.single = scene, load, levels, single
         self.functions = self.loaded = 0
+        self.most = [function_count(scene, level) for level in levels]
         self.error: Exception | None = None
         self._begin, self._end = time.perf_counter(), Event()
         self._children: list[subprocess.Popen[bytes]] = []

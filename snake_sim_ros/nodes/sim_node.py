@@ -155,6 +155,14 @@ class SimNode(Node):
         return str(compiler) if compiler and compiler.loaded < self.needed else ''
 
     @property
+    def compiled(self) -> dict[str, object]:
+        """How many functions the compiler has, and needs at most, while the node waits for it."""
+        if not (self.compiler and self.compiling):
+            return {}
+        most = sum(self.compiler.most[: self.needed])
+        return {'functions_compiled': min(self.compiler.functions, most), 'functions': most}
+
+    @property
     def failure(self) -> str:
         """A sentence on why the simulation diverged; empty if it has not."""
         return self.simulation.report.failure
@@ -258,6 +266,7 @@ class SimNode(Node):
             warnings.append(f'real-time factor {self.load.real_time_factor:.2f} of {factor:g}')
         warnings += self.inbox.remarks() + self.handling.refusals.remarks()
         values = {
+            **self.compiled,
             'real_time_factor': f'{self.load.real_time_factor:.4g}',
             'processor': f'{self.load.processor:.3f}',
             'overruns': self.load.overruns,
@@ -314,7 +323,8 @@ def look_at_compiler(node: SimNode, compiler: Compiler, told: float) -> float:
         gc.freeze()  # as `run_node` does where nothing is to be compiled
         log.info(f'compiled {", ".join(compiler.levels)} level in {compiler.seconds:.1f} s')
     elif node.compiling and compiler.seconds >= told + TOLD:
-        log.info(f'{compiler}, {compiler.functions} functions')
+        done, most = node.compiled.values()
+        log.info(f'{compiler}, {done} of at most {most} functions')
         return told + TOLD
     return told
 

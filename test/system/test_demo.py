@@ -2,19 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """The live demonstration, as a user starts it: three processes, a summary and a picture."""
 
+from io import StringIO
 import os
 from pathlib import Path
 import re
 import signal
 import sys
 import time
+from types import SimpleNamespace
 
 from graph import next_domain
 from graph import Process
 from graph import ROOT
 import pytest
+from tqdm import tqdm
 
 from snake_sim_ros.commands import main as cli
+from snake_sim_ros.nodes.tools.demo import _show
 
 PNG = b'\x89PNG\r\n\x1a\n'
 RUNNING = 't = '  # of the progress line
@@ -102,6 +106,15 @@ def test_whole_demonstration(compiled, tmp_path):
         assert line in process.output
     assert (tmp_path / 'demo.png').read_bytes().startswith(PNG)
     assert_no_orphans(process)
+
+
+@pytest.mark.parametrize(('doing', 'shown'), [('compiling, 3 s so far', 3.0), ('running', 0.0)])
+def test_bar_shows_how_much_is_compiled(doing, shown):
+    bar = tqdm(total=15.0, file=StringIO())
+    values = {'functions_compiled': '20', 'functions': '100'}
+    _show(bar, SimpleNamespace(begin=None, doing=doing, values=values), 5)
+    assert bar.n == shown
+    assert (doing if shown else 'starting') in bar.desc
 
 
 def test_interruption_ends_everything(endless):

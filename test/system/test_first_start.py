@@ -85,6 +85,7 @@ def test_a_node_is_there_while_its_physics_is_compiled(start):
         assert not answer.success and answer.message.startswith('compiling, ')
     assert report.message.startswith('compiling, ') and report.level == b'\x01'
     assert waiting['steps'] == '0'
+    assert 0 <= int(waiting['functions_compiled']) <= int(waiting['functions']) > 50
     assert parameter.values[0].double_value == 200.0
     assert all(answer.success for answer in paused)
     start_angles = joint_angles(initial_coordinates(load_scene('lateral_undulation')))

@@ -30,6 +30,7 @@ START_TIMEOUT = 90.0  # s, for compiling and discovery
 STALL_TIMEOUT = 10.0  # s without a message
 PICTURE = 0.1  # s between two pictures of the bar
 LAYOUT = '{percentage:3.0f} %|{bar:10}| {desc}'
+FUNCTIONS = 'functions_compiled', 'functions'
 SUMMARY = (
     'method', 'real_time_factor', 'residual_max', 'iterations_per_step', 'unconverged_steps',
     'penetration_max', 'rejected_commands', 'overruns',
@@ -114,7 +115,8 @@ def _follow(
     """Start the nodes and print the progress until the gait has run for the duration."""
     executor = make_executor(listener)
     print(
-        f'a live run of {duration:g} s with a few s to start; the first one ever compiles before'
+        f'a live run of {duration:g} s with a few s to start; the first one ever compiles before, '
+        f'for up to a minute'
     )
     nodes.append(start('sim', f'scene:={source}'))
     started = heard = shown = time.monotonic()
@@ -148,8 +150,11 @@ def _follow(
 def _show(bar: 'tqdm[Any]', listener: StateListener, middle: int) -> None:
     """Show what the compiler does and, once the gait has begun, how far it is."""
     if listener.begin is None:
-        what = listener.doing if listener.doing.startswith('compiling') else 'starting'
+        compiles = listener.doing.startswith('compiling')
+        what = listener.doing if compiles else 'starting'
         bar.set_description_str(f'{what} ', refresh=False)
+        done, most = (float(listener.values.get(key, 0)) for key in FUNCTIONS)
+        bar.n = bar.total * done / most if compiles and most else 0.0
     else:
         bar.set_description_str(_progress(listener, middle), refresh=False)
         bar.n = min(bar.total, max(0.0, listener.times[-1] - listener.begin))

@@ -146,7 +146,10 @@ def test_death_of_a_node_is_told_in_one_sentence(endless):
 
 
 def test_unusable_arguments(capsys, tmp_path):
+    scene = tmp_path / 'mine.yaml'
+    scene.write_text('gait: {yaw: {amplitude: 30}}')
     for arguments, sentence in (
+        ((str(scene),), 'mine.yaml: amplitude plus offset of gait.yaw must be within the joint'),
         (('--out', f'{tmp_path}/nowhere/x.png'), f'--out: no folder {tmp_path}/nowhere'),
         (('nowhere',), 'no file nowhere; the scenes that come with the package: '),
         (('--duration', '0'), '--duration must be above 0 s, got 0 s'),

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from dataclasses import field
+from pathlib import Path
 import re
 import signal
 import subprocess
@@ -15,7 +16,11 @@ from threading import Event
 from threading import Thread
 import time
 
+from snake_sim_ros.gaits.blending import check_reach
 from snake_sim_ros.nodes.node_process import SIGNALS
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Scene
 
 LINES = 100  # of the output of a node that are kept
 LAST_WORDS = 5  # lines of its output that the report of a node's death shows
@@ -68,6 +73,24 @@ class Child:
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
+
+
+def scene_to_run(source: str) -> Scene:
+    """
+    Return a scene that the nodes take.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such scene, or its gait is beyond the joint limit.
+
+    """
+    scene = load_scene(source)
+    try:
+        check_reach(scene.gait, scene.robot)
+    except ParameterError as error:
+        raise ParameterError(f'{Path(source).name}: {error}') from None
+    return scene
 
 
 def start(name: str, *parameters: str, echo: bool = False) -> Child:

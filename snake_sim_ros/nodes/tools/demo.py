@@ -22,9 +22,9 @@ from snake_sim_ros.nodes.tools.child_nodes import children
 from snake_sim_ros.nodes.tools.child_nodes import Interrupted
 from snake_sim_ros.nodes.tools.child_nodes import interruptible
 from snake_sim_ros.nodes.tools.child_nodes import NodeDied
+from snake_sim_ros.nodes.tools.child_nodes import scene_to_run
 from snake_sim_ros.nodes.tools.child_nodes import start
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
 
 START_TIMEOUT = 90.0  # s, for compiling and discovery
 STALL_TIMEOUT = 10.0  # s without a message
@@ -80,7 +80,7 @@ def demo(source: str, duration: float, out: Path) -> int:
         0; 1 if a node died; 130 if interrupted.
 
     """
-    scene = load_scene(source)
+    scene = scene_to_run(source)
     if not duration > 0:
         raise ParameterError(f'--duration must be above 0 s, got {duration:g} s')
     if not out.absolute().parent.is_dir():

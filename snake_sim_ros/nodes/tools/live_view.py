@@ -9,8 +9,8 @@ from snake_sim_ros.nodes.tools.child_nodes import Child
 from snake_sim_ros.nodes.tools.child_nodes import children
 from snake_sim_ros.nodes.tools.child_nodes import interruptible
 from snake_sim_ros.nodes.tools.child_nodes import NodeDied
+from snake_sim_ros.nodes.tools.child_nodes import scene_to_run
 from snake_sim_ros.nodes.tools.child_nodes import start
-from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.view.page import check_address
 
 LOOK_PERIOD = 0.2  # s between two looks at the nodes
@@ -44,7 +44,7 @@ def view_live(source: str | None, host: str, port: int, open_browser: bool) -> i
     browser = f'open_browser:={str(open_browser).lower()}'
     page = f'host:={host}', f'port:={port}', browser
     if source:
-        load_scene(source)
+        scene_to_run(source)
     with interruptible() as stop, children() as nodes:
         try:
             if source:

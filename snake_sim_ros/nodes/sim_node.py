@@ -48,6 +48,7 @@ from snake_sim_ros.nodes.trajectory_action import serve_trajectories
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.methods import what_is_not_planar
 from snake_sim_ros.stepping.simulation import Simulation
 
 BACKLOG = 0.2  # s of wall time that the node may lag before it stops trying to catch up
@@ -215,8 +216,10 @@ class SimNode(Node):
                 f'{report.residual_max:.3g} m/s at most',
             )
         if report.level != level:
-            why = f': {report.left}' if report.left else ': the robot lies flat'
-            self.get_logger().debug(f'level {report.level} from t = {simulation.time:g} s on{why}')
+            why = report.left or what_is_not_planar(simulation.scene) or 'the robot lies flat'
+            self.get_logger().debug(
+                f'level {report.level} from t = {simulation.time:g} s on: {why}'
+            )
             self.level_changes += 1
         if report.failure:
             self.get_logger().error(

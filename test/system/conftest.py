@@ -7,7 +7,9 @@ import os
 from pathlib import Path
 
 from graph import Graph
+from graph import next_domain
 import pytest
+import rclpy
 
 from snake_sim_ros.gaits.joint_reference import compile_sampling
 from snake_sim_ros.scene.parameters import Scene
@@ -35,6 +37,14 @@ def compiled(environment):
     """Compile the physics into the cache on disk, so that no node has to."""
     compile_sampling(Scene())
     Simulation(Scene()).compile()
+
+
+@pytest.fixture
+def middleware():
+    """Let nodes be made in the process of the test."""
+    rclpy.init(domain_id=next_domain())
+    yield
+    rclpy.shutdown()
 
 
 @pytest.fixture(scope='module')

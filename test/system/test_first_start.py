@@ -5,11 +5,9 @@
 from pathlib import Path
 import shutil
 
-from graph import next_domain
 from offline import nanoseconds
 import pytest
 from rcl_interfaces.srv import GetParameters
-import rclpy
 from sensor_msgs.msg import JointState
 from sim_client import SimClient
 from std_srvs.srv import SetBool
@@ -42,14 +40,6 @@ def start(make_graph, tmp_path, monkeypatch):
         return SimClient(make_graph())
 
     return make
-
-
-@pytest.fixture
-def middleware():
-    """Let nodes be made in the process of the test."""
-    rclpy.init(domain_id=next_domain())
-    yield
-    rclpy.shutdown()
 
 
 def children_of(process):

@@ -18,9 +18,11 @@ from offline import PERIOD
 from offline import positions
 from offline import wire_axes
 import pytest
+from rclpy.parameter import Parameter
 from sim_client import SimClient
 from std_srvs.srv import Trigger
 
+from snake_sim_ros.nodes.sim_node import SimNode
 from snake_sim_ros.scene.parameters import load_scene
 
 # Messages carry doubles unchanged; values that go through matrices are rounded a few times.
@@ -304,6 +306,22 @@ def test_node_ends_well_on_sigterm_while_it_starts(make_graph):
     process.wait_for('tf2_msgs')  # what it says first, while it is being made
     assert process.stop(signal.SIGTERM) == 0, process.output
     assert 'Traceback' not in process.output
+
+
+@pytest.mark.usefixtures('middleware')
+def test_log_says_why_the_level_changes(monkeypatch):
+    node, told = SimNode(), []
+    monkeypatch.setattr(node.get_logger(), 'debug', told.append)
+    node.begin(0.0)
+    assert node.advance()
+    node.set_parameters([Parameter('friction.rolling', value=0.1)])
+    assert node.advance()
+    node.destroy_node()
+    assert told == [
+        'level planar from t = 0.005 s on: the robot lies flat',
+        'level spatial from t = 0.01 s on: friction.rolling is 0.1, and in the plane nothing '
+        'rolls',
+    ]
 
 
 @pytest.fixture

@@ -26,6 +26,8 @@ from numba.extending import register_model
 from numba.np.numpy_support import from_dtype
 import numpy as np
 
+from snake_sim_ros.dynamics.compilation import COMPILES
+
 WORD = ir.IntType(64)
 
 
@@ -93,7 +95,7 @@ def _read(value: Any, words: list[Any]) -> Any:
 
 class Block:
     """
-    A record in memory, for compiled functions.
+    A record in memory, for compiled functions; where nothing is compiled, only the record.
 
     Parameters
     ----------
@@ -109,8 +111,11 @@ class Block:
     """
 
     def __init__(self, record: Any) -> None:
+        self.record = record
+        if not COMPILES:
+            return
         words: list[Any] = []
-        self.record, self.kind = record, _type_of(_read(record, words))
+        self.kind = _type_of(_read(record, words))
         # One word more: there is a record without fields, and no array of an empty buffer.
         self._words = np.frombuffer(struct.pack(self.kind.format + 'q', *words, 0), np.int64)
         self.address = self._words.ctypes.data

@@ -11,8 +11,14 @@ import sys
 import pytest
 
 from snake_sim_ros.dynamics import code_cache
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.compilation import COMPILES
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import watched
 from snake_sim_ros.scene.about import PACKAGE
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.apart import function_counts
+from snake_sim_ros.stepping.simulation import LEVELS
 
 PROGRAM = """
 import sys
@@ -102,9 +108,6 @@ def test_a_folder_of_somebody_else_is_not_taken(tmp_path, monkeypatch):
 
 
 def test_what_refuses_to_compile_leaves_the_function_as_it_is(monkeypatch, tmp_path):
-    from snake_sim_ros.dynamics.compilation import compiled
-    from snake_sim_ros.dynamics.compilation import COMPILES
-
     if not COMPILES:
         pytest.skip('nothing is compiled')
 
@@ -125,3 +128,37 @@ def test_what_refuses_to_compile_leaves_the_function_as_it_is(monkeypatch, tmp_p
         function(1.0)
     assert beside(1.0) == 2.0  # no lock is left
     assert function(1.0) == 2.0
+
+
+def test_what_is_compiled_is_told_before_or_after_what_is_in_it(monkeypatch, tmp_path):
+    def names(at_end):
+        monkeypatch.setattr(code_cache, 'FOLDER', tmp_path / str(at_end))  # nothing is there yet
+        code_cache.FOLDER.mkdir()
+
+        @inlined
+        def inner(x):
+            """Return more than x."""
+            return x + 1.0
+
+        @compiled
+        def outer(x):
+            """Return more than x."""
+            return inner(x)
+
+        found = []
+        with watched(found.append, at_end=at_end):
+            assert outer(1.0) == 2.0
+        return found
+
+    assert names(at_end=False) == (['outer', 'inner'] if COMPILES else [])
+    assert names(at_end=True) == (['inner', 'outer'] if COMPILES else [])
+
+
+@pytest.mark.parametrize('level', LEVELS)
+def test_functions_are_counted_in_all_that_they_are_in(level):
+    counts = function_counts(Scene(method='bdf2', dt=0.01), level)
+    loop = max(counts, key=lambda name: counts[name])
+    assert loop == ('advance' if level == 'spatial' else 'advance_bdf2_in_plane')
+    assert len(counts) <= counts[loop] < sum(counts.values())
+    assert min(counts.values()) == 1
+    assert function_counts(Scene(method='reference'), level) == {}

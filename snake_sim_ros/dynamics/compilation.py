@@ -193,11 +193,13 @@ event.register('numba:compile', _pause)
 
 
 class _Teller(event.Listener):  # type: ignore[misc]
-    def __init__(self, tell: Callable[[str], object]) -> None:
-        self.tell = tell
+    def __init__(self, tell: Callable[[str], object], *, at_end: bool) -> None:
+        self.tell, self.at_end = tell, at_end
 
     def on_start(self, started: Any) -> None:
         function = started.data['dispatcher']
+        if self.at_end:
+            return
         try:
             self.tell(function.py_func.__name__)
         except BaseException:
@@ -206,17 +208,18 @@ class _Teller(event.Listener):  # type: ignore[misc]
             raise
 
     def on_end(self, ended: Any) -> None:
-        pass
+        if self.at_end:
+            self.tell(ended.data['dispatcher'].py_func.__name__)
 
 
 @contextmanager
-def watched(tell: Callable[[str], object]) -> Iterator[None]:
+def watched(tell: Callable[[str], object], *, at_end: bool = False) -> Iterator[None]:
     """
-    Tell the name of every function that is not in the cache, before it is compiled.
+    Tell the name of every function that is not in the cache, before or after it is compiled.
 
-    It is not compiled if `tell` raises an error.
+    It is not compiled if `tell` raises an error before.
     """
-    with event.install_listener('numba:compile', _Teller(tell)):
+    with event.install_listener('numba:compile', _Teller(tell, at_end=at_end)):
         yield
 
 

@@ -27,7 +27,7 @@ from snake_sim_ros.gaits.joint_reference import compile_sampling
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.apart import compile_search
 from snake_sim_ros.stepping.apart import compile_solver
-from snake_sim_ros.stepping.apart import function_count
+from snake_sim_ros.stepping.apart import function_counts
 from snake_sim_ros.stepping.levels import FlatStepper
 from snake_sim_ros.stepping.levels import is_vertical
 from snake_sim_ros.stepping.levels import LevelStepper
@@ -75,10 +75,10 @@ class Job(NamedTuple):
     niceness: int
 
     def do(self, tell: Callable[[str], object]) -> None:
-        """Fill the cache; tell the name of every function."""
+        """Fill the cache; tell the name of every function that is compiled."""
         os.nice(self.niceness)
         CodeCache.shares_work = True
-        with watched(tell):
+        with watched(tell, at_end=True):
             if self.solver:
                 compile_solver(self.scene, self.level)
             else:
@@ -104,9 +104,9 @@ class Compiler:
     Attributes
     ----------
     functions : int
-        How many functions are compiled so far.
+        How many functions are compiled so far; those in others count in each of them.
     most : list of int
-        How many functions each level has at most.
+        How many each level has at most.
     loaded : int
         How many levels are loaded.
     error : Exception, optional
@@ -120,7 +120,8 @@ class Compiler:
     ) -> None:  # fmt: skip
         self.scene, self.load, self.levels, self.single = scene, load, levels, single
         self.functions = self.loaded = 0
-        self.most = [function_count(scene, level) for level in levels]
+        self._counts = [function_counts(scene, level) for level in levels]
+        self.most = [sum(counts.values()) for counts in self._counts]
         self.error: Exception | None = None
         self._begin, self._end = time.perf_counter(), Event()
         self._children: list[subprocess.Popen[bytes]] = []
@@ -190,8 +191,9 @@ class Compiler:
 
     def _count(self, child: 'subprocess.Popen[bytes]') -> None:
         assert child.stdout
-        for _ in child.stdout:
-            self.functions += 1
+        counts = self._counts[self.loaded]
+        for name in child.stdout:
+            self.functions += counts.get(name.decode().strip(), 0)
 
 
 def main() -> None:

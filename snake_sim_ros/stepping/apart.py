@@ -36,26 +36,41 @@ def one_level(scene: Scene, level: str) -> Any:
     return stepper if isinstance(getattr(stepper, 'loop', None), Loop) else None
 
 
-def function_count(scene: Scene, level: str) -> int:
-    """Return how many functions the compiler meets at most for the steps of a level."""
+def function_counts(scene: Scene, level: str) -> dict[str, int]:
+    """
+    Return how many functions the compiler meets at most in each function for the steps of a level.
+
+    It compiles them once more with each function that they are in.
+    """
     stepper = one_level(scene, level)
-    found: set[Any] = set()
+    found: dict[Any, set[Any]] = {}
     if stepper:
-        _find(stepper.loop.func, stepper.loop.first, found)
-    return sum(1 for function in found if function.targetoptions.get('inline') != 'always')
+        _within(stepper.loop.func, stepper.loop.first, found)
+    return {
+        function.py_func.__name__: len(inside)
+        for function, inside in found.items()
+        if function.targetoptions.get('inline') != 'always'
+    }
 
 
-def _find(name: Any, first: Any, found: set[Any]) -> None:
-    """Add what a name means, and what it calls; `first` chooses between implementations."""
+def _within(name: Any, first: Any, found: dict[Any, set[Any]]) -> set[Any]:
+    """
+    Return the functions in what a name means, itself included.
+
+    `first` chooses between implementations. What is in any of them is added to `found`.
+    """
     if isinstance(name, Dispatched):
         known = name.implementations
-        for function in [known[type(first)]] if type(first) in known else known.values():
-            _find(function, first, found)
-    elif hasattr(name, 'py_func') and name not in found:
-        found.add(name)
+        chosen = [known[type(first)]] if type(first) in known else known.values()
+        return set().union(*(_within(function, first, found) for function in chosen))
+    if not hasattr(name, 'py_func'):
+        return set()
+    if name not in found:
         function = name.py_func
+        found[name] = {name}  # an attribute may have the name of a function
         for called in function.__code__.co_names:
-            _find(function.__globals__.get(called), first, found)
+            found[name] |= _within(function.__globals__.get(called), first, found)
+    return found[name]
 
 
 def compile_solver(scene: Scene, level: str) -> None:

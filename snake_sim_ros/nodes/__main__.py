@@ -12,8 +12,6 @@ import resource
 import signal
 import sys
 
-from snake_sim_ros.nodes.missing_ros import missing_ros
-
 # MB of addresses with which the nodes start; with 1000, 300 and 600 they abort, or wait.
 NEEDED = {'sim': 1500, 'gait': 600, 'viewer': 1000}
 
@@ -52,7 +50,8 @@ def _run(name: str) -> int:
     except ImportError as error:
         package = (error.name or '').partition('.')[0]
         of_ros = package == 'rclpy' or package.endswith(('_msgs', '_srvs', '_interfaces'))
-        why = missing_ros(name, name, error) if of_ros else error
+        missing = import_module('snake_sim_ros.nodes.missing_ros')  # NumPy, too, takes its time
+        why = missing.missing_ros(name, name, error) if of_ros else error
         print(f'error: {why}', file=sys.stderr)
         return 2
     return int(node.main())

@@ -127,8 +127,13 @@ def type_of(value: Any) -> Any:
 
 
 def type_of_made(record: Any) -> Any:
-    """Return the type of a record that compiled code makes of others."""
-    return BaseTuple.from_types(tuple(map(type_of, record)), type(record))
+    """Return the type of a record that compiled code makes of the fields of such a record."""
+    return type_made_of(type(record), *map(type_of, record))
+
+
+def type_made_of(cls: type, *kinds: Any) -> Any:
+    """Return the type of a record that compiled code makes of values of some types."""
+    return BaseTuple.from_types(kinds, cls)
 
 
 register_model(RecordType)(models.OpaqueModel)

@@ -5,7 +5,8 @@ The compiler beside a program that goes on, since a first start compiles for hal
 
 Child processes fill the cache on disk, while a thread waits for them and then loads what they
 compiled. The program itself compiles nothing, which would stop it for that time. Two processes
-share a level: one compiles the contact solver, the other one what is around it.
+share a level: one compiles the contact solver, then what is around the loop over steps, and the
+other one the loop.
 """
 
 from collections.abc import Callable
@@ -25,6 +26,7 @@ from snake_sim_ros.dynamics.code_cache import CodeCache
 from snake_sim_ros.dynamics.compilation import watched
 from snake_sim_ros.gaits.joint_reference import compile_sampling
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.apart import compile_loop
 from snake_sim_ros.stepping.apart import compile_search
 from snake_sim_ros.stepping.apart import compile_solver
 from snake_sim_ros.stepping.apart import function_counts
@@ -70,7 +72,7 @@ class Job(NamedTuple):
 
     scene: Scene
     level: str
-    solver: bool  # only the contact solver
+    loop: bool  # only the loop over steps, for which it needs the solver of the other process
     single: bool  # single steps, too
     niceness: int
 
@@ -79,10 +81,11 @@ class Job(NamedTuple):
         os.nice(self.niceness)
         CodeCache.shares_work = True
         with watched(tell, at_end=True):
-            if self.solver:
-                compile_solver(self.scene, self.level)
-            else:
+            if self.loop:
                 compile_search(self.scene, self.level)
+                compile_loop(self.scene, self.level)
+            else:
+                compile_solver(self.scene, self.level)
                 compile_sampling(self.scene)
                 Simulation(self.scene).compile(levels=[self.level], single=self.single)
 
@@ -159,8 +162,8 @@ class Compiler:
         """Let children compile one level after the other, and load it."""
         try:
             for number, level in enumerate(self.levels):
-                for solver in (True, False):
-                    self._start_child(Job(self.scene, level, solver, self.single, BESIDE * number))
+                for loop in (True, False):
+                    self._start_child(Job(self.scene, level, loop, self.single, BESIDE * number))
                 while any(child.poll() is None for child in self._children):
                     self._end.wait(CHECK)
                 if self._end.is_set():

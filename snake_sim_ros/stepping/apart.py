@@ -10,13 +10,18 @@ from typing import Any
 
 import numpy as np
 
+from snake_sim_ros.contact.admissible import without_gain
 from snake_sim_ros.contact.line_search import line_search
+from snake_sim_ros.contact.linear_problem import linear_step
 from snake_sim_ros.contact.natural_map import natural_map
+from snake_sim_ros.contact.newton import Newton
+from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.contact.solver import Problem
 from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.dynamics.bound_call import compile_call
 from snake_sim_ros.dynamics.bound_call import Loop
 from snake_sim_ros.dynamics.compilation import Dispatched
+from snake_sim_ros.dynamics.records import type_made_of
 from snake_sim_ros.dynamics.records import type_of
 from snake_sim_ros.dynamics.records import type_of_made
 from snake_sim_ros.scene.parameters import Scene
@@ -24,9 +29,14 @@ from snake_sim_ros.stepping import bdf2
 from snake_sim_ros.stepping import moreau
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.planar import moreau as planar_moreau
+from snake_sim_ros.stepping.planar.axes import yaw_axes_change
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
+from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import REPORT
+
+OUTCOME_TYPE = type_of_made(Outcome(0, False, 0.0, 0.0, False))
+REPORT_TYPE = type_of(np.zeros(1, REPORT)).dtype
 
 
 def one_level(scene: Scene, level: str) -> Any:
@@ -78,30 +88,58 @@ def compile_solver(scene: Scene, level: str) -> None:
     stepper = one_level(scene, level)
     if not stepper:
         return
-    function, model, work = stepper.loop.func, stepper.model, stepper.work
-    first, kinds = stepper.loop.first, (type_of(model), type_of(work))
-    history = type_of_made(without_memory(stepper.empty))
-    if function in (moreau.advance, bdf2.advance):
-        problem = type_of_made(Problem(model.laws, work.closed, work.contacts, work.chain))
+    function, first, work = stepper.loop.func, stepper.loop.first, type_of(stepper.work)
+    model, history = type_of(stepper.model), type_of_made(without_memory(stepper.empty))
     if function is moreau.advance:
         whole = type_of(stepper.empty)
-        compile_call(solve, type_of(first), kinds[0], problem, whole, type_of(1))
+        compile_call(solve, type_of(first), model, _problem(stepper), whole, type_of(1))
     elif function is bdf2.advance:
-        h, report = type_of(model.dt), type_of(np.zeros(1, REPORT)).dtype
-        arguments = kinds[0], type_of(first), kinds[1], problem, h, h, history, report
-        compile_call(bdf2.solve_landing, *arguments)
+        rest = _problem(stepper), type_of(1.0), type_of(1.0), history, REPORT_TYPE
+        compile_call(bdf2.solve_landing, model, type_of(first), work, *rest)
     else:
         is_moreau = function is planar_moreau.advance_in_plane
-        solver = type_of(first if is_moreau else first.solver)
-        compile_call(solve_in_plane, solver, *kinds, type_of(work.closed), history, type_of(1))
+        solver, closed = type_of(first if is_moreau else first.solver), _contacts(stepper)[1]
+        compile_call(solve_in_plane, solver, model, work, closed, history, type_of(1))
+
+
+def _contacts(stepper: Any) -> list[Any]:
+    """Return the types of the laws, the closed contacts and all contacts in the steps."""
+    laws, work = stepper.model.laws, stepper.work
+    # In space the selection rule makes laws of a step from those of the model.
+    kind = type_of(laws) if stepper.level == 'planar' else type_of_made(laws)
+    return [kind, type_of(work.closed), type_of(work.contacts)]
+
+
+def _problem(stepper: Any) -> Any:
+    """Return the type of the contact problem of the steps in space."""
+    return type_made_of(Problem, *_contacts(stepper), type_of(stepper.work.chain))
 
 
 def compile_search(scene: Scene, level: str) -> None:
-    """Compile what Newton's method comes to last: its residual and its line search."""
+    """Compile what the other process comes to last: parts of Newton's method, laws of joints."""
     stepper = one_level(scene, level)
     if not stepper:
         return
-    model, work = stepper.model, stepper.work
-    contacts = [type_of(part) for part in (model.laws, work.closed, work.contacts)]
-    compile_call(natural_map, *contacts, type_of(model.residual_tolerance))
+    contacts, first = _contacts(stepper), stepper.loop.first
+    if level == 'planar':
+        step = type_of(stepper.model), type_of(stepper.work), OUTCOME_TYPE, type_of(1), type_of(1)
+        compile_call(yaw_axes_change, *step, REPORT_TYPE)
+    elif stepper.loop.func is bdf2.advance or isinstance(first, Newton):
+        operator = first.operator if isinstance(first, Newton) else stepper.work.operator
+        compile_call(linear_step, _problem(stepper), type_of(operator), type_of(True))
+        compile_call(without_gain, _problem(stepper), OUTCOME_TYPE)
+    compile_call(natural_map, *contacts, type_of(stepper.model.residual_tolerance))
     compile_call(line_search, *contacts)
+
+
+def compile_loop(scene: Scene, level: str) -> None:
+    """Compile the loop over steps, by a call without steps."""
+    stepper = one_level(scene, level)
+    if not stepper:
+        return
+    none = np.zeros((0, scene.robot.link_count - 1, 2))
+    now = initial_state(scene), stepper.empty_history(), none, none, stepper.no_samples
+    if level == 'planar':
+        stepper.take(*now, goes_on=False)
+    else:
+        stepper.take(*now)

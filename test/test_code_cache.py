@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The cache of compiled functions: one for all installations, private, and not growing."""
 
+import gc
 import os
 from pathlib import Path
 import shutil
@@ -124,10 +125,12 @@ def test_what_refuses_to_compile_leaves_the_function_as_it_is(monkeypatch, tmp_p
 
     monkeypatch.setattr(code_cache.CodeCache, 'shares_work', True)
     function, beside = compiled(twice), compiled(twice)  # beside, as another process has it
+    thresholds = gc.get_threshold()
     with pytest.raises(Refused, match='twice'), watched(refuse):
         function(1.0)
     assert beside(1.0) == 2.0  # no lock is left
     assert function(1.0) == 2.0
+    assert gc.get_threshold() == thresholds
 
 
 def test_what_is_compiled_is_told_before_or_after_what_is_in_it(monkeypatch, tmp_path):

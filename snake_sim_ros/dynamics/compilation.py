@@ -40,6 +40,7 @@ from snake_sim_ros.dynamics import code_cache
 COMPILES = not numba.config.DISABLE_JIT  # whether anything is compiled, see `compiled`
 # Others have no counter of cycles that a program may read: on ARM the instruction may end it.
 COUNTS_CYCLES = COMPILES and platform.machine() in ('x86_64', 'AMD64')
+PATIENT = 100_000, 20, 100  # thresholds of `gc` while the compiler works
 OPTIONS = {'nogil': True, '_nrt': False, 'error_model': 'numpy'}  # of every compiled function
 
 
@@ -170,26 +171,25 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any
     return wrapper
 
 
-class _Pause(event.Listener):  # type: ignore[misc]
-    """Lets the collector of garbage pause: the compiler makes millions of objects that stay."""
+class _Patience(event.Listener):  # type: ignore[misc]
+    """Lets garbage be looked for less often: the compiler makes millions of objects that stay."""
 
     def __init__(self) -> None:
-        self.depth, self.was_enabled = 0, True
+        self.depth, self.threshold = 0, gc.get_threshold()
 
     def on_start(self, started: Any) -> None:
         if self.depth == 0:
-            self.was_enabled = gc.isenabled()
-            gc.disable()
+            self.threshold = gc.get_threshold()
+            gc.set_threshold(*PATIENT)
         self.depth += 1
 
     def on_end(self, ended: Any) -> None:
         self.depth -= 1
-        if self.depth == 0 and self.was_enabled:
-            gc.enable()
+        if self.depth == 0:
+            gc.set_threshold(*self.threshold)
 
 
-_pause = _Pause()
-event.register('numba:compile', _pause)
+event.register('numba:compile', _Patience())
 
 
 class _Teller(event.Listener):  # type: ignore[misc]

@@ -125,7 +125,7 @@ def test_the_agreement_that_the_page_of_methods_claims_was_measured(rows):
 
 
 # The planar loop of bdf2 became faster, what `run` does besides did not.
-MISSED = pytest.mark.xfail(strict=True, reason='run takes 1.3 times as long as the loop')
+MISSED = pytest.mark.xfail(strict=True, reason='run takes 1.26 times as long as the loop')
 MISSED_BY = 'lateral_undulation', 'bdf2'
 
 

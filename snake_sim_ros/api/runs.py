@@ -6,7 +6,6 @@ from collections.abc import Callable
 from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import fields
-from dataclasses import is_dataclass
 from dataclasses import replace
 import math
 from pathlib import Path
@@ -23,6 +22,7 @@ from snake_sim_ros.recording import npz
 from snake_sim_ros.recording.recorded_runs import read_run as read_trajectory
 from snake_sim_ros.scene import parameters
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.dotted_names import by_dotted_names
 from snake_sim_ros.scene.gait_table import Table
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import Scene
@@ -276,7 +276,7 @@ def _scene_and_names(
     twice = sorted({*(values or {})} & {*more})
     if twice:
         raise ParameterError(f'{twice[0]} is given twice, in the mapping and by keyword')
-    settings = _flat({**(values or {}), **more}, scene)
+    settings = by_dotted_names({**(values or {}), **more}, scene)
     gait = settings.get('gait')
     if callable(gait) or isinstance(gait, (Table, str, Path)):
         scene = parameters.with_settings(scene, {k: v for k, v in settings.items() if k != 'gait'})
@@ -288,15 +288,3 @@ def _scene_and_names(
         changed = parameters.with_settings(scene, settings)
     check_reach(changed.gait, changed.robot)
     return changed, set(settings)
-
-
-def _flat(values: Values, record: Any, prefix: str = '') -> dict[str, Any]:
-    """Return nested values by dotted names, as far as a record has records inside."""
-    found: dict[str, Any] = {}
-    for name, value in values.items():
-        inside = getattr(record, name, None) if isinstance(name, str) else None
-        if isinstance(value, Mapping) and is_dataclass(inside) and not isinstance(inside, Table):
-            found |= _flat(value, inside, f'{prefix}{name}.')
-        else:
-            found[f'{prefix}{name}'] = value
-    return found

@@ -3,13 +3,13 @@
 """Arguments with which several commands choose a scene and change it, and the scene they mean."""
 
 import argparse
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from snake_sim_ros.gaits.blending import check_reach
 from snake_sim_ros.scene.checked_records import from_mapping
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.dotted_names import by_dotted_names
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
@@ -88,25 +88,13 @@ def scene_from(options: argparse.Namespace, source: str) -> Scene:
 
 def given_settings(options: argparse.Namespace) -> dict[str, Any]:
     """Return the values that the options of a command give, by their dotted names in a scene."""
-    settings: dict[str, Any] = {}
-    for key, value in given_values(options.set, '--set').items():
-        settings |= _by_dotted_names(key, value)
+    settings = by_dotted_names(given_values(options.set, '--set'), Scene())
     if isinstance(settings.get('robot'), str):
         path = find_file(settings['robot'], Path(), '--set')
         settings['robot'] = from_mapping(Robot, read_mapping(path), path.name)
     for key in ('duration', 'method', 'accuracy'):
         if getattr(options, key, None) is not None:
             settings[key] = getattr(options, key)
-    return settings
-
-
-def _by_dotted_names(key: str, value: Any) -> dict[str, Any]:
-    """Return the values of a group, such as friction, by their dotted names."""
-    if not isinstance(value, Mapping):
-        return {key: value}
-    settings: dict[str, Any] = {}
-    for name, inside in value.items():
-        settings |= _by_dotted_names(f'{key}.{name}', inside)
     return settings
 
 

@@ -9,8 +9,9 @@ A signal ends a program cleanly from its first moment on.
 from importlib import import_module
 import os
 import resource
-import signal
 import sys
+
+from snake_sim_ros.nodes.signals import on_signals
 
 # MB of addresses with which the nodes start; with 1000, 300 and 600 they abort, or wait.
 NEEDED = {'sim': 1500, 'gait': 600, 'viewer': 1000}
@@ -33,9 +34,7 @@ def viewer() -> int:
 
 def _run(name: str) -> int:
     # The imports of a node take a second or two. Until they are done there is nothing to clean up.
-    for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):
-        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # as with nohup
-            signal.signal(number, lambda number, frame: os._exit(0))
+    on_signals(lambda number, frame: os._exit(0))
     sys.argv[0] = name
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if 0 <= limit < NEEDED[name] * 10**6:

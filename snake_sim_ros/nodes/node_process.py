@@ -6,7 +6,6 @@ import argparse
 from collections.abc import Callable
 import gc
 import os
-import signal
 import sys
 import tempfile
 from threading import Event
@@ -24,12 +23,12 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from snake_sim_ros.nodes.middleware import keep_no_buffers
+from snake_sim_ros.nodes.signals import on_signals
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.quoting import cut
 from snake_sim_ros.scene.quoting import LONGEST_REASON
 
 N = TypeVar('N', bound=Node)
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # the last one: the terminal closes
 
 
 def run_node(
@@ -67,7 +66,7 @@ def run_node(
         initialize(args)
         _refuse_arguments(remove_ros_args(sys.argv if args is None else args)[1:])
         node = made(make)
-        _on_signals(lambda number, frame: stop.set())
+        on_signals(lambda number, frame: stop.set())
         gc.freeze()  # The objects of the compiler stay, and each look through them takes 50 ms.
         run(node, stop)
         node.destroy_node()
@@ -137,13 +136,7 @@ def _interrupt_on_signals(stop: Event) -> None:
             sys.__unraisablehook__(ignored)
 
     sys.unraisablehook = ignore_interrupt
-    _on_signals(interrupt)
-
-
-def _on_signals(handler: Callable[[int, FrameType | None], None]) -> None:
-    for number in SIGNALS:
-        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # as with nohup
-            signal.signal(number, handler)
+    on_signals(interrupt)
 
 
 def one_line(error: Exception) -> str:

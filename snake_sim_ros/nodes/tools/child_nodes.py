@@ -17,7 +17,7 @@ from threading import Thread
 import time
 
 from snake_sim_ros.gaits.blending import check_reach
-from snake_sim_ros.nodes.node_process import SIGNALS
+from snake_sim_ros.nodes.signals import SIGNALS
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Scene

@@ -1,0 +1,20 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The signals that end a program of the nodes.
+
+Nothing here takes time to import, so that a program heeds them from its first moment on.
+"""
+
+from collections.abc import Callable
+import signal
+from types import FrameType
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # the last one: the terminal closes
+
+
+def on_signals(handler: Callable[[int, FrameType | None], None]) -> None:
+    """Let a function handle the signals, but for the last one where nohup has it ignored."""
+    for number in SIGNALS:
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, handler)

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tests that run with the compiler, and their order in two processes."""
 
-import gc
 from importlib.util import find_spec
 import os
 import signal
@@ -43,13 +42,11 @@ ORDER = (
 
 
 def pytest_configure(config):
-    """Keep the order of files below, look for garbage less often, and heed SIGINT."""
+    """Keep the order of files below, and heed SIGINT."""
     # A script that starts the tests with & has it ignored, and then all their processes ignore it.
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     config.option.loadscopereorder = False
-    # The compiler makes millions of objects that stay: a tenth of its time.
-    gc.set_threshold(100_000, 20, 100)
     CodeCache.shares_work = True  # with the other process of the tests
 
 

@@ -128,10 +128,10 @@ def type_of(value: Any) -> Any:
 
 def type_of_made(record: Any) -> Any:
     """Return the type of a record that compiled code makes of the fields of such a record."""
-    return type_made_of(type(record), *map(type_of, record))
+    return made_type(type(record), *map(type_of, record))
 
 
-def type_made_of(cls: type, *kinds: Any) -> Any:
+def made_type(cls: type, *kinds: Any) -> Any:
     """Return the type of a record that compiled code makes of values of some types."""
     return BaseTuple.from_types(kinds, cls)
 

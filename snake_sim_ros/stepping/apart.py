@@ -21,7 +21,7 @@ from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.dynamics.bound_call import compile_call
 from snake_sim_ros.dynamics.bound_call import Loop
 from snake_sim_ros.dynamics.compilation import Dispatched
-from snake_sim_ros.dynamics.records import type_made_of
+from snake_sim_ros.dynamics.records import made_type
 from snake_sim_ros.dynamics.records import type_of
 from snake_sim_ros.dynamics.records import type_of_made
 from snake_sim_ros.scene.parameters import Scene
@@ -112,7 +112,7 @@ def _contacts(stepper: Any) -> list[Any]:
 
 def _problem(stepper: Any) -> Any:
     """Return the type of the contact problem of the steps in space."""
-    return type_made_of(Problem, *_contacts(stepper), type_of(stepper.work.chain))
+    return made_type(Problem, *_contacts(stepper), type_of(stepper.work.chain))
 
 
 def compile_search(scene: Scene, level: str) -> None:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
+from snake_sim_ros.contact.closing import closed_gap
+from snake_sim_ros.contact.detection import reach_of_step
 from snake_sim_ros.contact.selection import selection_center
 from snake_sim_ros.contact.selection import selection_compliance
 from snake_sim_ros.dynamics import force_directions
@@ -142,7 +144,8 @@ def dense_step(
     robot, dt, n = scene.robot, scene.dt, scene.robot.link_count
     q_M = reference.middle_coordinates(state, dt)
     R = rotation_matrices(q_M[:, 3:])
-    active = np.flatnonzero(gaps(robot, q_M) <= scene.solver.activation_tolerance)
+    closed, gap = closed_gap(scene.solver.activation_tolerance, dt), gaps(robot, q_M)
+    active = np.flatnonzero(gap <= reach_of_step(closed, dt / 2))
     W_N, W_T, W_V = force_directions.contact_directions(robot, R)
     W = np.concatenate(
         [W_N[:, :, None], W_T.reshape(6 * n, -1, 2), W_V.reshape(6 * n, -1, 2)], axis=2
@@ -171,10 +174,8 @@ def dense_step(
         W_J=force_directions.joint_directions(robot, R),
         momentum=M @ u_A + h * dt + W_tau @ torque * dt,
         compliance=compliance,
-        center=selection_center(
-            dt, last, gamma_A, gaps(robot, q_M)[active], compliance, most, weight
-        ),
-        shift=np.zeros(len(active)),
+        center=selection_center(last, gamma_A, weight),
+        shift=np.where(gap > closed, gap / (dt / 2), 0.0)[active],
     )
 
 

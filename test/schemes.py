@@ -16,6 +16,7 @@ from dense_step import EPS
 import numpy as np
 from scenes import whole_steps
 
+from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.selection import PRESS_SPEED
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
@@ -104,9 +105,8 @@ class Bdf2Step(DenseStep):
         if not self.shift[P[:, 0] > 0.0].any():
             return self
         gap = bdf2_reference.end_gaps(self.contacts, u, self.terms.h_q)
-        kept = bdf2_reference.closed_at_end(
-            self.contacts, P[:, 0], gap, self.scene.solver.activation_tolerance
-        )
+        closed = closed_gap(self.scene.solver.activation_tolerance, self.scene.dt)
+        kept = bdf2_reference.closed_at_end(self.contacts, P[:, 0], gap, closed)
         known = self.terms.h * torque.ravel()
         impact = self.dynamics._replace(torque=known, resistance=np.zeros(known.shape))
         return replace(

@@ -7,20 +7,145 @@ Contacts that carry load have no gap, but a step leaves one of the size of its e
 that remove it within a time h are the response of the chain to fictitious normal impulses nu,
 ``G_NN nu = -g/h``. They move the coordinates and change no velocity, so that closing a gap neither
 bounces nor drives a link.
+
+What remains is small beside the gap up to which contacts count as closed, `closed_gap`, and both
+go to zero with the step: the limit of small steps is a robot on its contacts, whatever the
+settings of a method are. Both numbers are needed. The stiff joints of a robot that lies flat turn
+a micrometer into tenths of a newton, so that gaps must be closed. And the robot has fewer freedoms
+than contacts, so that the gaps of some follow from those of others. If such a contact were told to
+close a gap that the others do not leave to it, it would carry no load, or that of all others,
+however small the gap is.
 """
 
 import math
 
 from snake_sim_ros.contact.delassus import eliminate
 from snake_sim_ros.contact.linear_problem import solve_linear
+from snake_sim_ros.contact.penetration import gap_at
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.free_chain import unfold_free
+from snake_sim_ros.dynamics.joint_drift import turn_link
+
+# A contact counts as closed up to the way in which this acceleration, a fourth of gravity, moves it
+# in a step [m/s^2].
+CLOSED_ACCELERATION = 2.5
+LEFT_SHARE = 1 / 16  # share of that gap which closed contacts may keep
+# A step closes no more of a gap than this; more is not the error of a step [m].
+MOST_CLOSED = 1e-2
+DEEP = 1e-6  # penetration at the start of a step, beyond its own motion, that is not undone [m]
+MOST_MOVES = 2  # moves of the configuration in a step of the paper that close gaps
 
 # The normal directions of a stiff chain may depend on each other. A little compliance, relative to
 # the Delassus operator, then leaves the smallest impulses.
 COMPLIANCE = 1e-7
+
+
+def closed_gap(tolerance: float, dt: float) -> float:
+    """
+    Return the gap up to which a contact counts as closed in a step [m].
+
+    Parameters
+    ----------
+    tolerance : float
+        Its upper bound, `activation_tolerance` of a scene [m]. With 0 contacts close without a
+        gap, as the paper prints it, and none are closed by moves.
+    dt : float
+        Time step [s].
+
+    """
+    return min(tolerance, CLOSED_ACCELERATION * dt * dt)
+
+
+@inlined
+def predict_gaps(closed_gap, dt, closed, contacts):
+    """
+    Fill the shifts of contacts that may close in a step of the paper, and add them to gamma_N.
+
+    Deviation: the paper closes a contact once it is inside the floor in the middle of a step. Here
+    contacts with a gap take part with ``gamma_N + g/(dt/2) >= 0``, so that they land with none. A
+    contact that is deep inside the floor for other reasons than its motion stays where it is.
+
+    Parameters
+    ----------
+    closed_gap, dt : float
+        As of `closed_gap` [m], [s].
+    closed, contacts
+        Those of a `solver.Problem`, with gaps in the middle of the step and velocities at its
+        start; shift and start_gap are filled.
+
+    """
+    for a in closed:
+        gap, way = contacts.gap[a], 0.5 * dt * contacts.gamma[a, 0]
+        start = gap - way
+        contacts.start_gap[a] = start if start < -2.0 * abs(way) - DEEP else 0.0
+        if gap > closed_gap:
+            contacts.shift[a] = gap / (0.5 * dt)
+            contacts.gamma[a, 0] += contacts.shift[a]
+
+
+@merged
+def close_step(model, center, problem, q):
+    """
+    Move the coordinates at the end of a step of the paper until loaded contacts have no gaps.
+
+    Contacts inside an obstacle are closed, too.
+
+    Parameters
+    ----------
+    model : Model
+    center : ndarray, shape (n, 3)
+        Link centers from O in the middle of the step, in axes of I [m].
+    problem : Problem
+        As it was solved; impulses and twists are replaced.
+    q : ndarray, shape (n, 7)
+        Coordinates; corrected.
+
+    """
+    _, closed, contacts, chain = problem
+    offset, radius, left = model.contact_offset, model.contact_radius, LEFT_SHARE * model.closed_gap
+    for a in closed:
+        contacts.is_loaded[a] = contacts.impulse[a, 0] > 0.0
+    for attempt in range(MOST_MOVES):
+        for a in closed:
+            contacts.end_gap[a] = gap_at(model.obstacles, offset, radius, q, contacts, a)
+        if not gaps_to_close(closed, contacts) > left:
+            break
+        close_on_links(problem, 1.0)
+        move_links(chain.twist, center, q)
+
+
+@inlined
+def move_links(twist, center, q):
+    """Move links, coordinates q (n, 7), by small twists (n, 6) about O, for a time of 1."""
+    for i in range(len(q)):
+        x, y, z = center[i, 0], center[i, 1], center[i, 2]
+        wx, wy, wz = twist[i, 0], twist[i, 1], twist[i, 2]
+        q[i, 0] += twist[i, 3] + wy * z - wz * y
+        q[i, 1] += twist[i, 4] + wz * x - wx * z
+        q[i, 2] += twist[i, 5] + wx * y - wy * x
+        c = 1.0 / math.sqrt(1.0 + 0.25 * (wx * wx + wy * wy + wz * wz))
+        turn_link(q, i, c, 0.5 * c * wx, 0.5 * c * wy, 0.5 * c * wz)
+
+
+@inlined
+def gaps_to_close(closed, contacts):
+    """
+    Mark the contacts whose end gaps must be closed by ``S_N = 1``; return the largest of the gaps.
+
+    They carry load and rest, or they are inside an obstacle. Their end gaps become those that are
+    to be closed, which begin at `start_gap`.
+    """
+    largest = 0.0
+    for a in closed:
+        contacts.end_gap[a] -= contacts.start_gap[a]
+        gap = contacts.end_gap[a]
+        closes = abs(gap) <= MOST_CLOSED and (gap < 0.0 or contacts.is_loaded[a] == 1)
+        contacts.S_N[a] = 1.0 if closes else 0.0
+        if closes:
+            largest = max(largest, abs(gap))
+    return largest
 
 
 @merged

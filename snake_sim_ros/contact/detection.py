@@ -29,6 +29,8 @@ from snake_sim_ros.scene.obstacles import pair_contacts
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 
+LANDING_SPEED = 0.1  # a contact takes part if this speed could close its gap in the step [m/s]
+
 
 class Obstacles(NamedTuple):
     """Ground and pegs of a scene; see `surroundings.Ground` and `surroundings.Pegs`."""
@@ -81,6 +83,12 @@ def make_other_friction(scene: Scene, proximal: float) -> OtherFriction | None:
 
 
 @inlined
+def reach_of_step(closed_gap, time):
+    """Return the gap up to which a contact takes part in a step that moves it for a time [s]."""
+    return max(closed_gap, LANDING_SPEED * time) if closed_gap > 0.0 else 0.0
+
+
+@inlined
 def find_contacts(obstacles, tolerance, model, work, q):
     """
     Fill the closed contacts, their points and frames.
@@ -122,8 +130,7 @@ def find_floor_contacts(tolerance, offset, radius, height, R, center, closed, co
     """
     Fill the closed contacts with a flat floor; return how many they are.
 
-    Deviation: a contact counts as closed up to a gap of `tolerance` [m], not of 0, so that gaps of
-    the size of rounding errors do not open and close contacts.
+    Deviation: contacts up to a gap of `tolerance` [m], not of 0, take part; see `closing`.
 
     Deviation: a vertical link has no heading; e_x^I replaces it, as in `stepping.reference`.
 

@@ -17,10 +17,6 @@ from snake_sim_ros.scene.parameters import Array
 PRESS_SPEED = 5e-7  # velocity at which the selection rule may press a contact into the floor [m/s]
 IMPACT_WEIGHTS = 10.0  # an impulse of more weights of the robot in a step is that of an impact
 REST_SPEED = 1e-6  # velocity up to which a contact that carries load is at rest [m/s]
-DEPTH_LIMIT = 5e-7  # penetration beyond which the selection rule presses no deeper [m]
-# Up to this step the rule uses the depth of each contact, in larger steps more and more the mean
-# depth of all: the way that links move in a step makes the depths of single contacts rough [s].
-FINE_STEP = 2.5e-4
 LEAST_COMPLIANCE = 1e-6  # the rule is not reduced below it; relative to the Delassus operator
 
 
@@ -47,38 +43,22 @@ def selection_compliance(
     return min(compliance, max(least, press_speed / most)) if most > 0.0 else compliance
 
 
-def selection_center(
-    dt: float, P_N: Array, gamma: Array, gap: Array, compliance: float, most: float, weight: float,
-    press_speed: float = PRESS_SPEED,
-) -> Array:  # fmt: skip
+def selection_center(P_N: Array, gamma: Array, weight: float) -> Array:
     """
     Return the normal impulses about which the selection rule is compliant in a step.
 
-    Deviation: the center of a contact is the impulse that the rule presses in with `press_speed`,
-    times its depth over DEPTH_LIMIT, so that contacts sink no deeper than this limit. The depth is
-    that of the contact for steps up to FINE_STEP; with larger steps a growing share of it is the
-    mean depth of the contacts that carry load. A contact that lands has the center 0. While all
-    contacts that carry load are at rest, the centers are the last impulses P_N instead, so that
-    nothing sinks or creeps. They exclude impulses of impacts, which would make bodies bounce.
+    Deviation: the centers are 0, so that the rule selects the impulses of least norm. While all
+    contacts that carry load are at rest, they are the last impulses P_N instead, so that nothing
+    sinks or creeps. They exclude impulses of impacts, which would make bodies bounce.
 
     Parameters
     ----------
-    dt : float
-        Time step [s].
     P_N : ndarray, shape (m,)
         Last normal impulses [N s].
     gamma : ndarray, shape (m, 3)
         Normal and sliding velocities at the start of the step [m/s].
-    gap : ndarray, shape (m,)
-        Gaps in the middle of the step [m].
-    compliance : float
-        Compliance of the rule in the step [1/kg].
-    most : float
-        Largest normal impulse to be expected [N s].
     weight : float
         Weight of the robot times the step [N s]; one that points upward, below 0, counts as 0.
-    press_speed : float
-        Velocity at which the rule may press a contact into the floor [m/s]; methods differ in it.
 
     Returns
     -------
@@ -86,24 +66,13 @@ def selection_center(
         [N s]
 
     """
-    heaviest = IMPACT_WEIGHTS * max(0.0, weight)
-    if np.abs(gamma[P_N > 0.0]).max(initial=0.0) <= REST_SPEED:
-        return np.minimum(P_N, heaviest)
-    highest = max(press_speed / compliance, min(most, heaviest)) if compliance > 0.0 else 0.0
-    depth, own = np.maximum(-gap, 0.0) / DEPTH_LIMIT, min(1.0, FINE_STEP / dt)
-    mean = np.minimum(depth, 1.0)[P_N > 0.0].mean() if (P_N > 0.0).any() else 0.0
-    share = np.where(P_N > 0.0, np.clip(mean + own * (depth - mean), 0.0, 1.0), 0.0)
-    return np.asarray(highest * share)
+    if np.abs(gamma[P_N > 0.0]).max(initial=0.0) > REST_SPEED:
+        return np.zeros(len(P_N))
+    return np.minimum(P_N, IMPACT_WEIGHTS * max(0.0, weight))
 
 
 @inlined
-def depth_share(contacts, a):
-    """Return the depth of contact a over DEPTH_LIMIT, 0 if it is not inside the floor."""
-    return max(0.0, -contacts.gap[a]) / DEPTH_LIMIT
-
-
-@inlined
-def apply_selection_rule(laws, closed, contacts, mass, impulse, press_speed, dt, fall):
+def apply_selection_rule(laws, closed, contacts, mass, impulse, press_speed, fall):
     """
     Fill the selection centers, and return the laws with the compliance of this step.
 
@@ -117,8 +86,8 @@ def apply_selection_rule(laws, closed, contacts, mass, impulse, press_speed, dt,
     Parameters
     ----------
     laws, closed, contacts
-        Those of a `solver.Problem`. The contacts have gaps and velocities at the start of the
-        step; selection_center is filled.
+        Those of a `solver.Problem`. The contacts have velocities at the start of the step;
+        selection_center is filled.
     mass : ndarray, shape (n,)
         Masses of the links [kg].
     impulse : ndarray, shape (contacts, 5)
@@ -126,8 +95,6 @@ def apply_selection_rule(laws, closed, contacts, mass, impulse, press_speed, dt,
     press_speed, fall : float
         Velocity at which the rule may press a contact into the floor, and downward velocity that
         the weight adds in the step [m/s].
-    dt : float
-        Time step [s].
 
     """
     n = len(mass)
@@ -143,19 +110,10 @@ def apply_selection_rule(laws, closed, contacts, mass, impulse, press_speed, dt,
     compliance = laws.compliance
     if most > 0.0:
         compliance = min(compliance, max(laws.least_compliance, press_speed / most))
-    highest = max(press_speed / compliance, min(most, heaviest)) if compliance > 0.0 else 0.0
-    mean, loaded, own = 0.0, 0, min(1.0, FINE_STEP / dt)
     for a in closed:
-        if impulse[a, 0] > 0.0:
-            mean += min(1.0, depth_share(contacts, a))
-            loaded += 1
-    mean /= max(1, loaded)
-    for a in closed:
-        share = 0.0  # for a contact that lands
-        if impulse[a, 0] > 0.0:
-            share = min(1.0, max(0.0, mean + own * (depth_share(contacts, a) - mean)))
-        rests = fastest <= REST_SPEED
-        contacts.selection_center[a] = min(impulse[a, 0], heaviest) if rests else share * highest
+        contacts.selection_center[a] = (
+            min(impulse[a, 0], heaviest) if fastest <= REST_SPEED else 0.0
+        )
     return Laws(
         laws.sliding, laws.rolling, compliance, laws.least_compliance, laws.proximal_compliance,
         laws.r_N, laws.r_T, laws.r_V, laws.other,

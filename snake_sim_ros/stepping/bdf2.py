@@ -38,6 +38,7 @@ The same in NumPy, to be read beside these equations, is `bdf2_reference`.
 from typing import NamedTuple
 
 from snake_sim_ros.contact.detection import find_contacts
+from snake_sim_ros.contact.detection import reach_of_step
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.newton import prepare_contacts
 from snake_sim_ros.contact.newton import solve_prepared
@@ -59,7 +60,6 @@ from snake_sim_ros.stepping.bdf2_axes import axes_change
 from snake_sim_ros.stepping.bdf2_axes import begin_axes
 from snake_sim_ros.stepping.bdf2_axes import begin_impact
 from snake_sim_ros.stepping.bdf2_axes import joints_meet_stops
-from snake_sim_ros.stepping.bdf2_end import CLOSED
 from snake_sim_ros.stepping.bdf2_end import DEEP
 from snake_sim_ros.stepping.bdf2_end import deep_contacts_take_part
 from snake_sim_ros.stepping.bdf2_end import forget_who_took_part
@@ -71,7 +71,6 @@ from snake_sim_ros.stepping.events import closed_at_end
 from snake_sim_ros.stepping.events import Events
 from snake_sim_ros.stepping.events import events
 from snake_sim_ros.stepping.events import find_end_gaps
-from snake_sim_ros.stepping.events import LANDING_SPEED
 from snake_sim_ros.stepping.events import leave_gaps
 from snake_sim_ros.stepping.events import likely_to_push
 from snake_sim_ros.stepping.joint_motion import formula
@@ -133,7 +132,7 @@ def begin(model, own, work, angle, control, h, h_q, late, history):
         begin_axes(model.joint_laws, own, work, angle, h, h_q)
     link_inertia(model, work.R, work.center, chain.bare)
     smooth_momentum(model, h, own.hat.u, own.star.u, work.R, work.center, chain.momentum)
-    reach = max(model.activation_tolerance, LANDING_SPEED * h_q)
+    reach = reach_of_step(model.closed_gap, h_q)
     count = find_contacts(model.obstacles, reach, model, work, work.q_mid)
     closed, contacts = work.closed[:count], work.contacts
     for a in closed:
@@ -141,7 +140,7 @@ def begin(model, own, work, angle, control, h, h_q, late, history):
     contact_velocities(closed, contacts, chain.frame, chain.twist)
     leave_gaps(model, h_q, late, closed, contacts, history.impulse)
     laws = apply_selection_rule(
-        model.laws, closed, contacts, model.mass, history.impulse, PRESS_SPEED, model.dt,
+        model.laws, closed, contacts, model.mass, history.impulse, PRESS_SPEED,
         -h * model.gravity[2],
     )  # fmt: skip
     return Problem(laws, closed, contacts, chain)
@@ -194,7 +193,7 @@ def solve_landing(model, own, work, problem, h, h_q, history, report):
             found = Events(True, True, found.closed)
         if not found.lands:
             break
-        count, impact = closed_at_end(model.activation_tolerance, closed, contacts), True
+        count, impact = closed_at_end(model.closed_gap, closed, contacts), True
         begin_impact(model.joint_laws, work)
     return True, found, count
 
@@ -292,7 +291,7 @@ def step(own, model, work, steps, k):
         error = path_error(dt, 3, own.moving.u, own.star.u)
         is_taken, next_size = judge_part(model.path_tolerance, error, size)
         was_deep = memory.depth[0] > DEEP
-        if part.depth > (memory.depth[0] + CLOSED if was_deep else DEEP):
+        if part.depth > (memory.depth[0] + model.closed_gap if was_deep else DEEP):
             if deep_contacts_take_part(model, work, own.q):
                 is_taken, next_size = False, size
             elif size > 1:

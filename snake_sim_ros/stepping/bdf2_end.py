@@ -3,6 +3,8 @@
 """The end of a part of a step of method `bdf2`: closed gaps, and contacts that are deep."""
 
 from snake_sim_ros.contact.closing import close_gaps
+from snake_sim_ros.contact.closing import gaps_to_close
+from snake_sim_ros.contact.closing import LEFT_SHARE
 from snake_sim_ros.contact.detection import find_contacts
 from snake_sim_ros.contact.newton import condense_anew
 from snake_sim_ros.contact.penetration import gap_at
@@ -13,13 +15,11 @@ from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.kinematics import chain_coordinates
 from snake_sim_ros.dynamics.kinematics import link_frames
 from snake_sim_ros.stepping.events import add_closing
-from snake_sim_ros.stepping.events import gaps_to_close
 from snake_sim_ros.stepping.joint_motion import add_velocities
 from snake_sim_ros.stepping.joint_motion import keep_velocities
 from snake_sim_ros.stepping.joint_motion import reach_end
 
 DEEP = 1e-6  # penetration at the end of a step with which it is repeated [m]
-CLOSED = 5e-7  # gap up to which a contact is closed at the end of a step [m]
 MOST_CLOSINGS = 3  # moves of the configuration in a step that close gaps
 
 
@@ -42,7 +42,7 @@ def place_end(model, own, work, problem, count, h_q, was_deep, q_start):
             contacts.start_gap[a] = min(gap, 0.0)
     for attempt in range(MOST_CLOSINGS + 1):
         largest = gaps_to_close(closed, contacts)
-        if largest > CLOSED and attempt < MOST_CLOSINGS:
+        if largest > LEFT_SHARE * model.closed_gap and attempt < MOST_CLOSINGS:
             more = add_closing(closed, count, contacts)
             closing = Problem(laws, closed[:more], contacts, chain)
             if more > count:

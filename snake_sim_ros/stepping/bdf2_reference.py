@@ -48,8 +48,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.closing import COMPLIANCE
+from snake_sim_ros.contact.closing import LEFT_SHARE
+from snake_sim_ros.contact.closing import MOST_CLOSED
 from snake_sim_ros.contact.dense_laws import solve_laws
+from snake_sim_ros.contact.detection import reach_of_step
 from snake_sim_ros.contact.selection import IMPACT_WEIGHTS
 from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
 from snake_sim_ros.contact.selection import selection_center
@@ -70,7 +74,6 @@ from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.bdf2 import PRESS_SPEED
-from snake_sim_ros.stepping.bdf2_end import CLOSED
 from snake_sim_ros.stepping.bdf2_end import DEEP
 from snake_sim_ros.stepping.bdf2_end import MOST_CLOSINGS
 from snake_sim_ros.stepping.bdf2_reference_motion import chain_velocities
@@ -78,8 +81,6 @@ from snake_sim_ros.stepping.bdf2_reference_motion import coordinates
 from snake_sim_ros.stepping.bdf2_reference_motion import end_of
 from snake_sim_ros.stepping.bdf2_reference_motion import Formula
 from snake_sim_ros.stepping.bdf2_reference_motion import formula
-from snake_sim_ros.stepping.events import LANDING_SPEED
-from snake_sim_ros.stepping.events import MOST_CLOSED
 from snake_sim_ros.stepping.events import RESTING_GAP
 from snake_sim_ros.stepping.joint_motion import Motion
 from snake_sim_ros.stepping.model import MOST_CONDENSED
@@ -199,15 +200,16 @@ def contacts_of(
     """Return the contacts that may close, at the predicted end q (n, 7) with velocities (n, 6)."""
     h, h_q, solver = terms.h, terms.h_q, scene.solver
     gap, *directions = scene_contacts(scene, q)
-    near = gap <= max(solver.activation_tolerance, LANDING_SPEED * h_q)
+    closed = closed_gap(solver.activation_tolerance, scene.dt)
+    near = gap <= reach_of_step(closed, h_q)
     active = np.flatnonzero(near | (takes_part & np.isfinite(gap)))
     W = np.concatenate([W_k.reshape(u.size, len(gap), -1) for W_k in directions], axis=2)
     W, gap, last = W[:, active], gap[active], impulse[active, 0]
     gamma = np.einsum('rkj,r->kj', W, u.ravel())
     approach = gamma[:, 0].copy()
-    shift = shifts(gap, approach, last, h_q, dt, solver.activation_tolerance)
+    shift = shifts(gap, approach, last, h_q, dt, closed)
     gamma[:, 0] += shift
-    compliance, center = selection_rule(scene, active, h, gamma[:, :3], gap, last)
+    compliance, center = selection_rule(scene, active, h, gamma[:, :3], last)
     mu = obstacles.contact_friction(scene, active, q)
     along = mu[:, :2].max(axis=1, keepdims=True)
     share = np.divide(mu[:, :2], along, out=np.ones((len(mu), 2)), where=along > 0.0)
@@ -219,7 +221,7 @@ def contacts_of(
 
 
 def selection_rule(
-    scene: Scene, active: Array, h: float, gamma: Array, gap: Array, last: Array
+    scene: Scene, active: Array, h: float, gamma: Array, last: Array
 ) -> tuple[float, Array]:
     """Return compliance and centers (k,) of the selection rule, see `contact.selection`."""
     mass, size = scene.robot.per_link('link_mass'), mean_delassus(scene.robot)
@@ -229,10 +231,7 @@ def selection_rule(
     compliance = selection_compliance(
         scene.solver.normal_compliance * size, LEAST_COMPLIANCE * size, most, PRESS_SPEED
     )
-    weight = fall * float(mass.sum())
-    return compliance, selection_center(
-        scene.dt, last, gamma, gap, compliance, most, weight, PRESS_SPEED
-    )
+    return compliance, selection_center(last, gamma, fall * float(mass.sum()))
 
 
 def solve_contacts(terms: Balance, contacts: Contacts) -> tuple[Array, Array]:
@@ -313,10 +312,11 @@ def placed(
     Gaps are closed of contacts that carry load, or that are deeper than at the start.
     """
     robot, W_tau, u = scene.robot, dynamics.W_tau, u_E
+    left = LEFT_SHARE * closed_gap(scene.solver.activation_tolerance, scene.dt)
     for attempt in range(MOST_CLOSINGS + 1):
         gap = gap - start_gap
         closes = (np.abs(gap) <= MOST_CLOSED) & ((gap < 0.0) | contacts.loaded)
-        if attempt < MOST_CLOSINGS and np.abs(gap[closes]).max(initial=0.0) > CLOSED:
+        if attempt < MOST_CLOSINGS and np.abs(gap[closes]).max(initial=0.0) > left:
             W_N = contacts.W[:, closes, 0]
             u = u + closing_velocities(scene, dynamics, W_N, gap[closes], terms.h_q, few)
         elif attempt > 0:
@@ -377,7 +377,8 @@ def part(
     anew = lands or jumps(contacts, P[:, 0], weight)
     gap, moving, closed = end_gaps(contacts, u_E, terms.h_q), u_E, np.ones(len(P), dtype=bool)
     if lands:  # (ix)
-        closed = closed_at_end(contacts, P[:, 0], gap, scene.solver.activation_tolerance)
+        tolerance = closed_gap(scene.solver.activation_tolerance, scene.dt)
+        closed = closed_at_end(contacts, P[:, 0], gap, tolerance)
         contacts = contacts.without_gaps(closed)
         laws = laws.in_impact(joint_rate, torque)
         u_E, P, dynamics = solve_all(scene, dynamics, contacts, laws, joint_rate)[0]

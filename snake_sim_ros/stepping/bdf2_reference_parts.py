@@ -4,10 +4,10 @@
 
 import numpy as np
 
+from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.dynamics.force_directions import scene_gaps
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.bdf2_end import CLOSED
 from snake_sim_ros.stepping.bdf2_end import DEEP
 from snake_sim_ros.stepping.bdf2_memory import Bdf2Memory
 from snake_sim_ros.stepping.bdf2_reference import part
@@ -82,7 +82,8 @@ def step(
         end = part(scene, history, dt, *references(scene, known, angle, rate, late), takes_part)
         takes_part = takes_part | end.took_part
         depth, before = depth_of(scene, end.state), history.memory.depth[0]
-        deep = depth > (before + CLOSED if before > DEEP else DEEP)
+        closed = closed_gap(scene.solver.activation_tolerance, scene.dt)
+        deep = depth > (before + closed if before > DEEP else DEEP)
         deep_ones = scene_gaps(scene, end.state.q) <= -DEEP
         if deep and (deep_ones & ~takes_part).any():
             takes_part = takes_part | deep_ones

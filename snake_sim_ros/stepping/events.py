@@ -18,14 +18,10 @@ from typing import NamedTuple
 from snake_sim_ros.contact.selection import IMPACT_WEIGHTS
 from snake_sim_ros.dynamics.compilation import inlined
 
-LANDING_SPEED = 0.1  # a contact takes part if this speed could close its gap in the step [m/s]
 # By its law a contact that carries load has no gap. Its gap is the error of integration, of third
 # order in dt. Up to RESTING_GAP its law is that of velocities alone, so that the error does not
 # become a velocity. Beyond, the contact is open, and may land.
 RESTING_GAP = 1e-4  # [m]
-# At the end of a step gaps up to this are closed by a move of the configuration. Large steps leave
-# some tenths of a millimeter where links turn; more than MOST_CLOSED is no error of a step.
-MOST_CLOSED = 1e-2  # [m]
 
 
 @inlined
@@ -53,7 +49,7 @@ def leave_gaps(model, h_q, late, closed, contacts, impulse):
         contacts.last_normal_impulse[a] = impulse[a, 0]
         gap = contacts.gap[a] - h_q * contacts.approach_velocity[a]
         rests = impulse[a, 0] > 0.0 and contacts.gap[a] <= RESTING_GAP
-        if gap > model.activation_tolerance and not rests:
+        if gap > model.closed_gap and not rests:
             contacts.shift[a] = gap / h_q
         elif gap < 0.0 and not rests:  # undoes the penetration of the motion before
             contacts.shift[a] = max(gap, late * min(0.0, contacts.approach_velocity[a])) / h_q
@@ -162,22 +158,3 @@ def add_closing(closed, count, contacts):
             closed[k], closed[count] = closed[count], a
             count += 1
     return count
-
-
-@inlined
-def gaps_to_close(closed, contacts):
-    """
-    Mark the contacts whose end gaps must be closed by ``S_N = 1``; return the largest of the gaps.
-
-    They carry load and rest, or they are inside an obstacle. Their end gaps become those that are
-    to be closed, which begin at `start_gap`.
-    """
-    largest = 0.0
-    for a in closed:
-        contacts.end_gap[a] -= contacts.start_gap[a]
-        gap = contacts.end_gap[a]
-        closes = abs(gap) <= MOST_CLOSED and (gap < 0.0 or contacts.is_loaded[a] == 1)
-        contacts.S_N[a] = 1.0 if closes else 0.0
-        if closes:
-            largest = max(largest, abs(gap))
-    return largest

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.delassus import make_delassus
 from snake_sim_ros.contact.detection import make_obstacles
 from snake_sim_ros.contact.detection import make_other_friction
@@ -66,7 +67,7 @@ class Model(NamedTuple):
     control: ControlLoop
     gravity: Array  # (3,) in I [m/s^2]
     laws: Laws
-    activation_tolerance: float  # [m]
+    closed_gap: float  # gap up to which a contact counts as closed [m]
     dt: float  # [s]
     tolerance: float  # [N s]
     residual_tolerance: float  # [m/s]
@@ -126,7 +127,7 @@ def make_model(scene: Scene) -> Model:
         control=make_control_loop(scene),
         gravity=np.array(scene.gravity),
         laws=laws,
-        activation_tolerance=solver.activation_tolerance,
+        closed_gap=closed_gap(solver.activation_tolerance, scene.dt),
         dt=scene.dt,
         tolerance=solver.tolerance,
         residual_tolerance=solver.residual_tolerance,

@@ -22,7 +22,10 @@ import math
 
 import numpy as np
 
+from snake_sim_ros.contact.closing import close_step
+from snake_sim_ros.contact.closing import predict_gaps
 from snake_sim_ros.contact.detection import find_contacts
+from snake_sim_ros.contact.detection import reach_of_step
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.penetration import penetration
 from snake_sim_ros.contact.selection import apply_selection_rule
@@ -90,13 +93,15 @@ def begin_step(model, work, steps, k):
     link_inertia(model, R, work.center, chain.bare)
     smooth_momentum(model, model.dt, u, u, R, work.center, chain.momentum)
     twists(u, work.omega, work.center, chain.twist)
-    count = find_contacts(model.obstacles, model.activation_tolerance, model, work, work.q_mid)
+    reach = reach_of_step(model.closed_gap, 0.5 * model.dt)
+    count = find_contacts(model.obstacles, reach, model, work, work.q_mid)
     closed, contacts = work.closed[:count], work.contacts
     contact_velocities(closed, contacts, chain.frame, chain.twist)
     fall, impulse = -model.dt * model.gravity[2], steps.history.impulse
     laws = apply_selection_rule(
-        model.laws, closed, contacts, model.mass, impulse, PRESS_SPEED, model.dt, fall
+        model.laws, closed, contacts, model.mass, impulse, PRESS_SPEED, fall
     )
+    predict_gaps(model.closed_gap, model.dt, closed, contacts)
     return Problem(laws, closed, contacts, chain)
 
 
@@ -139,9 +144,12 @@ def end_step(model, work, steps, problem, outcome):
     note_joints(model, q, report)
     furthest = work.axes.furthest
     close_joints(model.drift_correction, model.half_length, model.mass, furthest, q)
+    goes_on = finish(model, work.chain.twist, q, u, steps.history.settling, report)
+    if model.closed_gap > 0.0:
+        close_step(model, work.center, problem, q)
     depth = penetration(model.obstacles, model.contact_offset, model.contact_radius, q)
     report.penetration_max = max(report.penetration_max, depth)
-    return finish(model, work.chain.twist, q, u, steps.history.settling, report)
+    return goes_on
 
 
 @inlined

@@ -17,6 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.contact.closing import closed_gap
+from snake_sim_ros.contact.closing import DEEP
+from snake_sim_ros.contact.closing import LEFT_SHARE
+from snake_sim_ros.contact.closing import MOST_CLOSED
+from snake_sim_ros.contact.closing import MOST_MOVES
+from snake_sim_ros.contact.detection import reach_of_step
 from snake_sim_ros.contact.projections import prox_disc
 from snake_sim_ros.contact.projections import prox_half_ellipses
 from snake_sim_ros.contact.projections import prox_half_line
@@ -47,9 +53,11 @@ from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.rotations import H_bar
+from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import divergence
 from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.model import PROXIMAL
 from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.state import check_arguments
 from snake_sim_ros.stepping.state import copied
@@ -139,6 +147,8 @@ class Terms(NamedTuple):
 
     active: Array  # (k,) numbers of the active contacts
     gap: Array  # (k,) [m]
+    shift: Array  # (k,) velocities that gaps allow, see `closing.predict_gaps` [m/s]
+    start_gap: Array  # (k,) gap of a contact that is deep at the start, else 0 [m]
     friction: Array  # (k, 4) as `obstacles.contact_friction` returns it
     W_N: Array  # (6n, k)
     W_T: Array  # (6n, 2k)
@@ -152,6 +162,12 @@ class Terms(NamedTuple):
         """Return gamma_N, gamma_T and gamma_V, eqs. (90)-(92), shape (k, 5) [m/s]."""
         gamma_T, gamma_V = (self.W_T.T @ u).reshape(-1, 2), (self.W_V.T @ u).reshape(-1, 2)
         return np.hstack([(self.W_N.T @ u)[:, None], gamma_T, gamma_V])
+
+    def shifted_velocities(self, u: Array) -> Array:
+        """Return the velocities, gamma_N with what gaps allow, shape (k, 5) [m/s]."""
+        gamma = self.velocities(u)
+        gamma[:, 0] += self.shift
+        return gamma
 
 
 class SelectionRule(NamedTuple):
@@ -241,10 +257,11 @@ class ReferenceStepper:
         history.impulse[:] = 0.0  # also of contacts that have opened
         history.impulse[terms.active] = P
 
-        gamma, u_E = terms.velocities(u_E), u_E.reshape(n, 6)
+        gamma, u_E = terms.shifted_velocities(u_E), u_E.reshape(n, 6)
         q_free = end_coordinates(state.q, q_M, state.u, u_E, dt)  # (83)
         furthest = furthest_angles(of_joints.stop, posture.joint_angles(state.q), angle_M)
         q_E = without_drift(robot, q_free, scene.drift_correction, furthest)
+        q_E = self.with_closed_gaps(terms, P[:, 0] > 0.0, q_E)
         g_J = joint_gaps(robot, without_drift(robot, q_free, 'none', furthest))
 
         def residual(compliance: float) -> float:
@@ -272,15 +289,20 @@ class ReferenceStepper:
         scene, robot, dt = self.scene, self.scene.robot, self.scene.dt
         R = rotation_matrices(q_M[:, 3:])
         gap, *directions = scene_contacts(scene, q_M)
-        active = np.flatnonzero(gap <= scene.solver.activation_tolerance)
+        closed = closed_gap(scene.solver.activation_tolerance, dt)
+        active = np.flatnonzero(gap <= reach_of_step(closed, dt / 2))
         W_N, W_T, W_V = (_columns(W, active, len(gap)) for W in directions)
+        gap, way = gap[active], dt / 2 * W_N.T @ state.u.ravel()
+        deep = gap - way < -2 * np.abs(way) - DEEP
         W_tau = torque_directions(R)
         h = smooth_forces(robot, np.array(scene.gravity), state.u)
         # (75): M (u_E - u_A) - h dt - S - W_J P_J = tau_C dt. What an implicit controller takes
         # from u_E joins the mass matrix.
         return Terms(
             active=active,
-            gap=gap[active],
+            gap=gap,
+            shift=np.where(gap > closed, gap / (dt / 2), 0.0),
+            start_gap=np.where(deep, gap - way, 0.0),
             friction=obstacles.contact_friction(scene, active, q_M),
             W_N=W_N,
             W_T=W_T,
@@ -301,9 +323,32 @@ class ReferenceStepper:
         compliance = selection_compliance(
             scene.solver.normal_compliance * self.size, LEAST_COMPLIANCE * self.size, most
         )
-        weight = fall * float(mass.sum())
-        center = selection_center(scene.dt, P[:, 0], gamma_A, terms.gap, compliance, most, weight)
+        center = selection_center(P[:, 0], gamma_A, fall * float(mass.sum()))
         return SelectionRule(compliance, center)
+
+    def with_closed_gaps(self, terms: Terms, loaded: Array, q: Array) -> Array:
+        """
+        Return q (n, 7) without the gaps of contacts that carry load, a mask (k,), or are inside.
+
+        Fictitious normal impulses move the links; see `contact.closing`.
+        """
+        W_N, W_J, M_inv, q = terms.W_N, terms.W_J, terms.M_inv, q.copy()
+        closed = closed_gap(self.scene.solver.activation_tolerance, self.scene.dt)
+        for _ in range(MOST_MOVES if closed > 0.0 else 0):
+            gap = scene_gaps(self.scene, q)[terms.active] - terms.start_gap
+            closes = (np.abs(gap) <= MOST_CLOSED) & ((gap < 0.0) | loaded)
+            if not np.abs(gap[closes]).max(initial=0.0) > LEFT_SHARE * closed:
+                break
+            response = M_inv @ W_N[:, closes]
+            P_J = np.linalg.solve(W_J.T @ M_inv @ W_J, -W_J.T @ response)
+            response += M_inv @ W_J @ P_J
+            G = W_N[:, closes].T @ response + PROXIMAL * self.size * np.eye(closes.sum())
+            move = (response @ np.linalg.solve(G, -gap[closes])).reshape(-1, 6)
+            q[:, :3] += move[:, :3]
+            turn = np.hstack([np.ones((len(q), 1)), move[:, 3:] / 2])
+            turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+            q[:, 3:] = product(q[:, 3:], turn)
+        return q
 
     def iterate(
         self, terms: Terms, rule: SelectionRule, P: Array, limit: int
@@ -324,7 +369,7 @@ class ReferenceStepper:
         """
         solver, centers = self.scene.solver, rule.center.tolist()
         friction = terms.friction.tolist()
-        _, _, _, W_N, W_T, W_V, W_J, _, M_inv, momentum = terms
+        *_, W_N, W_T, W_V, W_J, _, M_inv, momentum = terms
         G_J = W_J.T @ M_inv @ W_J
         last_P, u_E, iterations, change = P, M_inv @ momentum, 0, math.inf
         while not change < solver.tolerance and iterations < limit:
@@ -333,7 +378,7 @@ class ReferenceStepper:
             right = W_J.T @ M_inv @ (momentum + S)
             P_J = -np.linalg.solve(G_J, right)
             u_E = M_inv @ (momentum + S + W_J @ P_J)  # (86)
-            gamma = terms.velocities(u_E).tolist()
+            gamma = terms.shifted_velocities(u_E).tolist()
             each = zip(friction, centers, P.tolist(), gamma, strict=True)
             P_new = [contact_prox(solver, rule.compliance, *contact) for contact in each]
             step = np.reshape(P_new, P.shape) - P

@@ -113,7 +113,7 @@ class PlanarModel(NamedTuple):
     )
     pegs: Array  # (pegs, 3) x, y and radius of the pegs [m]
     first_peg: int  # number of the first contact with a peg
-    activation_tolerance: float
+    closed_gap: float  # gap up to which a contact with a peg counts as closed [m]
     patches: Patches | None  # None: a flat floor
 
 
@@ -183,7 +183,7 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         keeps_center=keeps_center,
         pegs=scene.pegs.axes,
         first_peg=first_peg(scene),
-        activation_tolerance=scene.solver.activation_tolerance,
+        closed_gap=spatial.closed_gap,
         patches=None if is_flat(scene) else make_patches(scene),
     )
 

@@ -41,8 +41,8 @@ from snake_sim_ros.stepping.planar.equilibrium import fill_grips
 from snake_sim_ros.stepping.planar.equilibrium import fill_momentum
 from snake_sim_ros.stepping.planar.equilibrium import place_links_in_plane
 from snake_sim_ros.stepping.planar.model import ROLL_LIMIT
+from snake_sim_ros.stepping.planar.pegs import close_pegs
 from snake_sim_ros.stepping.planar.pegs import find_peg_contacts
-from snake_sim_ros.stepping.planar.pegs import peg_depth
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
 from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import count_steps
@@ -185,7 +185,8 @@ def end_planar_step(model, work, steps, count, outcome):
     note_outcome(outcome, report)
     report.steps += 1
     report.contacts = count
-    report.penetration_max = max(report.penetration_max, peg_depth(model, q))
+    depth = close_pegs(model, work, work.closed[2 * len(u) : count], q)
+    report.penetration_max = max(report.penetration_max, depth)
     return True
 
 

@@ -46,6 +46,7 @@ from snake_sim_ros.stepping.planar.equilibrium import factor_bare
 from snake_sim_ros.stepping.planar.equilibrium import find_loads
 from snake_sim_ros.stepping.planar.equilibrium import planar_contact_velocities
 from snake_sim_ros.stepping.planar.equilibrium import planar_twists
+from snake_sim_ros.stepping.planar.pegs import add_peg_law
 from snake_sim_ros.stepping.planar.pegs import peg_velocities
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
 from snake_sim_ros.stepping.planar.warm_start import predict_sliding
@@ -143,27 +144,11 @@ def add_peg_laws(model, work, closed, again):
         linearize_disc(
             anchored_disc(laws, laws.other, contacts, a), contacts, a, contacts.disc_radius[a], 0.0
         )
-        normal = contacts.law_impulse[a, 0] if again else contacts.P_0[a, 0]
-        along = contacts.law_impulse[a, 1] if again else contacts.P_0[a, 1]
-        S_T = contacts.S_xx[a, SLIDING]
-        t_x, t_y = contacts.heading[a, 0], contacts.heading[a, 1]
-        x, y = contacts.point[a, 0], contacts.point[a, 1]
-        n_x, n_y = t_y, -t_x
-        px, py = normal * n_x + along * t_x, normal * n_y + along * t_y
-        xx, yy = S_N * n_x * n_x + S_T * t_x * t_x, S_N * n_y * n_y + S_T * t_y * t_y
-        xy = S_N * n_x * n_y + S_T * t_x * t_y
-        a_x, a_y = x * xy - y * xx, x * yy - y * xy
-        i = contacts.link[a]
-        A, w = chain.inertia[i], chain.wrench[i]
-        A[0] += x * a_y - y * a_x
-        A[1] += a_x
-        A[2] += a_y
-        A[3] += xx
-        A[4] += xy
-        A[5] += yy
-        w[0] += x * py - y * px
-        w[1] += px
-        w[2] += py
+        normal, along = contacts.law_impulse[a, 0], contacts.law_impulse[a, 1]
+        if not again:
+            normal = contacts.P_0[a, 0] - contacts.S_N[a] * contacts.shift[a]
+            along = contacts.P_0[a, 1]
+        add_peg_law(chain, contacts, a, normal, along, S_N, contacts.S_xx[a, SLIDING])
 
 
 @inlined

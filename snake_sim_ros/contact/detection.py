@@ -20,6 +20,7 @@ from snake_sim_ros.contact.laws import OtherFriction
 from snake_sim_ros.contact.patches import fill_grip
 from snake_sim_ros.contact.patches import make_patches
 from snake_sim_ros.contact.patches import Patches
+from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.scene.obstacles import first_pair
@@ -82,7 +83,7 @@ def make_other_friction(scene: Scene, proximal: float) -> OtherFriction | None:
     )
 
 
-@inlined
+@compiled
 def reach_of_step(closed_gap, time):
     """Return the gap up to which a contact takes part in a step that moves it for a time [s]."""
     return max(closed_gap, LANDING_SPEED * time) if closed_gap > 0.0 else 0.0

@@ -228,4 +228,4 @@ def close_on_links(problem, h):
             contacts.S_xN[a, kind] = contacts.S_yN[a, kind] = 0.0
         for k in range(1, 5):
             contacts.P_0[a, k] = contacts.law_impulse[a, k] = contacts.trial[a, k] = 0.0
-    solve_linear(problem, False)
+    solve_linear(problem, True)

@@ -146,6 +146,7 @@ class Terms(NamedTuple):
     """The terms of the balance (75) at the middle of a step, with W of the active contacts."""
 
     active: Array  # (k,) numbers of the active contacts
+    R: Array  # (n, 3, 3) link frames in I
     gap: Array  # (k,) [m]
     shift: Array  # (k,) velocities that gaps allow, see `closing.predict_gaps` [m/s]
     start_gap: Array  # (k,) gap of a contact that is deep at the start, else 0 [m]
@@ -300,6 +301,7 @@ class ReferenceStepper:
         # from u_E joins the mass matrix.
         return Terms(
             active=active,
+            R=R,
             gap=gap,
             shift=np.where(gap > closed, gap / (dt / 2), 0.0),
             start_gap=np.where(deep, gap - way, 0.0),
@@ -345,9 +347,10 @@ class ReferenceStepper:
             G = W_N[:, closes].T @ response + PROXIMAL * self.size * np.eye(closes.sum())
             move = (response @ np.linalg.solve(G, -gap[closes])).reshape(-1, 6)
             q[:, :3] += move[:, :3]
-            turn = np.hstack([np.ones((len(q), 1)), move[:, 3:] / 2])
+            omega = np.einsum('ijk,ik->ij', terms.R, move[:, 3:])
+            turn = np.hstack([np.ones((len(q), 1)), omega / 2])
             turn /= np.linalg.norm(turn, axis=1, keepdims=True)
-            q[:, 3:] = product(q[:, 3:], turn)
+            q[:, 3:] = product(turn, q[:, 3:])
         return q
 
     def iterate(

@@ -28,6 +28,8 @@ from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.model import PROXIMAL
 from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.state import State
 
@@ -256,32 +258,57 @@ def test_mean_delassus_is_that_of_the_step():
 @pytest.mark.parametrize(
     'method', ['newton', 'newton_dense', 'gauss_seidel', 'paper', 'reference']
 )
-def test_a_gap_counts_as_closed_up_to_the_tolerance(method):
-    scene = Scene(robot=Robot(link_count=1), method=method, level='spatial')
-    assert scene.solver.activation_tolerance == 1e-6
-    q = initial_state(scene).q
-    none = np.zeros((0, 2))
-    for gap, closed in ((0.9e-6, 2), (1.1e-6, 0)):
+@pytest.mark.parametrize('tolerance', [1e-6, 1e-8, 0.0])
+def test_a_contact_lands_without_a_gap(method, tolerance):
+    # A link at rest over the floor. Up to the gap that counts as closed it stays where it is.
+    # Beyond, it falls to the floor, by -2 gap/dt in the second half of the step, if g dt leads it
+    # there. Without a tolerance, as printed, it falls until it is inside the floor.
+    scene = Scene(
+        robot=Robot(link_count=1), method=method, level='spatial',
+        solver=Solver(activation_tolerance=tolerance),
+    )  # fmt: skip
+    dt, closed = scene.dt, min(tolerance, 2.5 * scene.dt**2)
+    q, none = initial_state(scene).q, np.zeros((0, 2))
+    lands = 0.5 * 9.81 * dt**2 if tolerance else 0.0
+    # What an iteration leaves of its impulses, over its prox parameter, on each of two contacts.
+    left = PRESS_SPEED + 2 * 1e-7 / 0.1
+    for gap in (0.9 * closed, 1.1 * closed + 1e-15, 0.9 * lands, 1.1 * lands):
         q[0, 2] += gap - gaps(scene.robot, q).min()
-        state = State(q, np.zeros((1, 6)))
-        end, history, report = one_step(scene, state, empty_history(scene), none, none)
-        assert report.contacts == closed
-        assert np.count_nonzero(history.impulse[:, 0]) == closed
-        if closed:  # it carries the weight; gamma_N >= -PRESS_SPEED less what an iteration leaves
-            assert abs(end.u[0, 2]) <= PRESS_SPEED + 1e-7 / 0.1 * 2
-        else:  # free fall
-            assert end.u[0, 2] == pytest.approx(-9.81 * scene.dt, rel=10 * EPS)
+        start = State(q, np.zeros((1, 6)))
+        end, history, _ = one_step(scene, start, empty_history(scene), none, none)
+        if gap <= closed:
+            assert abs(end.u[0, 2]) <= left
+        elif gap < lands:
+            assert end.u[0, 2] == pytest.approx(-2 * gap / dt, abs=left)
+        else:
+            assert end.u[0, 2] == pytest.approx(-9.81 * dt, rel=10 * EPS)
+        assert np.count_nonzero(history.impulse[:, 0]) == (2 if gap <= max(closed, lands) else 0)
 
 
-def test_the_activation_tolerance_can_be_set():
-    solver = Solver(activation_tolerance=1e-4)
-    scene = Scene(robot=Robot(link_count=1), solver=solver, level='spatial')
-    state = initial_state(scene)
-    none = np.zeros((0, 2))
-    for gap, closed in ((0.9e-4, 2), (1.1e-4, 0)):
-        lifted = State(state.q.copy(), state.u)
-        lifted.q[0, 2] += gap
-        assert one_step(scene, lifted, empty_history(scene), none, none)[2].contacts == closed
+@pytest.mark.parametrize('method', [name for name in METHODS if name != 'bdf2'])
+def test_a_step_closes_the_gaps_of_loaded_contacts(method):
+    # A link falls so fast that its contacts are inside the floor in the middle of the step. A move
+    # of 1e-4 m closes them to the proximal compliance of a gap, and changes no velocity: they are
+    # at rest but for what the rule presses and iterations leave.
+    scene = Scene(robot=Robot(link_count=1), method=method, level='spatial')
+    q, none = initial_state(scene).q, np.zeros((0, 2))
+    start = State(q, np.array([[0.0, 0.0, -1.0, 0.0, 0.0, 0.0]]))
+    end, _, report = one_step(scene, start, empty_history(scene), none, none)
+    assert np.abs(gaps(scene.robot, end.q)).max() <= 2 * PROXIMAL * scene.dt / 2
+    assert report.penetration_max <= 2 * PROXIMAL * scene.dt / 2
+    assert np.abs(end.u).max() <= 3 * PRESS_SPEED + 1e-7 / 0.1 * 2
+
+
+@pytest.mark.parametrize('method', [name for name in METHODS if name != 'bdf2'])
+def test_a_step_undoes_no_more_depth_than_it_makes(method):
+    # A link that is 2 mm inside the floor at the start, and does not fall, stays there.
+    scene = Scene(robot=Robot(link_count=1), method=method, level='spatial')
+    q, none = initial_state(scene).q, np.zeros((0, 2))
+    q[0, 2] -= 2e-3
+    start = State(q, np.array([[0.01, 0.0, 0.0, 0.0, 0.0, 0.0]]))
+    end, _, report = one_step(scene, start, empty_history(scene), none, none)
+    assert np.abs(gaps(scene.robot, end.q) + 2e-3).max() <= 1e-9
+    assert report.penetration_max == pytest.approx(2e-3, abs=1e-9)
 
 
 def test_friction_does_not_change_who_carries_at_rest():

@@ -26,12 +26,14 @@ from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.free_chain import unfold_free
+from snake_sim_ros.dynamics.joint_drift import close_joints
 from snake_sim_ros.dynamics.joint_drift import turn_link
 
 # A contact counts as closed up to the way in which this acceleration, a fourth of gravity, moves it
 # in a step [m/s^2].
 CLOSED_ACCELERATION = 2.5
 LEFT_SHARE = 1 / 16  # share of that gap which closed contacts may keep
+ROUNDING = 1e-13  # of a gap [m]
 # A step closes no more of a gap than this; more is not the error of a step [m].
 MOST_CLOSED = 1e-2
 DEEP = 1e-6  # penetration at the start of a step, beyond its own motion, that is not undone [m]
@@ -56,6 +58,12 @@ def closed_gap(tolerance: float, dt: float) -> float:
 
     """
     return min(tolerance, CLOSED_ACCELERATION * dt * dt)
+
+
+@compiled
+def left_gap(closed_gap):
+    """Return the gap that a contact may keep at the end of a step [m], at least rounding."""
+    return max(LEFT_SHARE * closed_gap, ROUNDING)
 
 
 @inlined
@@ -86,7 +94,7 @@ def predict_gaps(closed_gap, dt, closed, contacts):
 
 
 @merged
-def close_step(model, center, problem, q):
+def close_step(model, center, problem, furthest, q):
     """
     Move the coordinates at the end of a step of the paper until loaded contacts have no gaps.
 
@@ -99,21 +107,24 @@ def close_step(model, center, problem, q):
         Link centers from O in the middle of the step, in axes of I [m].
     problem : Problem
         As it was solved; impulses and twists are replaced.
+    furthest : ndarray, shape (n-1, 2)
+        Largest joint angles to either side; see `joint_drift.close_joints`.
     q : ndarray, shape (n, 7)
         Coordinates; corrected.
 
     """
     _, closed, contacts, chain = problem
-    offset, radius, left = model.contact_offset, model.contact_radius, LEFT_SHARE * model.closed_gap
+    offset, radius = model.contact_offset, model.contact_radius
     for a in closed:
         contacts.is_loaded[a] = contacts.impulse[a, 0] > 0.0
     for attempt in range(MOST_MOVES):
         for a in closed:
             contacts.end_gap[a] = gap_at(model.obstacles, offset, radius, q, contacts, a)
-        if not gaps_to_close(closed, contacts) > left:
+        if not gaps_to_close(closed, contacts) > left_gap(model.closed_gap):
             break
         close_on_links(problem, 1.0)
         move_links(chain.twist, center, q)
+        close_joints(model.drift_correction, model.half_length, model.mass, furthest, q)
 
 
 @inlined

@@ -38,7 +38,7 @@ The same in NumPy, to be read beside these equations, is `bdf2_reference`.
 from typing import NamedTuple
 
 from snake_sim_ros.contact.detection import find_contacts
-from snake_sim_ros.contact.detection import reach_of_step
+from snake_sim_ros.contact.detection import LANDING_SPEED
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.newton import prepare_contacts
 from snake_sim_ros.contact.newton import solve_prepared
@@ -132,7 +132,7 @@ def begin(model, own, work, angle, control, h, h_q, late, history):
         begin_axes(model.joint_laws, own, work, angle, h, h_q)
     link_inertia(model, work.R, work.center, chain.bare)
     smooth_momentum(model, h, own.hat.u, own.star.u, work.R, work.center, chain.momentum)
-    reach = reach_of_step(model.closed_gap, h_q)
+    reach = max(model.closed_gap, LANDING_SPEED * h_q)
     count = find_contacts(model.obstacles, reach, model, work, work.q_mid)
     closed, contacts = work.closed[:count], work.contacts
     for a in closed:

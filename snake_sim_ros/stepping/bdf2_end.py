@@ -4,7 +4,7 @@
 
 from snake_sim_ros.contact.closing import close_gaps
 from snake_sim_ros.contact.closing import gaps_to_close
-from snake_sim_ros.contact.closing import LEFT_SHARE
+from snake_sim_ros.contact.closing import left_gap
 from snake_sim_ros.contact.detection import find_contacts
 from snake_sim_ros.contact.newton import condense_anew
 from snake_sim_ros.contact.penetration import gap_at
@@ -42,7 +42,7 @@ def place_end(model, own, work, problem, count, h_q, was_deep, q_start):
             contacts.start_gap[a] = min(gap, 0.0)
     for attempt in range(MOST_CLOSINGS + 1):
         largest = gaps_to_close(closed, contacts)
-        if largest > LEFT_SHARE * model.closed_gap and attempt < MOST_CLOSINGS:
+        if largest > left_gap(model.closed_gap) and attempt < MOST_CLOSINGS:
             more = add_closing(closed, count, contacts)
             closing = Problem(laws, closed[:more], contacts, chain)
             if more > count:

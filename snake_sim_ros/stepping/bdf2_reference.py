@@ -50,10 +50,10 @@ import numpy as np
 
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.closing import COMPLIANCE
-from snake_sim_ros.contact.closing import LEFT_SHARE
+from snake_sim_ros.contact.closing import left_gap
 from snake_sim_ros.contact.closing import MOST_CLOSED
 from snake_sim_ros.contact.dense_laws import solve_laws
-from snake_sim_ros.contact.detection import reach_of_step
+from snake_sim_ros.contact.detection import LANDING_SPEED
 from snake_sim_ros.contact.selection import IMPACT_WEIGHTS
 from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
 from snake_sim_ros.contact.selection import selection_center
@@ -201,7 +201,7 @@ def contacts_of(
     h, h_q, solver = terms.h, terms.h_q, scene.solver
     gap, *directions = scene_contacts(scene, q)
     closed = closed_gap(solver.activation_tolerance, scene.dt)
-    near = gap <= reach_of_step(closed, h_q)
+    near = gap <= max(closed, LANDING_SPEED * h_q)
     active = np.flatnonzero(near | (takes_part & np.isfinite(gap)))
     W = np.concatenate([W_k.reshape(u.size, len(gap), -1) for W_k in directions], axis=2)
     W, gap, last = W[:, active], gap[active], impulse[active, 0]
@@ -312,7 +312,7 @@ def placed(
     Gaps are closed of contacts that carry load, or that are deeper than at the start.
     """
     robot, W_tau, u = scene.robot, dynamics.W_tau, u_E
-    left = LEFT_SHARE * closed_gap(scene.solver.activation_tolerance, scene.dt)
+    left = left_gap(closed_gap(scene.solver.activation_tolerance, scene.dt))
     for attempt in range(MOST_CLOSINGS + 1):
         gap = gap - start_gap
         closes = (np.abs(gap) <= MOST_CLOSED) & ((gap < 0.0) | contacts.loaded)

@@ -146,7 +146,7 @@ def end_step(model, work, steps, problem, outcome):
     close_joints(model.drift_correction, model.half_length, model.mass, furthest, q)
     goes_on = finish(model, work.chain.twist, q, u, steps.history.settling, report)
     if model.closed_gap > 0.0:
-        close_step(model, work.center, problem, q)
+        close_step(model, work.center, problem, furthest, q)
     depth = penetration(model.obstacles, model.contact_offset, model.contact_radius, q)
     report.penetration_max = max(report.penetration_max, depth)
     return goes_on

@@ -5,7 +5,7 @@
 import math
 
 from snake_sim_ros.contact.closing import gaps_to_close
-from snake_sim_ros.contact.closing import LEFT_SHARE
+from snake_sim_ros.contact.closing import left_gap
 from snake_sim_ros.contact.closing import MOST_MOVES
 from snake_sim_ros.contact.closing import predict_gaps
 from snake_sim_ros.contact.detection import peg_contact
@@ -114,7 +114,7 @@ def close_pegs(model, work, closed, q):
     for a in closed:
         contacts.is_loaded[a] = contacts.impulse[a, 0] > 0.0
     for attempt in range(MOST_MOVES if model.closed_gap > 0.0 else 0):
-        if not gaps_to_close(closed, contacts) > LEFT_SHARE * model.closed_gap:
+        if not gaps_to_close(closed, contacts) > left_gap(model.closed_gap):
             break
         for i in range(n):
             for k in range(6):

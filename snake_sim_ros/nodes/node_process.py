@@ -4,6 +4,7 @@
 
 import argparse
 from collections.abc import Callable
+import faulthandler
 import gc
 import os
 import sys
@@ -29,6 +30,7 @@ from snake_sim_ros.scene.quoting import cut
 from snake_sim_ros.scene.quoting import LONGEST_REASON
 
 N = TypeVar('N', bound=Node)
+LONGEST_END = 1.5  # s from a signal to the end of the process, whatever the middleware does
 
 
 def run_node(
@@ -40,6 +42,10 @@ def run_node(
     While the node is being made, a signal ends the process at once. Once the node runs, a signal
     sets the event that `run` takes. The handlers of rclpy would shut down the context while the
     node still publishes, so they are not used.
+
+    Fast DDS may wait for ever while it is destroyed. If it has not ended `LONGEST_END` after the
+    signal, the process ends with exit status 1, and standard error says `Timeout` and where each
+    thread is.
 
     Parameters
     ----------
@@ -66,7 +72,7 @@ def run_node(
         initialize(args)
         _refuse_arguments(remove_ros_args(sys.argv if args is None else args)[1:])
         node = made(make)
-        on_signals(lambda number, frame: stop.set())
+        on_signals(lambda number, frame: end_soon(stop))
         gc.freeze()  # The objects of the compiler stay, and each look through them takes 50 ms.
         run(node, stop)
         node.destroy_node()
@@ -81,7 +87,10 @@ def run_node(
         if not stop.is_set():
             raise
     finally:
+        end_soon(stop)
         rclpy.try_shutdown()
+        gc.collect()  # which releases what is left of the middleware
+        faulthandler.cancel_dump_traceback_later()
     end_at_once()
 
 
@@ -110,14 +119,25 @@ def made(make: Callable[[], N]) -> N:
         raise ParameterError('a parameter is an empty list; write it as text: "[]"') from None
 
 
+def end_soon(stop: Event) -> None:
+    """
+    Set the event, and have the process end `LONGEST_END` after it was first set.
+
+    Only a thread in C that needs no lock of the interpreter ends a process whose main thread waits
+    in the middleware with that lock; a thread of Python or a handler of signals would wait, too.
+    """
+    if not stop.is_set():
+        faulthandler.dump_traceback_later(LONGEST_END, exit=True, file=2)
+        stop.set()
+
+
 def end_at_once() -> NoReturn:
     """
-    End the process with exit status 0 as soon as the middleware is released.
+    End the process with exit status 0 when the middleware is released.
 
     A regular exit frees the interpreter and the compiled code, which takes 0.3 s, and seconds on a
     busy machine. A node must end within two seconds.
     """
-    gc.collect()
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(0)
@@ -127,7 +147,7 @@ def _interrupt_on_signals(stop: Event) -> None:
     """Let a signal set the event and interrupt whatever runs."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        stop.set()
+        end_soon(stop)
         raise KeyboardInterrupt
 
     def ignore_interrupt(ignored: Any) -> None:

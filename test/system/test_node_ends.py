@@ -1,0 +1,88 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A node ends within two seconds of a signal, whatever the middleware does."""
+
+import signal
+import sys
+import time
+
+from graph import next_domain
+from graph import Process
+import pytest
+
+TIME_TO_END = 2.0  # s
+NODES = 20  # that end together
+ROUNDS = 2
+# A node; HANGS lets something in it hang.
+NODE = """
+import ctypes
+import time
+import rclpy
+from rclpy.node import Node
+from snake_sim_ros.nodes.node_process import run_node
+
+def hang_with_the_lock_of_the_interpreter(*_):
+    while True:  # a signal ends a call
+        ctypes.PyDLL(None).sleep(60)
+
+def hang_without_it(*_):
+    time.sleep(60)  # goes on after a signal
+
+def run(node, stop):
+    print('runs', flush=True)
+    while not stop.is_set():
+        rclpy.spin_once(node, timeout_sec=0.01)
+
+{HANGS}
+run_node(lambda: Node('node'), run, ['node'])
+"""
+LOCKED, FREE = 'hang_with_the_lock_of_the_interpreter', 'hang_without_it'
+
+
+def start(hangs: str = '', domain: int = 0) -> Process:
+    program = [sys.executable, '-c', NODE.format(HANGS=hangs)]
+    return Process(program, domain or next_domain())
+
+
+@pytest.mark.parametrize(('how', 'number'), [(LOCKED, signal.SIGINT), (FREE, signal.SIGTERM)])
+@pytest.mark.parametrize('what', ['Node.destroy_node', 'rclpy.try_shutdown'])
+def test_a_node_whose_middleware_hangs_ends_and_says_where(what, how, number):
+    process = start(f'{what} = {how}')
+    process.wait_for('runs')
+    begin = time.monotonic()
+    assert process.stop(number) == 1
+    assert time.monotonic() - begin < TIME_TO_END
+    assert process.count('Timeout (0:00:01.5') == 1, process.output
+    assert process.count(f' in {how}') == 1, process.output
+
+
+def test_more_signals_do_not_put_off_the_end():
+    process = start(f'Node.destroy_node = {LOCKED}')
+    process.wait_for('runs')
+    begin = time.monotonic()
+    while process.popen.poll() is None and time.monotonic() < begin + 2 * TIME_TO_END:
+        process.popen.send_signal(signal.SIGINT)
+        time.sleep(0.1)
+    assert process.wait() == 1
+    assert time.monotonic() - begin < TIME_TO_END
+
+
+def test_a_node_that_cannot_be_made_ends_if_its_middleware_hangs():
+    process = start(f'rclpy.try_shutdown, Node.__init__ = {LOCKED}, lambda *_: 1 / 0')
+    assert process.wait() == 1
+    assert process.count('Timeout (0:00:01.5') == 1, process.output
+
+
+@pytest.mark.parametrize('_', range(ROUNDS))
+def test_nodes_that_end_together_end_in_time(_):
+    domain = next_domain()
+    processes = [start(domain=domain) for _ in range(NODES)]
+    for process in processes:
+        process.wait_for('runs', 60.0)
+    begin = time.monotonic()
+    for process in processes:
+        process.popen.send_signal(signal.SIGINT)
+    statuses = [process.wait() for process in processes]
+    assert time.monotonic() - begin < TIME_TO_END
+    assert statuses == [0] * NODES, [process.output for process in processes]
+    assert not any('Timeout' in process.output for process in processes)

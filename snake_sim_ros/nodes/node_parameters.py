@@ -138,7 +138,9 @@ def settle(
 
 
 def _read(value: Any, usual: Any) -> Any:
-    """Return a value that the user gave; where a list is usual, text may be one, see `declare`."""
+    """Return a value that the user gave; text may be a list, see `declare`, or null."""
+    if value == 'null' and not isinstance(usual, str):  # A dump has it, and rclpy reads text.
+        return None
     is_list = isinstance(value, str) and isinstance(usual, tuple)
     return parse_yaml(value) if is_list else value
 

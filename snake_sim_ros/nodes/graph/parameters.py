@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The commands `param list`, `get`, `set`, `describe` and `dump`."""
 
+from collections.abc import Mapping
 import sys
 from typing import Any
 
@@ -109,16 +110,22 @@ def describe_parameters(client: Client, node: str, names: list[str]) -> None:
 
 
 def dump_parameters(client: Client, node: str) -> None:
-    """Print all parameters of a node as a file of parameters, in YAML."""
+    """Print all parameters of a node as a file of parameters."""
     names = _names(client, node)
+    values = map(parameter_value_to_python, _values(client, node, names))
+    print(parameter_file(node, dict(zip(names, values, strict=True))))
+
+
+def parameter_file(node: str, parameters: Mapping[str, Any]) -> str:
+    """Return a file of parameters with the parameters of a node, by dotted names."""
     tree: dict[str, Any] = {}
-    for name, value in zip(names, _values(client, node, names), strict=True):
+    for name, value in parameters.items():
         branch = tree
         *folders, last = name.split('.')
         for folder in folders:
             branch = branch.setdefault(folder, {})
-        branch[last] = parameter_value_to_python(value)
-    print(yaml.dump({absolute(node): {'ros__parameters': tree}}, default_flow_style=False))
+        branch[last] = value
+    return yaml.dump({absolute(node): {'ros__parameters': tree}}, default_flow_style=False)
 
 
 def _value_of(text: str) -> Any:

@@ -6,12 +6,14 @@ The compiler beside a program that goes on, since a first start compiles for hal
 Child processes fill the cache on disk, while a thread waits for them and then loads what they
 compiled. The program itself compiles nothing, which would stop it for that time. Two processes
 share a level: one compiles the contact solver, then what is around the loop over steps, and the
-other one the loop.
+other one the loop. They are not nicer than the program, which may wait for them at any time, and
+gets the processor at once because it sleeps most of the time.
 """
 
 from collections.abc import Callable
 from collections.abc import Sequence
 from contextlib import suppress
+import math
 import os
 import pickle
 import subprocess
@@ -37,7 +39,8 @@ from snake_sim_ros.stepping.simulation import LEVELS
 from snake_sim_ros.stepping.simulation import Simulation
 
 CHECK = 0.05  # s between two looks whether the program ends
-BESIDE = 10  # by how much children are nicer when the program works already
+COST = {'planar': 1.0, 'spatial': 1.5}  # relative times of the compiler
+KNOWN = 0.2  # part of the work after which its end can be foretold
 
 
 class NotCompiledError(Exception):
@@ -74,11 +77,9 @@ class Job(NamedTuple):
     level: str
     loop: bool  # only the loop over steps, for which it needs the solver of the other process
     single: bool  # single steps, too
-    niceness: int
 
     def do(self, tell: Callable[[str], object]) -> None:
         """Fill the cache; tell the name of every function that is compiled."""
-        os.nice(self.niceness)
         CodeCache.shares_work = True
         with watched(tell, at_end=True):
             if self.loop:
@@ -112,6 +113,8 @@ class Compiler:
         How many each level has at most.
     loaded : int
         How many levels are loaded.
+    needed : int
+        For how many of them the program waits.
     error : Exception, optional
         What `load` raised.
 
@@ -122,7 +125,7 @@ class Compiler:
         single: bool = False,
     ) -> None:  # fmt: skip
         self.scene, self.load, self.levels, self.single = scene, load, levels, single
-        self.functions = self.loaded = 0
+        self.functions = self.loaded = self.needed = self._before = 0
         self._counts = [function_counts(scene, level) for level in levels]
         self.most = [sum(counts.values()) for counts in self._counts]
         self.error: Exception | None = None
@@ -146,9 +149,43 @@ class Compiler:
         """Whether all is loaded, or an error came."""
         return self.loaded == len(self.levels) or self.error is not None
 
+    @property
+    def awaited(self) -> str:
+        """The level that the program waits for, else empty."""
+        loaded = self.loaded  # the other thread may raise it
+        return self.levels[loaded] if loaded < self.needed else ''
+
+    @property
+    def values(self) -> dict[str, object]:
+        """How many functions it has, and needs at most, while the program waits for it."""
+        most = sum(self.most[: self.needed])
+        counts: dict[str, object] = {
+            'functions_compiled': min(self.functions, most),
+            'functions': most,
+        }
+        return counts if self.awaited else {}
+
+    @property
+    def outlook(self) -> str:
+        """What is ready, and when the last level will be, as a clause."""
+        last, left = self.levels[-1], self.seconds_left(len(self.levels))
+        ready = ', '.join(f'{level} level' for level in LEVELS if level != last)
+        when = 'is still being compiled' if math.isnan(left) else f'in about {left:.0f} s'
+        return f'{ready}; {last} level {when}'
+
+    def seconds_left(self, count: int) -> float:
+        """Return how long it takes about until some levels are loaded [s]; nan if unknown."""
+        loaded = min(self.loaded, count - 1)
+        part = min(1.0, (self.functions - self._before) / max(1, self.most[loaded]))
+        costs = [COST[level] for level in self.levels[:count]]
+        done = (sum(costs[:loaded]) + part * costs[loaded]) / sum(costs)
+        return self.seconds * (1.0 / done - 1.0) if done > KNOWN else math.nan
+
     def __str__(self) -> str:
         """Return what it does, as a clause."""
-        return f'compiling, {self.seconds:.0f} s so far'
+        left = self.seconds_left(max(1, self.needed))
+        end = '' if math.isnan(left) else f', about {left:.0f} s left'
+        return f'compiling, {self.seconds:.0f} s so far{end}'
 
     def end(self) -> None:
         """End it, whether it is done or not."""
@@ -161,14 +198,15 @@ class Compiler:
     def _work(self) -> None:
         """Let children compile one level after the other, and load it."""
         try:
-            for number, level in enumerate(self.levels):
+            for level in self.levels:
                 for loop in (True, False):
-                    self._start_child(Job(self.scene, level, loop, self.single, BESIDE * number))
+                    self._start_child(Job(self.scene, level, loop, self.single))
                 while any(child.poll() is None for child in self._children):
                     self._end.wait(CHECK)
                 if self._end.is_set():
                     return
                 self.load(level)  # It compiles what is still missing, if a child failed.
+                self._before = self.functions
                 self.loaded += 1
         except Exception as error:
             self.error = error

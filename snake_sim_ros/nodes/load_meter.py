@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """How fast the node `sim` runs and what this costs, second by second."""
 
+import math
 import time
+
+from snake_sim_ros.nodes.throttled_warnings import WARN_PERIOD
 
 INTERVAL = 1.0  # s of wall time
 SHORTEST = 0.1  # s of wall time that must have run for a real-time factor
@@ -27,13 +30,22 @@ class LoadMeter:
 
     def __init__(self) -> None:
         self.real_time_factor = self.processor = 0.0
-        self.overruns = 0
+        self.overruns, self._slipped = 0, -math.inf
         self.restart(time.perf_counter())
 
     def restart(self, now: float) -> None:
         """Begin an interval at a time of `time.perf_counter`."""
         self._begin, self._used = now, time.process_time()
         self.advanced = self.halted = 0.0
+
+    def slip(self, now: float) -> None:
+        """Note that the node gave up catching up at a time of `time.perf_counter`."""
+        self.overruns += 1
+        self._slipped = now
+
+    def slips(self, now: float) -> bool:
+        """Return whether it did so lately."""
+        return now - self._slipped < WARN_PERIOD
 
     def complete(self, now: float) -> bool:
         """Return whether the interval is over; if so, note its numbers and begin the next one."""

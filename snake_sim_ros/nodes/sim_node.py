@@ -83,8 +83,6 @@ class SimNode(Node):
         How often the model level changed.
     compiler : Compiler, optional
         What compiles the physics beside the node; None when all of it is ready.
-    needed : int
-        How many levels must be loaded for the next step.
 
     """
 
@@ -124,14 +122,13 @@ class SimNode(Node):
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._on_parameters_set)
         self.compiler: Compiler | None = None
-        self.needed = 0
         begin = time.perf_counter()
         levels = levels_of(scene)
         missing = [level for level in levels if not is_loaded(partial(self._load, level))]
         if missing:
             self.compiler = Compiler(scene, self._load, missing, single=self.steps == 1)
-        if levels[0] in missing:
-            self.needed = 1
+        if self.compiler and levels[0] in missing:
+            self.compiler.needed = 1
         else:
             self.begin(time.perf_counter() - begin)
         # Loading takes half a second, in which no service could answer.
@@ -146,22 +143,20 @@ class SimNode(Node):
 
     def begin(self, seconds: float) -> None:
         """Take commands, since the physics is ready after some time [s]."""
-        self.get_logger().info(f'physics ready after {seconds:.1f} s')
+        rest = f': {self.compiler.outlook}' if self.compiler and not self.compiler.is_done else ''
+        self.get_logger().info(f'physics ready after {seconds:.1f} s{rest}')
         self.inbox.open()
 
     @property
     def compiling(self) -> str:
         """A sentence on the compiler while the node waits for it, else empty."""
-        compiler = self.compiler
-        return str(compiler) if compiler and compiler.loaded < self.needed else ''
-
-    @property
-    def compiled(self) -> dict[str, object]:
-        """How many functions the compiler has, and needs at most, while the node waits for it."""
-        if not (self.compiler and self.compiling):
-            return {}
-        most = sum(self.compiler.most[: self.needed])
-        return {'functions_compiled': min(self.compiler.functions, most), 'functions': most}
+        if not (self.compiler and (level := self.compiler.awaited)):
+            return ''
+        if not self.inbox.is_open:
+            return str(self.compiler)
+        reason = getattr(self.simulation.stepper, 'reason', '')
+        why = f', since {reason}' if level == 'spatial' else ''
+        return f'{self.compiler}: simulated time waits for the {level} level{why}'
 
     @property
     def failure(self) -> str:
@@ -197,17 +192,18 @@ class SimNode(Node):
         reference = self.inbox.sample(simulation.midpoints(self.steps))
         if not self.compiler:  # A step that waits for the compiler would be pushed twice.
             self.handling.act(self.period)
-        begin, cut = time.perf_counter(), simulation.budget.cut
+        begin, used, cut = time.perf_counter(), time.thread_time(), simulation.budget.cut
         try:
             with watched(refuse) if self.compiler else nullcontext():
                 report = simulation.advance(*reference)
         except NotCompiledError:
-            self.needed = len(self.compiler.levels) if self.compiler else 0
+            assert self.compiler
+            self.compiler.needed = len(self.compiler.levels)
             return False
         factor = self.settings.real_time_factor
         most = self.period / factor if factor > 0.0 else math.inf
-        if sentence := self.slow_steps.look(simulation, time.perf_counter() - begin, most):
-            self.warn('late period', sentence)
+        seconds, used = time.perf_counter() - begin, time.thread_time() - used
+        self.slow_steps.look(simulation, seconds, used, most)
         if cut := simulation.budget.cut - cut:
             self.warn(
                 'cut steps',
@@ -269,7 +265,7 @@ class SimNode(Node):
             warnings.append(f'real-time factor {self.load.real_time_factor:.2f} of {factor:g}')
         warnings += self.inbox.remarks() + self.handling.refusals.remarks()
         values = {
-            **self.compiled,
+            **(self.compiler.values if self.compiler else {}),
             'real_time_factor': f'{self.load.real_time_factor:.4g}',
             'processor': f'{self.load.processor:.3f}',
             'overruns': self.load.overruns,
@@ -314,7 +310,7 @@ class SimNode(Node):
 
 
 def look_at_compiler(node: SimNode, compiler: Compiler, told: float) -> float:
-    """Let the node begin when it can, and tell of the compiler; return when it was told last."""
+    """Let the node begin when it can, and tell of the compiler; return when that was last [s]."""
     log = node.get_logger()
     if compiler.error:
         raise compiler.error
@@ -325,10 +321,11 @@ def look_at_compiler(node: SimNode, compiler: Compiler, told: float) -> float:
         node.compiler = None
         gc.freeze()  # as `run_node` does where nothing is to be compiled
         log.info(f'compiled {", ".join(compiler.levels)} level in {compiler.seconds:.1f} s')
-    elif node.compiling and compiler.seconds >= told + TOLD:
-        done, most = node.compiled.values()
-        log.info(f'{compiler}, {done} of at most {most} functions')
-        return told + TOLD
+    elif not node.compiling:
+        return -math.inf  # The next wait is told at once.
+    elif compiler.seconds >= told + TOLD:
+        log.info(node.compiling)
+        return compiler.seconds
     return told
 
 
@@ -387,9 +384,12 @@ def keep_time(node: SimNode, stop: Event) -> None:
         if late >= 0.0:  # A node that is late still takes its commands.
             executor.serve_some()
         if late > BACKLOG:
-            load.overruns += 1
-            node.warn('overrun', f'cannot keep up with real-time factor {factor:g}; time slips')
             due = time.perf_counter()
+            load.slip(due)
+        if node.slow_steps.sentence or late > BACKLOG:
+            slips = f'cannot keep up with real-time factor {factor:g}, time slips: '
+            sentence = node.slow_steps.sentence or 'messages or other programs take the time'
+            node.warn('slow', (slips if load.slips(now) else '') + sentence)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -23,7 +23,9 @@ from sim_client import SimClient
 from std_srvs.srv import Trigger
 
 from snake_sim_ros.nodes.sim_node import SimNode
+from snake_sim_ros.nodes.slow_steps import reason
 from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.stepping.base import Report
 
 # Messages carry doubles unchanged; values that go through matrices are rounded a few times.
 ROUNDING = 1e-14
@@ -279,13 +281,32 @@ def test_steps_that_outlast_their_period_are_told(make_graph):
     sim = SimClient(make_graph(), 'real_time_factor:=1000.0')  # periods of 5 us
     sim.wait_until_connected()
     sim.process.wait_for('longer than their publish period of 0.005 ms')
-    told = r'20 steps took \S+ ms, .* ms of it the one at t = \S+ s; iterations \d'
-    assert re.search(told, sim.process.output)
+    what = (
+        r'20 steps took \S+ ms, longer than their publish period of 0.005 ms: \S+ ms of it '
+        r'the one at t = \S+ s; a step takes \S+ us of processor time, and 0.25 us would keep time'
+    )
     sim.graph.until(lambda: sim.diagnostics and int(sim.values()['late_periods']) > 100, 'counts')
     took, when = re.fullmatch(r'(\S+) ms at t = (\S+) s', sim.values()['longest_step']).groups()
     assert float(took) > 0.0 and float(when) >= 0.0
     sim.graph.until(lambda: sim.now >= float(when), 'the time of that step')
-    assert sim.process.output.count('publish period of') < 5  # one in five seconds
+    slips = 'cannot keep up with real-time factor 1000, time slips: '
+    sim.process.wait_for(slips)
+    warnings = [line for line in sim.process.lines if '[WARN]' in line]
+    found = [re.fullmatch(r'\[WARN\] \[(\S+)\] \[sim\]: (.*)', line) for line in warnings]
+    assert np.diff([float(match[1]) for match in found]).min() > 4.9  # one in five seconds
+    assert re.fullmatch(what, found[0][2])
+    assert all(re.fullmatch(slips + what, match[2]) for match in found[1:])
+
+
+def test_reasons_of_slow_steps():
+    easy = Report(steps=20, iterations=20, iterations_max=1)
+    hard = Report(steps=20, iterations=5019, iterations_max=5000, unconverged=1)
+    assert reason(easy, 9e-3, 2e-3, 5e-3) == 'other work had the processor for 7 ms'
+    assert reason(hard, 9e-3, 2e-3, 5e-3) == 'other work had the processor for 7 ms'
+    assert reason(hard, 9e-3, 8e-3, 5e-3) == 'iterations 5000 at most, steps unconverged 1'
+    assert reason(easy, 9e-3, 8e-3, 5e-3) == (
+        'a step takes 400 us of processor time, and 250 us would keep time'
+    )
 
 
 def test_steps_that_a_budget_cuts_are_told_and_counted(make_graph):

@@ -98,6 +98,7 @@ def test_whole_demonstration(compiled, tmp_path):
         r'link 6 went from \(-?0\.0\d+, -?0\.\d+\) to \(.*\) m in 1\.[45]\d s: 0\.\d+ m',
         process.output,
     ), process.output
+    assert re.search(r'^wait for compiler    \d+\.\d s$', process.output, re.MULTILINE)
     for line in (
         'method               newton',
         'unconverged steps    0',
@@ -115,6 +116,13 @@ def test_bar_shows_how_much_is_compiled(doing, shown):
     _show(bar, SimpleNamespace(begin=None, doing=doing, values=values), 5)
     assert bar.n == shown
     assert (doing if shown else 'starting') in bar.desc
+
+
+def test_bar_says_that_the_gait_waits_for_the_compiler():
+    bar = tqdm(total=15.0, file=StringIO())
+    doing = 'compiling, 60 s so far, about 40 s left: simulated time waits for the spatial level'
+    _show(bar, SimpleNamespace(begin=1.0, times=[4.0], doing=doing, values={}), 5)
+    assert bar.n == 3.0 and doing in bar.desc
 
 
 def test_interruption_ends_everything(endless):

@@ -2,9 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node whose physics is not compiled yet is there, tells of the compiler, and can be ended."""
 
+import os
 from pathlib import Path
+import re
 import shutil
+import time
+from types import SimpleNamespace
 
+import numpy as np
 from offline import nanoseconds
 import pytest
 from rcl_interfaces.srv import GetParameters
@@ -12,13 +17,22 @@ from sensor_msgs.msg import JointState
 from sim_client import SimClient
 from std_srvs.srv import SetBool
 from std_srvs.srv import Trigger
+from test_readme import blocks
+from test_readme import README
+from test_tour import run
+from test_tour import section
 
 from snake_sim_ros.dynamics.code_cache import FOLDER
+from snake_sim_ros.nodes.compiling import Compiler
+from snake_sim_ros.nodes.sim_node import look_at_compiler
 from snake_sim_ros.nodes.sim_node import SimNode
+from snake_sim_ros.nodes.sim_node import TOLD
 from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.posture import joint_angles
 
+WHOLE_CACHE = 300.0  # s for a level to be compiled on a busy machine
 PLANAR, SPATIAL = 'stepping.planar/moreau.advance', 'stepping/moreau.advance-'
 
 
@@ -122,3 +136,83 @@ def test_a_robot_waits_for_the_level_that_it_needs(start):
     )
     sim.graph.until(lambda: sim.process.count('compiled spatial level'), 'the end of the compiler')
     assert not sim.process.count('[ERROR]')
+
+
+def test_the_compiler_of_a_node_that_runs_has_its_priority(start):
+    sim = start(PLANAR, SPATIAL)
+    sim.process.wait_for('physics ready', 60.0)
+    graph = sim.graph
+    graph.until(lambda: children_of(sim.process), 'a process that compiles the other level')
+    for _ in range(10):  # It may have to start first.
+        nice = {os.getpriority(os.PRIO_PROCESS, child) for child in children_of(sim.process)}
+        assert nice <= {os.getpriority(os.PRIO_PROCESS, sim.process.popen.pid)}
+        graph.spin(0.1)
+
+
+def test_a_wait_is_told_at_once_and_then_every_few_seconds():
+    lines, compiler = [], SimpleNamespace(error=None, loaded=0, is_done=False, seconds=0.0)
+    node = SimpleNamespace(
+        get_logger=lambda: SimpleNamespace(info=lines.append),
+        inbox=SimpleNamespace(is_open=True), compiling='',
+    )  # fmt: skip
+    told = 0.0
+    for k in range(1000):
+        compiler.seconds = 0.1 * k
+        node.compiling = 'waits' if 60.0 <= compiler.seconds else ''
+        told = look_at_compiler(node, compiler, told)
+        if lines and lines[-1] == 'waits':
+            lines[-1] = compiler.seconds
+    assert lines == pytest.approx([60.0 + TOLD * k for k in range(8)], abs=0.1 * 8)
+
+
+def test_the_rest_of_the_time_is_in_proportion(monkeypatch):
+    compiler = Compiler(Scene(), lambda level: None, ('planar', 'spatial'))
+    monkeypatch.setattr(Compiler, 'seconds', 30.0)
+    compiler.needed = 1
+    assert str(compiler) == 'compiling, 30 s so far'
+    compiler.functions = compiler.most[0] // 2
+    assert str(compiler).startswith('compiling, 30 s so far, about 30 s left')
+    # The spatial level takes half as long again, of which nothing is done.
+    compiler.loaded, compiler._before, compiler.needed = 1, compiler.functions, 2
+    assert str(compiler) == 'compiling, 30 s so far, about 45 s left'
+    assert compiler.outlook == 'planar level; spatial level in about 45 s'
+    compiler.functions += compiler.most[1]
+    assert str(compiler) == 'compiling, 30 s so far, about 0 s left'
+
+
+LINES = [
+    line
+    for block in blocks('sh', [section(README, '## Ten minutes with ROS 2')])
+    for line in block.splitlines()
+    if line.startswith('ros2 ')
+]
+
+
+def test_the_readme_in_its_order_on_an_empty_cache(make_graph, tmp_path, monkeypatch):
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    monkeypatch.delenv('NUMBA_CACHE_DIR', raising=False)
+    start, echo, command, gait, *others = LINES
+    assert start == 'ros2 run snake_sim_ros sim' and 'joint_5_yaw' in command
+    sim = SimClient(make_graph())
+    graph, process = sim.graph, sim.process
+    graph.until(lambda: process.count('physics ready'), 'the planar level', WHOLE_CACHE)
+    ready = time.monotonic()
+    said = re.search(
+        r'physics ready after \S+ s: planar level; spatial level in about (\d+) s', process.output
+    )
+    assert said, process.output
+    assert 'position:' in run(graph, echo)
+    run(graph, command)
+    graph.until(lambda: 'waits' in sim.diagnostics[-1].status[0].message, 'what it waits for')
+    waiting = r'compiling, \d+ s so far.*: simulated time waits for the spatial level, since \w+'
+    assert re.match(waiting, sim.diagnostics[-1].status[0].message)
+    stood = sim.now
+    graph.until(lambda: sim.now > stood, 'the spatial level', WHOLE_CACHE)
+    assert 1 / 3 < (time.monotonic() - ready) / float(said[1]) < 3.0
+    told = re.findall(rf'\[(\S+)\] \[sim\]: {waiting}', process.output)
+    assert told and (np.diff([float(seconds) for seconds in told]) > TOLD - 0.5).all()
+    graph.until(lambda: abs(sim.joint_states[-1].position[8] - 0.5) < 0.05, 'the joint')
+    graph.start('gait', gait.split()[-1]).wait_for('the gait begins')
+    for line in others:
+        assert run(graph, line)
+    assert 'Traceback' not in process.output

@@ -47,6 +47,7 @@ class StateListener(Node):
         self.positions: list[list[tuple[float, float, float]]] = []
         self.values: dict[str, str] = {}
         self.doing = ''  # what sim says of itself
+        self.waited = 0.0  # wall time for which sim waited for the compiler [s]
         self.create_subscription(PoseArray, 'link_poses', self._on_link_poses, 10)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
 
@@ -119,7 +120,7 @@ def _follow(
         f'for up to a minute'
     )
     nodes.append(start('sim', f'scene:={source}'))
-    started = heard = shown = time.monotonic()
+    started = heard = shown = now = time.monotonic()
     count = 0
     with tqdm(total=duration, bar_format=LAYOUT, file=sys.stdout, dynamic_ncols=True) as bar:
         while listener.begin is None or listener.times[-1] < listener.begin + duration - 1e-9:
@@ -128,11 +129,12 @@ def _follow(
                 raise Interrupted
             for node in nodes:
                 node.check()
-            now = time.monotonic()
+            before, now = now, time.monotonic()
             if len(listener.times) > count:
                 count, heard = len(listener.times), now
-            if listener.doing.startswith('compiling'):
+            if _compiles(listener):
                 started = now
+                listener.waited += now - before
             if count and len(nodes) == 1:  # The gait starts once its beginning can be seen.
                 nodes.append(start('gait', f'scene:={source}', 'use_sim_time:=true'))
             if said := nodes[-1].said(r'the gait begins at t = (\S+) s'):
@@ -147,17 +149,25 @@ def _follow(
         _show(bar, listener, middle)
 
 
+def _compiles(listener: StateListener) -> bool:
+    """Return whether sim waits for the compiler."""
+    return listener.doing.startswith('compiling')
+
+
 def _show(bar: 'tqdm[Any]', listener: StateListener, middle: int) -> None:
-    """Show what the compiler does and, once the gait has begun, how far it is."""
-    if listener.begin is None:
-        compiles = listener.doing.startswith('compiling')
-        what = listener.doing if compiles else 'starting'
-        bar.set_description_str(f'{what} ', refresh=False)
-        done, most = (float(listener.values.get(key, 0)) for key in FUNCTIONS)
-        bar.n = bar.total * done / most if compiles and most else 0.0
-    else:
-        bar.set_description_str(_progress(listener, middle), refresh=False)
+    """Show how far the gait is, and before it begins the compiler; say what the compiler does."""
+    if listener.begin is not None:
         bar.n = min(bar.total, max(0.0, listener.times[-1] - listener.begin))
+    elif _compiles(listener):
+        done, most = (float(listener.values.get(key, 0)) for key in FUNCTIONS)
+        bar.n = bar.total * done / most if most else 0.0
+    else:
+        bar.n = 0.0
+    if _compiles(listener):
+        what = listener.doing
+    else:
+        what = 'starting' if listener.begin is None else _progress(listener, middle)
+    bar.set_description_str(f'{what} ', refresh=False)
     bar.refresh()
 
 
@@ -187,6 +197,7 @@ def _summarize(
     )
     for key in SUMMARY:
         print(f'{key.replace("_", " "):20} {listener.values.get(key, "-")}')
+    print(f'{"wait for compiler":20} {listener.waited:.1f} s')
     print(f'{"wall time in all":20} {seconds:.1f} s')
     try:
         from snake_sim_ros.comparison.charts import path_figure

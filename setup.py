@@ -9,6 +9,8 @@ from setuptools import find_packages
 from setuptools import setup
 
 package_name = 'snake_sim_ros'
+# The folder of the sources: colcon runs a link to this file elsewhere with --symlink-install.
+here = Path(__file__).resolve().parent
 
 # ROS comes from package.xml where ROS 2 is installed. These wheels are for machines without it:
 # in install_requires they would shadow a sourced installation.
@@ -49,7 +51,7 @@ setup(
     description='Simulation of snake robots without wheels: rigid contact, exact friction.',
     maintainer='snake_sim_ros maintainers',
     maintainer_email='maintainers@users.noreply.github.com',
-    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description=(here / 'README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     license='Apache-2.0',
     keywords=['snake robot', 'nonsmooth dynamics', 'friction', 'simulation', 'ROS 2'],

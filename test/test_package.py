@@ -37,14 +37,28 @@ DEVELOPMENT = {'pytest-xdist', 'ruff', 'mypy', 'types-PyYAML', 'wheel', 'rosbags
 
 
 @pytest.fixture
-def needed(monkeypatch):
+def given(monkeypatch):
+    """Return what setup.py gives to setuptools, once it runs."""
+    arguments = {}
+    monkeypatch.setattr(setuptools, 'setup', lambda **found: arguments.update(found))
+    return arguments
+
+
+@pytest.fixture
+def needed(given, monkeypatch):
     """Return what setup.py asks for: extra -> names of packages; None is what is always needed."""
-    given = {}
-    monkeypatch.setattr(setuptools, 'setup', lambda **arguments: given.update(arguments))
     monkeypatch.chdir(ROOT)
     runpy.run_path('setup.py')
     extras = {None: given['install_requires'], **given['extras_require']}
     return {key: set(map(name, requirements)) for key, requirements in extras.items()}
+
+
+def test_a_link_to_setup_runs_in_another_folder(given, monkeypatch, tmp_path):
+    # As colcon build --symlink-install does it, without the other files of the project.
+    (tmp_path / 'setup.py').symlink_to(ROOT / 'setup.py')
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path('setup.py')
+    assert given['long_description'] == (ROOT / 'README.md').read_text(encoding='utf-8')
 
 
 def name(requirement):

@@ -94,10 +94,7 @@ def write(
     if 'out' in files:
         npz.write(trajectory, files['out'], sensors)
     if 'csv' in files:
-        try:
-            csv_table.write(trajectory, files['csv'], sensors)
-        except OSError as error:
-            raise OSError(f'{files["csv"]} takes no more: {error.strerror}') from None
+        csv_table.write(trajectory, files['csv'], sensors)
     for name in ('gif', 'mp4'):
         if name in files:
             frames = partial(tqdm, desc=files[name].name, unit=' frames', leave=False)

@@ -16,6 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from snake_sim_ros.scene.whole_files import write_figure
+
 PATH_COLOR = '#0072b2'
 METHOD_STYLES = {  # method: color, mark, name
     'newton': ('#0072b2', 'o', 'newton'),
@@ -51,8 +53,8 @@ def save(figure: Figure, path: Path, header: Mapping[str, str]) -> list[Path]:
     )
     FigureCanvasAgg(figure)
     files = [path.with_suffix(suffix) for suffix in ('.svg', '.png')]
-    figure.savefig(files[0], dpi=220, metadata={'Date': None})
-    figure.savefig(files[1], dpi=110)
+    write_figure(figure, files[0], dpi=220, metadata={'Date': None})
+    write_figure(figure, files[1], dpi=110)
     return files
 
 

@@ -41,6 +41,8 @@ from snake_sim_ros.comparison.pareto import fitted_order
 from snake_sim_ros.comparison.pareto import fitted_power
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.whole_files import write_figure
+from snake_sim_ros.scene.whole_files import write_whole
 
 POSTURE_COLORS = ('#999999', '#56b4e9', '#009e73', '#e69f00', '#d55e00')
 MAIN_SETTINGS = {  # setting that represents a method; the other settings are drawn thin
@@ -108,7 +110,7 @@ def draw_bench(table: Table, folder: Path) -> list[Path]:
     for name, (of, write) in TABLES.items():
         if parts.keys() & of:
             path = folder / f'{name}.md'
-            path.write_text(write(rows), encoding='utf-8')
+            write_whole(path, write(rows))
             drawn.append(path)
     if not drawn:
         raise ParameterError('nothing to draw: no run of the file has an error or a time')
@@ -129,7 +131,7 @@ def draw_artefacts(table: Table, folder: Path) -> list[Path]:
     if not rows:
         raise ParameterError('no artefact to show: the file has no rows')
     path = folder / 'artefacts.md'
-    path.write_text(artefacts.text_table(rows), encoding='utf-8')
+    write_whole(path, artefacts.text_table(rows))
     return [path]
 
 
@@ -358,4 +360,4 @@ def path_figure(
     axes.set_aspect('equal', adjustable='datalim')
     axes.grid(alpha=0.3)
     figure.legend(loc='outside lower center', ncols=len(shown) + 1, frameon=False)
-    figure.savefig(file, dpi=120)
+    write_figure(figure, file, dpi=120)

@@ -35,6 +35,7 @@ from snake_sim_ros.comparison.seals import unsealed
 from snake_sim_ros.scene.about import __version__
 from snake_sim_ros.scene.about import PACKAGE
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.whole_files import write_whole
 
 LIBRARIES = ('numpy', 'scipy', 'numba', 'mujoco-core', 'drake')
 HEAD_OF_ALL_ROWS = ('table', 'provenance', 'processor', 'settings')  # equal in all heads
@@ -210,9 +211,7 @@ def mark_unknown(path: Path) -> bool:
         if line.startswith('# provenance:'):
             continue
         marked += [line, said] if line.startswith('# table:') else [line]
-    new = path.with_name(f'{path.name}.new')
-    new.write_text(_text(sealed(marked)), encoding='utf-8')
-    new.replace(path)
+    write_whole(path, _text(sealed(marked)))
     return True
 
 
@@ -326,7 +325,7 @@ class TableWriter:
         if not path.exists() or path.stat().st_size == 0:
             self._chain, self._head = SealChain(), list[str]()
             lines = [*self._chain.head(head), self._chain.columns(','.join(self.columns))]
-            path.write_text(_text(lines), encoding='utf-8')
+            write_whole(path, _text(lines))
             return
         self.rows = read_table(path).rows
         lines, heads, found = _read(path)
@@ -345,7 +344,7 @@ class TableWriter:
                 f'{path} has other columns: name another file, or remove that one'
             )
         self._chain, self._head = check(lines), head  # written above the first new row
-        path.write_text(_text(lines), encoding='utf-8')  # without a row that was cut short
+        write_whole(path, _text(lines))  # without a row that was cut short
 
     def append(self, rows: Iterable[Mapping[str, Any]]) -> None:
         """Add rows; None is written as empty, floats so that reading gives the same numbers."""

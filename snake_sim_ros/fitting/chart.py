@@ -11,6 +11,7 @@ import numpy as np
 
 from snake_sim_ros.fitting.fit import Fit
 from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.whole_files import write_figure
 
 COLORS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9')
 BINS = np.linspace(-5.0, 5.0, 61)  # in units of the noise
@@ -33,7 +34,7 @@ def draw(found: Fit, path: Path) -> None:
     _over_time(found, places, joints)
     _distribution(found, spread)
     _of_segments(found, values)
-    figure.savefig(path, dpi=120)
+    write_figure(figure, path, dpi=120)
 
 
 def _over_time(found: Fit, places: Axes, joints: Axes) -> None:

@@ -14,6 +14,7 @@ from snake_sim_ros.fitting.judgement import what_is_not_told
 from snake_sim_ros.fitting.unknowns import scene_at
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import scene_to_text
+from snake_sim_ros.scene.whole_files import write_whole
 
 NOT_EXPLAINED = 'the model does not explain the recording, so the intervals do not hold: '
 
@@ -36,7 +37,7 @@ def write_scene(found: Fit, scene: Scene, source: Path, path: Path) -> None:
     pairs = zip(found.unknowns, found.values, strict=True)
     numbers = ', '.join(f'{unknown.name} {value:.6g}' for unknown, value in pairs)
     text = scene_to_text(scene_at(scene, found.unknowns, found.x))
-    path.write_text(f'# Found by snake-sim fit in {source.name}: {numbers}\n{text}', 'utf-8')
+    write_whole(path, f'# Found by snake-sim fit in {source.name}: {numbers}\n{text}')
 
 
 def lines(found: Fit, judgement: Judgement) -> list[str]:

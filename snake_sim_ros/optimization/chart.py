@@ -15,6 +15,7 @@ import numpy as np
 from snake_sim_ros.optimization.evaluations import Evaluation
 from snake_sim_ros.optimization.optimize import Outcome
 from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.whole_files import write_figure
 
 GOOD, BAD, OTHER, CHECKED = '#0072b2', '#d55e00', '#999999', '#009e73'
 SPAN = 1.5  # of the axes of a front, in lengths of the front
@@ -32,7 +33,7 @@ def draw(outcome: Outcome, path: Path) -> None:
     if axes.get_legend_handles_labels()[1]:
         axes.legend(fontsize=8)
     FigureCanvasAgg(figure)
-    figure.savefig(path, dpi=130)
+    write_figure(figure, path, dpi=130)
 
 
 def _draw_growth(axes: Axes, outcome: Outcome) -> None:

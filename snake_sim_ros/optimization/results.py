@@ -12,6 +12,7 @@ from snake_sim_ros.optimization.evaluations import Evaluation
 from snake_sim_ros.optimization.optimize import objective_names
 from snake_sim_ros.optimization.optimize import Outcome
 from snake_sim_ros.scene.parameters import scene_to_text
+from snake_sim_ros.scene.whole_files import write_whole
 
 
 def write_scenes(outcome: Outcome, out: Path) -> list[Path]:
@@ -31,14 +32,15 @@ def write_scenes(outcome: Outcome, out: Path) -> list[Path]:
     else:
         folder = out.with_suffix('.front')
         folder.mkdir(exist_ok=True)
-        for old in folder.glob('[0-9]*.yaml'):
-            old.unlink()
         digits = max(2, len(str(len(outcome.best))))
         paths = [folder / f'{k + 1:0{digits}}.yaml' for k in range(len(outcome.best))]
     for path, item, scene in zip(paths, outcome.best, outcome.scenes, strict=True):
         numbers = ', '.join(f'{name} {value:.6g}' for name, value in _named(outcome, item).items())
         found = f'# Found by snake-sim optimize, evaluation {item.point.number}: {numbers}\n'
-        path.write_text(found + scene_to_text(scene), encoding='utf-8')
+        write_whole(path, found + scene_to_text(scene))
+    if len(outcome.problem.objectives) > 1:
+        for old in {*folder.glob('[0-9]*.yaml')} - {*paths}:
+            old.unlink()
     return paths
 
 

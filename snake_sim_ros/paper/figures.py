@@ -32,6 +32,7 @@ from snake_sim_ros.paper.time_figures import force_figure
 from snake_sim_ros.paper.time_figures import torque_figure
 from snake_sim_ros.paper.time_figures import tracking_figure
 from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.whole_files import whole_file
 
 DPI = 100
 PALETTE_SIZE = 96  # number of colors of a picture
@@ -76,7 +77,8 @@ def save_small(figure: Figure, path: Path) -> None:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert('RGB')
-    image.quantize(PALETTE_SIZE, dither=Image.Dither.NONE).save(path, optimize=True)
+    with whole_file(path) as part:
+        image.quantize(PALETTE_SIZE, dither=Image.Dither.NONE).save(part, optimize=True)
 
 
 def all_figures(

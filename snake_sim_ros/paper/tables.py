@@ -25,6 +25,7 @@ from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.whole_files import write_whole
 from snake_sim_ros.stepping.state import initial_state
 
 SHOWN_STEPS = (1, 2, 3, 5, 10, 20, 30, 40)  # steps in the table of the sign in eq. (84)
@@ -54,7 +55,7 @@ def write_tables(
     }
     files = [folder / f'{name}.md' for name in tables]
     for file, text in zip(files, tables.values(), strict=True):
-        file.write_text(text, encoding='utf-8')
+        write_whole(file, text)
     return files
 
 

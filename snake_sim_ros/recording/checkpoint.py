@@ -9,7 +9,6 @@ has its dotted name in the file, such as ``history.memory.start.pose``.
 
 from collections.abc import Mapping
 from collections.abc import Sequence
-from io import BytesIO
 import math
 from pathlib import Path
 from typing import Any
@@ -28,6 +27,7 @@ from snake_sim_ros.scene.parameters import scene_from_text
 from snake_sim_ros.scene.parameters import scene_to_text
 from snake_sim_ros.scene.quoting import cut
 from snake_sim_ros.scene.quoting import LONGEST_REASON
+from snake_sim_ros.scene.whole_files import whole_file
 from snake_sim_ros.stepping.parts import ANEW
 from snake_sim_ros.stepping.parts import SMOOTH
 from snake_sim_ros.stepping.parts import TICKS
@@ -66,9 +66,8 @@ def write(simulation: Simulation, path: Path) -> None:
         'state.u': simulation.state.u,
         **named_arrays(simulation.history),
     }
-    buffer = BytesIO()
-    np.savez_compressed(buffer, **data)
-    path.write_bytes(buffer.getvalue())
+    with whole_file(path) as part, part.open('wb') as file:
+        np.savez_compressed(file, **data)
 
 
 def read(path: Path) -> Simulation:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.whole_files import whole_file
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 LOADS = (('force', 'N'), ('torque', 'N m'))
@@ -56,7 +57,7 @@ def write(trajectory: Trajectory, path: Path, sensors: Mapping[str, Array] | Non
     columns += [trajectory.joint_velocity, trajectory.joint_torque, force]
     rows = np.column_stack([trajectory.time, *(values.reshape(m, -1) for values in columns)])
     measured = _measured(sensors or {}, trajectory.time, joints)
-    with path.open('w', encoding='utf-8', newline='') as file:
+    with whole_file(path) as part, part.open('w', encoding='utf-8', newline='') as file:
         writer = csv.writer(file)
         writer.writerow([*names, 'level', *measured])
         readings = zip(*measured.values(), strict=True) if measured else iter([()] * m)

@@ -5,7 +5,6 @@
 from collections.abc import Mapping
 from dataclasses import asdict
 from dataclasses import fields
-from io import BytesIO
 import json
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from snake_sim_ros.scene.parameters import scene_to_text
 from snake_sim_ros.scene.quoting import cut
 from snake_sim_ros.scene.quoting import LONGEST_REASON
 from snake_sim_ros.scene.quoting import quoted
+from snake_sim_ros.scene.whole_files import whole_file
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.trajectory import Trajectory
 
@@ -44,27 +44,18 @@ def write(trajectory: Trajectory, path: Path, sensors: Mapping[str, Array] | Non
         More arrays by their names, as `recorded_sensors` returns them.
 
     """
-    buffer = BytesIO()
     arrays: dict[str, Any] = {name: getattr(trajectory, name) for name in ARRAYS}
     arrays |= sensors or {}
-    np.savez_compressed(
-        buffer,
-        format=FORMAT,
-        **arrays,
-        scene=scene_to_text(trajectory.scene),
-        report=report_to_text(trajectory.report),
-        seconds=trajectory.seconds,
-        interrupted=trajectory.interrupted,
-    )
-    begun = False
-    try:
-        with path.open('wb') as file:
-            begun = True
-            file.write(buffer.getvalue())
-    except OSError as error:
-        if begun:
-            path.unlink(missing_ok=True)
-        raise OSError(f'{path} cannot be written: {error.strerror}') from None
+    with whole_file(path) as part, part.open('wb') as file:
+        np.savez_compressed(
+            file,
+            format=FORMAT,
+            **arrays,
+            scene=scene_to_text(trajectory.scene),
+            report=report_to_text(trajectory.report),
+            seconds=trajectory.seconds,
+            interrupted=trajectory.interrupted,
+        )
 
 
 def read(path: Path) -> Trajectory:

@@ -19,6 +19,7 @@ from typing import TypeVar
 
 from snake_sim_ros.comparison.csv_tables import records_of
 from snake_sim_ros.comparison.csv_tables import Table
+from snake_sim_ros.scene.whole_files import write_whole
 
 Subject = TypeVar('Subject')
 
@@ -101,5 +102,5 @@ def draw_trials(table: Table, folder: Path) -> list[Path]:
     """Write the table of a CSV file of trials as Markdown, named after its kind; return it."""
     kind = table.header['table']
     path = folder / f'{kind}.md'
-    path.write_text('\n'.join(page(records_of(table, kind, Trial))) + '\n', encoding='utf-8')
+    write_whole(path, '\n'.join(page(records_of(table, kind, Trial))) + '\n')
     return [path]

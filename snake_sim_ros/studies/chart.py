@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.whole_files import write_figure
 from snake_sim_ros.studies.metrics import Metric
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ def draw(
             axes.set_ylabel(names[1])
         axes.set_xlabel(names[0])
     FigureCanvasAgg(figure)
-    figure.savefig(path, dpi=130)
+    write_figure(figure, path, dpi=130)
 
 
 def _numbers(values: Sequence[Any]) -> Any:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
-import os
 from pathlib import Path
 import time
 from typing import Any
@@ -206,15 +205,8 @@ class _Runner:
         result |= {'status': report.status.value, 'unconverged': report.unconverged}
         result['failure'] = report.failure
         if path := trajectory_file(self.plan, result['key']):
-            write_trajectory(trajectory, path)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            npz.write(trajectory, path)
             result['trajectory'] = path.name
         if not report.failure:
             result |= {metric.name: metric(trajectory) for metric in self.plan.metrics}
-
-
-def write_trajectory(trajectory: Trajectory, path: Path) -> None:
-    """Write a trajectory, whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(f'.{os.getpid()}.part')
-    npz.write(trajectory, part)
-    part.replace(path)

@@ -9,12 +9,14 @@ data frames.
 
 from collections.abc import Mapping
 from collections.abc import Sequence
+from io import BytesIO
 import json
 from pathlib import Path
 from typing import Any
 from typing import TYPE_CHECKING
 
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.whole_files import write_whole
 
 if TYPE_CHECKING:
     import polars
@@ -86,12 +88,12 @@ def _text(value: Any) -> str:
 
 def write(frame: 'polars.DataFrame', path: Path) -> None:
     """Write a table, whole or not at all."""
-    part = path.with_name(f'{path.name}.part')
+    content = BytesIO()
     if path.suffix == '.csv':
-        frame.write_csv(part)
+        frame.write_csv(content)
     else:
-        frame.write_parquet(part)
-    part.replace(path)
+        frame.write_parquet(content)
+    write_whole(path, content.getvalue())
 
 
 def read(path: Path, metrics: Sequence[str]) -> list[dict[str, Any]]:

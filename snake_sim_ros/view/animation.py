@@ -13,7 +13,6 @@ import math
 from pathlib import Path
 import shutil
 from subprocess import CalledProcessError
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from matplotlib import rc_context
@@ -35,6 +34,7 @@ from snake_sim_ros.scene.robot_description import color_name
 from snake_sim_ros.scene.robot_description import COLORS
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.scene.surroundings import Ground
+from snake_sim_ros.scene.whole_files import whole_file
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 Bar = Callable[[Array], Iterable[int]]  # returns the samples, and shows how many are left
@@ -93,10 +93,8 @@ def animate(
         raise ParameterError(f'speed of an animation must be above 0, got {speed:g}')
     samples = frame_samples(trajectory.time, speed * delay / 1000)
     write = _write_gif if path.suffix == '.gif' else _write_mp4
-    with TemporaryDirectory() as folder:
-        whole = Path(folder) / path.name
-        write(whole, Film(trajectory, title, speed), samples, bar)
-        shutil.move(whole, path)
+    with whole_file(path) as part:
+        write(part, Film(trajectory, title, speed), samples, bar)
 
 
 def _write_gif(path: Path, film: 'Film', samples: Array, bar: Bar) -> None:
@@ -125,7 +123,7 @@ def _write_mp4(path: Path, film: 'Film', samples: Array, bar: Bar) -> None:
                 film.draw(k)
                 writer.grab_frame()
     except CalledProcessError as error:
-        reason = error.stderr.strip().partition('\n')[0]
+        reason = (error.stderr or '').strip().partition('\n')[0] or f'status {error.returncode}'
         raise ParameterError(f'{program} could not make an MP4: {reason}') from None
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.whole_files import write_figure
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 SUFFIXES = ('.png', '.pdf', '.svg')
@@ -56,7 +57,7 @@ def draw(trajectory: Trajectory, path: Path, title: str = '') -> None:
             _joints(row[k], trajectory.time, values[:, :, k])
             row[k].set(ylabel=f'{axis} {what} [{unit}]', xlabel='time [s]')
     figure.suptitle(title)
-    figure.savefig(path, dpi=110)
+    write_figure(figure, path, dpi=110)
 
 
 def _path(axes: Axes, trajectory: Trajectory) -> None:

@@ -1,0 +1,179 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Outputs that cannot be written whole leave what was there, as when the disk is full."""
+
+from contextlib import contextmanager
+from pathlib import Path
+import resource
+from types import SimpleNamespace
+
+from matplotlib.figure import Figure
+import pytest
+
+pytest.importorskip('polars')
+from test_animation import glide
+
+from snake_sim_ros.comparison import chart_style
+from snake_sim_ros.comparison.charts import path_figure
+from snake_sim_ros.comparison.csv_tables import mark_unknown
+from snake_sim_ros.comparison.csv_tables import TableWriter
+from snake_sim_ros.fitting import chart as fit_chart
+from snake_sim_ros.fitting import results as fit_results
+from snake_sim_ros.optimization import chart as optimization_chart
+from snake_sim_ros.optimization import results as optimization_results
+from snake_sim_ros.paper.figures import save_small
+from snake_sim_ros.recording import checkpoint
+from snake_sim_ros.recording import csv_table
+from snake_sim_ros.recording import npz
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.whole_files import whole_file
+from snake_sim_ros.scene.whole_files import write_whole
+from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.studies import chart as study_chart
+from snake_sim_ros.studies import table
+from snake_sim_ros.studies.metrics import METRICS
+from snake_sim_ros.view import chart
+from snake_sim_ros.view.animation import animate
+
+ROOM = 64  # bytes, fewer than any output has
+SCENE = Scene(robot=Robot(link_count=2))
+RUN = glide(samples=3)
+FRAME = table.library().DataFrame({'row': range(20), 'dt': range(20), 'speed': range(20)})
+ROW = {'case': 'a' * 2 * ROOM}
+
+
+def objectives(*names):
+    return [SimpleNamespace(expression=SimpleNamespace(text=name)) for name in names]
+
+
+# What draws, without what it draws, and what was found, without how.
+BEST = SimpleNamespace(point=SimpleNamespace(number=3))
+OUTCOME = SimpleNamespace(
+    problem=SimpleNamespace(
+        objectives=[SimpleNamespace(expression=SimpleNamespace(text='speed'))]
+    ),
+    best=[BEST],
+    scenes=[SCENE],
+    objectives_of=lambda item: [0.0],
+)
+FIT = SimpleNamespace(unknowns=[], values=[], x=[])
+
+
+def scene_of_optimization(path):
+    optimization_results.write_scenes(
+        OUTCOME, path.parent / path.name.replace('.best.yaml', '.csv')
+    )
+
+
+def picture_of_optimization(path):
+    optimization_chart.draw(OUTCOME, path)
+
+
+OUTPUTS = {
+    'run.npz': lambda path: npz.write(RUN, path),
+    'run.csv': lambda path: csv_table.write(RUN, path),
+    'run.gif': lambda path: animate(RUN, path),
+    'run.mp4': lambda path: animate(RUN, path),
+    'run.png': lambda path: chart.draw(RUN, path),
+    'run.svg': lambda path: chart.draw(RUN, path),
+    'run.pdf': lambda path: chart.draw(RUN, path),
+    'checkpoint.npz': lambda path: checkpoint.write(Simulation(SCENE), path),
+    'path.png': lambda path: path_figure(path, '', RUN.time, RUN.position, 0),
+    'study.csv': lambda path: table.write(FRAME, path),
+    'study.parquet': lambda path: table.write(FRAME, path),
+    'study.png': lambda path: study_chart.draw(FRAME, ['dt'], [METRICS['speed']], path),
+    'gait.best.yaml': scene_of_optimization,
+    'gait.png': picture_of_optimization,
+    'fit.yaml': lambda path: fit_results.write_scene(FIT, SCENE, Path('bag.mcap'), path),
+    'fit.png': lambda path: fit_chart.draw(FIT, path),
+    'bench.svg': lambda path: chart_style.save(Figure(), path, {}),
+    'paper.png': lambda path: save_small(Figure(), path),
+    'table.md': lambda path: write_whole(path, 'a' * 2 * ROOM),
+}
+
+
+@contextmanager
+def no_room():
+    """Let files have no more than some bytes, which ends a write as a full disk does."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (ROOM, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.fixture
+def drawing_nothing(monkeypatch):
+    """Let pictures of optimizations and fits be empty, for which nothing needs to be found."""
+    monkeypatch.setattr(optimization_chart, '_draw_growth', lambda *_: None)
+    for name in ('_over_time', '_distribution', '_of_segments'):
+        monkeypatch.setattr(fit_chart, name, lambda *_: None)
+
+
+@pytest.mark.usefixtures('drawing_nothing')
+@pytest.mark.parametrize('name', OUTPUTS)
+def test_what_was_there_survives_a_full_disk(name, tmp_path):
+    path, write = tmp_path / name, OUTPUTS[name]
+    if path.suffix == '.mp4':
+        pytest.importorskip('imageio_ffmpeg')
+    write(path)  # what is imported and cached at the first time has room
+    path.write_bytes(b'old')
+    others = {*tmp_path.iterdir()}
+    with no_room(), pytest.raises((OSError, ParameterError)) as caught:
+        write(path)
+    assert str(path) in str(caught.value) or 'ffmpeg' in str(caught.value)
+    assert path.read_bytes() == b'old'
+    assert {*tmp_path.iterdir()} == others
+    write(path)
+    assert len(path.read_bytes()) > ROOM
+
+
+@pytest.mark.parametrize('how', ['continued', 'sealed'])
+def test_rows_of_a_bench_survive_a_full_disk(how, tmp_path):
+    path = tmp_path / 'bench.csv'
+    TableWriter(path, 'bench', ['case']).append([ROW])
+    text = path.read_text(encoding='utf-8')
+    text = text.replace('aaa', 'bbb') if how == 'sealed' else text + 'a row that was cut short'
+    path.write_text(text, encoding='utf-8')
+    with no_room(), pytest.raises(OSError, match=r'bench\.csv cannot be written: File too large'):
+        mark_unknown(path) if how == 'sealed' else TableWriter(path, 'bench', ['case'])
+    assert path.read_text(encoding='utf-8') == text
+    assert [*tmp_path.iterdir()] == [path]
+
+
+def test_scenes_of_a_front_survive_a_full_disk(tmp_path):
+    found = {'problem': SimpleNamespace(objectives=objectives('speed', 'slip'))}
+    found['objectives_of'] = lambda item: [0.0, 1.0]
+    outcome = SimpleNamespace(**vars(OUTCOME) | found)
+    folder = tmp_path / 'gait.front'
+    folder.mkdir()
+    for k in (1, 2):
+        (folder / f'0{k}.yaml').write_text('old')
+    with no_room(), pytest.raises(OSError, match='File too large'):
+        optimization_results.write_scenes(outcome, tmp_path / 'gait.csv')
+    assert [path.read_text() for path in sorted(folder.iterdir())] == ['old', 'old']
+    optimization_results.write_scenes(outcome, tmp_path / 'gait.csv')
+    (found,) = folder.iterdir()  # what does not belong to the new front is gone
+    assert found.read_text() != 'old'
+
+
+def test_links_and_permissions_stay(tmp_path):
+    path, link = tmp_path / 'file', tmp_path / 'link'
+    path.write_text('old')
+    path.chmod(0o640)
+    link.symlink_to(path)
+    write_whole(link, 'new')
+    assert link.is_symlink() and path.read_text() == 'new'
+    assert path.stat().st_mode & 0o777 == 0o640
+
+
+def test_an_error_of_the_writer_leaves_no_part(tmp_path):
+    path = tmp_path / 'file.npz'
+    with pytest.raises(ValueError, match='not the disk'), whole_file(path) as part:
+        part.write_text('half')
+        raise ValueError('not the disk')
+    assert part.parent == tmp_path and part.suffix == '.npz' and '.part.' in part.name
+    assert not [*tmp_path.iterdir()]

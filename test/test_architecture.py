@@ -83,11 +83,13 @@ OPTIONAL = {
     ),
     'mcap': ('recording/bag_reader', 'nodes/bag_writer', 'nodes/tools/*'),
     'mcap_ros2': ('recording/bag_reader', 'nodes/bag_writer', 'nodes/tools/*'),
+    'msgspec': ('view/browser_messages', 'reliability/pages'),
     'mujoco': ('comparison/mujoco*',),
     'polars': ('studies/table', 'studies/study', 'studies/chart', 'optimization/optimize'),
     'pydrake': ('comparison/drake_runs',),
-    'viser': ('view/page',),
-    'websockets': ('view/own_pages',),
+    'viser': ('view/page', 'reliability/pages'),
+    'websockets': ('view/own_pages', 'reliability/pages'),
+    'zstandard': ('reliability/pages',),
 }
 COMPILERS = ('compiled', 'inlined', 'merged', 'Dispatched')  # what makes a function compiled
 DRAWS = ('api/runs', 'nodes/tools/demo')

@@ -67,5 +67,5 @@ def test_a_website_whose_name_leads_here_is_refused(name):
 
 
 def test_a_server_that_would_refuse_nothing_does_not_start():
-    with pytest.raises(RuntimeError, match='does not serve by'), own_pages_only(BOUND):
+    with pytest.raises(RuntimeError, match='does not serve by'), own_pages_only(BOUND, bool):
         pass

@@ -19,7 +19,7 @@ from snake_sim_ros.reliability.trials import page
 from snake_sim_ros.reliability.trials import Part
 from snake_sim_ros.scene.checked_records import ParameterError
 
-FUZZ = ('files', 'messages', 'states', 'physics')  # modules of the room `reliability`
+FUZZ = ('files', 'messages', 'pages', 'states', 'physics')  # modules of the room `reliability`
 SOAK = ('steps', 'longest', 'faults')
 
 

@@ -6,9 +6,10 @@ Which requests the server of the page answers: those of its own page, of no othe
 A browser lets any website open a websocket to a server of this machine, and a page that steers a
 robot must not be steered by another one. The browser tells the website in the header `Origin`, and
 the name by which it found the server in `Host`. A script has no `Origin`: it is accepted, since it
-could claim any.
+could claim any. No website may show the page in a frame, where a click could be meant for another.
 """
 
+from collections.abc import Callable
 from collections.abc import Iterator
 from contextlib import contextmanager
 from http import HTTPStatus
@@ -17,14 +18,16 @@ import socket
 from typing import Any
 from urllib.parse import urlsplit
 
+from snake_sim_ros.view.browser_messages import LONGEST_MESSAGE
+
 HEADERS = 'Host', 'Origin'
 LOOPBACK = 'localhost', '127.0.0.1', '::1'
 
 
 @contextmanager
-def own_pages_only(host: str) -> Iterator[None]:
+def own_pages_only(host: str, heeds: Callable[[str | bytes], bool]) -> Iterator[None]:
     """
-    Have the server of viser that starts meanwhile refuse the pages of others.
+    Have the server of viser that starts meanwhile refuse the pages of others, and some messages.
 
     viser passes no options to the server of websockets that it starts, so its function `serve` is
     replaced for this time.
@@ -33,6 +36,9 @@ def own_pages_only(host: str) -> Iterator[None]:
     ----------
     host : str
         Address that the server binds to.
+    heeds : callable
+        Returns whether a message of a browser is passed on; longer ones than LONGEST_MESSAGE close
+        its connection.
 
     Raises
     ------
@@ -44,6 +50,14 @@ def own_pages_only(host: str) -> Iterator[None]:
 
     serve, calls = server.serve, []
 
+    class Connection(server.ServerConnection):
+        """A connection that passes on some messages only."""
+
+        async def recv(self, decode: bool | None = None) -> Any:
+            while not heeds(message := await super().recv(decode)):
+                pass
+            return message
+
     def guarded(*arguments: Any, process_request: Any, **options: Any) -> Any:
         calls.append(arguments)
 
@@ -52,8 +66,12 @@ def own_pages_only(host: str) -> Iterator[None]:
             reason = refusal(asked, pages, host)
             if reason:
                 return connection.respond(HTTPStatus.FORBIDDEN, f'{reason}\n')
-            return process_request(connection, request)
+            response = process_request(connection, request)
+            if response is not None:
+                response.headers['Content-Security-Policy'] = "frame-ancestors 'none'"
+            return response
 
+        options |= {'create_connection': Connection, 'max_size': LONGEST_MESSAGE}
         return serve(*arguments, process_request=check, **options)
 
     server.serve = guarded  # type: ignore[misc, assignment]

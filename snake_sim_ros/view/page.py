@@ -23,6 +23,7 @@ import numpy as np
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.view.browser_messages import BrowserMessages
 from snake_sim_ros.view.frames import at_rest
 from snake_sim_ros.view.frames import curves
 from snake_sim_ros.view.frames import Frame
@@ -78,10 +79,12 @@ class Page:
         make_server = _server_class()
         check_address(host, port)
         # The caller prints the address.
-        with redirect_stdout(StringIO()), own_pages_only(host):
+        messages = BrowserMessages()
+        with redirect_stdout(StringIO()), own_pages_only(host, messages.heeds):
             self._server = make_server(host=host, port=port, label=title, verbose=False)
         self.url = f'http://{host}:{self._server.get_port()}'
         self.gui = self._server.gui
+        messages.controls = self.gui._gui_input_handle_from_uuid
         self.gui.configure_theme(show_logo=False, show_share_button=False)
         self.gui.main_panel.dock_right()
         self.gui.main_panel.set_width(PANEL_WIDTH)

@@ -93,7 +93,7 @@ class Player:
             if self.now > self.times[-1]:
                 self.now = float(self.times[0] if self.loop.value else self.times[-1])
                 self.playing = self.loop.value
-        return int(np.searchsorted(self.times, self.now, 'right')) - 1
+        return max(int(np.searchsorted(self.times, self.now, 'right')) - 1, 0)
 
     def mark(self) -> None:
         """Update the controls, where they change: what a person does meanwhile stays."""

@@ -204,6 +204,7 @@ def test_recorded_run(page, tmp_path):
         status = process.stop()
     assert status == 0, process.output
     assert 'Traceback' not in process.output
+    assert 'ignored' not in process.output  # the page of viser sends only what is heeded
 
 
 def test_error_of_a_live_view_is_told_once(tmp_path, monkeypatch):

@@ -185,6 +185,22 @@ def test_robot_and_obstacles_come_from_topics(tmp_path):
     assert np.isnan(found.joint_angle).all()
 
 
+def test_names_of_topics_are_quoted_in_one_printable_line(tmp_path):
+    path, name = tmp_path / 'odd.mcap', 'a\x1b[2J\n\x00' + 'b' * 1000
+    with other_bag(path, {name: JointState}) as write:
+        write(name, 1.0, joint_state(1.0, ['joint_1_yaw'], [0.1]))
+    with pytest.raises(ParameterError, match='has neither') as caught:
+        read_bag(path)
+    assert str(caught.value).isprintable() and len(str(caught.value)) < 600 + len(str(path))
+    topics = {f'/{name}{k}/joint_states': JointState for k in 'ab'}
+    with other_bag(path, topics) as write:
+        for topic in topics:
+            write(topic, 1.0, joint_state(1.0, ['joint_1_yaw'], [0.1]))
+    with pytest.raises(ParameterError, match='has several robots') as caught:
+        read_bag(path)
+    assert str(caught.value).isprintable() and len(str(caught.value)) < 600 + len(str(path))
+
+
 def test_one_of_several_robots(tmp_path):
     path = tmp_path / 'two.mcap'
     with other_bag(path, {'/a/joint_states': JointState, '/b/joint_states': JointState}) as write:

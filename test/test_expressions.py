@@ -3,6 +3,7 @@
 """Expressions of metrics: arithmetic that is looked up, never run, and what must hold of it."""
 
 import math
+import warnings
 
 import pytest
 
@@ -104,6 +105,14 @@ def test_anything_else_gets_one_sentence(text, message):
         value(text)
     assert message in str(caught.value)
     assert str(caught.value).startswith('maximize') and '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize('text', ['1if speed else 2', '0x1for x', "speed + '\\d'", 'speed is 1'])
+def test_python_says_nothing_of_it(text):
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        with pytest.raises(ParameterError):
+            value(text)
 
 
 @pytest.mark.parametrize(

@@ -232,9 +232,12 @@ def test_printed_inertia_is_taken_as_given():
 
 
 def test_a_cylinder_has_a_radius():
-    assert refusal(Robot, link_count=2, inertia='consistent', contact_radius=(0.05, 0.0)) == (
-        'contact_radius must be above 0 m for the inertia of a cylinder (consistent), got 0 m'
-    )
+    for radius in (0.0, 1e-170, 1e-9):  # m, of whose inertias the first two are 0
+        robot = {'link_count': 2, 'inertia': 'consistent', 'contact_radius': (0.05, radius)}
+        assert refusal(Robot, **robot) == (
+            'contact_radius must make the inertia of a cylinder (consistent) at least 1e-18 '
+            f'kg m^2, got {radius:g} m'
+        )
     assert Robot(link_count=1, contact_radius=0.0).per_link('inertia_axial') == [2.35e-4]
 
 

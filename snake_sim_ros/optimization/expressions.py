@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import math
 import operator
 from typing import Any
+import warnings
 
 from snake_sim_ros.scene.checked_records import nearest
 from snake_sim_ros.scene.checked_records import ParameterError
@@ -146,7 +147,9 @@ def _parsed(text: Any, where: str) -> ast.expr:
     if len(text) > LONGEST:
         raise ParameterError(f'{where} must have at most {LONGEST} characters, got {len(text)}')
     try:
-        return ast.parse(text.strip(), mode='eval').body
+        with warnings.catch_warnings():  # of Python, on what is no expression here
+            warnings.simplefilter('ignore')
+            return ast.parse(text.strip(), mode='eval').body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         reason = getattr(error, 'msg', None) or error
         raise ParameterError(f'{where}: {quoted(text)} is not readable: {reason}') from None

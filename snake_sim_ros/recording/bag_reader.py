@@ -67,12 +67,11 @@ def read_bag(path: Path, namespace: str | None = None) -> Trajectory:
         of = f' of {namespace}' if namespace else ''
         raise ParameterError(
             f'{path} has neither link_poses (geometry_msgs/PoseArray) nor joint_states '
-            f'(sensor_msgs/JointState){of}; it has {there}'
+            f'(sensor_msgs/JointState){of}; it has {cut(there, LONGEST_REASON)}'
         )
     if len(robots) > 1:
-        raise ParameterError(
-            f'{path} has several robots; choose one with --namespace: {", ".join(robots)}'
-        )
+        names = cut(', '.join(robots), LONGEST_REASON)
+        raise ParameterError(f'{path} has several robots; choose one with --namespace: {names}')
     topics = {kind: f'{robots[0].rstrip("/")}/{kind}' for kind in KINDS}
     topics['diagnostics'] = '/diagnostics'
     of_robot = {kind: _timed(found.get(topic, [])) for kind, topic in topics.items()}

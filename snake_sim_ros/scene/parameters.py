@@ -137,7 +137,7 @@ class Robot(CheckedRecord):
     )
 
     def __post_init__(self) -> None:
-        """Check every field, the lengths of lists, and that a cylinder has a radius."""
+        """Check every field, the lengths of lists, and that a cylinder has an inertia."""
         super().__post_init__()
         for item in fields(self):
             value = getattr(self, item.name)
@@ -149,10 +149,10 @@ class Robot(CheckedRecord):
                     f'{item.name} must be one number or one for each of the {count} {parts}, '
                     f'got {len(value)} numbers'
                 )
-        if self.inertia == 'consistent' and not self.per_link('contact_radius').all():
+        if self.inertia == 'consistent' and (self.per_link('inertia_axial') < 1e-18).any():
             raise ParameterError(
-                'contact_radius must be above 0 m for the inertia of a cylinder (consistent), '
-                'got 0 m'
+                'contact_radius must make the inertia of a cylinder (consistent) at least 1e-18 '
+                f'kg m^2, got {self.per_link("contact_radius").min():g} m'
             )
 
     def per_link(self, name: str) -> Array:

@@ -226,6 +226,24 @@ def test_waves_of_another_gait_lie_on_each_other_as_its_phases_say(begin):
     assert np.abs(blend.reference(times)[0] - fade * expected).max() < ROUNDING
 
 
+@pytest.mark.parametrize('multiple', [-4, -1, 0, 2, 3])
+def test_a_pitch_wave_joins_a_yaw_wave_whose_frequency_changed(multiple):
+    old, new, begin, T = 1.4, 0.9, 7.3, 1.5
+    yaw, pitch = (replace(wave, angular_frequency=old) for wave in (SINUS_LIFTING.yaw,) * 2)
+    pitch = replace(SINUS_LIFTING.pitch, angular_frequency=0.37)
+    later = Gait(
+        yaw=replace(yaw, angular_frequency=new),
+        pitch=replace(pitch, angular_frequency=multiple * new),
+    )
+    blend = Blend.of(Gait(yaw=yaw, pitch=pitch), JOINTS, T).changed(begin, later)
+    times = begin + T + np.linspace(0.0, 9.0, 50)
+    # The yaw phase is that of the new gait at another time, new t = old begin + (old + new) T/2 +
+    # new (t - begin - T); at this time the new gait is what both waves are.
+    since = (old * begin + (old + new) / 2 * T) / new + times - begin - T
+    expected, _ = gait.reference(later, since, JOINTS)
+    assert np.abs(blend.reference(times)[0] - expected).max() < ROUNDING
+
+
 def test_frequencies_changed_one_after_the_other_end_as_one_motion():
     yaw, pitch = (
         replace(wave, angular_frequency=2.0) for wave in (SIDEWINDING.yaw, SIDEWINDING.pitch)

@@ -26,14 +26,14 @@ from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import initial_state
 
 
-def angles(scene, axis, references):
-    """Return the joint angles after every step, and the last state."""
+def angles(scene, axis, references, rate=0.0):
+    """Return the joint angles after every step, for references that move at a rate [rad/s]."""
     stepper, state = make_stepper(scene), hinge(scene, axis, 0.0)
     history, found = stepper.empty_history(), []
     for reference in references:
-        angle = np.zeros((1, 1, 2))
-        angle[0, 0, AXES[axis]] = reference
-        state, history, report = stepper.advance(state, history, angle, np.zeros((1, 1, 2)))
+        told = np.zeros((2, 1, 1, 2))
+        told[:, 0, 0, AXES[axis]] = reference, rate
+        state, history, report = stepper.advance(state, history, *told)
         assert not report.failure and not report.unconverged
         found.append(of_joint(state, axis)[0])
     return np.array(found)
@@ -72,6 +72,21 @@ def test_a_sampled_spring_is_a_recursion(method, axis, resolution):
     allowed = 1e-4 * np.abs(expected).max() + (len(references) * DT**2 * jump / 2
                                                if method == 'bdf2' else 0.0)  # fmt: skip
     assert np.abs(found - expected).max() < allowed + 0.04**2 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(('method', 'axis'), EVERY)
+@pytest.mark.parametrize('rates', [{'control_rate': 200.0}, {'reference_rate': 200.0}])
+def test_a_moving_reference_is_read_at_the_time_of_the_reading(method, axis, rates):
+    # References are told for the middle of a step, (k + 1/2) dt; a reading is at its start, k dt.
+    # A spring that is read then, or whose reference is held since then, does what it does with
+    # references that stand still from reading to reading.
+    stiffness, speed, k = 0.05, 1.0, np.arange(40)
+    scene = floating(method, **{f'{axis}_stiffness': stiffness}, **rates)
+    found = angles(scene, axis, speed * (k + 0.5) * DT, speed)
+    standing = angles(scene, axis, speed * (k - k % 5) * DT)
+    # References are rounded to 1e-17; forty steps add that up with a dozen of their own.
+    assert np.abs(found - standing).max() < 1e-12
+    assert np.abs(found).max() > 5e-4
 
 
 @pytest.mark.parametrize(('method', 'axis'), EVERY)

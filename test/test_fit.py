@@ -8,33 +8,44 @@ import math
 from pathlib import Path
 import re
 import shlex
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from random_states import random_parameters
 from recorded_messages import gait_commands
 from recorded_messages import state_messages
 from recorded_messages import write_messages
 
 from snake_sim_ros.commands.main import main
+from snake_sim_ros.fitting.fit import Fit
 from snake_sim_ros.fitting.fit import fit
 from snake_sim_ros.fitting.judgement import judge
 from snake_sim_ros.fitting.judgement import what_is_not_told
 from snake_sim_ros.fitting.recording import read_recording
+from snake_sim_ros.fitting.replay import ALIGNED
 from snake_sim_ros.fitting.replay import aligned
 from snake_sim_ros.fitting.replay import between
 from snake_sim_ros.fitting.replay import Replay
+from snake_sim_ros.fitting.replay import Residual
 from snake_sim_ros.fitting.replay import Settings
 from snake_sim_ros.fitting.replay import with_fit_steps
+from snake_sim_ros.fitting.start_states import Measured
+from snake_sim_ros.fitting.start_states import start_state
 from snake_sim_ros.fitting.synthetic import with_noise
 from snake_sim_ros.fitting.unknowns import scene_at
+from snake_sim_ros.fitting.unknowns import Unknown
 from snake_sim_ros.fitting.unknowns import unknowns_of
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import flat_fields
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.posture import joint_rates
 from snake_sim_ros.scene.rotations import about
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
@@ -224,6 +235,88 @@ def test_alignment_removes_a_motion_of_the_whole_path(recording):
     q[..., :3] = q[..., :3] @ rotation_matrices(turn).T + [0.2, -0.1, 0.05]
     q[..., 3:] = product(np.broadcast_to(turn, (*q.shape[:2], 4)), q[..., 3:])
     assert np.abs(aligned(segment, q, 1e-3, 8.7e-3)).max() < 1e-9
+
+
+@pytest.mark.parametrize('is_flat', [True, False])
+def test_a_chain_that_was_measured_spinning_starts_with_its_spin(is_flat):
+    # Link 1 turns about the vertical at omega, each yaw joint turns at its rate besides: link i
+    # turns at omega plus the rates before it. In space the whole robot rolls about e_x, too.
+    robot = Robot(link_count=4)
+    omega = np.array([0.0 if is_flat else 0.4, 0.0, 0.7])  # rad/s, in I
+    angle, rate = np.zeros((2, 3, 2))
+    angle[:, 0], rate[:, 0] = [0.3, -0.5, 0.2], [0.9, -0.4, 0.6]
+    q = chain_coordinates(robot, angle)
+    p, v = q[:1, 3:], np.array([0.2, -0.1, 0.0])
+    turning = product(np.array([0.0, *omega]), p[0]) / 2  # p' = (0, omega) p/2
+    measured = Measured(
+        angle=np.array([angle, rate]), links=np.array([0]),
+        position=np.array([q[:1, :3], v[None]]), orientation=np.array([p, turning[None]]),
+    )  # fmt: skip
+    state = start_state(Scene(robot=robot), measured, is_flat=is_flat)
+    R = rotation_matrices(state.q[:, 3:])
+    yaw_axes = R[:-1, :, 1] * rate[:, :1]
+    expected = omega + np.vstack([np.zeros(3), np.cumsum(yaw_axes, axis=0)])
+    # Central differences over 1 ms: h^2/6 omega^3, with up to 3 rad/s.
+    assert np.abs(np.einsum('nij,nj->ni', R, state.u[:, 3:]) - expected).max() < 27 * 1e-6 / 6
+    assert np.abs(state.u[0, :3] - v).max() < 1e-12
+    assert np.abs(joint_rates(state.q, state.u) - rate).max() < 27 * 1e-6 / 6
+
+
+def fit_of_one_value(residuals, jacobians):
+    """Return a fit that found one value; 8k residuals a segment are of k poses and two angles."""
+    unknown = Unknown(('friction.rolling',), 0.5, -math.inf, math.inf, '1', False)
+    kept = [
+        Residual(r[: len(r) // 4 * 3].reshape(-1, 1, 6), r[len(r) // 4 * 3 :].reshape(-1, 1, 2))
+        for r in residuals
+    ]
+    columns = [J[:, None] for J in jacobians]
+    return Fit(None, (unknown,), np.array([0.5]), kept, columns, (), 0)
+
+
+def test_freedom_is_what_values_and_alignments_leave():
+    # Place (3 numbers) and heading of each of three paths, and one value, of 3 * 40 numbers less
+    # one that was not measured. Residuals of 3 with derivatives that see none of them: the
+    # deviation is 1/sqrt(J^T J) times the root of the mean square per degree of freedom.
+    r = np.full((3, 40), 3.0)
+    r[2, 7] = np.nan
+    J = np.tile([1.0, -1.0], 20)
+    jacobians = [J, J, np.delete(J, 7)]
+    found = fit_of_one_value(r, jacobians)
+    assert found.freedom == 119 - 3 * 4 - 1
+    deviation = math.sqrt(119 * 9.0 / 106) / math.sqrt(119)
+    assert judge(found).deviation == pytest.approx([deviation], rel=1e-12)
+
+
+def test_alignment_takes_away_as_many_numbers_as_it_is_said_to():
+    # Of small errors of three poses, 18 numbers, it leaves those at right angles to motions of the
+    # whole path: an orthogonal projection, whose trace is the number of what is left.
+    rng, h = np.random.default_rng(5), 1e-5
+    position, p = rng.uniform(-1.0, 1.0, (3, 1, 3)), random_parameters(rng, 3)[:, None]
+    measured = SimpleNamespace(position=position, orientation=p)
+
+    def left(errors):
+        turns = np.concatenate([np.ones((3, 1, 1)), errors[..., 3:] / 2], axis=-1)
+        q = np.concatenate([position - errors[..., :3], product(turns, p)], axis=-1)
+        return aligned(measured, q, 1.0, 1.0).ravel()
+
+    units = np.eye(18).reshape(18, 3, 1, 6) * [1.0, 1.0, 1.0, -1.0, -1.0, -1.0]
+    P = np.column_stack([(left(h * e) - left(-h * e)) / (2 * h) for e in units])
+    # Central differences of a smooth function of numbers around 1, and its rounding.
+    assert np.abs(P @ P - P).max() < 1e-9
+    assert np.trace(P) == pytest.approx(18 - ALIGNED, abs=1e-9)
+
+
+def test_the_bootstrap_of_two_segments_is_known_by_hand():
+    # Two segments with one curvature A and the scores g and -g: draws are both, or one of them
+    # twice with probability 1/4 each, so that the quantiles of the steps are -+g/A. As the mean of
+    # two numbers, whose distribution is Student's with one degree of freedom, Cauchy's, they are
+    # wider by tan(0.475 pi)/1.96 and sqrt(2/1).
+    J, g = np.array([2.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.5]), 0.3
+    residuals = np.outer([g + 0.1, 0.1 - g], J / (J @ J))  # of which the mean, 0.1, tells nothing
+    judgement = judge(fit_of_one_value(residuals, [J, J]))
+    wider = math.tan(0.475 * math.pi) / 1.959963984540054 * math.sqrt(2.0)
+    reach = wider * g / (J @ J)
+    assert judgement.bootstrap == pytest.approx(np.array([[0.5 - reach, 0.5 + reach]]), rel=1e-9)
 
 
 @pytest.mark.parametrize(

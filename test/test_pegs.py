@@ -9,8 +9,10 @@ import numpy as np
 from obstacle_scenes import anywhere
 from obstacle_scenes import check_agreement
 from obstacle_scenes import check_directions
+from obstacle_scenes import COARSE
 from obstacle_scenes import each_here
 from obstacle_scenes import every_here
+from obstacle_scenes import HERE
 from obstacle_scenes import lying_on
 from obstacle_scenes import only_compiled
 from obstacle_scenes import pushed
@@ -43,6 +45,8 @@ from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.scene.surroundings import Pegs
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.state import State
 
@@ -190,6 +194,52 @@ def test_peg_does_not_hold_what_leaves(method, dt):
     assert report.contacts == 1
     assert np.abs(end.u - state.u).max() < ROUNDED
     assert not history.impulse.any()
+
+
+# Only `newton` meets pegs in the plane.
+at_both_levels = pytest.mark.parametrize(
+    ('method', 'level'), [('newton', 'planar'), *((name, 'spatial') for name in HERE)]
+)
+
+
+@at_both_levels
+def test_how_deep_a_bent_robot_of_unequal_links_is_in_a_peg(method, level):
+    # Link 1 along x, link 2 at 60 degrees to it, link 3 at 90: a peg beside the center of link 3,
+    # 1 mm in it. At rest nothing changes.
+    length, bend, depth = (0.10, 0.16, 0.13), np.radians([60.0, 30.0]), 1e-3
+    robot = Robot(
+        link_count=3, link_length=length, joint_limit=math.pi / 2,
+        contact_offset=(0.03, 0.05, 0.04),
+    )  # fmt: skip
+    q = chain_coordinates(robot, np.column_stack([bend, np.zeros(2)]))
+    q[:, 2] = RADIUS
+    turns = np.cumsum([0.0, *bend])
+    steps = np.array(length)[:, None] * np.column_stack([np.cos(turns), np.sin(turns)])
+    x, y = steps[0] / 2 + steps[1] + steps[2] / 2  # the center of link 3 from that of link 1
+    scene = Scene(
+        robot=robot, method=method, level=level, friction=isotropic(0.0),
+        pegs=peg(q[0, 0] + x + PEG + RADIUS - depth, q[0, 1] + y),
+    )  # fmt: skip
+    angle = np.column_stack([bend, np.zeros(2)])[None]
+    start = State(q, np.zeros((3, 6))), empty_history(scene)
+    _, _, report = make_stepper(scene).advance(*start, angle, np.zeros(angle.shape))
+    assert report.penetration_max == pytest.approx(depth, abs=1e-9)
+    assert report.level == level
+
+
+@at_both_levels
+@pytest.mark.parametrize(('share', 'stops'), [(0.4, True), (0.6, False)])
+def test_a_peg_is_found_at_the_middle_of_a_step(method, level, share, stops):
+    # A link that gets to the peg before the middle of the step stops, one that does later goes on;
+    # with `bdf2` it stops at the peg in both cases.
+    v, dt = 0.5, COARSE
+    pegs, solver = peg(0.0, -(RADIUS + PEG + share * v * dt)), Solver(residual_tolerance=SPEED)
+    scene = link_scene(method, dt, level=level, pegs=pegs, friction=isotropic(0.0), solver=solver)
+    end, _, report = run(scene, lying((0.0, -v, 0.0)), 1)
+    assert report.level == level
+    stops = stops or method == 'bdf2'
+    # The selection rule gives way by a share of 1e-4.
+    assert abs(end.u[0, 1] + (0.0 if stops else v)) < 1e-4 * v
 
 
 @every_here

@@ -363,6 +363,30 @@ def test_links_that_overlap_at_the_start_are_refused():
     initial_coordinates(replace(bent(math.radians(44)), self_contact=False))
 
 
+@every_here
+def test_a_folded_robot_of_unequal_links_knows_how_deep_it_is(method):
+    # Link 1 along x, link 2 at 90 degrees to it, link 3 at 150: the front sphere of link 1 and the
+    # rear one of link 3 are the nearest ones. At rest nothing changes.
+    length, offset, radius = (0.12, 0.05, 0.10), (0.05, 0.01, 0.02), (0.035, 0.01, 0.040)
+    robot = Robot(
+        link_count=3, link_length=length, contact_offset=offset, contact_radius=radius,
+        joint_limit=math.pi / 2, **SLACK,
+    )  # fmt: skip
+    angle = np.array([[[math.pi / 2, 0.0], [math.pi / 3, 0.0]]])
+    q = chain_coordinates(robot, angle[0])
+    q[:, 2] += 1.0
+    scene = Scene(
+        robot=robot, self_contact=True, gravity=(0.0, 0.0, 0.0), method=method, level='spatial'
+    )
+    start = State(q, np.zeros((3, 6))), empty_history(scene)
+    _, _, report = make_stepper(scene).advance(*start, angle, np.zeros(angle.shape))
+    arm = length[2] / 2 - offset[2]  # from the joint to the rear sphere of link 3
+    x = length[0] / 2 - offset[0] + arm * math.cos(math.radians(150))
+    y = length[1] + arm * math.sin(math.radians(150))
+    depth = radius[0] + radius[2] - math.hypot(x, y)
+    assert report.penetration_max == pytest.approx(depth, abs=1e-12)
+
+
 def test_a_pair_does_nothing_until_it_closes():
     # The same steps with and without self-contact while the links are apart: the same numbers up
     # to rounding, though contacts with frames round differently; 1e-9 m/s of the residual.

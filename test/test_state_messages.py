@@ -138,6 +138,18 @@ def test_messages_hold_floats_and_one_stamp(state):
     assert (np.array(positions) == state.q[:, :3]).all()
 
 
+def test_an_encoder_gives_the_nearest_of_its_angles(state):
+    # In units of its resolution; halves are rounded up, as the control loop reads them.
+    told = np.array([0.0, 0.4, 0.6, 1.4, -0.4, -0.6, -1.4, 0.5, -0.5, -1.5])
+    nearest = [0.0, 0.0, 1.0, 1.0, 0.0, -1.0, -1.0, 1.0, 0.0, -1.0]
+    step = 2.0**-10  # rad, so that products are exact
+    messages = StateMessages(Robot(encoder_resolution=step))
+    angle, rate = step * np.column_stack([told, told[::-1]]), np.ones((10, 2))
+    messages.fill(0, state, np.zeros((10, 2)), (angle, rate))
+    read = np.reshape(received(messages).joint_states.position, (10, 2))
+    assert (read == step * np.column_stack([nearest, nearest[::-1]])).all()
+
+
 def test_frames_of_one_robot_of_several_have_a_prefix(state):
     messages = filled(state, frame_prefix='aiko/')
     assert messages.odom.header.frame_id == 'aiko/odom'

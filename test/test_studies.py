@@ -269,6 +269,25 @@ def test_slip_is_weighted_with_loads():
     assert measured('slip', trajectory) == 0.0
 
 
+def test_slip_is_that_on_the_floor_whatever_pegs_carry():
+    # In every other sample a peg pushes link 1, and link 2 is on the floor alone: 0 and 1 are the
+    # front spheres on the floor, 4 is link 1 at the first peg.
+    trajectory = moving((-0.5, 0.0), spin=1.0)
+    trajectory.contact_number[::4] = 4
+    trajectory.contact_force[::4] = 90.0, 0.0, 50.0
+    loads = np.array([2.0 * 10, 6.0 * 21])  # link 1 in 10 of 21 samples
+    expected = loads @ [0.5, math.hypot(0.5, 0.0393)] / loads.sum()
+    assert measured('slip', trajectory) == pytest.approx(expected, rel=1e-14)
+
+
+def test_cost_of_transport_is_of_the_whole_weight_on_a_slope():
+    # 1 J over 1 m; g = |(3, 0, -4)| m/s^2, of which only 4 are across the floor.
+    trajectory = moving((-0.5, 0.0), robot={'gravity': [3.0, 0.0, -4.0]})
+    trajectory.joint_torque[:, 0, 0], trajectory.joint_velocity[:, 0, 0] = 0.25, -2.0
+    weight = 2 * 7.5 / 11 * 5.0
+    assert measured('cost_of_transport', trajectory) == pytest.approx(1 / weight, rel=1e-14)
+
+
 def test_metrics_are_those_of_the_same_run_alone():
     scene = with_settings(load_scene('lateral_undulation'), {'friction.transversal': 0.3})
     scene = with_settings(scene, SHORT)

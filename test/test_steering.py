@@ -23,6 +23,7 @@ from snake_sim_ros.stepping.simulation import Simulation
 
 ROBOT = Robot()
 STRIDE = 0.5  # m
+MOST = ROBOT.joint_rate_limit / (2 * ROBOT.joint_limit)  # of angular frequencies [rad/s]
 UNDULATION, SINUS_LIFTING = (
     load_scene(name).gait for name in ('lateral_undulation', 'sinus_lifting')
 )
@@ -30,6 +31,10 @@ UNDULATION, SINUS_LIFTING = (
 
 def steered(speed, turning, gait=UNDULATION):
     return Steering(speed, turning).gait(gait, ROBOT, STRIDE)
+
+
+def fastest(gait):
+    return max(abs(gait.yaw.angular_frequency), abs(gait.pitch.angular_frequency))
 
 
 def test_speed_is_stride_times_frequency_and_waves_keep_their_ratio():
@@ -106,13 +111,21 @@ def test_a_robot_that_is_too_fast_keeps_its_path():
     assert fast.yaw.offset == pytest.approx(slow.yaw.offset, rel=4 * EPS)
 
 
-def test_whatever_is_asked_the_joints_can_follow():
+def test_whatever_is_asked_the_joints_follow_as_far_as_they_can():
+    # Frequency and offset are those of the closed forms above, up to the limits of the joints.
     rng = np.random.default_rng(1)
     for _ in range(300):
         speed, turning = rng.choice([-1, 1], 2) * 10 ** rng.uniform(-308, 308, 2)
         speed, turning = float(speed), float(turning)
         for gait in (UNDULATION, SINUS_LIFTING):
-            check_limits(steered(speed, turning, gait)[0], ROBOT)
+            found = steered(speed, turning, gait)[0]
+            check_limits(found, ROBOT)
+            share = gait.yaw.angular_frequency / fastest(gait)
+            cycle = math.copysign(min(abs(2 * math.pi * speed / STRIDE), MOST * share), speed)
+            room = ROBOT.joint_limit - gait.yaw.amplitude
+            offset = min(max(-0.122 * turning / speed, -room), room)
+            assert found.yaw.angular_frequency == pytest.approx(cycle, rel=8 * EPS)
+            assert found.yaw.offset == pytest.approx(offset, rel=8 * EPS)
 
 
 @pytest.mark.parametrize(('speed', 'turning'), [(0.15, 0.0), (0.1, 0.1), (-0.1, 0.1)])
@@ -141,17 +154,23 @@ def test_a_simulated_robot_moves_and_turns_as_it_is_steered(speed, turning):
     assert (heading[-1] - heading[0]) / seconds == pytest.approx(turning, rel=0.12, abs=1e-3)
 
 
-@pytest.mark.parametrize('tiny', [5e-324, 1e-310, 1e-300])
-@pytest.mark.parametrize('speed', [5e-324, 0.1, 1e300])
-def test_frequencies_near_the_smallest_numbers_are_no_error(tiny, speed):
-    for yaw, pitch in ((tiny, 0.0), (tiny, 3.0), (3.0, tiny), (0.0, tiny)):
+@pytest.mark.parametrize('tiny', [5e-324, -1e-310, 1e-300, 1e-30])
+@pytest.mark.parametrize('speed', [5e-324, 0.1, -0.1, 1e300])
+def test_a_wave_with_next_to_no_frequency_stands_still(tiny, speed):
+    # The other wave makes the cycle; without one the robot stops.
+    limit = min(2 * math.pi * abs(speed) / STRIDE, MOST)
+    for frequencies in ((tiny, 0.0), (tiny, 3.0), (3.0, tiny), (0.0, tiny), (tiny, tiny)):
         waves = (
             replace(wave, angular_frequency=value)
-            for wave, value in ((SINUS_LIFTING.yaw, yaw), (SINUS_LIFTING.pitch, pitch))
+            for wave, value in zip(
+                (SINUS_LIFTING.yaw, SINUS_LIFTING.pitch), frequencies, strict=True
+            )
         )
         shape = replace(SINUS_LIFTING, **dict(zip(('yaw', 'pitch'), waves, strict=True)))
         for turning in (0.0, 1e300, -5e-324):
             gait, _ = steered(speed, turning, shape)
-            check_limits(
-                with_settings(Scene(gait=gait), {}).gait, replace(ROBOT, joint_rate_limit=10.1)
-            )
+            check_limits(with_settings(Scene(gait=gait), {}).gait, ROBOT)
+            found = gait.yaw.angular_frequency, gait.pitch.angular_frequency
+            wanted = [math.copysign(limit, speed) * (value == 3.0) for value in frequencies]
+            assert found == pytest.approx(wanted, rel=8 * EPS, abs=1e-29)
+            assert (gait.yaw.amplitude > 0.0) == (3.0 in frequencies)

@@ -19,7 +19,8 @@ from snake_sim_ros.dynamics.code_cache import CodeCache
 collect_ignore = []
 if not os.environ.get('NUMBA_DISABLE_JIT'):
     collect_ignore += ['test_change.py', 'test_condensing.py', 'test_found.py']
-    collect_ignore += ['test_friction.py', 'test_self_contact.py', 'test_soft_impacts.py']
+    collect_ignore += ['test_friction.py', 'test_one_step.py', 'test_self_contact.py']
+    collect_ignore += ['test_soft_impacts.py']
 if find_spec('pydrake') is None:  # Drake needs Python 3.12
     collect_ignore.append('test_drake_runs.py')
 if find_spec('control_msgs') is None:  # it is not on PyPI; test_trajectory_action.py stands in

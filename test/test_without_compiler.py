@@ -3,6 +3,7 @@
 """The physics alone, without nodes and compiler; and what is tested without the compiler."""
 
 import json
+import os
 from pathlib import Path
 import re
 import shutil
@@ -58,7 +59,18 @@ def test_physics_runs_without_nodes_and_without_compiler(tmp_path, method, level
     ],
 )
 def test_what_is_tested_without_compiler(files, passed):
-    # See conftest.py.
+    assert_passed(files, passed)
+
+
+def test_a_first_verdict_takes_seconds():
+    # 20 s of a processor are promised in CONTRIBUTING.md; it takes half of that.
+    start = os.times().children_user
+    assert_passed('test_one_step.py', r'10\d')
+    assert os.times().children_user - start < 20.0
+
+
+def assert_passed(files, passed):
+    """Assert how many tests of some files pass without the compiler, see conftest.py."""
     paths = [f'test/{name}' for name in files.split()]
     arguments = ['-m', 'pytest', '-q', '-p', 'no:cacheprovider', *paths]
     printed = python(*arguments, folder=ROOT, NUMBA_DISABLE_JIT='1')

@@ -33,11 +33,10 @@ from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.scene.rotations import FLAT
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.stepping.placing import place
-from snake_sim_ros.stepping.pushes import Pushes
 from snake_sim_ros.stepping.simulation import Simulation
 
 TURN = np.array([0.0, 0.0, 0.0, 1.0])  # half a turn about z, from the middle link to the base
-FASTEST, FASTEST_TURN = 100.0, 50.0  # m/s, rad/s to which pushes bring a link at most
+FASTEST, FASTEST_TURN = 100.0, 50.0  # m/s, rad/s of a link beyond which nothing pushes
 FARTHEST = 1e4  # m from the origin where a robot may be put
 UNIT_ERROR = 1e-3  # by which the norm of a quaternion may be off 1
 LATEST = QoSProfile(depth=1)
@@ -61,7 +60,6 @@ class Handling:
     ----------
     settings : Settings
         The node replaces them when its parameters change.
-    pushes : Pushes
     refusals : Refusals
 
     """
@@ -76,7 +74,6 @@ class Handling:
     ) -> None:
         self.settings, self.refusals = settings, refusals
         self._simulation, self._moved = simulation, moved
-        self.pushes = Pushes(simulation.scene.robot)
         settings.pushed_link(simulation.scene.robot)
         for kind, topic, take, quality in (
             (WrenchStamped, 'push', self._on_push, SEVERAL),
@@ -85,21 +82,15 @@ class Handling:
             read = reader(kind, take, partial(self._refuse, topic))
             node.create_subscription(kind, f'~/{topic}', read, quality, raw=True)
 
-    def act(self, period: float) -> None:
-        """Change velocities by what pushes in the period that begins [s]."""
-        if not self.pushes:
+    def limit(self) -> None:
+        """End the pushes of messages if the robot moves too fast."""
+        if not self._simulation.pushes:
             return
-        state = self.pushes.act(self._simulation.state, period)
-        speed, spin = (float(np.abs(part).max()) for part in np.split(state.u, 2, axis=1))
-        if speed <= FASTEST and spin <= FASTEST_TURN:
-            self._simulation.state = state
-            return
-        self.pushes.clear()
-        self.refusals.add(
-            'push',
-            f'ended, since a link would move at {speed:.4g} m/s and turn at {spin:.4g} rad/s; at '
-            f'most {FASTEST:g} m/s and {FASTEST_TURN:g} rad/s',
-        )
+        u = self._simulation.state.u
+        speed, spin = (float(np.abs(part).max()) for part in np.split(u, 2, axis=1))
+        if not (speed <= FASTEST and spin <= FASTEST_TURN):
+            self._simulation.pushes.clear()
+            self.refusals.add('push', f'ended, since a link moves {too_fast(speed, spin)}')
 
     def place(self, frame: str, position: Any, orientation: Any) -> None:
         """
@@ -164,7 +155,28 @@ class Handling:
         else:
             link, turns = link_index(frame, robot.link_count, 'header.frame_id'), True
             force, torque = force[np.argsort(WIRE_AXES)], torque[np.argsort(WIRE_AXES)]
-        self.pushes.begin(link, force, torque, duration=self.settings.push_duration, turns=turns)
+        self._check(link, force, torque)
+        duration = self.settings.push_duration
+        self._simulation.pushes.begin(link, force, torque, duration=duration, turns=turns)
+
+    def _check(self, link: int, force: Array, torque: Array) -> None:
+        """Raise an error if the link alone would become too fast in a publish period."""
+        robot, period = self._simulation.scene.robot, 1.0 / self.settings.publish_rate
+        inertia = robot.per_link('inertia_transversal')[link]
+        speed = float(np.abs(force).max() / robot.per_link('link_mass')[link]) * period
+        spin = float(np.abs(torque).max() / inertia) * period
+        if not (speed <= FASTEST and spin <= FASTEST_TURN):
+            raise ParameterError(
+                f'link {link + 1} alone would, after {period:g} s, move {too_fast(speed, spin)}'
+            )
+
+
+def too_fast(speed: float, spin: float) -> str:
+    """Return a clause on a speed [m/s] and a spin [rad/s] with which nothing is pushed."""
+    return (
+        f'at {speed:.4g} m/s and turn at {spin:.4g} rad/s; at most {FASTEST:g} m/s and '
+        f'{FASTEST_TURN:g} rad/s'
+    )
 
 
 def base_of_link(quaternion: Array) -> Array:

@@ -190,8 +190,7 @@ class SimNode(Node):
         """
         simulation, level = self.simulation, self.simulation.last.level
         reference = self.inbox.sample(simulation.midpoints(self.steps))
-        if not self.compiler:  # A step that waits for the compiler would be pushed twice.
-            self.handling.act(self.period)
+        self.handling.limit()
         begin, used, cut = time.perf_counter(), time.thread_time(), simulation.budget.cut
         try:
             with watched(refuse) if self.compiler else nullcontext():
@@ -241,7 +240,7 @@ class SimNode(Node):
         if state:
             simulation.reset()
         self.inbox.hold(angle, runs=state and not (time or self.paused))
-        self.handling.pushes.clear()
+        simulation.pushes.clear()
         self.state_publishers.sensors.reader.restart()
         self.publish_state()
 

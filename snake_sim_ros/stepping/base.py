@@ -18,6 +18,8 @@ import numpy as np
 
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.pushes import NO_PUSHES
+from snake_sim_ros.stepping.pushes import PushTable
 from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import State
@@ -130,7 +132,9 @@ class OneByOne(Protocol):
     @property
     def history(self) -> History: ...  # noqa: D102
 
-    def take(self, angle: Array, rate: Array) -> Report | None: ...  # noqa: D102
+    def take(  # noqa: D102
+        self, angle: Array, rate: Array, pushes: PushTable
+    ) -> Report | None: ...
 
     def prepare(self) -> None: ...  # noqa: D102
 
@@ -159,7 +163,7 @@ class Stepper(Protocol):
 
     def advance(
         self, state: State, history: History, angle: Array, rate: Array,
-        samples: Samples | None = None,
+        samples: Samples | None = None, pushes: PushTable = NO_PUSHES,
     ) -> tuple[State, History, Report]:  # fmt: skip
         """
         Return state, history and report after as many steps as there are references.
@@ -174,6 +178,8 @@ class Stepper(Protocol):
             Joint references [rad], [rad/s] at the middle of every step.
         samples : Samples, optional
             Filled with the samples that the steps reach.
+        pushes : PushTable, optional
+            What pushes the robot in these steps.
 
         Returns
         -------
@@ -197,7 +203,7 @@ class Stepper(Protocol):
         """Let a step take that many contact iterations at most, if steps are compiled."""
         ...
 
-    def single_steps(self, state: State, history: History) -> OneByOne | None:
+    def single_steps(self, state: State, history: History, pushes: PushTable) -> OneByOne | None:
         """Return what goes on by single steps from the last call, None if there is no such way."""
         ...
 

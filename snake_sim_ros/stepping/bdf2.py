@@ -20,8 +20,9 @@ repeated, first with the contacts that are in it, then with half of its length.
 
 The formula never differentiates across an event, which is any jump of the velocity: a contact that
 lands, however softly; a normal impulse beyond what forces make in a step (an impact without
-collision); or a state that is not the end of the step before (a push, another scene). The step
-after an event starts anew with
+collision); the begin or the end of a push, where parts of a step end (see `pushes`); or a state
+that is not the end of the step before (an impulse, another scene). The step after an event starts
+anew with
 
     u_hat = u_A, h = dt for velocities;    x_hat = x_A + dt/2 x'_A, h = dt/2 for coordinates,
 
@@ -79,6 +80,7 @@ from snake_sim_ros.stepping.joint_motion import keep_velocities
 from snake_sim_ros.stepping.joint_motion import predict_end
 from snake_sim_ros.stepping.moreau import finish
 from snake_sim_ros.stepping.moreau import turns_are_small
+from snake_sim_ros.stepping.parts import AFTER_EVENT
 from snake_sim_ros.stepping.parts import aligned_size
 from snake_sim_ros.stepping.parts import ANEW
 from snake_sim_ros.stepping.parts import end_references
@@ -91,6 +93,10 @@ from snake_sim_ros.stepping.parts import restore_history
 from snake_sim_ros.stepping.parts import SMOOTH
 from snake_sim_ros.stepping.parts import TICKS
 from snake_sim_ros.stepping.parts import UNKNOWN
+from snake_sim_ros.stepping.pushes import add_pushes
+from snake_sim_ros.stepping.pushes import first_stretch
+from snake_sim_ros.stepping.pushes import next_stretch
+from snake_sim_ros.stepping.pushes import part_of
 from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import count_steps
 from snake_sim_ros.stepping.steps import iterations_left
@@ -208,8 +214,12 @@ class Part(NamedTuple):
 
 
 @merged
-def one_part(own, model, work, dt, steps):
-    """Return the `Part` of length dt [s] with the references in own.end_angle."""
+def one_part(own, model, work, dt, stretch, steps):
+    """
+    Return the `Part` of length dt [s] with the references in own.end_angle.
+
+    It is in the `Stretch`, in which pushes are constant.
+    """
     report, history = steps.report[0], steps.history
     memory, depth = history.memory, 0.0
     span = memory.span[0]
@@ -232,6 +242,7 @@ def one_part(own, model, work, dt, steps):
         dt - h_q,
         contact_history,
     )
+    add_pushes(steps.pushes, stretch, h, work.R, work.center, work.chain.momentum)
     is_small, found, count = solve_landing(
         model, own, work, problem, h, h_q, contact_history, report
     )
@@ -276,15 +287,15 @@ def step(own, model, work, steps, k):
     known, before = memory.span[0] > 0.0, noted(report)
     report.contacts = 0
     keep_state(steps.q, steps.u, own.q_start, own.u_start)
+    stretch = first_stretch(steps.pushes, k, memory)
     done, size = 0, first_size(model.path_tolerance, memory)
     forget_who_took_part(work.contacts)
     while done < TICKS:
         size = aligned_size(done, size)
-        dt = model.dt * size / TICKS
-        late = model.dt * ((done + size) / TICKS - 0.5)
+        dt, late = part_of(stretch, model.dt, done, size)
         end_references(model.dt, late, known, angle, rate, memory, own)
         keep_history(steps.history, own.kept)
-        part = one_part(own, model, work, dt, steps)
+        part = one_part(own, model, work, dt, stretch, steps)
         if not part.is_small:
             keep_state(own.q_start, own.u_start, steps.q, steps.u)
             return False
@@ -300,6 +311,9 @@ def step(own, model, work, steps, k):
             take(own, model, work, dt, part, steps)
             done += size
             forget_who_took_part(work.contacts)
+            if done == TICKS and stretch.end < stretch.step_end:
+                stretch = next_stretch(steps.pushes, stretch, memory)
+                done, next_size = 0, TICKS // AFTER_EVENT
         else:
             restore_history(own.kept, steps.history)
         size = next_size

@@ -7,6 +7,8 @@ import numpy as np
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.base import Stepper
+from snake_sim_ros.stepping.pushes import NO_PUSHES
+from snake_sim_ros.stepping.pushes import PushTable
 from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import State
 
@@ -40,7 +42,7 @@ class IterationBudget:
 
     def advance(
         self, stepper: Stepper, most: int, state: State, history: History, angle: Array,
-        rate: Array,
+        rate: Array, pushes: PushTable = NO_PUSHES,
     ) -> tuple[State, History, Report]:  # fmt: skip
         """
         Return state, history and report after as many steps as there are references.
@@ -51,7 +53,7 @@ class IterationBudget:
             Of a compiled method.
         most : int
             The limit of a step without a budget. The stepper has it again afterwards.
-        state, history, angle, rate
+        state, history, angle, rate, pushes
             As in `base.Stepper.advance`.
 
         """
@@ -63,7 +65,8 @@ class IterationBudget:
                 limit = min(most, max(FLOOR, left // count))
                 stepper.limit_iterations(limit)
                 part = slice(report.steps, report.steps + count)
-                end = stepper.advance(state, history, angle[part], rate[part])
+                acting = pushes.after(report.steps)
+                end = stepper.advance(state, history, angle[part], rate[part], None, acting)
                 left -= end[2].iterations
                 if end[2].unconverged and count > 1 and limit < most:
                     single = count

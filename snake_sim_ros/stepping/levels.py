@@ -31,6 +31,8 @@ from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.planar.model import forget
 from snake_sim_ros.stepping.planar.model import PlanarMemory
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
+from snake_sim_ros.stepping.pushes import NO_PUSHES
+from snake_sim_ros.stepping.pushes import PushTable
 from snake_sim_ros.stepping.samples import checked
 from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.single_steps import NO_PITCH
@@ -169,20 +171,20 @@ class LevelStepper:
 
     def advance(
         self, state: State, history: History, angle: Array, rate: Array,
-        samples: Samples | None = None,
+        samples: Samples | None = None, pushes: PushTable = NO_PUSHES,
     ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after as many steps as there are references."""
         self.returned.check(state, history, angle, rate)
         samples = checked(samples, self.spatial.no_samples)
         history, report = copied(history), Report(level=self.level)
-        vertical = is_vertical(angle, rate)
+        vertical = is_vertical(angle, rate) | pushes.lift(len(angle))
         start, self.ticks = 0, []
         while start < len(vertical) and not report.failure:
             changes = vertical[start:] != vertical[start]
             part = slice(start, start + int(changes.argmax()) if changes.any() else None)
             reason, goes_on = '', False
             if vertical[start]:
-                reason = what_is_told(angle[start], rate[start])
+                reason = what_is_told(angle[start], rate[start], pushes.after(start))
             elif history.settling[0] <= 0:
                 goes_on = self.planar.goes_on(state, history.memory.planar)
                 reason = '' if goes_on else what_does_not_lie(self.scene, state)
@@ -198,8 +200,8 @@ class LevelStepper:
                 if pause:
                     part = slice(start, min(start + pause, part.stop or len(vertical)))
             self.prepare(stepper.level, state)
-            told, kept = (angle[part], rate[part]), samples.after(start)
-            state, history, news = self.take(stepper, state, history, *told, kept, goes_on)
+            told = angle[part], rate[part], samples.after(start), pushes.after(start)
+            state, history, news = self.take(stepper, state, history, *told, goes_on)
             history.settling[0] -= min(pause, news.steps)
             if news.left:
                 if not is_finite(history):
@@ -216,22 +218,26 @@ class LevelStepper:
 
     def take(
         self, stepper: Any, state: State, history: History, angle: Array, rate: Array,
-        samples: Samples, goes_on: bool,
+        samples: Samples, pushes: PushTable, goes_on: bool,
     ) -> tuple[State, History, Report]:  # fmt: skip
         """Advance one level with its own memory, and empty the memory of the other one."""
         memory, empty = history.memory, self.empty.memory
         if stepper is self.planar:
             history, was_planar = history._replace(memory=memory.planar), memory.planar.known[0]
-            state, history, report = stepper.take(state, history, angle, rate, samples, goes_on)
+            given = angle, rate, samples, pushes
+            state, history, report = stepper.take(state, history, *given, goes_on)
             other = memory.spatial if was_planar else copied(empty.spatial)
             memory = LevelMemory(history.memory, other)
         else:
             history = history._replace(memory=memory.spatial)
-            state, history, report = stepper.take(state, history, angle, rate, samples)
+            given = angle, rate, samples, pushes
+            state, history, report = stepper.take(state, history, *given)
             memory = LevelMemory(memory.planar, history.memory)
         return state, history._replace(memory=memory), report
 
-    def single_steps(self, state: State, history: History) -> SingleSteps | None:
+    def single_steps(
+        self, state: State, history: History, pushes: PushTable
+    ) -> SingleSteps | None:
         """Return what goes on from the last call; None in a pause at the spatial level."""
         memory, is_planar = history.memory, history.settling[0] <= 0
         if history.settling[0] > self.settle_steps:
@@ -239,11 +245,11 @@ class LevelStepper:
         found: SingleSteps | None
         if is_planar:
             own = history._replace(memory=memory.planar)
-            found = self.planar.single_steps(state, own)
+            found = self.planar.single_steps(state, own, pushes)
         else:
             own = history._replace(memory=memory.spatial)
             pitch = NO_PITCH if self.spatial.model.settle_steps else PITCH
-            found = self.spatial.single_steps(state, own, pitch)
+            found = self.spatial.single_steps(state, own, pushes, pitch)
         if not found:
             return None
         history_of = found.end.history
@@ -286,14 +292,17 @@ class LevelStepper:
                 self.planar.prepare(state, single=single)
             elif single:
                 own = history._replace(memory=history.memory.spatial)
-                self.spatial.single_steps(state, own).prepare()
-            self.take(stepper, state, history, none, none, samples, goes_on=False)
+                self.spatial.single_steps(state, own, NO_PUSHES).prepare()
+            self.take(stepper, state, history, none, none, samples, NO_PUSHES, goes_on=False)
             self.compile_seconds += time.perf_counter() - begin
             self.used.add(level)
 
 
-def what_is_told(angle: Array, rate: Array) -> str:
-    """Return the largest pitch reference of a step, as a clause."""
+def what_is_told(angle: Array, rate: Array, pushes: PushTable) -> str:
+    """Return the largest pitch reference of a step, or the push that lifts, as a clause."""
+    if not is_vertical(angle, rate):
+        p = pushes.lifting(1)[0]
+        return f'link {pushes.link[p] + 1} is pushed out of the plane'
     told = np.abs([angle[:, 1], rate[:, 1]])
     kind, j = np.unravel_index(int(told.argmax()), told.shape)
     value, unit = ((angle, 'rad'), (rate, 'rad/s'))[kind]
@@ -323,28 +332,30 @@ class FlatStepper:
 
     def advance(
         self, state: State, history: History, angle: Array, rate: Array,
-        samples: Samples | None = None,
+        samples: Samples | None = None, pushes: PushTable = NO_PUSHES,
     ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after as many steps as there are references."""
         self.planar.returned.check(state, history, angle, rate)
-        vertical = is_vertical(angle, rate)
+        vertical = is_vertical(angle, rate) | pushes.lift(len(angle))
         stop = int(vertical.argmax()) if vertical.any() else len(vertical)
         report = Report(level=self.level)
         goes_on = self.planar.goes_on(state, history.memory)
         reason = '' if goes_on else what_does_not_lie(self.scene, state)
         if not reason:
             told = angle[:stop], rate[:stop]
-            state, history, report = self.planar.advance(state, history, *told, samples)
+            state, history, report = self.planar.advance(state, history, *told, samples, pushes)
             self.cycles, reason, report.left = self.planar.cycles, report.left, ''
             if not reason and not report.failure and stop < len(vertical):
-                reason = what_is_told(angle[stop], rate[stop])
+                reason = what_is_told(angle[stop], rate[stop], pushes.after(stop))
         if reason:
             report.failure = f'level planar: {reason}; choose level spatial or auto'
         return state, history, report
 
-    def single_steps(self, state: State, history: History) -> SingleSteps | None:
+    def single_steps(
+        self, state: State, history: History, pushes: PushTable
+    ) -> SingleSteps | None:
         """Return what goes on from a state and its history; see `single_steps.SingleSteps`."""
-        return self.planar.single_steps(state, history)
+        return self.planar.single_steps(state, history, pushes)
 
 
 def stepper_of_level(scene: Scene, method: Method) -> Stepper:

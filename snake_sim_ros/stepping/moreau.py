@@ -60,6 +60,8 @@ from snake_sim_ros.dynamics.kinematics import twists
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.stepping.pushes import add_pushes
+from snake_sim_ros.stepping.pushes import whole_step
 from snake_sim_ros.stepping.steps import count_steps
 from snake_sim_ros.stepping.steps import iterations_left
 from snake_sim_ros.stepping.steps import keep_sample
@@ -92,6 +94,8 @@ def begin_step(model, work, steps, k):
     axis_loads(chain.axis, work.torque, work.damping, chain.torque, chain.damping)
     link_inertia(model, R, work.center, chain.bare)
     smooth_momentum(model, model.dt, u, u, R, work.center, chain.momentum)
+    stretch = whole_step(steps.pushes, k)
+    add_pushes(steps.pushes, stretch, model.dt, R, work.center, chain.momentum)
     twists(u, work.omega, work.center, chain.twist)
     reach = reach_of_step(model.closed_gap, 0.5 * model.dt)
     count = find_contacts(model.obstacles, reach, model, work, work.q_mid)

@@ -9,7 +9,8 @@ With the ratio ``w = dt/dt_before`` of both steps, what is known of a smooth mot
     x_E = x_hat + h x'_E,          h = dt (1 + w)/(1 + 2 w),
 
 and the predicted end ``x* = x + w (x - x_before)``. A step of the scene, for which there is one
-joint reference, is taken in parts of ``TICKS/2^k`` ticks, each at a multiple of its length.
+joint reference, is taken in parts of ``TICKS/2^k`` ticks, each at a multiple of its length. If a
+push begins or ends in it, so are the times before and after, each of TICKS ticks of its own.
 """
 
 import math
@@ -21,6 +22,7 @@ UNKNOWN, ANEW, SMOOTH = 0.0, 1.0, 2.0
 TICKS = 1024  # a step of the scene is divided in at most this many
 # A step that starts anew begins with a part of this share of it: after an event, in a given state.
 AFTER_EVENT, AT_START = 2, 4
+MOST_GROWTH = 4.0  # ratio of steps beyond which differences over the shorter one say too little
 GROW_SHARE = 0.15  # share of the tolerance of the path below which the next part is longer
 
 
@@ -29,10 +31,13 @@ def coefficients(dt, memory):
     """
     Return w and c of the formula, h, and the time for which rates act on the state before it.
 
-    Without a state before, w and c are 0 and h is dt. If the motion starts smoothly, coordinates
-    move by their rates for half of it, and by those of the end for the rest of h.
+    Without a state before, or with one too near, w and c are 0 and h is dt. If the motion starts
+    smoothly, coordinates move by their rates for half of it, and by those of the end for the rest
+    of h.
     """
     phase = memory.phase[0]
+    if phase == SMOOTH and dt > MOST_GROWTH * memory.dt[0]:
+        phase = ANEW
     w = dt / memory.dt[0] if phase == SMOOTH else 0.0
     half = 0.5 * dt if phase == ANEW else 0.0
     return w, w * w / (1.0 + 2.0 * w), dt * (1.0 + w) / (1.0 + 2.0 * w), half

@@ -1,110 +1,300 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Pushes that last: forces and torques from outside, as impulses on the whole chain of links.
+Pushes: forces and torques from outside at the centers of links, which act for some time.
 
-An impulse changes the velocities of all links at once, so that joints stay closed; after that of
-`Simulation.push` the next step closes them. Contacts answer in the next step. A force is an
-impulse at the start of each period, which is of first order in the period.
+They are in the balance of every step, beside gravity, so that friction holds what it can hold. A
+step of the paper takes their mean over its length. Method `bdf2` divides steps where a push begins
+or ends, and starts anew there; see `parts`.
+
+Times are counted in ticks, `parts.TICKS` a step. A push begins at the tick before and ends at the
+tick after those that are meant, with a force that is so much smaller that its impulse is exact.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.force_directions import joint_directions
-from snake_sim_ros.dynamics.force_directions import mass_matrix
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.parts import ANEW
+from snake_sim_ros.stepping.parts import SMOOTH
+from snake_sim_ros.stepping.parts import TICKS
 
 NOTHING = (0.0, 0.0, 0.0)
+ROUNDING = 1e-3  # ticks by which times are off that are meant to be at one
+LATEST = 2.0**61  # ticks; what is later never happens
 
 
-def pushed(robot: Robot, state: State, link: int, impulse: Array, moment: Array) -> State:
+class Stretch(NamedTuple):
+    """A step, or the part of it from where a push begins or ends to where the next one does."""
+
+    begin: int  # ticks since time 0
+    end: int
+    step_end: int  # end of the step
+
+
+class PushTable(NamedTuple):
     """
-    Return the state after an impulse on a link, at once and without contacts.
+    The pushes on a robot, for the steps of a call.
+
+    Compiled functions of this package take this record as `pushes`. They number steps from that
+    in `clock`.
+    """
+
+    link: Array  # (m,) index of the link, from 0
+    force: Array  # (m, 3) at its center [N]
+    torque: Array  # (m, 3) [N m]
+    turns: Array  # (m,) 1: axes are those of frame B of the link, with which they turn; 0: of I
+    lifts: Array  # (m,) 1 if it does not leave a robot that lies flat in the plane
+    begin: Array  # (m,) ticks since time 0
+    end: Array  # (m,)
+    clock: Array  # (1,) number of the first step of a call, from time 0
+
+    def after(self, steps: int) -> 'PushTable':
+        """Return the pushes for the steps that follow after some steps."""
+        return self._replace(clock=self.clock + steps) if len(self.link) and steps else self
+
+    def lift(self, count: int) -> Array:
+        """Return in which of the next steps a push does not leave the robot flat, (count,)."""
+        found = np.zeros(count, dtype=bool)
+        for p in self.lifting(count):
+            first = self.begin[p] // TICKS - self.clock[0]
+            last = -(-self.end[p] // TICKS) - self.clock[0]
+            found[max(0, first) : last] = True
+        return found
+
+    def lifting(self, count: int) -> Array:
+        """Return the pushes that do not leave the robot flat in any of the next steps."""
+        first, last = self.clock[0] * TICKS, (self.clock[0] + count) * TICKS
+        return np.flatnonzero((self.lifts == 1) & (self.begin < last) & (self.end > first))
+
+    def generalized(self, stretch: Stretch, R: Array) -> Array:
+        """Return the mean generalized force (6n,) in a stretch, for link frames R (n, 3, 3)."""
+        found = np.zeros((len(R), 6))
+        for p, i in enumerate(self.link):
+            axes = R[i] if self.turns[p] else np.eye(3)
+            part = share(self, p, stretch)
+            found[i, :3] += part * axes @ self.force[p]
+            found[i, 3:] += part * R[i].T @ axes @ self.torque[p]
+        return found.ravel()
+
+
+@inlined
+def whole_step(pushes, k):
+    """Return step k of a call as a `Stretch`."""
+    end = (pushes.clock[0] + k + 1) * TICKS
+    return Stretch(end - TICKS, end, end)
+
+
+@inlined
+def first_stretch(pushes, k, memory):
+    """Return the first `Stretch` of step k in which pushes are constant; see `stretch_from`."""
+    step = whole_step(pushes, k)
+    return stretch_from(pushes, step.begin, step.end, memory)
+
+
+@inlined
+def next_stretch(pushes, stretch, memory):
+    """Return the `Stretch` in which pushes are constant after another one of the same step."""
+    return stretch_from(pushes, stretch.end, stretch.step_end, memory)
+
+
+@inlined
+def stretch_from(pushes, begin, step_end, memory):
+    """
+    Return the `Stretch` of a step from a tick on in which pushes are constant.
+
+    If one begins or ends at that tick, the memory of method `bdf2` is to start anew there.
+    """
+    end = step_end
+    for p in range(len(pushes.link)):
+        first, last = pushes.begin[p], pushes.end[p]
+        if (first == begin or last == begin) and memory.phase[0] == SMOOTH:
+            memory.phase[0] = ANEW
+        if begin < first < end:
+            end = first
+        if begin < last < end:
+            end = last
+    return Stretch(begin, end, step_end)
+
+
+@inlined
+def part_of(stretch, dt, done, size):
+    """
+    Return the length of a part, and how much after the middle of the step it ends [s].
+
+    Of the TICKS equal times in the stretch, `done` were before it, and it takes `size`. The step
+    has the length dt [s].
+    """
+    length = (stretch.end - stretch.begin) / TICKS
+    late = (stretch.begin - stretch.step_end) / TICKS + length * (done + size) / TICKS
+    return dt * length * size / TICKS, dt * (late + 0.5)
+
+
+@inlined
+def share(pushes, p, stretch):
+    """Return the share of the time of a `Stretch` in which push p acts."""
+    first, last = max(stretch.begin, pushes.begin[p]), min(stretch.end, pushes.end[p])
+    return max(0, last - first) / (stretch.end - stretch.begin)
+
+
+@inlined
+def add_pushes(pushes, stretch, h, R, center, momentum):
+    """
+    Add the impulses of the pushes to the momentum of every link, a wrench about O.
 
     Parameters
     ----------
-    robot : Robot
-    state : State
-    link : int
-        Index of the link, from 0.
-    impulse, moment : ndarray, shape (3,)
-        At the center of the link [N s], and about it [N m s], frame I.
+    pushes : PushTable
+    stretch : Stretch
+        The time over which the mean of the forces is taken.
+    h : float
+        Time for which forces act [s].
+    R, center, momentum : ndarray
+        As of `balance.smooth_momentum`.
 
     """
-    R = rotation_matrices(state.q[:, 3:])
-    inverse_mass, P = 1.0 / np.diag(mass_matrix(robot)), np.zeros(state.u.shape)
-    P[link, :3], P[link, 3:] = impulse, moment @ R[link]
-    change = inverse_mass * P.ravel()
-    if robot.link_count > 1:
-        W_J = joint_directions(robot, R)
-        delassus = W_J.T @ (inverse_mass[:, None] * W_J)
-        change -= inverse_mass * (W_J @ np.linalg.solve(delassus, W_J.T @ change))
-    return State(state.q, state.u + change.reshape(state.u.shape))
+    for p in range(len(pushes.link)):
+        i, time = pushes.link[p], h * share(pushes, p, stretch)
+        if time > 0.0:
+            fx, fy, fz = in_axes_of(pushes.turns[p], R[i], pushes.force[p])
+            mx, my, mz = in_axes_of(pushes.turns[p], R[i], pushes.torque[p])
+            x, y, z = center[i, 0], center[i, 1], center[i, 2]
+            momentum[i, 0] += time * (mx + y * fz - z * fy)
+            momentum[i, 1] += time * (my + z * fx - x * fz)
+            momentum[i, 2] += time * (mz + x * fy - y * fx)
+            momentum[i, 3] += time * fx
+            momentum[i, 4] += time * fy
+            momentum[i, 5] += time * fz
 
 
-def _checked(name: str, unit: str, vector: Sequence[float] | Array) -> Array:
-    """Return three finite numbers; raise an error if they are something else."""
-    found = np.asarray(vector, dtype=float)
-    if found.shape != (3,) or not np.isfinite(found).all():
-        raise ParameterError(f'{name} must be 3 finite numbers in {unit}, got {vector}')
-    return found
+@inlined
+def in_axes_of(turns, R, vector):
+    """Return a vector (3,) of a push in axes of I, for the frame R (3, 3) of its link."""
+    x, y, z = vector[0], vector[1], vector[2]
+    if turns == 0:
+        return x, y, z
+    return (
+        R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
+        R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
+        R[2, 0] * x + R[2, 1] * y + R[2, 2] * z,
+    )
 
 
-@dataclass
-class Push:
+@inlined
+def add_pushes_in_plane(pushes, stretch, h, heading, center, momentum):
     """
-    A force [N] and a torque [N m] at the center of a link, for some time [s].
+    Add the impulses of the pushes in the plane; see `add_pushes`.
 
-    Attributes
+    Parameters
     ----------
-    link : int
-        Index of the link, from 0.
-    force, torque : ndarray, shape (3,)
-        In axes of I, or of frame B of the link, with which they then turn.
-    left : float
-        Time for which they still act [s].
-    turns : bool
-        Whether their axes are those of the link.
+    pushes, stretch, h
+        As of `add_pushes`.
+    heading, center, momentum : ndarray
+        Of `planar.model.PlanarWorkspace`.
 
     """
+    for p in range(len(pushes.link)):
+        i, time = pushes.link[p], h * share(pushes, p, stretch)
+        if time > 0.0:
+            fx, fy, moment = pushes.force[p, 0], pushes.force[p, 1], pushes.torque[p, 2]
+            if pushes.turns[p] == 1:  # frame B of a link that lies flat: across, up, along it
+                across, along, moment = fx, pushes.force[p, 2], pushes.torque[p, 1]
+                fx = heading[i, 0] * along - heading[i, 1] * across
+                fy = heading[i, 1] * along + heading[i, 0] * across
+            momentum[i, 0] += time * (moment + center[i, 0] * fy - center[i, 1] * fx)
+            momentum[i, 1] += time * fx
+            momentum[i, 2] += time * fy
+
+
+@inlined
+def lifts_at_once(pushes):
+    """Return whether a push acts in the first step that does not leave the robot flat."""
+    stretch = whole_step(pushes, 0)
+    for p in range(len(pushes.link)):
+        if pushes.lifts[p] == 1 and share(pushes, p, stretch) > 0.0:
+            return True
+    return False
+
+
+class Push(NamedTuple):
+    """A push whose times are ticks; see `PushTable` for its numbers."""
 
     link: int
     force: Array
     torque: Array
-    left: float
-    turns: bool = False
+    turns: bool
+    begin: int
+    end: int
 
-    def impulses(self, q: Array, period: float) -> tuple[Array, Array]:
-        """Return impulse and moment in the next period [s], in axes of I; let it pass."""
-        time = min(period, self.left)
-        self.left -= time
-        axes = rotation_matrices(q[self.link, 3:]) if self.turns else np.eye(3)
-        return time * axes @ self.force, time * axes @ self.torque
+    @property
+    def lifts(self) -> bool:
+        """Whether it does not leave a robot that lies flat in the plane."""
+        up = 1 if self.turns else 2  # frame B of a link that lies flat: across, up, along it
+        return bool(self.force[up] or np.delete(self.torque, up).any())
+
+
+def make_push(
+    link: int, force: Sequence[float] | Array, torque: Sequence[float] | Array, turns: bool,
+    start: float, duration: float,
+) -> Push:  # fmt: skip
+    """Return a push from a start on for a duration, both in steps."""
+    begin = int(min(math.floor(TICKS * start + ROUNDING), LATEST))
+    end = max(begin + 1, int(min(math.ceil(TICKS * (start + duration) - ROUNDING), 2 * LATEST)))
+    part = TICKS * duration / (end - begin)
+    return Push(link, part * np.array(force), part * np.array(torque), turns, begin, end)
+
+
+def make_table(pushes: Sequence[Push], step: int = 0) -> PushTable:
+    """Return the table of some pushes, for a call whose first step has a number."""
+    return PushTable(
+        link=np.array([push.link for push in pushes], np.int64),
+        force=np.array([push.force for push in pushes], float).reshape(-1, 3),
+        torque=np.array([push.torque for push in pushes], float).reshape(-1, 3),
+        turns=np.array([push.turns for push in pushes], np.int64),
+        lifts=np.array([push.lifts for push in pushes], np.int64),
+        begin=np.array([push.begin for push in pushes], np.int64),
+        end=np.array([push.end for push in pushes], np.int64),
+        clock=np.array([step], np.int64),
+    )
+
+
+NO_PUSHES = make_table(())
 
 
 class Pushes:
     """
-    The pushes on a robot that last; one on a link takes the place of that before.
+    What pushes the robot of a simulation: the pushes of its scene, and those that begin meanwhile.
 
-    Before the steps of each period: ``simulation.state = pushes.act(simulation.state, period)``.
+    Of the latter, one on a link takes the place of that before.
 
     Parameters
     ----------
-    robot : Robot
+    scene : Scene
 
     """
 
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-        self._active: dict[int, Push] = {}
+    def __init__(self, scene: Scene) -> None:
+        self._begun: dict[int, Push] = {}
+        self._waiting: list[Push] = []  # those that begin with the next step, at tick 0 of it
+        self.change(scene)
+
+    def change(self, scene: Scene) -> None:
+        """Go on with the pushes of another scene, which has the same robot and time step."""
+        self._dt, self._links, middle = scene.dt, scene.robot.link_count, scene.robot.middle_link
+        self._scene = [
+            make_push(
+                middle if push.link is None else push.link - 1, push.force, push.torque, False,
+                push.start / scene.dt, push.duration / scene.dt,
+            )
+            for push in scene.pushes
+        ]  # fmt: skip
+        self._table: PushTable | None = None
 
     def begin(
         self,
@@ -116,7 +306,7 @@ class Pushes:
         turns: bool = False,
     ) -> None:
         """
-        Begin to push a link with the next period.
+        Begin to push a link with the next step.
 
         Parameters
         ----------
@@ -137,30 +327,40 @@ class Pushes:
         """
         if not 0.0 < duration < math.inf:
             raise ParameterError(f'duration must be above 0 s and finite, got {duration:g} s')
-        if not 0 <= link < self._robot.link_count:
-            raise ParameterError(f'link must be 0 to {self._robot.link_count - 1}, got {link}')
-        self._active[link] = Push(
-            link=link,
-            force=_checked('force', 'N', force),
-            torque=_checked('torque', 'N m', torque),
-            left=duration,
-            turns=turns,
-        )
+        if not 0 <= link < self._links:
+            raise ParameterError(f'link must be 0 to {self._links - 1}, got {link}')
+        force, torque = _checked('force', 'N', force), _checked('torque', 'N m', torque)
+        self._waiting.append(make_push(link, force, torque, turns, 0.0, duration / self._dt))
 
     def clear(self) -> None:
-        """End all pushes."""
-        self._active.clear()
+        """End the pushes that began meanwhile; those of the scene go on."""
+        self._waiting = [
+            make_push(link, NOTHING, NOTHING, False, 0.0, 1.0) for link in self._begun
+        ]
 
-    def act(self, state: State, period: float) -> State:
-        """Return a state with the impulses of all pushes in the period that begins with it [s]."""
-        pushes = list(self._active.values())
-        for push in pushes:
-            impulses = push.impulses(state.q, period)
-            state = pushed(self._robot, state, push.link, *impulses)
-            if push.left <= 1e-9 * period:  # as rounding leaves it
-                del self._active[push.link]
-        return state
+    def at(self, step: int) -> PushTable:
+        """Return the pushes for a call whose first step has a number, counted from time 0."""
+        now = step * TICKS
+        if self._waiting or any(push.end < now for push in self._begun.values()):
+            for push in self._waiting:
+                begin, end = push.begin + now, push.end + now
+                self._begun[push.link] = push._replace(begin=begin, end=end)
+            kept = {link: push for link, push in self._begun.items() if push.end >= now}
+            self._begun, self._waiting, self._table = kept, [], None
+        if self._table is None:
+            self._table = make_table([*self._scene, *self._begun.values()])
+        self._table.clock[0] = step
+        return self._table
 
     def __bool__(self) -> bool:
-        """Return whether something pushes."""
-        return bool(self._active)
+        """Return whether a push began meanwhile and has not ended."""
+        pushes = [*self._waiting, *self._begun.values()]
+        return any(push.force.any() or push.torque.any() for push in pushes)
+
+
+def _checked(name: str, unit: str, vector: Sequence[float] | Array) -> Array:
+    """Return three finite numbers; raise an error if they are something else."""
+    found = np.asarray(vector, dtype=float)
+    if found.shape != (3,) or not np.isfinite(found).all():
+        raise ParameterError(f'{name} must be 3 finite numbers in {unit}, got {vector}')
+    return found

@@ -58,6 +58,9 @@ from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import divergence
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.model import PROXIMAL
+from snake_sim_ros.stepping.pushes import NO_PUSHES
+from snake_sim_ros.stepping.pushes import PushTable
+from snake_sim_ros.stepping.pushes import whole_step
 from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.state import check_arguments
 from snake_sim_ros.stepping.state import copied
@@ -205,14 +208,17 @@ class ReferenceStepper:
 
     def advance(
         self, state: State, history: History, angle: Array, rate: Array,
-        samples: Samples | None = None,
+        samples: Samples | None = None, pushes: PushTable = NO_PUSHES,
     ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after as many steps as there are references."""
         links = self.scene.robot.link_count
         check_arguments(links, self.empty_history(), state, history, angle, rate)
         report = Report()
         for step_angle, step_rate in zip(angle, rate, strict=True):
-            end, end_history, step_report = self.step(state, history, step_angle, step_rate)
+            acting = pushes.after(report.steps)
+            end, end_history, step_report = self.step(
+                state, history, step_angle, step_rate, acting
+            )
             omega = end.u[:, 3:]
             turn = np.where(np.isfinite(end.u).all(axis=1), np.linalg.norm(omega, axis=1), np.inf)
             if not (turn * self.scene.dt < math.pi / 2).all():
@@ -226,12 +232,13 @@ class ReferenceStepper:
                 samples.add(report.steps - 1, *kept)
         return state, history, report
 
-    def single_steps(self, state: State, history: History) -> None:
+    def single_steps(self, state: State, history: History, pushes: PushTable) -> None:
         """Return None: `advance` takes single steps as any others."""
 
     def step(
-        self, state: State, history: History, angle: Array, rate: Array
-    ) -> tuple[State, History, Report]:
+        self, state: State, history: History, angle: Array, rate: Array,
+        pushes: PushTable = NO_PUSHES,
+    ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after one step, section VII."""
         scene, robot, dt = self.scene, self.scene.robot, self.scene.dt
         n, history = robot.link_count, copied(history)
@@ -243,7 +250,7 @@ class ReferenceStepper:
         laws = dense_laws(of_joints, dt, dt * torque, dt * damping, low, high)
 
         def solve(torque: Array, damping: Array, limit: int) -> tuple[Array, Solution, int]:
-            terms = self.terms(state, q_M, torque.ravel(), damping.ravel())
+            terms = self.terms(state, q_M, torque.ravel(), damping.ravel(), pushes)
             P = history.impulse[terms.active]
             rule = self.selection_rule(terms, state.u.ravel(), P)
             P, last_P, u_E, iterations, converged = self.iterate(terms, rule, P, limit)
@@ -285,7 +292,10 @@ class ReferenceStepper:
         )
         return State(q_E, u_E), history, report
 
-    def terms(self, state: State, q_M: Array, torque: Array, damping: Array) -> Terms:
+    def terms(
+        self, state: State, q_M: Array, torque: Array, damping: Array,
+        pushes: PushTable = NO_PUSHES,
+    ) -> Terms:  # fmt: skip
         """Return the terms of (75) for torques [N m s] and dampings of the axes, (2(n-1),)."""
         scene, robot, dt = self.scene, self.scene.robot, self.scene.dt
         R = rotation_matrices(q_M[:, 3:])
@@ -297,6 +307,7 @@ class ReferenceStepper:
         deep = gap - way < -2 * np.abs(way) - DEEP
         W_tau = torque_directions(R)
         h = smooth_forces(robot, np.array(scene.gravity), state.u)
+        h += pushes.generalized(whole_step(pushes, 0), R)
         # (75): M (u_E - u_A) - h dt - S - W_J P_J = tau_C dt. What an implicit controller takes
         # from u_E joins the mass matrix.
         return Terms(

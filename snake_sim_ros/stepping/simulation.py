@@ -32,7 +32,9 @@ from snake_sim_ros.stepping.levels import LevelStepper
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.portions import LEAST_STEPS
 from snake_sim_ros.stepping.portions import Portions
-from snake_sim_ros.stepping.pushed_steps import PushedSteps
+from snake_sim_ros.stepping.pushes import NO_PUSHES
+from snake_sim_ros.stepping.pushes import Pushes
+from snake_sim_ros.stepping.pushes import PushTable
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.sampling import begun_samples
@@ -43,7 +45,6 @@ from snake_sim_ros.stepping.sampling import NO_LIMITS
 from snake_sim_ros.stepping.sampling import STATES
 from snake_sim_ros.stepping.sampling import trajectory_of
 from snake_sim_ros.stepping.state import carried
-from snake_sim_ros.stepping.state import check_references
 from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.state import State
@@ -74,6 +75,8 @@ class Simulation:
         Report of the last call of `advance`.
     budget : IterationBudget
         What the steps of a call without samples share, if anything.
+    pushes : Pushes
+        Forces and torques on links for some time.
 
     """
 
@@ -81,7 +84,7 @@ class Simulation:
         scene = scene if isinstance(scene, Scene) else load_scene(scene)
         self.scene, self.given = scene, stepper is not None
         self.stepper = stepper or make_stepper(scene)
-        self.step_count, self.gait, self._pushes = 0, GaitAhead(scene), PushedSteps(scene)
+        self.step_count, self.gait, self.pushes = 0, GaitAhead(scene), Pushes(scene)
         self.budget = IterationBudget()
         self._single_steps: OneByOne | None = None
         self.reset()
@@ -123,7 +126,7 @@ class Simulation:
             )
             kept = make_samples(self.scene, 1, 1)
             result = self.stepper.advance(self.state, self.history, *reference, kept)
-            if single and (steps := self.stepper.single_steps(*result[:2])):
+            if single and (steps := self.stepper.single_steps(*result[:2], NO_PUSHES)):
                 steps.prepare()
         return time.perf_counter() - begin
 
@@ -158,11 +161,13 @@ class Simulation:
             empty = stepper.empty_history()
             self.history = carried(self.history, self.scene, scene, scale, empty)
         self.stepper, self.scene, self.gait = stepper, scene, GaitAhead(scene)
-        self._pushes = PushedSteps(scene)
+        self.pushes.change(scene)
 
     def push(self, link: int, impulse: Sequence[float]) -> None:
         """
-        Push a link at its center. Joints and contacts distribute the momentum in the next step.
+        Give a link an impulse at its center; for forces that last see `pushes`.
+
+        Joints and contacts distribute the momentum in the next step.
 
         Parameters
         ----------
@@ -232,26 +237,27 @@ class Simulation:
             return self.report
         if rate is None:
             rate = np.zeros(np.shape(angle))
-        if self.scene.pushes:
-            return self._noted(self._pushed(angle, rate, samples))
+        pushes = self.pushes.at(self.step_count)
         going_on = self._single_steps if samples is None and not self.budget.share else None
-        last = going_on.take(angle, rate) if going_on else None
+        last = going_on.take(angle, rate, pushes) if going_on else None
         if not last:
-            last = self._taken(angle, rate, samples)
+            last = self._taken(angle, rate, samples, pushes)
         goes_on = last.steps == self.last.steps == 1 and not self._single_steps
         self._noted(last)
         if goes_on and samples is None and not (self.given or self.budget.share):
-            self._single_steps = self.stepper.single_steps(self._state, self._history)
+            self._single_steps = self.stepper.single_steps(self._state, self._history, pushes)
         return last
 
-    def _taken(self, angle: Array, rate: Array, samples: Samples | None) -> Report:
+    def _taken(
+        self, angle: Array, rate: Array, samples: Samples | None, pushes: PushTable
+    ) -> Report:
         """Go on by steps of the stepper."""
         now = self.state, self.history, angle, rate
         if samples is None and self.budget.share:
             most = self.scene.solver.iteration_limit
-            state, history, report = self.budget.advance(self.stepper, most, *now)
+            state, history, report = self.budget.advance(self.stepper, most, *now, pushes)
         else:
-            state, history, report = self.stepper.advance(*now, samples)
+            state, history, report = self.stepper.advance(*now, samples, pushes)
         self._go_on_from(state, history)
         return report
 
@@ -263,24 +269,6 @@ class Simulation:
         self.last = last
         self.report += last
         return last
-
-    def _pushed(self, angle: Array, rate: Array, samples: Samples | None) -> Report:
-        """Go on by steps with the pushes of the scene; if they raise an error, not at all."""
-        check_references(self.scene.robot.link_count, angle, rate)
-        before, report = (self.state, self.history), Report()
-        try:
-            for part, acts in self._pushes.parts(self.step_count, len(angle)):
-                if acts:
-                    self.state = self._pushes.act(self.state, self.step_count + part.start)
-                kept = samples.after(part.start) if samples else None
-                news = self._taken(angle[part], rate[part], kept)
-                report = report + news if report.steps else news
-                if news.failure:
-                    break
-        except BaseException:
-            self._go_on_from(*before)
-            raise
-        return report
 
     @property
     def state(self) -> State:

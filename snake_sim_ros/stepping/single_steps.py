@@ -21,6 +21,8 @@ from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.records import Block
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.pushes import lifts_at_once
+from snake_sim_ros.stepping.pushes import PushTable
 from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import named_arrays
 from snake_sim_ros.stepping.state import State
@@ -32,7 +34,8 @@ from snake_sim_ros.stepping.steps import report_of
 from snake_sim_ros.stepping.steps import Steps
 
 PITCH_ROUNDING = 1e-9  # pitch references up to this count as zero [rad], [rad/s]
-# Pitch references for which a loop is right: all, those that are zero, those that are not.
+# Steps for which a loop is right: all, those that leave a flat robot flat, those with a pitch
+# reference that is not zero or with a push that lifts.
 ANY_PITCH, NO_PITCH, PITCH = 0, 1, 2
 FLOAT = np.dtype(np.float64)
 
@@ -47,12 +50,13 @@ class End(NamedTuple):
 class Next(NamedTuple):
     """The step that is asked for, and for which a loop is right."""
 
-    pitch: int  # the pitch references for which it is: ANY_PITCH, NO_PITCH or PITCH
+    pitch: int  # the steps for which it is: ANY_PITCH, NO_PITCH or PITCH
     settles: bool  # whether the robot must yet lie flat before it is planar; see `state.History`
     angle: Array  # (1, n-1, 2) as in `steps.Steps`
     rate: Array  # (1, n-1, 2)
     settling: Array  # (1,)
     report: Any  # (1,)
+    pushes: PushTable
 
 
 @compiled
@@ -62,7 +66,8 @@ def begin_one(following):
         angle, rate, largest = following.angle, following.rate, 0.0
         for j in range(angle.shape[1]):
             largest = max(largest, abs(angle[0, j, 1]), abs(rate[0, j, 1]))
-        if (largest > PITCH_ROUNDING) != (following.pitch == PITCH):
+        is_vertical = largest > PITCH_ROUNDING or lifts_at_once(following.pushes)
+        if is_vertical != (following.pitch == PITCH):
             return 0
         if (following.settling[0] > 0.0) != following.settles:
             return 0
@@ -99,6 +104,8 @@ class SingleSteps:
         From the last step, with the memory of this level. It is copied.
     record : Record
         Without samples.
+    pushes : PushTable
+        Whose clock the steps follow.
     pitch : int
         See `Next`.
     end : End
@@ -111,8 +118,8 @@ class SingleSteps:
     """
 
     def __init__(
-        self, stepper: Any, q: Array, u: Array, history: History, record: Record, pitch: int,
-        end: End,
+        self, stepper: Any, q: Array, u: Array, history: History, record: Record,
+        pushes: PushTable, pitch: int, end: End,
     ) -> None:  # fmt: skip
         arrays = {'q': q, 'u': u, **named_arrays(history)}
         self.block = np.concatenate([array.ravel() for array in arrays.values()])
@@ -123,20 +130,20 @@ class SingleSteps:
         self.shape = (1, len(u) - 1, 2)
         self.steps = make_steps(
             views['q'], views['u'], with_arrays(history, views), np.zeros(self.shape),
-            np.zeros(self.shape), record,
+            np.zeros(self.shape), record, pushes,
         )  # fmt: skip
         self.angle, self.rate = self.steps.angle, self.steps.rate
         self.level, self.dt, self.applied = stepper.level, stepper.model.dt, stepper.work.applied
         stepper.cycles = self.steps.cycles
         settling = self.steps.history.settling
         following = pitch, bool(settling[0] > 0.0), self.angle, self.rate, settling
-        self.begin = BoundCall(begin_one, Block(Next(*following, self.steps.report)))
+        self.begin = BoundCall(begin_one, Block(Next(*following, self.steps.report, pushes)))
         self.loop = stepper.loop.bound(stepper.model, stepper.work, self.steps)
         self.end, self.left = end, ''
         self.given_state: Given | None = None
         self.given_history: Given | None = None
 
-    def take(self, angle: Array, rate: Array) -> Report | None:
+    def take(self, angle: Array, rate: Array, pushes: PushTable) -> Report | None:
         """
         Take a step, and return its report; None if it is not one like the last, and not taken.
 
@@ -147,6 +154,8 @@ class SingleSteps:
         if not (type(angle) is type(rate) is np.ndarray and angle.dtype is rate.dtype is FLOAT):
             return None
         if not angle.shape == rate.shape == self.shape:
+            return None
+        if pushes is not self.steps.pushes:
             return None
         for given in (self.given_state, self.given_history):
             if given and given.is_changed():

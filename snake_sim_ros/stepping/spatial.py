@@ -12,6 +12,8 @@ from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.model import make_model
 from snake_sim_ros.stepping.model import make_workspace
+from snake_sim_ros.stepping.pushes import NO_PUSHES
+from snake_sim_ros.stepping.pushes import PushTable
 from snake_sim_ros.stepping.samples import checked
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.samples import Samples
@@ -69,32 +71,35 @@ class SpatialStepper:
 
     def advance(
         self, state: State, history: History, angle: Array, rate: Array,
-        samples: Samples | None = None,
+        samples: Samples | None = None, pushes: PushTable = NO_PUSHES,
     ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after as many steps as there are references."""
         self.returned.check(state, history, angle, rate)
         samples = checked(samples, self.no_samples)
-        state, history, report = self.take(state, copied(history), angle, rate, samples)
+        state, history, report = self.take(state, copied(history), angle, rate, samples, pushes)
         self.returned.last = state, history
         return state, history, report
 
     def take(
-        self, state: State, history: History, angle: Array, rate: Array, samples: Samples
-    ) -> tuple[State, History, Report]:
+        self, state: State, history: History, angle: Array, rate: Array, samples: Samples,
+        pushes: PushTable,
+    ) -> tuple[State, History, Report]:  # fmt: skip
         """Advance with checked arguments, of which the history is changed in place."""
         record = Record(*samples[:-1])
-        steps = make_steps(state.q.copy(), state.u.copy(), history, angle, rate, record)
+        steps = make_steps(state.q.copy(), state.u.copy(), history, angle, rate, record, pushes)
         self.loop(self.model, self.work, steps)
         self.cycles = steps.cycles
         report = report_of(steps, self.work.applied, self.model.dt, self.level)
         history = self.empty_history() if report.failure else steps.history
         return State(steps.q, steps.u), history, report
 
-    def single_steps(self, state: State, history: History, pitch: int = ANY_PITCH) -> SingleSteps:
+    def single_steps(
+        self, state: State, history: History, pushes: PushTable, pitch: int = ANY_PITCH
+    ) -> SingleSteps:
         """Return what goes on from a state and its history; see `single_steps.SingleSteps`."""
         end = End(
             state=lambda steps: State(steps.q.copy(), steps.u.copy()),
             history=lambda steps: copied(steps.history),
         )
         none = Record(*self.no_samples[:-1])
-        return SingleSteps(self, state.q, state.u, history, none, pitch, end)
+        return SingleSteps(self, state.q, state.u, history, none, pushes, pitch, end)

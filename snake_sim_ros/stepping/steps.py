@@ -12,6 +12,7 @@ from snake_sim_ros.dynamics.compilation import record_array
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.base import divergence
 from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.pushes import PushTable
 from snake_sim_ros.stepping.samples import row_after
 from snake_sim_ros.stepping.state import History
 
@@ -70,16 +71,18 @@ class Steps(NamedTuple):
     report: Any  # (1,) a record of REPORT
     cycles: Array  # (steps+1,) time stamps before and after every step
     record: Record
+    pushes: PushTable
 
 
 def make_steps(
-    q: Array, u: Array, history: History, angle: Array, rate: Array, record: Record
-) -> Steps:
+    q: Array, u: Array, history: History, angle: Array, rate: Array, record: Record,
+    pushes: PushTable,
+) -> Steps:  # fmt: skip
     """Return the steps for some references. They change q, u and history in place."""
     report = record_array(1, REPORT)
     cycles = np.zeros(len(angle) + 1, np.int64)
     angle, rate = np.ascontiguousarray(angle), np.ascontiguousarray(rate)
-    return Steps(q, u, history, angle, rate, report, cycles, record)
+    return Steps(q, u, history, angle, rate, report, cycles, record, pushes)
 
 
 @inlined

@@ -20,6 +20,7 @@ from snake_sim_ros.dynamics.joint_control import implicit_pd_law
 from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.bdf2_memory import CONSISTENT_SPEED
+from snake_sim_ros.stepping.parts import AFTER_EVENT
 from snake_sim_ros.stepping.parts import aligned_size
 from snake_sim_ros.stepping.parts import ANEW
 from snake_sim_ros.stepping.parts import coefficients
@@ -48,6 +49,10 @@ from snake_sim_ros.stepping.planar.moreau import stop_impact
 from snake_sim_ros.stepping.planar.newton import PlanarNewton
 from snake_sim_ros.stepping.planar.newton import solve_planar_contacts
 from snake_sim_ros.stepping.planar.warm_start import SECOND_CHANGE
+from snake_sim_ros.stepping.pushes import add_pushes_in_plane
+from snake_sim_ros.stepping.pushes import first_stretch
+from snake_sim_ros.stepping.pushes import next_stretch
+from snake_sim_ros.stepping.pushes import part_of
 from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import count_steps
 from snake_sim_ros.stepping.steps import iterations_left
@@ -259,9 +264,11 @@ def fill_predicted_grips(patches, model, own, work, h_q):
 
 
 @merged
-def planar_part(own, model, work, dt, steps):
+def planar_part(own, model, work, dt, stretch, steps):
     """
     Find the velocities after a time dt, with the references in own.end_angle; they are in own.end.
+
+    It is in the `Stretch`, in which pushes are constant.
 
     Returns
     -------
@@ -276,6 +283,7 @@ def planar_part(own, model, work, dt, steps):
     h, h_q = planar_formula(model, dt, memory, own)
     predict_loads(h, dt, work, memory, history)
     begin_planar_part(model, own, work, memory.end.heading, h, h_q)
+    add_pushes_in_plane(steps.pushes, stretch, h, work.heading, work.center, work.momentum)
     contact_history, meets = without_memory(history), False
     for impact in range(2):  # one call of the solver, which is compiled where it is called
         most = report.iterations + model.iteration_limit
@@ -327,15 +335,15 @@ def planar_step(own, model, work, steps, k):
     if memory.phase[0] == UNKNOWN:
         recognize_in_plane(model, work, steps.q, steps.u, memory)
     keep_planar(memory.end, own.before)
+    stretch = first_stretch(steps.pushes, k, memory)
     done, size = 0, first_size(model.path_tolerance, memory)
     while done < TICKS:
         size = aligned_size(done, size)
-        dt = model.dt * size / TICKS
-        late = model.dt * ((done + size) / TICKS - 0.5)
+        dt, late = part_of(stretch, model.dt, done, size)
         end_references(model.dt, late, known, angle, rate, memory, own)
         if model.path_tolerance > 0.0:
             keep_history(steps.history, own.kept)
-        outcome, h, h_q, meets = planar_part(own, model, work, dt, steps)
+        outcome, h, h_q, meets = planar_part(own, model, work, dt, stretch, steps)
         error = path_error(dt, 2, own.moving, own.star.u)
         taken, next_size = judge_part(model.path_tolerance, error, size)
         if not taken:
@@ -343,6 +351,9 @@ def planar_step(own, model, work, steps, k):
         elif is_planar(model, work, steps, outcome):
             take_planar(own, model, work, dt, h, h_q, meets, memory)
             done += size
+            if done == TICKS and stretch.end < stretch.step_end:
+                stretch = next_stretch(steps.pushes, stretch, memory)
+                done, next_size = 0, TICKS // AFTER_EVENT
         else:
             keep_planar(own.before, memory.end)
             memory.phase[0] = UNKNOWN

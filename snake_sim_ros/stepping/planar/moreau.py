@@ -44,6 +44,8 @@ from snake_sim_ros.stepping.planar.model import ROLL_LIMIT
 from snake_sim_ros.stepping.planar.pegs import close_pegs
 from snake_sim_ros.stepping.planar.pegs import find_peg_contacts
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
+from snake_sim_ros.stepping.pushes import add_pushes_in_plane
+from snake_sim_ros.stepping.pushes import whole_step
 from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import count_steps
 from snake_sim_ros.stepping.steps import iterations_left
@@ -84,6 +86,8 @@ def begin_planar_step(model, work, steps, k):
     x, y = q[0] + dt / 2 * u[0, 0], q[1] + dt / 2 * u[0, 1]
     fill_grips(model.patches, model, work, x - work.center[0, 0], y - work.center[0, 1])
     fill_momentum(model, work, u, u)
+    stretch = whole_step(steps.pushes, k)
+    add_pushes_in_plane(steps.pushes, stretch, dt, work.heading, work.center, work.momentum)
     return 2 * n + find_peg_contacts(model, work, q, u)
 
 

@@ -27,6 +27,8 @@ from snake_sim_ros.stepping.planar.model import PlanarModel
 from snake_sim_ros.stepping.planar.model import PlanarWorkspace
 from snake_sim_ros.stepping.planar.model import ROLL_LIMIT
 from snake_sim_ros.stepping.planar.moreau import SLIP_MEMORY
+from snake_sim_ros.stepping.pushes import PushTable
+from snake_sim_ros.stepping.pushes import whole_step
 from snake_sim_ros.stepping.samples import row_after
 from snake_sim_ros.stepping.steps import Steps
 
@@ -39,6 +41,12 @@ def centers(q: Array, half: Array) -> Array:
     reach = half[:, None] * np.column_stack([np.cos(q[2:]), np.sin(q[2:])])
     joints = np.vstack([np.zeros(2), np.cumsum(2 * reach, axis=0)[:-1]])
     return np.asarray(q[:2] - reach[0] + joints + reach)
+
+
+def flat_frames(theta: Array) -> Array:
+    """Return the frames B in I of links with some headings, shape (n, 3, 3)."""
+    c, s, zero, one = np.cos(theta), np.sin(theta), 0.0 * theta, 1.0 + 0.0 * theta
+    return np.moveaxis(np.array([[-s, zero, c], [c, zero, s], [zero, one, zero]]), 2, 0)
 
 
 def directions(theta: Array, half: Array, offset: Array) -> tuple[Array, Array, Array]:
@@ -181,7 +189,8 @@ class DenseLoop:
         """Take the steps up to the first that is not planar."""
         record = steps.record
         for k, (angle, rate) in enumerate(zip(steps.angle, steps.rate, strict=True)):
-            terms = self.terms(model, steps.q, steps.u, angle[:, 0], rate[:, 0])
+            pushes = steps.pushes.after(k)
+            terms = self.terms(model, steps.q, steps.u, angle[:, 0], rate[:, 0], pushes)
             solution, yaw_torque = self.solve(model, terms, steps)
             if not self.finish(model, work, steps, terms, solution, yaw_torque):
                 steps.report['not_planar'][:] = 1
@@ -210,7 +219,10 @@ class DenseLoop:
         found = found._replace(iterations=iterations, converged=converged)
         return found, terms.laws.controller(turn)[:, 0]
 
-    def terms(self, model: PlanarModel, q: Array, u: Array, angle: Array, rate: Array) -> Terms:
+    def terms(
+        self, model: PlanarModel, q: Array, u: Array, angle: Array, rate: Array,
+        pushes: PushTable,
+    ) -> Terms:  # fmt: skip
         """Return the terms of the balance at the middle of a step, for yaw references (n-1,)."""
         dt, scheme = self.scene.dt, PD_SCHEMES.index(self.scene.pd_scheme)
         theta = q[2:] + dt / 2 * u[:, 2]
@@ -231,7 +243,8 @@ class DenseLoop:
         low = np.where(angle_mid <= -stop, 0.0, -np.inf)
         high = np.where(angle_mid >= stop, 0.0, np.inf)
         laws = dense_laws(model.joint_laws, dt, torque, damping, low, high)
-        M, momentum = np.diag(mass), mass * u.ravel()
+        force = pushes.generalized(whole_step(pushes, 0), flat_frames(theta)).reshape(-1, 6)
+        M, momentum = np.diag(mass), mass * u.ravel() + dt * force[:, [0, 1, 4]].ravel()
         return Terms(theta, friction, W_J, W_T, W_tau, M, momentum, laws, M)
 
     def with_law(self, terms: Terms, torque: Array, damping: Array) -> Terms:

@@ -22,6 +22,8 @@ from snake_sim_ros.stepping.planar.model import make_planar_memory
 from snake_sim_ros.stepping.planar.model import make_planar_model
 from snake_sim_ros.stepping.planar.model import make_planar_workspace
 from snake_sim_ros.stepping.planar.model import PlanarMemory
+from snake_sim_ros.stepping.pushes import NO_PUSHES
+from snake_sim_ros.stepping.pushes import PushTable
 from snake_sim_ros.stepping.samples import checked
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.samples import Samples
@@ -170,19 +172,20 @@ class PlanarStepper:
 
     def advance(
         self, state: State, history: History, angle: Array, rate: Array,
-        samples: Samples | None = None,
+        samples: Samples | None = None, pushes: PushTable = NO_PUSHES,
     ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after as many steps as there are references."""
         self.returned.check(state, history, angle, rate)
         samples, history = checked(samples, self.no_samples), copied(history)
         goes_on = self.goes_on(state, history.memory)
-        state, history, report = self.take(state, history, angle, rate, samples, goes_on)
+        told = angle, rate, samples, pushes
+        state, history, report = self.take(state, history, *told, goes_on)
         self.returned.last = state, history
         return state, history, report
 
     def take(
         self, state: State, history: History, angle: Array, rate: Array, kept: Samples,
-        goes_on: bool,
+        pushes: PushTable, goes_on: bool,
     ) -> tuple[State, History, Report]:  # fmt: skip
         """Advance with checked arguments, of which the history is changed in place."""
         q, u, tilt = self.coordinates(state, history.memory, goes_on)
@@ -191,7 +194,7 @@ class PlanarStepper:
             kept.every, kept.first, np.empty((count, len(q))), np.empty((count, *u.shape)),
             *kept[4:-1],
         )  # fmt: skip
-        steps = make_steps(q, u, history, angle, rate, record)
+        steps = make_steps(q, u, history, angle, rate, record, pushes)
         self.loop(self.model, self.work, steps)
         self.cycles = steps.cycles
         report = report_of(steps, self.work.applied, self.model.dt, self.level)
@@ -216,7 +219,9 @@ class PlanarStepper:
         to_space(self.model.half_length, q, u, tilt, height, end.q, end.u)
         return end
 
-    def single_steps(self, state: State, history: History) -> SingleSteps | None:
+    def single_steps(
+        self, state: State, history: History, pushes: PushTable
+    ) -> SingleSteps | None:
         """
         Return what goes on from a state and its history; see `single_steps.SingleSteps`.
 
@@ -224,10 +229,11 @@ class PlanarStepper:
         """
         if not (isinstance(self.loop, Loop) and self.goes_on(state, history.memory)):
             return None
-        return self.going_on(state, history, *self.coordinates(state, history.memory, True))
+        coordinates = self.coordinates(state, history.memory, True)
+        return self.going_on(state, history, pushes, *coordinates)
 
     def going_on(
-        self, state: State, history: History, q: Array, u: Array, tilt: Array
+        self, state: State, history: History, pushes: PushTable, q: Array, u: Array, tilt: Array
     ) -> SingleSteps:
         """Return what goes on from planar coordinates, at the heights of a state."""
         n, height = len(u), state.q[:, 2].copy()
@@ -239,7 +245,7 @@ class PlanarStepper:
 
         end = End(lambda steps: self.in_space(steps.q, steps.u, tilt, height), remembered)
         none = Record(0, 0, np.empty((0, n + 2)), np.empty((0, n, 3)), *self.no_samples[4:-1])
-        return SingleSteps(self, q, u, history, none, NO_PITCH, end)
+        return SingleSteps(self, q, u, history, none, pushes, NO_PITCH, end)
 
     def prepare(self, state: State, *, single: bool) -> None:
         """Compile what is around the loop, and single steps if they are asked for."""
@@ -248,7 +254,7 @@ class PlanarStepper:
         memory = history.memory
         q, u, tilt = self.coordinates(state, memory, self.goes_on(state, memory))
         if single:
-            self.going_on(state, history, q, u, tilt).prepare()
+            self.going_on(state, history, NO_PUSHES, q, u, tilt).prepare()
         end = State(np.empty((1, *state.q.shape)), np.empty((1, *state.u.shape)))
         to_space(half, q, u, tilt, height, end.q[0], end.u[0])
         samples_to_space(half, q[None], u[None], tilt, height, 1, end.q, end.u)

@@ -1,6 +1,6 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Pushes that last: momentum, joints, and what is refused."""
+"""Pushes: what friction holds, how it slides, momentum, and that steps have them as forces."""
 
 from dataclasses import replace
 
@@ -8,21 +8,40 @@ import numpy as np
 import pytest
 from scenes import EPS
 from scenes import every_method
+from scenes import G
 from scenes import isotropic
+from scenes import late_stop
+from scenes import link_scene
+from scenes import MASS
+from scenes import sliding_error
+from scenes import SWEEPING
+from scenes import TIGHT
 
-from snake_sim_ros.dynamics.force_directions import joint_directions
 from snake_sim_ros.dynamics.force_directions import joint_gaps
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.start import Push
+from snake_sim_ros.stepping import bdf2_reference_parts
+from snake_sim_ros.stepping.accuracy import with_accuracy
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.parts import AT_START
+from snake_sim_ros.stepping.parts import TICKS
+from snake_sim_ros.stepping.pushes import make_push
+from snake_sim_ros.stepping.pushes import make_table
 from snake_sim_ros.stepping.pushes import Pushes
+from snake_sim_ros.stepping.pushes import whole_step
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import State
 
 FORCE, TORQUE = np.array([0.3, -0.2, 0.5]), np.array([0.02, 0.05, -0.03])
+MU = 0.5
 
 
 def momentum(robot, state):
@@ -35,8 +54,142 @@ def momentum(robot, state):
     return p.sum(axis=0), (np.cross(state.q[:, :3], p) + spin).sum(axis=0)
 
 
-def bent(scene):
-    """Return a simulation of a robot in the air, bent in both directions."""
+def advanced(simulation, steps):
+    report = simulation.advance(*simulation.gait_reference(steps))
+    assert not report.failure
+    assert not report.unconverged
+    return report
+
+
+def slid(simulation, steps):
+    """Advance, up to a residual that rounding leaves beside the tolerance."""
+    report = simulation.advance(*simulation.gait_reference(steps))
+    assert not report.failure
+    assert report.residual_max < 1e-11
+    return report
+
+
+# ---- friction -----------------------------------------------------------------------------------
+
+
+def aiko_at_rest(**settings):
+    """Return straight Aiko on a floor that holds it against 36.8 N."""
+    return Scene(gait=Gait(), friction=isotropic(MU), **settings)
+
+
+def moved(scene, seconds):
+    """Return by how much a robot moves at most [m] while it is pushed, and the report."""
+    simulation = Simulation(scene)
+    start = simulation.state.q.copy()
+    report = advanced(simulation, round(seconds / scene.dt))
+    return np.abs(simulation.state.q - start)[:, :2].max(), report
+
+
+@every_method
+@pytest.mark.parametrize('level', ['planar', 'spatial'])
+def test_friction_holds_what_it_can(method, level):
+    # 30 N on link 6, of which the friction of its own contacts holds 3.3 N and that of the others
+    # the rest. It begins and ends within steps.
+    seconds, tolerance = 0.05, 1e-9
+    solver = Solver(residual_tolerance=tolerance, tolerance=1e-12, iteration_limit=100_000)
+    push = Push(link=6, force=(30.0, 0.0, 0.0), start=0.0033, duration=0.0404)
+    scene = aiko_at_rest(method=method, level=level, dt=1 / 1000, solver=solver, pushes=(push,))
+    way, report = moved(scene, seconds)
+    # Contacts that stick move with the residual: |P - prox(P - r gamma)|/r = |gamma|.
+    assert way <= seconds * report.residual_max + 100 * EPS
+    # What a sweep may leave is its last change over r.
+    slowest = scene.solver.tolerance / min(scene.solver.r_sliding, scene.solver.r_normal)
+    assert report.residual_max <= (slowest if method in SWEEPING else tolerance)
+
+
+@pytest.mark.parametrize('method', ['newton', 'bdf2'])
+@pytest.mark.parametrize('level', ['planar', 'spatial'])
+@pytest.mark.parametrize('dt', [1 / 1000, 1 / 100])
+def test_it_holds_for_long(method, level, dt):
+    push = Push(link=6, force=(30.0, 0.0, 0.0), start=0.00123, duration=2.0)
+    scene = aiko_at_rest(method=method, level=level, dt=dt, pushes=(push,))
+    assert moved(scene, 2.1)[0] <= 2.1 * scene.solver.residual_tolerance
+
+
+@pytest.mark.parametrize('accuracy', [1e-1, 1e-2, 1e-3, 1e-4])
+def test_it_holds_with_every_accuracy(accuracy):
+    push = Push(link=6, force=(30.0, 0.0, 0.0), start=0.00123, duration=2.0)
+    scene = with_accuracy(aiko_at_rest(pushes=(push,)), accuracy, 1 / 50, ())
+    assert moved(scene, 2.1)[0] <= 2.1 * scene.solver.residual_tolerance
+
+
+@every_method
+@pytest.mark.parametrize('share', [0.0, 0.3])
+def test_a_pushed_link_slides_as_its_friction_says(method, share):
+    # It stays at mu m g and slides beyond with (F - mu m g)/m, then stops with mu g. `share` is
+    # how far in a step the push begins; it ends that much earlier in another.
+    dt, steps, most = 1 / 256, 24, MU * MASS * G
+    share = round(share * TICKS) / TICKS
+    start, duration = (3 + share) * dt, (steps - 2 * share) * dt
+    for force in (0.999 * most, 1.001 * most, 1.5 * most):
+        push = Push(force=(force, 0.0, 0.0), start=start, duration=duration)
+        scene = link_scene(
+            method, dt, friction=isotropic(MU), gait=Gait(), pushes=(push,),
+            solver=replace(TIGHT, activation_tolerance=1e-6),
+        )  # fmt: skip
+        simulation = Simulation(scene)
+        first = simulation.state.q[0, 0]
+        slid(simulation, 3 + steps)
+        a, error = max(0.0, (force - most) / MASS), sliding_error(method, MU, 3 + steps)
+        # A step of the paper knows the mean force of the step, and friction for all of it. Where
+        # the push begins, friction takes mu g share dt too much, or all that the push gives.
+        late = min(MU * G * share, a * (1 - share)) * dt if method != 'bdf2' else 0.0
+        after = share * dt  # the push has ended, and the link slows down
+        speed = max(0.0, a * duration - MU * G * after)
+        way = a * duration**2 / 2 + a * duration * after - MU * G * after**2 / 2
+        if a * duration > MU * G * after:
+            assert simulation.state.u[0, 0] == pytest.approx(speed, abs=late + error + 10 * EPS)
+            assert simulation.state.q[0, 0] - first == pytest.approx(
+                way, abs=(late + error) * (duration + dt) + a * dt**2 / 8 * (share > 0) + 10 * EPS
+            )
+        slid(simulation, 2 + int(speed / (MU * G) / dt))
+        assert abs(simulation.state.u[0, 0]) <= error + 10 * EPS
+        stop = a * duration / (MU * G) * (a * duration) / 2 + a * duration**2 / 2
+        abs_error = late_stop(method) * MU * G * dt**2 + error + a * dt**2 / 8 * (share > 0)
+        abs_error += late * (duration + (speed + late) / (MU * G))
+        assert simulation.state.q[0, 0] - first == pytest.approx(stop, abs=abs_error + 10 * EPS)
+
+
+def test_bdf2_keeps_its_order():
+    # Three links that are pushed sideways from a joint angle on, where the floor just does not
+    # hold them, from within a step to within another one.
+    push = Push(link=1, force=(1.0, 6.0, 0.0), start=0.0437, duration=0.1211)
+    q = chain_coordinates(Robot(link_count=3), np.array([[0.4, 0.0], [-0.3, 0.0]]))
+
+    def end(dt, level):
+        scene = Scene(
+            robot=Robot(link_count=3), gait=Gait(), friction=isotropic(0.3), method='bdf2', dt=dt,
+            level=level, pushes=(push,),
+        )  # fmt: skip
+        simulation = Simulation(scene)
+        simulation.state = State(q + [0, 0, 0.0525, 0, 0, 0, 0], simulation.state.u)
+        simulation.advance(np.tile([[[0.4, 0.0], [-0.3, 0.0]]], (round(0.2 / dt), 1, 1)))
+        return simulation.state.q[:, :2]
+
+    for level in ('planar', 'spatial'):
+        exact = (4 * end(1 / 6400, level) - end(1 / 3200, level)) / 3
+        errors = [np.abs(end(dt, level) - exact).max() for dt in (1 / 100, 1 / 200, 1 / 400)]
+        orders = np.log2(np.array(errors[:-1]) / errors[1:])
+        assert orders.mean() > 1.7, (level, errors)
+
+
+# ---- momentum -----------------------------------------------------------------------------------
+
+
+def floating(method, dt, links=4, **settings):
+    """Return a robot without weight, in the air."""
+    return Scene(
+        robot=Robot(link_count=links), gait=Gait(), gravity=(0.0, 0.0, 0.0), method=method, dt=dt,
+        level='spatial', **settings,
+    )  # fmt: skip
+
+
+def in_the_air(scene):
     simulation = Simulation(scene)
     q = simulation.state.q.copy()
     q[:, 2] += 1.0
@@ -44,95 +197,170 @@ def bent(scene):
     return simulation
 
 
-@pytest.mark.parametrize('link', [0, 5, 10])
-@pytest.mark.parametrize('turns', [False, True])
-def test_an_impulse_gives_its_momentum_and_opens_no_joint(link, turns):
-    scene = load_scene('sidewinding')
-    simulation, rng = bent(scene), np.random.default_rng(link)
-    robot, q = scene.robot, simulation.state.q
-    pushes = Pushes(robot)
-    pushes.begin(link, FORCE, TORQUE, duration=0.3, turns=turns)
-    before = State(q, rng.normal(size=(11, 6)))
-    after = pushes.act(before, 0.1)
-    R = rotation_matrices(q[:, 3:])
-    axes = R[link] if turns else np.eye(3)
-    P = 0.1 * axes @ FORCE
-    L = 0.1 * axes @ TORQUE + np.cross(q[link, :3], P)
-    (p_0, L_0), (p_1, L_1) = momentum(robot, before), momentum(robot, after)
-    size = np.abs(robot.per_link('link_mass')).sum() * np.abs(before.u).max()
-    assert np.abs(p_1 - p_0 - P).max() < 100 * EPS * size
-    assert np.abs(L_1 - L_0 - L).max() < 100 * EPS * size
-    # Joints open no faster than before: rounding of the solution, of 40 rows.
-    change = (after.u - before.u).ravel()
-    assert np.abs(joint_directions(robot, R).T @ change).max() < 1e4 * EPS * np.abs(change).max()
-    assert (after.q == before.q).all()
-
-
 @every_method
 def test_a_free_robot_gets_the_momentum_of_the_force(method):
-    # No gravity, no contact: what the steps between two pushes conserve.
-    robot = Robot(link_count=4)
-    scene = Scene(
-        robot=robot, gait=Gait(), gravity=(0.0, 0.0, 0.0), method=method, dt=1 / 1000,
-        level='spatial',
-    )  # fmt: skip
-    simulation, pushes, period = bent(scene), Pushes(robot), 5 * scene.dt
-    pushes.begin(1, FORCE, TORQUE, duration=0.018)  # three periods and three fifths of one
-    for _ in range(10):
-        simulation.state = pushes.act(simulation.state, period)
-        report = simulation.advance(*simulation.gait_reference(5))
-        assert not report.failure
-    assert not pushes
+    # One push of the scene, from within a step to within another; a short one in a step; and two
+    # that begin meanwhile, one of which takes the place of another.
+    pushes = (
+        Push(link=1, force=tuple(FORCE), torque=tuple(TORQUE), start=0.0032, duration=0.0077),
+        Push(link=3, force=(0.0, 90.0, 0.0), start=0.01234, duration=1e-5),
+    )
+    simulation = in_the_air(floating(method, 1 / 1000, pushes=pushes))
+    robot = simulation.scene.robot
+    for steps in (3, 1, 7, 2, 17):
+        advanced(simulation, steps)
+    simulation.pushes.begin(1, (9.0, 9.0, 9.0), duration=1.0)
+    simulation.pushes.begin(1, FORCE, TORQUE, duration=0.0183)
+    simulation.pushes.begin(2, (0.0, 0.0, 2.0), duration=1.0)
+    advanced(simulation, 10)
+    simulation.pushes.begin(2, (0.0, 0.0, -3.0), duration=0.0025)
+    for steps in (19, 1):
+        advanced(simulation, steps)
+    assert not simulation.pushes
     p, _ = momentum(robot, simulation.state)
-    # A step rounds velocities below 1 m/s, 50 times.
-    assert p == pytest.approx(0.018 * FORCE, abs=1e4 * EPS)
+    expected = (0.0077 + 0.0183) * FORCE + [0.0, 90e-5, 2.0 * 0.01 - 3.0 * 0.0025]
+    # 60 steps, of a dozen parts at the most, round velocities below 1 m/s, and of 2.7 kg.
+    assert p == pytest.approx(expected, abs=60 * 12 * 3 * 10 * EPS)
     assert np.abs(joint_gaps(robot, simulation.state.q)).max() < 1e-6
 
 
-@every_method
-@pytest.mark.parametrize('force', [3.0, 5.0])
-def test_a_push_along_a_link_slides_as_its_impulses_say(method, force):
-    # One link of 0.68 kg, mu = 0.5: 3.3 N hold it against a force. Impulses of F T move it at v =
-    # F T/m, which friction stops after v^2/(2 mu g) where F is less than that.
-    mu = 0.5
-    scene = Scene(
-        robot=Robot(link_count=1), gait=Gait(), friction=isotropic(mu), method=method,
-        dt=1 / 1000, level='spatial',
-    )  # fmt: skip
-    mass, period = scene.robot.link_mass, 5 * scene.dt
-    simulation, pushes = Simulation(scene), Pushes(scene.robot)
-    start = simulation.state.q[0, 0]
-    pushes.begin(0, (force, 0.0, 0.0), duration=0.1)
-    for _ in range(20):
-        simulation.state = pushes.act(simulation.state, period)
-        assert not simulation.advance(*simulation.gait_reference(5)).failure
-    way, speed = simulation.state.q[0, 0] - start, simulation.state.u[0, 0]
-    # Solvers leave 1e-6 m/s in each of 100 steps; a step moves by v dt more or less where it ends.
-    v = force / mass * period
-    if force > mu * mass * 9.81:
-        assert speed == pytest.approx((force / mass - mu * 9.81) * 0.1, abs=1e-4)
-    else:
-        assert abs(speed) < 1e-4
-        assert way == pytest.approx(20 * v**2 / (2 * mu * 9.81), abs=20 * v * scene.dt)
+def test_a_push_that_is_cleared_ends_at_once():
+    simulation = in_the_air(floating('bdf2', 1 / 1000))
+    simulation.pushes.begin(0, FORCE, duration=1.0)
+    assert simulation.pushes
+    advanced(simulation, 5)
+    simulation.pushes.clear()
+    assert not simulation.pushes
+    advanced(simulation, 5)
+    p, _ = momentum(simulation.scene.robot, simulation.state)
+    assert p == pytest.approx(0.005 * FORCE, abs=1e4 * EPS)
 
 
-def test_a_push_takes_the_place_of_that_before_on_its_link():
-    robot = load_scene('lateral_undulation').robot
-    state, pushes = Simulation(Scene()).state, Pushes(robot)
-    pushes.begin(2, (1.0, 0.0, 0.0), duration=1.0)
-    pushes.begin(2, (0.0, 1.0, 0.0), duration=1.0)
-    pushes.begin(3, (0.0, 0.0, 2.0), duration=0.5)
-    p, _ = momentum(robot, pushes.act(state, 1.0))
-    assert p == pytest.approx([0.0, 1.0, 1.0], abs=1e-14)
-    assert not pushes
-    assert pushes.act(state, 1.0) is state
-    pushes.begin(2, (1.0, 0.0, 0.0), duration=1.0)
-    pushes.clear()
-    assert not pushes
+def test_shares_of_all_steps_make_the_impulse():
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        start, duration = rng.uniform(0.0, 20.0), 10.0 ** rng.uniform(-5.0, 1.0)
+        push = make_push(0, FORCE, TORQUE, False, start, duration)
+        assert 0 <= push.begin <= TICKS * start + 0.01 < push.begin + 1.01
+        pushes, frames = make_table([push], 5), np.eye(3)[None]
+        total = sum(pushes.generalized(whole_step(pushes, k), frames) for k in range(-5, 30))
+        assert total == pytest.approx(duration * np.concatenate([FORCE, TORQUE]), rel=1e-13)
+
+
+# ---- dense steps --------------------------------------------------------------------------------
+
+
+def random_pushes(rng, links, flat):
+    """Return pushes in axes of I and of links, from within a step to within another one."""
+    pushes = []
+    for turns in (False, True, True):
+        force, torque = rng.normal(size=3), 0.1 * rng.normal(size=3)
+        up = 1 if turns else 2
+        if flat:
+            force[up], torque[up] = 0.0, torque[up] / 10
+            torque[np.arange(3) != up] = 0.0
+        start, duration = rng.uniform(0.0, 0.5, 2)
+        pushes.append(make_push(int(rng.integers(links)), force, torque, turns, start, duration))
+    return make_table(pushes)
+
+
+def random_start(rng, links, height):
+    """Return a state of a robot that is bent, at rest."""
+    angle = rng.uniform(-0.5, 0.5, (links - 1, 2)) * [1.0, height > 0.1]
+    q = chain_coordinates(Robot(link_count=links), angle)
+    q[:, 2] += height
+    return State(q, np.zeros((links, 6))), angle
+
+
+@pytest.mark.parametrize('links', [1, 2, 5])
+def test_steps_with_pushes_are_the_dense_ones(links):
+    rng = np.random.default_rng(links)
+    # One link that lies flat rolls if it is pushed across.
+    for level, height in (('spatial', 1.0), ('planar', 0.0525))[: min(links, 2)]:
+        state, angle = random_start(rng, links, height)
+        pushes = random_pushes(rng, links, level == 'planar')
+        scene = Scene(
+            robot=Robot(link_count=links), gait=Gait(), friction=isotropic(0.02), level=level,
+            solver=replace(TIGHT, normal_compliance=1e-4, iteration_limit=10_000), dt=1 / 400,
+        )  # fmt: skip
+        references = np.tile(angle, (3, 1, 1)), np.zeros((3, links - 1, 2))
+        ends = []
+        for method in ('newton', 'reference'):
+            stepper = make_stepper(replace(scene, method=method))
+            history = stepper.empty_history()
+            end, _, report = stepper.advance(state, history, *references, None, pushes)
+            assert not report.failure
+            assert not report.left
+            ends.append(np.hstack([end.q, end.u]))
+        assert np.abs(ends[0]).max() > 1e-4
+        # Impulses of 1e-14 N s, on inertias of 2e-4 kg m^2, or rounding of dense systems.
+        assert np.abs(ends[0] - ends[1]).max() < 1e-9
+
+
+@pytest.mark.parametrize('links', [1, 2, 5])
+def test_steps_of_bdf2_with_pushes_are_the_dense_ones(links):
+    rng = np.random.default_rng(links)
+    for dt in (1 / 400, 1 / 50):
+        state, angle = random_start(rng, links, 1.0)
+        pushes, scene = random_pushes(rng, links, False), floating('bdf2', dt, links)
+        references = angle, np.zeros((links - 1, 2))
+        stepper = make_stepper(scene)
+        start = state, stepper.empty_history(), references[0][None], references[1][None]
+        end, _, report = stepper.advance(*start, None, pushes)
+        assert not report.failure
+        start = state, empty_history(scene)._replace(memory=stepper.empty_history().memory)
+        parts = bdf2_reference_parts.step(scene, *start, *references, AT_START, pushes)
+        assert len(parts) >= 3 + 2 * 2
+        part = parts[-1]
+        assert np.abs(end.q - part.state.q).max() < 1e-12
+        assert np.abs(end.u - part.state.u).max() < 1e-11
+
+
+# ---- how steps are taken ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('method', ['newton', 'bdf2'])
+def test_pushes_act_in_any_calls_alike(method):
+    # Horizontal ones leave the robot in the plane; a vertical one takes it to space.
+    pushes = (
+        Push(force=(0.0, 30.0, 0.0), start=0.01, duration=0.013),
+        Push(link=3, force=(0.0, 0.0, 2.0), start=0.0321, duration=0.0042),
+    )
+    scene = replace(load_scene('lateral_undulation'), pushes=pushes, method=method, dt=1 / 1000)
+    whole, one_by_one = Simulation(scene), Simulation(scene)
+    angle, rate = whole.gait_reference(60)
+    report = whole.advance(angle, rate)
+    levels = [one_by_one.advance(angle[k : k + 1], rate[k : k + 1]).level for k in range(60)]
+    assert whole.step_count == one_by_one.step_count == report.steps == 60
+    assert whole.state.q.tobytes() == one_by_one.state.q.tobytes()
+    assert whole.state.u.tobytes() == one_by_one.state.u.tobytes()
+    assert levels == 32 * ['planar'] + 28 * ['spatial']
+    assert report.left == one_by_one.last.left == 'link 3 is pushed out of the plane'
+
+
+def test_single_steps_go_on_while_a_push_lasts():
+    simulation = Simulation(replace(load_scene('lateral_undulation'), method='newton'))
+    simulation.pushes.begin(5, (0.0, 3.0, 0.0), duration=1.0)
+    for _ in range(3):
+        advanced(simulation, 1)
+    going_on = simulation._single_steps
+    assert going_on
+    for _ in range(5):
+        advanced(simulation, 1)
+    assert simulation._single_steps is going_on
+
+
+def test_the_planar_level_says_what_lifts():
+    push = Push(link=2, torque=(0.1, 0.0, 0.0), start=0.002)
+    scene = aiko_at_rest(level='planar', method='newton', dt=1 / 1000, pushes=(push,))
+    simulation = Simulation(scene)
+    report = simulation.advance(*simulation.gait_reference(5))
+    assert report.steps == 2
+    assert 'level planar: link 2 is pushed out of the plane; choose level' in report.failure
 
 
 def test_what_is_not_a_push_is_refused():
-    pushes = Pushes(Robot())
+    pushes = Pushes(Scene())
     nan, inf = float('nan'), float('inf')
     for values, said in (
         (((nan, 0, 0), (0, 0, 0), 1.0), 'force must be 3 finite numbers in N'),
@@ -150,10 +378,8 @@ def test_what_is_not_a_push_is_refused():
 
 
 def test_joints_stay_closed_while_a_push_lasts():
-    scene = replace(load_scene('lateral_undulation'), level='spatial')
-    simulation, pushes = Simulation(scene), Pushes(scene.robot)
-    pushes.begin(0, (0.0, 20.0, 0.0), duration=0.1)
+    simulation = Simulation(replace(load_scene('lateral_undulation'), level='spatial'))
+    simulation.pushes.begin(0, (0.0, 20.0, 0.0), duration=0.1)
     for _ in range(20):
-        simulation.state = pushes.act(simulation.state, 0.005)
         assert not simulation.advance(*simulation.gait_reference(20)).failure
-        assert np.abs(joint_gaps(scene.robot, simulation.state.q)).max() < 1e-6
+        assert np.abs(joint_gaps(simulation.scene.robot, simulation.state.q)).max() < 1e-6

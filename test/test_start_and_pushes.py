@@ -18,7 +18,6 @@ from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.stepping.pushed_steps import PushedSteps
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.simulation import Simulation
@@ -196,25 +195,3 @@ def test_a_call_that_is_refused_does_not_push():
 
 def interrupted(*_):
     raise KeyboardInterrupt
-
-
-def test_parts_cover_all_steps_once():
-    rng = np.random.default_rng(3)
-    for _ in range(50):
-        pushes = [
-            {'force': [1, 0, 0], 'start': rng.uniform(0, 0.2), 'duration': rng.uniform(1e-4, 0.1)}
-            for _ in range(rng.integers(1, 4))
-        ]
-        scene = with_settings(Scene(robot=Robot(link_count=2)), {'pushes': pushes, 'dt': 0.01})
-        steps, total = PushedSteps(scene), np.zeros(len(pushes))
-        seen = []
-        for first in range(0, 40, 8):
-            for part, acts in steps.parts(first, 8):
-                numbers = range(first + part.start, first + part.stop)
-                seen += numbers
-                times = [steps.durations(k) for k in numbers]
-                total += np.sum(times, axis=0)
-                assert acts or not np.any(times)
-                assert not acts or len(numbers) == 1
-        assert seen == list(range(40))
-        assert total == pytest.approx([push['duration'] for push in pushes], abs=1e-12)

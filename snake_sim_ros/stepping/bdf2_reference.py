@@ -22,8 +22,8 @@ where all W are those of the predicted end, ``u* = u_A + w (u_A - u_B)`` and
 ``x* = x_hat + h F(x_A) u*`` (v). The phase of the memory says what is known:
 
 - SMOOTH: both states before.
-- ANEW, after an event or from a given state: ``u_hat = u_A`` and h = dt for velocities,
-  ``x_hat = x_A + dt/2 F(x_A) u_A`` and h_q = dt/2 in place of h for coordinates; u* = u_A.  (vi)
+- ANEW, after an event or from a given state, or if w > MOST_GROWTH: ``u_hat = u_A``, u* = u_A and
+  h = dt for velocities, ``x_hat = x_A + dt/2 F(x_A) u_A`` and h_q = dt/2 for coordinates.    (vi)
 - UNKNOWN, if u_A violates the joints: backward Euler, ``u_hat = u_A``, ``x_hat = x_A``, h = dt.
 
 The joint controller acts at the end (vii), ``tau_E = K (ref_E - angle_E) + D (ref_rate_E -
@@ -86,6 +86,8 @@ from snake_sim_ros.stepping.joint_motion import Motion
 from snake_sim_ros.stepping.model import MOST_CONDENSED
 from snake_sim_ros.stepping.model import PROXIMAL
 from snake_sim_ros.stepping.parts import UNKNOWN
+from snake_sim_ros.stepping.pushes import not_pushed
+from snake_sim_ros.stepping.pushes import Pushed
 from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import State
 
@@ -161,7 +163,9 @@ class PartEnd(NamedTuple):
     took_part: Array  # (contacts,) which contacts could close
 
 
-def balance(scene: Scene, R: Array, terms: Formula, angle: Array, rate: Array) -> Balance:
+def balance(
+    scene: Scene, R: Array, terms: Formula, angle: Array, rate: Array, pushed: Pushed
+) -> Balance:
     """Return the balance (iv) at the predicted end, with references (n-1, 2) of the end."""
     robot, h = scene.robot, terms.h
     M, W_tau = mass_matrix(robot), torque_directions(R)
@@ -172,7 +176,7 @@ def balance(scene: Scene, R: Array, terms: Formula, angle: Array, rate: Array) -
         resistance=h * (D + terms.h_q * K).ravel(),
         torque=h * torque.ravel(),
         smooth=M @ terms.hat.u.ravel()
-        + h * smooth_forces(robot, np.array(scene.gravity), terms.star.u),
+        + h * (smooth_forces(robot, np.array(scene.gravity), terms.star.u) + pushed(R)),
         W_J=joint_directions(robot, R),
         W_tau=W_tau,
     )
@@ -335,14 +339,14 @@ def closed_at_end(contacts: Contacts, P_N: Array, gap: Array, tolerance: float) 
 
 def problem(
     scene: Scene, history: History, dt: float, angle: Array, rate: Array,
-    takes_part: Array | None = None,
+    takes_part: Array | None = None, pushed: Pushed = not_pushed,
 ) -> tuple[Formula, Contacts, Balance]:  # fmt: skip
     """
     Return what the velocities at the end of a part of length dt have to satisfy.
 
     The history is that of the part before; its impulses count for the time h of this part. Joint
-    references (n-1, 2) are those of the end. Contacts of a mask (contacts,) take part whatever
-    their gaps.
+    references (n-1, 2) are those of the end, and `pushed` returns the force (6n,) of pushes for
+    link frames. Contacts of a mask (contacts,) take part whatever their gaps.
     """
     robot, memory = scene.robot, history.memory
     terms = formula(robot, memory, dt)
@@ -353,24 +357,23 @@ def problem(
     last = history.impulse * (terms.h / (memory.span[0] or scene.dt))
     asked = np.zeros(len(last), dtype=bool) if takes_part is None else takes_part
     contacts = contacts_of(scene, q_star, u_star, terms, dt, last, asked)
-    return terms, contacts, balance(scene, R, terms, angle, rate)
+    return terms, contacts, balance(scene, R, terms, angle, rate, pushed)
 
 
 def part(
     scene: Scene, history: History, dt: float, angle: Array, rate: Array,
-    takes_part: Array | None = None,
+    takes_part: Array | None = None, pushed: Pushed = not_pushed,
 ) -> PartEnd:  # fmt: skip
     """Return the end of a part of length dt; the parameters are those of `problem`."""
-    terms, contacts, dynamics = problem(scene, history, dt, angle, rate, takes_part)
+    terms, contacts, dynamics = problem(scene, history, dt, angle, rate, takes_part, pushed)
     candidates = contacts
     of_joints, angle_A = make_joint_laws(scene.robot), history.memory.end.angle
     stops = np.minimum(-of_joints.stop, angle_A), np.maximum(of_joints.stop, angle_A)
     bounds = ((stop - terms.hat.angle) / terms.h_q for stop in stops)
     laws = dense_laws(of_joints, terms.h, dynamics.torque, dynamics.resistance, *bounds)
-    solution, joint_rate, torque, _, settled = solve_all(
+    (u_E, P, dynamics), joint_rate, torque, _, settled = solve_all(
         scene, dynamics, contacts, laws, terms.star.rate
     )
-    u_E, P, dynamics = solution
     weight = -terms.h * scene.gravity[2] * float(scene.robot.per_link('link_mass').sum())
     meets = bool(laws.meets_stop(joint_rate).any())
     lands = meets or bool((contacts.shift[P[:, 0] > 0.0] != 0.0).any())

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """How a step of `bdf2` in dense NumPy is divided in parts, each as in `bdf2_reference`."""
 
+from functools import partial
+
 import numpy as np
 
 from snake_sim_ros.contact.closing import closed_gap
@@ -14,10 +16,16 @@ from snake_sim_ros.stepping.bdf2_reference import part
 from snake_sim_ros.stepping.bdf2_reference import PartEnd
 from snake_sim_ros.stepping.bdf2_reference_motion import recognized
 from snake_sim_ros.stepping.bdf2_reference_motion import same
+from snake_sim_ros.stepping.parts import AFTER_EVENT
 from snake_sim_ros.stepping.parts import ANEW
 from snake_sim_ros.stepping.parts import SMOOTH
 from snake_sim_ros.stepping.parts import TICKS
 from snake_sim_ros.stepping.parts import UNKNOWN
+from snake_sim_ros.stepping.pushes import first_stretch
+from snake_sim_ros.stepping.pushes import next_stretch
+from snake_sim_ros.stepping.pushes import NO_PUSHES
+from snake_sim_ros.stepping.pushes import part_of
+from snake_sim_ros.stepping.pushes import PushTable
 from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import State
 
@@ -59,14 +67,15 @@ def references(
 
 
 def step(
-    scene: Scene, state: State, history: History, angle: Array, rate: Array, first: int
-) -> list[PartEnd]:
+    scene: Scene, state: State, history: History, angle: Array, rate: Array, first: int,
+    pushes: PushTable = NO_PUSHES,
+) -> list[PartEnd]:  # fmt: skip
     """
     Return the ends of the parts of a step of the scene, with references (n-1, 2) of its middle.
 
     Its first part is ``1/first`` of it. Parts double where they fit. A part with an end inside the
     floor is repeated with the contacts that are deep there and, if all of them took part, with
-    half of its length.
+    half of its length. Where a push begins or ends, the step is divided first.
     """
     memory, ends, done, size = history.memory, [], 0, TICKS // first
     nobody = takes_part = np.zeros(len(history.impulse), dtype=bool)
@@ -75,11 +84,14 @@ def step(
         history = history._replace(memory=recognized(scene.robot, state, memory))
         inside = np.array([depth_of(scene, state)])
         history = history._replace(memory=history.memory._replace(depth=inside))
+    memory = history.memory._replace(phase=history.memory.phase.copy())
+    history, stretch = history._replace(memory=memory), first_stretch(pushes, 0, memory)
     while done < TICKS:
         while done % size:
             size //= 2
-        dt, late = scene.dt * size / TICKS, scene.dt * ((done + size) / TICKS - 0.5)
-        end = part(scene, history, dt, *references(scene, known, angle, rate, late), takes_part)
+        dt, late = part_of(stretch, scene.dt, done, size)
+        told, pushed = references(scene, known, angle, rate, late), pushes.generalized
+        end = part(scene, history, dt, *told, takes_part, partial(pushed, stretch))
         takes_part = takes_part | end.took_part
         depth, before = depth_of(scene, end.state), history.memory.depth[0]
         closed = closed_gap(scene.solver.activation_tolerance, scene.dt)
@@ -94,4 +106,7 @@ def step(
             memory = remembered(history, dt, end)._replace(depth=np.array([depth]))
             history = history._replace(impulse=end.impulse, memory=memory)
             done, size, takes_part = done + size, min(2 * size, TICKS), nobody
+            if done == TICKS and stretch.end < stretch.step_end:
+                stretch = next_stretch(pushes, stretch, memory)
+                done, size = 0, TICKS // AFTER_EVENT
     return ends

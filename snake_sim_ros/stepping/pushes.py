@@ -11,7 +11,9 @@ Times are counted in ticks, `parts.TICKS` a step. A push begins at the tick befo
 tick after those that are meant, with a force that is so much smaller that its impulse is exact.
 """
 
+from collections.abc import Callable
 from collections.abc import Sequence
+from functools import partial
 import math
 from typing import NamedTuple
 
@@ -265,6 +267,9 @@ def make_table(pushes: Sequence[Push], step: int = 0) -> PushTable:
 
 
 NO_PUSHES = make_table(())
+# What `bdf2_reference` takes: a function that returns forces (6n,) for link frames R (n, 3, 3).
+Pushed = Callable[[Array], Array]
+not_pushed: Pushed = partial(NO_PUSHES.generalized, Stretch(0, TICKS, TICKS))
 
 
 class Pushes:
@@ -353,8 +358,8 @@ class Pushes:
         return self._table
 
     def __bool__(self) -> bool:
-        """Return whether a push began meanwhile and has not ended."""
-        pushes = [*self._waiting, *self._begun.values()]
+        """Return whether a push that began meanwhile had not ended before the last call."""
+        pushes = {**self._begun, **{push.link: push for push in self._waiting}}.values()
         return any(push.force.any() or push.torque.any() for push in pushes)
 
 

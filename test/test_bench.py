@@ -88,7 +88,7 @@ class Sliding:
     def empty_history(self):
         return empty_history(self.scene)
 
-    def advance(self, state, history, angle, rate, samples=None):
+    def advance(self, state, history, angle, rate, samples=None, pushes=None):
         steps = len(angle)
         self.cycles = 2000 * np.arange(steps + 1)
         q = state.q.copy()
@@ -474,7 +474,7 @@ def test_soak_among_pegs_begins_anew_after_every_duration(monkeypatch):
     class Counting(Sliding):
         calls = []  # noqa: RUF012
 
-        def advance(self, state, history, angle, rate, samples=None):
+        def advance(self, state, history, angle, rate, samples=None, pushes=None):
             self.calls.append((len(angle), state.q[0, 0] == start))
             return super().advance(state, history, angle, rate, samples)
 

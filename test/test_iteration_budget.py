@@ -33,7 +33,7 @@ class Counter:
     def limit_iterations(self, limit):
         self.limit = limit
 
-    def advance(self, state, history, angle, rate):
+    def advance(self, state, history, angle, rate, samples=None, pushes=None):
         report = Report()
         for k in range(state, state + len(angle)):
             spent = min(self.needs[k], self.limit)

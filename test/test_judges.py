@@ -147,7 +147,7 @@ class Sliding:
     def empty_history(self):
         return empty_history(self.scene)
 
-    def advance(self, state, history, angle, rate, samples=None):
+    def advance(self, state, history, angle, rate, samples=None, pushes=None):
         steps = len(angle)
         self.calls.append(steps)
         self.clock[0] += 1000 * steps + 7 * len(self.calls)

@@ -21,11 +21,9 @@ from snake_sim_ros.stepping.parts import ANEW
 from snake_sim_ros.stepping.parts import SMOOTH
 from snake_sim_ros.stepping.parts import TICKS
 from snake_sim_ros.stepping.parts import UNKNOWN
-from snake_sim_ros.stepping.pushes import first_stretch
-from snake_sim_ros.stepping.pushes import next_stretch
 from snake_sim_ros.stepping.pushes import NO_PUSHES
-from snake_sim_ros.stepping.pushes import part_of
 from snake_sim_ros.stepping.pushes import PushTable
+from snake_sim_ros.stepping.pushes import Stretch
 from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import State
 
@@ -66,6 +64,14 @@ def references(
     return angle + late * (rate + late / 2 * acceleration), rate + late * acceleration
 
 
+def after_change(history: History, pushes: PushTable, stretch: Stretch) -> History:
+    """Return the history to go on with in a stretch, anew if a push begins or ends there."""
+    smooth = history.memory.phase[0] == SMOOTH
+    if not (smooth and stretch.begin in (*pushes.begin, *pushes.end)):
+        return history
+    return history._replace(memory=history.memory._replace(phase=np.array([ANEW])))
+
+
 def step(
     scene: Scene, state: State, history: History, angle: Array, rate: Array, first: int,
     pushes: PushTable = NO_PUSHES,
@@ -84,12 +90,15 @@ def step(
         history = history._replace(memory=recognized(scene.robot, state, memory))
         inside = np.array([depth_of(scene, state)])
         history = history._replace(memory=history.memory._replace(depth=inside))
-    memory = history.memory._replace(phase=history.memory.phase.copy())
-    history, stretch = history._replace(memory=memory), first_stretch(pushes, 0, memory)
+    stretches = pushes.stretches()
+    history = after_change(history, pushes, stretches[0])
     while done < TICKS:
         while done % size:
             size //= 2
-        dt, late = part_of(stretch, scene.dt, done, size)
+        stretch = stretches[0]
+        length = (stretch.end - stretch.begin) / TICKS
+        late = (stretch.begin - stretch.step_end) / TICKS + length * (done + size) / TICKS
+        dt, late = scene.dt * length * size / TICKS, scene.dt * (late + 0.5)
         told, pushed = references(scene, known, angle, rate, late), pushes.generalized
         end = part(scene, history, dt, *told, takes_part, partial(pushed, stretch))
         takes_part = takes_part | end.took_part
@@ -106,7 +115,8 @@ def step(
             memory = remembered(history, dt, end)._replace(depth=np.array([depth]))
             history = history._replace(impulse=end.impulse, memory=memory)
             done, size, takes_part = done + size, min(2 * size, TICKS), nobody
-            if done == TICKS and stretch.end < stretch.step_end:
-                stretch = next_stretch(pushes, stretch, memory)
+            if done == TICKS and len(stretches) > 1:
+                del stretches[0]
+                history = after_change(history, pushes, stretches[0])
                 done, size = 0, TICKS // AFTER_EVENT
     return ends

@@ -14,6 +14,7 @@ tick after those that are meant, with a force that is so much smaller that its i
 from collections.abc import Callable
 from collections.abc import Sequence
 from functools import partial
+from itertools import pairwise
 import math
 from typing import NamedTuple
 
@@ -75,12 +76,25 @@ class PushTable(NamedTuple):
         first, last = self.clock[0] * TICKS, (self.clock[0] + count) * TICKS
         return np.flatnonzero((self.lifts == 1) & (self.begin < last) & (self.end > first))
 
+    def step(self, k: int = 0) -> Stretch:
+        """Return step k of a call."""
+        end = (int(self.clock[0]) + k + 1) * TICKS
+        return Stretch(end - TICKS, end, end)
+
+    def stretches(self) -> list[Stretch]:
+        """Return the parts of the first step in which pushes are constant."""
+        begin, end, _ = self.step()
+        changes = {int(tick) for tick in (*self.begin, *self.end) if begin < tick < end}
+        ticks = [begin, *sorted(changes), end]
+        return [Stretch(*pair, end) for pair in pairwise(ticks)]
+
     def generalized(self, stretch: Stretch, R: Array) -> Array:
         """Return the mean generalized force (6n,) in a stretch, for link frames R (n, 3, 3)."""
         found = np.zeros((len(R), 6))
         for p, i in enumerate(self.link):
             axes = R[i] if self.turns[p] else np.eye(3)
-            part = share(self, p, stretch)
+            time = min(stretch.end, self.end[p]) - max(stretch.begin, self.begin[p])
+            part = max(0, time) / (stretch.end - stretch.begin)
             found[i, :3] += part * axes @ self.force[p]
             found[i, 3:] += part * R[i].T @ axes @ self.torque[p]
         return found.ravel()

@@ -60,7 +60,6 @@ from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.model import PROXIMAL
 from snake_sim_ros.stepping.pushes import NO_PUSHES
 from snake_sim_ros.stepping.pushes import PushTable
-from snake_sim_ros.stepping.pushes import whole_step
 from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.state import check_arguments
 from snake_sim_ros.stepping.state import copied
@@ -307,7 +306,7 @@ class ReferenceStepper:
         deep = gap - way < -2 * np.abs(way) - DEEP
         W_tau = torque_directions(R)
         h = smooth_forces(robot, np.array(scene.gravity), state.u)
-        h += pushes.generalized(whole_step(pushes, 0), R)
+        h += pushes.generalized(pushes.step(), R)
         # (75): M (u_E - u_A) - h dt - S - W_J P_J = tau_C dt. What an implicit controller takes
         # from u_E joins the mass matrix.
         return Terms(

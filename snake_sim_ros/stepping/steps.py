@@ -12,6 +12,7 @@ from snake_sim_ros.dynamics.compilation import record_array
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.base import divergence
 from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.pushes import NO_PUSHES
 from snake_sim_ros.stepping.pushes import PushTable
 from snake_sim_ros.stepping.samples import row_after
 from snake_sim_ros.stepping.state import History
@@ -76,7 +77,7 @@ class Steps(NamedTuple):
 
 def make_steps(
     q: Array, u: Array, history: History, angle: Array, rate: Array, record: Record,
-    pushes: PushTable,
+    pushes: PushTable = NO_PUSHES,
 ) -> Steps:  # fmt: skip
     """Return the steps for some references. They change q, u and history in place."""
     report = record_array(1, REPORT)

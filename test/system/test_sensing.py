@@ -24,11 +24,16 @@ from snake_sim_ros.recording.recorded_sensors import recorded_sensors
 from snake_sim_ros.recording.sensors import Sensors
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.stepping.pushes import Pushes
 from snake_sim_ros.stepping.simulation import run
 
 # A robot that is told nothing slides down a slope.
 SLOPE = {'gait.yaw.amplitude': 0.0, 'gravity': [3.0, 1.0, -9.0], 'duration': 0.2}
+# A robot that is told nothing lies on a floor that holds it.
+STRAIGHT = {
+    'gait.yaw.amplitude': 0.0,
+    'friction.longitudinal': 0.5,
+    'friction.transversal': 0.5,
+}
 NOISE = {
     'sensor_seed': 5,
     'sensor_rate': 100.0,
@@ -116,7 +121,14 @@ def started(make_graph):
         Sensing(make_graph(), {**SLOPE, **NOISE}),
         Sensing(make_graph(), {'gravity': [0.0, 0.0, 0.0], 'push_duration': 0.0125}),
         Sensing(make_graph(), {'frame_prefix': 'aiko/'}),
+        Sensing(make_graph(), {**STRAIGHT, 'push_duration': 2.0}),
     )
+
+
+@pytest.fixture
+def held(started):
+    """A straight robot on a floor that holds it."""
+    return started[3]
 
 
 @pytest.fixture
@@ -223,7 +235,7 @@ def test_a_push_gives_a_free_robot_its_momentum(free):
     free.push_with('link_6', (2.0, 0.0, 0.0))
     for _ in range(5):
         free.step()
-    # 0.0125 s of 2 N are three periods, the last one half of one; the rest conserves momentum.
+    # 0.0125 s of 2 N are two periods and a half; the rest conserves momentum.
     assert free.velocity() == pytest.approx(0.0125 * axes @ [2.0, 0.0, 0.0], abs=1e-5)
     free.push_with('world', (0.0, 0.0, 3.0))
     free.push_with('link_2', (0.0, 0.0, 0.0), (0.1, 0.2, 0.3))
@@ -245,17 +257,33 @@ def test_a_pushed_robot_moves_as_offline(robot):
     answer = sim.graph.call(SetParametersAtomically, 'sim/set_parameters_atomically', request)
     assert answer.result.successful, answer.result.reason
     sim.push_with('world', (3.0, 8.0, 0.0), (0.0, 0.0, 0.1))
-    pushes = Pushes(scene.robot)
-    pushes.begin(1, (3.0, 8.0, 0.0), (0.0, 0.0, 0.1), duration=0.052)
+    twin.simulation.pushes.begin(1, (3.0, 8.0, 0.0), (0.0, 0.0, 0.1), duration=0.052)
     for _ in range(20):
         joint_states, *_ = sim.step()
-        simulation = twin.simulation
-        simulation.state = pushes.act(simulation.state, 1 / 200)
         sample = twin.advance()
         expected = (sample.angle, sample.rate, sample.torque)
         assert bits(joint_states) == b''.join(part.tobytes() for part in expected)
-    assert not pushes
     assert np.abs(sample.angle).max() > 1e-3
+
+
+def test_friction_holds_a_push(held):
+    # 30 N on link 6, along a straight robot that mu = 0.5 holds against 36.8 N, for 2 s.
+    held.step()
+    before = held.link_poses[-1]
+    held.push_with('world', (30.0, 0.0, 0.0))
+    for _ in range(410):
+        held.step()
+    moved = [
+        (b.position.x - a.position.x, b.position.y - a.position.y)
+        for a, b in zip(before.poses, held.link_poses[-1].poses, strict=True)
+    ]
+    # Contacts that stick move with the residual, of 1e-9 m/s.
+    assert np.abs(moved).max() <= 2.05 * 1e-9
+    held.push_with('world', (40.0, 0.0, 0.0))
+    for _ in range(40):
+        held.step()
+    # For 0.2 s with (F - mu m g)/m.
+    assert held.velocity()[0] == pytest.approx((40.0 - 0.5 * 7.5 * 9.81) * 0.2, rel=0.02)
 
 
 def test_a_reset_ends_a_push(free):

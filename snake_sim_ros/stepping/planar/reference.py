@@ -28,7 +28,6 @@ from snake_sim_ros.stepping.planar.model import PlanarWorkspace
 from snake_sim_ros.stepping.planar.model import ROLL_LIMIT
 from snake_sim_ros.stepping.planar.moreau import SLIP_MEMORY
 from snake_sim_ros.stepping.pushes import PushTable
-from snake_sim_ros.stepping.pushes import whole_step
 from snake_sim_ros.stepping.samples import row_after
 from snake_sim_ros.stepping.steps import Steps
 
@@ -243,7 +242,7 @@ class DenseLoop:
         low = np.where(angle_mid <= -stop, 0.0, -np.inf)
         high = np.where(angle_mid >= stop, 0.0, np.inf)
         laws = dense_laws(model.joint_laws, dt, torque, damping, low, high)
-        force = pushes.generalized(whole_step(pushes, 0), flat_frames(theta)).reshape(-1, 6)
+        force = pushes.generalized(pushes.step(), flat_frames(theta)).reshape(-1, 6)
         M, momentum = np.diag(mass), mass * u.ravel() + dt * force[:, [0, 1, 4]].ravel()
         return Terms(theta, friction, W_J, W_T, W_tau, M, momentum, laws, M)
 

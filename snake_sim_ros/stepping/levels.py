@@ -298,7 +298,7 @@ class LevelStepper:
             self.used.add(level)
 
 
-def what_is_told(angle: Array, rate: Array, pushes: PushTable) -> str:
+def what_is_told(angle: Array, rate: Array, pushes: PushTable = NO_PUSHES) -> str:
     """Return the largest pitch reference of a step, or the push that lifts, as a clause."""
     if not is_vertical(angle, rate):
         p = pushes.lifting(1)[0]

@@ -30,7 +30,7 @@ from snake_sim_ros.stepping.parts import TICKS
 
 NOTHING = (0.0, 0.0, 0.0)
 ROUNDING = 1e-3  # ticks by which times are off that are meant to be at one
-LATEST = 2.0**61  # ticks; what is later never happens
+LATEST = 2.0**50  # steps; what is later never happens
 
 
 class Stretch(NamedTuple):
@@ -65,7 +65,7 @@ class PushTable(NamedTuple):
     def lift(self, count: int) -> Array:
         """Return in which of the next steps a push does not leave the robot flat, (count,)."""
         found = np.zeros(count, dtype=bool)
-        for p in self.lifting(count):
+        for p in self.lifting(count) if len(self.link) else ():
             first = self.begin[p] // TICKS - self.clock[0]
             last = -(-self.end[p] // TICKS) - self.clock[0]
             found[max(0, first) : last] = True
@@ -260,8 +260,9 @@ def make_push(
     start: float, duration: float,
 ) -> Push:  # fmt: skip
     """Return a push from a start on for a duration, both in steps."""
-    begin = int(min(math.floor(TICKS * start + ROUNDING), LATEST))
-    end = max(begin + 1, int(min(math.ceil(TICKS * (start + duration) - ROUNDING), 2 * LATEST)))
+    start, duration = min(start, LATEST), min(duration, LATEST)
+    begin = math.floor(TICKS * start + ROUNDING)
+    end = max(begin + 1, math.ceil(TICKS * (start + duration) - ROUNDING))
     part = TICKS * duration / (end - begin)
     return Push(link, part * np.array(force), part * np.array(torque), turns, begin, end)
 
@@ -360,7 +361,8 @@ class Pushes:
     def at(self, step: int) -> PushTable:
         """Return the pushes for a call whose first step has a number, counted from time 0."""
         now = step * TICKS
-        if self._waiting or any(push.end < now for push in self._begun.values()):
+        ended = self._begun and any(push.end < now for push in self._begun.values())
+        if self._waiting or ended:
             for push in self._waiting:
                 begin, end = push.begin + now, push.end + now
                 self._begun[push.link] = push._replace(begin=begin, end=end)

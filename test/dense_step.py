@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.detection import reach_of_step
+from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
 from snake_sim_ros.contact.selection import selection_center
 from snake_sim_ros.contact.selection import selection_compliance
 from snake_sim_ros.dynamics import force_directions

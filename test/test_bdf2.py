@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from scenes import same_bits
 
-from snake_sim_ros.contact.selection import IMPACT_WEIGHTS
-from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
 from snake_sim_ros.contact.selection import REST_SPEED
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene import gait
@@ -390,7 +388,6 @@ def test_the_contact_laws_hold_in_every_step(name, rolling):
     friction, r = scene.friction, scene.solver
     delassus = mean_delassus(scene.robot)
     compliance = r.normal_compliance * delassus
-    weight = G * scene.dt * scene.robot.per_link('link_mass').sum()
     stepper, state, history = make_stepper(scene), initial_state(scene), empty_history(scene)
     angle, rate = references(scene, 400)
     for k in range(len(angle)):

@@ -210,7 +210,7 @@ def test_selection_rule_presses_an_impact_no_deeper_than_its_bound(method, dt):
     # A link lands flat with v: twice what stops it and half its weight, m (2 v + g dt/2), is
     # expected, so that the compliance is PRESS_SPEED over that, if that is not below the least
     # one; two contacts carry (2/m + c) P = v + g dt. In the next step the last impulse is what is
-    # expected. If the link is at rest then, up to REST_SPEED, the rule selects next to it, but next
+    # expected. If the link rests then, up to REST_SPEED, the rule selects next to it, but next
     # to ten weights at most, so that the compliance lifts the link by that, less what presses it
     # in. BDF2 has its own, smaller PRESS_SPEED, and lands with the impulses of an impact.
     v, size = 1.0, mean_delassus(ROBOT)

@@ -445,8 +445,9 @@ def test_a_link_that_turns_further_than_resolved_is_divergence(method):
 
 @every_method
 def test_a_limit_of_one_iteration_leaves_every_step_unconverged(method):
-    # A tolerance that rounding keeps out of reach.
-    steps = 10 if method == 'reference' else 100
+    # A tolerance that rounding keeps out of reach. After some steps of `reference` the wrong
+    # impulses have lifted the robot, and a step without contact forces converges.
+    steps = 5 if method == 'reference' else 100
     scene = with_settings(
         load_scene('lateral_undulation'),
         {

@@ -29,8 +29,8 @@ from snake_sim_ros.dynamics.free_chain import unfold_free
 from snake_sim_ros.dynamics.joint_drift import close_joints
 from snake_sim_ros.dynamics.joint_drift import turn_link
 
-# A contact counts as closed up to the way in which this acceleration, a fourth of gravity, moves it
-# in a step [m/s^2].
+# A contact counts as closed up to the way that this acceleration, a fourth of gravity, makes in a
+# step [m/s^2].
 CLOSED_ACCELERATION = 2.5
 LEFT_SHARE = 1 / 16  # share of that gap which closed contacts may keep
 ROUNDING = 1e-13  # of a gap [m]
@@ -117,7 +117,7 @@ def close_step(model, center, problem, furthest, q):
     offset, radius = model.contact_offset, model.contact_radius
     for a in closed:
         contacts.is_loaded[a] = contacts.impulse[a, 0] > 0.0
-    for attempt in range(MOST_MOVES):
+    for _move in range(MOST_MOVES):
         for a in closed:
             contacts.end_gap[a] = gap_at(model.obstacles, offset, radius, q, contacts, a)
         if not gaps_to_close(closed, contacts) > left_gap(model.closed_gap):

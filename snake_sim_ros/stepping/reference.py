@@ -19,9 +19,8 @@ import numpy as np
 
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.closing import DEEP
-from snake_sim_ros.contact.closing import left_gap
-from snake_sim_ros.contact.closing import MOST_CLOSED
-from snake_sim_ros.contact.closing import MOST_MOVES
+from snake_sim_ros.contact.dense_closing import Closing
+from snake_sim_ros.contact.dense_closing import with_closed_gaps
 from snake_sim_ros.contact.detection import reach_of_step
 from snake_sim_ros.contact.projections import prox_disc
 from snake_sim_ros.contact.projections import prox_half_ellipses
@@ -53,7 +52,6 @@ from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
 from snake_sim_ros.scene.rotations import H_bar
-from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import divergence
 from snake_sim_ros.stepping.base import Report
@@ -268,7 +266,10 @@ class ReferenceStepper:
         q_free = end_coordinates(state.q, q_M, state.u, u_E, dt)  # (83)
         furthest = furthest_angles(of_joints.stop, posture.joint_angles(state.q), angle_M)
         q_E = without_drift(robot, q_free, scene.drift_correction, furthest)
-        q_E = self.with_closed_gaps(terms, P[:, 0] > 0.0, q_E, furthest)
+        closing = Closing(terms.W_N, terms.W_J, terms.M_inv, terms.R, PROXIMAL * self.size)
+        q_E = with_closed_gaps(
+            scene, closing, terms.active, terms.start_gap, P[:, 0] > 0.0, q_E, furthest
+        )
         g_J = joint_gaps(robot, without_drift(robot, q_free, 'none', furthest))
 
         def residual(compliance: float) -> float:
@@ -337,35 +338,6 @@ class ReferenceStepper:
         )
         center = selection_center(P[:, 0], gamma_A, fall * float(mass.sum()))
         return SelectionRule(compliance, center)
-
-    def with_closed_gaps(
-        self, terms: Terms, loaded: Array, q: Array, furthest: Array
-    ) -> Array:
-        """
-        Return q (n, 7) without the gaps of contacts that carry load, a mask (k,), or are inside.
-
-        Fictitious normal impulses move the links; see `contact.closing`. `furthest`, shape
-        (n-1, 2), are the largest joint angles.
-        """
-        W_N, W_J, M_inv, q = terms.W_N, terms.W_J, terms.M_inv, q.copy()
-        closed = closed_gap(self.scene.solver.activation_tolerance, self.scene.dt)
-        for _ in range(MOST_MOVES if closed > 0.0 else 0):
-            gap = scene_gaps(self.scene, q)[terms.active] - terms.start_gap
-            closes = (np.abs(gap) <= MOST_CLOSED) & ((gap < 0.0) | loaded)
-            if not np.abs(gap[closes]).max(initial=0.0) > left_gap(closed):
-                break
-            response = M_inv @ W_N[:, closes]
-            P_J = np.linalg.solve(W_J.T @ M_inv @ W_J, -W_J.T @ response)
-            response += M_inv @ W_J @ P_J
-            G = W_N[:, closes].T @ response + PROXIMAL * self.size * np.eye(closes.sum())
-            move = (response @ np.linalg.solve(G, -gap[closes])).reshape(-1, 6)
-            q[:, :3] += move[:, :3]
-            omega = np.einsum('ijk,ik->ij', terms.R, move[:, 3:])
-            turn = np.hstack([np.ones((len(q), 1)), omega / 2])
-            turn /= np.linalg.norm(turn, axis=1, keepdims=True)
-            q[:, 3:] = product(turn, q[:, 3:])
-            q = without_drift(self.scene.robot, q, self.scene.drift_correction, furthest)
-        return q
 
     def iterate(
         self, terms: Terms, rule: SelectionRule, P: Array, limit: int

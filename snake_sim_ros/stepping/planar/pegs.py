@@ -113,7 +113,7 @@ def close_pegs(model, work, closed, q):
     depth = peg_gaps(model, contacts, q)
     for a in closed:
         contacts.is_loaded[a] = contacts.impulse[a, 0] > 0.0
-    for attempt in range(MOST_MOVES if model.closed_gap > 0.0 else 0):
+    for _move in range(MOST_MOVES if model.closed_gap > 0.0 else 0):
         if not gaps_to_close(closed, contacts) > left_gap(model.closed_gap):
             break
         for i in range(n):

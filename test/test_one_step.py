@@ -45,6 +45,8 @@ from test_joint_laws import of_joint
 from test_planar import EXACT
 from test_planar import HELD
 
+from snake_sim_ros.contact.closing import gaps_to_close
+from snake_sim_ros.contact.closing import MOST_CLOSED
 from snake_sim_ros.contact.table import make_table
 from snake_sim_ros.dynamics.force_directions import joint_gaps
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
@@ -57,8 +59,6 @@ from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping import reference
-from snake_sim_ros.stepping.events import gaps_to_close
-from snake_sim_ros.stepping.events import MOST_CLOSED
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.parts import ANEW
 from snake_sim_ros.stepping.parts import SMOOTH

@@ -26,14 +26,20 @@ from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import initial_state
 
 
-def angles(scene, axis, references, rate=0.0):
-    """Return the joint angles after every step, for references that move at a rate [rad/s]."""
+def angles(scene, axis, references, rate=0.0, period=0):
+    """
+    Return the joint angles after every step, for references that move at a rate [rad/s].
+
+    Forces jump once a period, in steps, if any.
+    """
     stepper, state = make_stepper(scene), hinge(scene, axis, 0.0)
     history, found = stepper.empty_history(), []
-    for reference in references:
-        told = np.zeros((2, 1, 1, 2))
-        told[:, 0, 0, AXES[axis]] = reference, rate
-        state, history, report = stepper.advance(state, history, *told)
+    for k, reference in enumerate(references):
+        if period and k % period == 0 and history.memory:
+            history.memory.forces_jump()
+        commanded = np.zeros((2, 1, 1, 2))
+        commanded[:, 0, 0, AXES[axis]] = reference, rate
+        state, history, report = stepper.advance(state, history, *commanded)
         assert not report.failure and not report.unconverged
         found.append(of_joint(state, axis)[0])
     return np.array(found)
@@ -66,12 +72,82 @@ def test_a_sampled_spring_is_a_recursion(method, axis, resolution):
     )  # fmt: skip
     expected = sampled_hinge(scene, stiffness, references, 5, resolution)
     found = angles(scene, axis, references)
-    # The torque jumps at samples: the formula of two steps is off by its jump times dt^2 there.
     # The links turn by up to 0.04, whose square is lost in the closed form.
-    jump = 2 * stiffness * np.abs(references).max() / scene.robot.inertia_transversal
-    allowed = 1e-4 * np.abs(expected).max() + (len(references) * DT**2 * jump / 2
-                                               if method == 'bdf2' else 0.0)  # fmt: skip
-    assert np.abs(found - expected).max() < allowed + 0.04**2 * np.abs(expected).max()
+    assert np.abs(found - expected).max() < (1e-4 + 0.04**2) * np.abs(expected).max()
+
+
+PERIOD, GAIN = 2e-3, 2.0  # s, N m/rad
+LOOPS = {
+    'undamped': (0.0, {}),
+    'late': (0.0, {'command_delay': 4 * PERIOD}),
+    'damped': (5e-3, {'reference_rate': 1 / PERIOD, 'command_delay': PERIOD}),
+}
+
+
+def told(time):
+    """Return references [rad]. The hinge follows them so closely that it is linear up to 1e-6."""
+    return 1e-3 * np.sin(40.0 * time + 0.5)
+
+
+def held_hinge(inertia, damping, torques):
+    """
+    Return the angle of a hinge whose torques change once a period, from rest; the exact map.
+
+    Each link turns about its own center, as in `sampled_hinge`. `torques` is a function of the
+    period and the angle at its start.
+    """
+    angle = rate = 0.0
+    slowing = 2 * damping / inertia
+    decay = np.exp(-slowing * PERIOD)
+    for k in range(20):
+        push = 2 * torques(k, angle) / inertia
+        if slowing == 0.0:
+            angle, rate = angle + PERIOD * (rate + PERIOD / 2 * push), rate + PERIOD * push
+        else:
+            final = push / slowing
+            angle += PERIOD * final + (rate - final) * (1.0 - decay) / slowing
+            rate = final + (rate - final) * decay
+    return angle
+
+
+@pytest.mark.parametrize(('method', 'axis'), EVERY)
+@pytest.mark.parametrize('name', LOOPS)
+def test_a_sampled_controller_is_of_second_order(method, axis, name):
+    damping, loop = LOOPS[name]
+    gains = {f'{axis}_stiffness': GAIN, f'{axis}_damping': damping}
+    scene = floating(method, control_rate=1 / PERIOD, **gains, **loop)
+    delay, errors = loop.get('command_delay', 0.0), []
+    exact = held_hinge(
+        scene.robot.inertia_transversal, damping,
+        lambda k, angle: GAIN * (told(max(0.0, k * PERIOD - delay)) - angle),
+    )  # fmt: skip
+    for share in (2, 4, 8):
+        dt = PERIOD / share
+        references = np.zeros((2, 20 * share, 1, 2))
+        time = (np.arange(20 * share) + 0.5) * dt
+        references[0, :, 0, AXES[axis]] = told(time)
+        references[1, :, 0, AXES[axis]] = 40e-3 * np.cos(40.0 * time + 0.5)
+        stepper = make_stepper(replace(scene, dt=dt))
+        state, _, _ = stepper.advance(
+            hinge(scene, axis, 0.0), stepper.empty_history(), *references
+        )
+        errors.append(of_joint(state, axis)[0] - exact)
+    orders = np.log2(np.abs(errors[:-1]) / np.abs(errors[1:]))
+    assert np.abs(orders - 2.0).max() <= 0.3
+    assert abs(errors[-1]) < 1e-4 * abs(exact)
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_held_efforts_are_constant_forces(method):
+    scene = floating(method, effort_commands=True)
+    simulation, zeros = Simulation(scene), np.zeros((2, 1, 2))
+    simulation.state = hinge(scene, 'yaw', 0.0)
+    exact = held_hinge(scene.robot.inertia_transversal, 0.0, lambda k, _: told(k * PERIOD))
+    for k in range(20):
+        command_effort(simulation, np.array([[told(k * PERIOD), 0.0]]))
+        simulation.advance(zeros, zeros)
+    # The links come nearer to each other by angle^2, as in test_joint_laws.
+    assert of_joint(simulation.state, 'yaw')[0] == pytest.approx(exact, rel=2 * exact**2 + 1e-9)
 
 
 @pytest.mark.parametrize(('method', 'axis'), EVERY)
@@ -109,7 +185,7 @@ def test_a_reference_is_held_for_a_period(method):
     held = replace(scene, robot=replace(scene.robot, reference_rate=200.0))
     every_fifth = references[5 * (np.arange(30) // 5)]
     found = angles(held, 'yaw', references)
-    assert np.abs(found - angles(scene, 'yaw', every_fifth)).max() < 1e-12
+    assert np.abs(found - angles(scene, 'yaw', every_fifth, 5)).max() < 1e-12
 
 
 @pytest.mark.parametrize(('method', 'axis'), EVERY)

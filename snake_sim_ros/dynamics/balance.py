@@ -8,7 +8,7 @@ O is the center of the middle link; twists, wrenches and inertias are in axes of
 
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.dynamics.control_loop import loop_law
+from snake_sim_ros.dynamics.control_loop import held_torque
 from snake_sim_ros.dynamics.joint_control import pd_law
 
 
@@ -36,21 +36,21 @@ def control_impulses(model, control, coordinate, angle, rate, torques, dampings)
     start, mid = coordinate[0], coordinate[1]
     for j in range(len(torques)):
         for k in range(2):
+            held, stiffness, known_rate = 0.0, model.stiffness[j, k], rate[j, k]
+            if model.control.present:
+                held, stiffness, known_rate = held_torque(
+                    model.control, control, j, k, stiffness, known_rate
+                )
             torque, damping = pd_law(
                 model.pd_scheme,
                 model.dt,
                 (start[j, k, 0], start[j, k, 1]),
                 (mid[j, k, 0], mid[j, k, 1]),
-                (angle[j, k], rate[j, k]),
-                model.stiffness[j, k],
+                (angle[j, k], known_rate),
+                stiffness,
                 model.damping[j, k],
             )
-            if model.control.present:
-                torque, damping = loop_law(
-                    model.control, control, j, k, model.stiffness[j, k], model.damping[j, k],
-                    torque, damping,
-                )  # fmt: skip
-            torques[j, k] = torque * model.dt
+            torques[j, k] = (held + torque) * model.dt
             dampings[j, k] = damping * model.dt
 
 

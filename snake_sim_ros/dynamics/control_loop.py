@@ -7,7 +7,8 @@ Without it the controller of a joint knows angles, rates and references at any t
 references it takes one once a period and goes to that angle, as a servo on a bus does. With a rate
 of control it also reads the encoders once a period and holds what it read, so that its spring
 pulls with a constant torque until the next period. The damper acts all the time, as the back-EMF
-of a motor does. A sampled spring is stable for periods up to about 2 K_d/K_p, as an explicit one.
+of a motor does, and takes its reference rate once a period: that of the middle of the step. A
+sampled spring is stable for periods up to about 2 K_d/K_p, as an explicit one.
 Assumption: the paper has no such loop.
 """
 
@@ -91,11 +92,11 @@ def make_control_memory(scene: Scene) -> ControlMemory:
 
 
 @compiled
-def references_that_count(loop, memory, angle, rate):
+def references_that_count(loop, memory, dt, angle, rate):
     """
-    Return the references of a step, shapes (n-1, 2), of which those given are the newest.
+    Return the references of a step of dt [s], shapes (n-1, 2); those given are the newest.
 
-    Before the first step the robot was told its first angles for ever.
+    Before the first step the robot held the angles with which that step begins.
     """
     if loop.delay == 0:
         return angle, rate
@@ -104,7 +105,8 @@ def references_that_count(loop, memory, angle, rate):
         for i in range(loop.delay):
             for j in range(len(angle)):
                 for k in range(2):
-                    queue[i, 0, j, k], queue[i, 1, j, k] = angle[j, k], 0.0
+                    queue[i, 0, j, k] = angle[j, k] - 0.5 * dt * rate[j, k]
+                    queue[i, 1, j, k] = 0.0
         memory.next[0] = 1.0
     oldest = int(memory.next[0]) - 1
     for j in range(len(angle)):
@@ -149,7 +151,7 @@ def read_by_controllers(loop, memory, dt, start, angle, rate):
     """
     if not loop.present:
         return angle, rate
-    angle, rate = references_that_count(loop, memory, angle, rate)
+    angle, rate = references_that_count(loop, memory, dt, angle, rate)
     angle, rate = references_that_are_held(loop, memory, dt, angle, rate)
     if loop.period > 0:
         if memory.wait[0] == 0.0:
@@ -165,28 +167,40 @@ def read_by_controllers(loop, memory, dt, start, angle, rate):
     return angle, rate
 
 
+@inlined
+def torques_jump(loop, memory):
+    """Return whether what is held changed as `read_by_controllers` began the step."""
+    reads = loop.period > 0 and memory.wait[0] == loop.period - 1
+    return reads or (loop.hold > 0 and memory.wait[1] == loop.hold - 1)
+
+
 @compiled
-def loop_law(loop, memory, j, k, stiffness, damping, torque, resistance):
+def held_torque(loop, memory, j, k, stiffness, rate):
     """
-    Return torque [N m] and damping [N m s/rad] of axis k of joint j with the loop.
+    Return what is held on axis k of joint j, and what its controller knows at any time.
 
     Parameters
     ----------
     loop : ControlLoop
     memory : ControlMemory
     j, k : int
-    stiffness, damping : float
-        Gains [N m/rad], [N m s/rad].
-    torque, resistance : float
-        Torque and damping of a controller that knows everything; see `joint_control`.
+    stiffness : float
+        Of the controller [N m/rad].
+    rate : float
+        Reference that counts in the step [rad/s].
+
+    Returns
+    -------
+    torque : float
+        Constant until the next sample or command [N m].
+    stiffness, rate : float
+        Of the spring and of the damper that act all the time.
 
     """
+    torque = memory.effort[j, k] if len(memory.effort) > 0 else 0.0
     if loop.period > 0:
-        torque = stiffness * memory.error[j, k] + damping * memory.rate[j, k]
-        resistance = damping
-    if len(memory.effort) > 0:
-        torque += memory.effort[j, k]
-    return torque, resistance
+        return torque + stiffness * memory.error[j, k], 0.0, memory.rate[j, k]
+    return torque, stiffness, rate
 
 
 def dense_control(
@@ -202,7 +216,8 @@ def dense_control(
         return angle, rate, loop
     if loop.delay > 0:
         if memory.next[0] == 0.0:
-            memory.queue[:, 0], memory.queue[:, 1], memory.next[0] = angle, 0.0, 1.0
+            memory.queue[:, 0], memory.queue[:, 1] = angle - dt / 2 * rate, 0.0
+            memory.next[0] = 1.0
         oldest = int(memory.next[0]) - 1
         newest, (angle, rate) = (angle, rate), memory.queue[oldest].copy()
         memory.queue[oldest] = newest

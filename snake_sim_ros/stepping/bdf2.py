@@ -20,9 +20,9 @@ repeated, first with the contacts that are in it, then with half of its length.
 
 The formula never differentiates across an event, which is any jump of the velocity: a contact that
 lands, however softly; a normal impulse beyond what forces make in a step (an impact without
-collision); the begin or the end of a push, where parts of a step end (see `pushes`); or a state
-that is not the end of the step before (an impulse, another scene). The step after an event starts
-anew with
+collision); the begin or the end of a push, where parts of a step end (see `pushes`); a sample of
+the control loop or a command that changes a held torque; or a state that is not the end of the step
+before (an impulse, another scene). The step after an event starts anew with
 
     u_hat = u_A, h = dt for velocities;    x_hat = x_A + dt/2 x'_A, h = dt/2 for coordinates,
 
@@ -52,8 +52,9 @@ from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import cycle_counter
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.dynamics.control_loop import loop_law
+from snake_sim_ros.dynamics.control_loop import held_torque
 from snake_sim_ros.dynamics.control_loop import read_by_controllers
+from snake_sim_ros.dynamics.control_loop import torques_jump
 from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
@@ -125,13 +126,14 @@ def begin(model, own, work, angle, control, h, h_q, late, history):
     for j in range(len(own.end_angle)):
         for k in range(2):
             stiffness, damping = model.stiffness[j, k], model.damping[j, k]
-            torque = stiffness * (own.end_angle[j, k] - own.hat.angle[j, k])
-            torque += damping * own.end_rate[j, k]
-            resistance = damping + h_q * stiffness
+            torque, rate = 0.0, own.end_rate[j, k]
             if model.control.present:
-                torque, resistance = loop_law(
-                    model.control, control, j, k, stiffness, damping, torque, resistance
+                torque, stiffness, rate = held_torque(
+                    model.control, control, j, k, stiffness, rate
                 )
+            torque += stiffness * (own.end_angle[j, k] - own.hat.angle[j, k])
+            torque += damping * rate
+            resistance = damping + h_q * stiffness
             chain.torque[j, k], chain.damping[j, 2 * k] = h * torque, h * resistance
         chain.damping[j, 1] = 0.0
     if model.joint_laws.present:
@@ -284,6 +286,8 @@ def step(own, model, work, steps, k):
     angle, rate = read_by_controllers(
         model.control, steps.history.control, model.dt, start, steps.angle[k], steps.rate[k]
     )
+    if memory.phase[0] == SMOOTH and torques_jump(model.control, steps.history.control):
+        memory.phase[0] = ANEW
     known, before = memory.span[0] > 0.0, noted(report)
     report.contacts = 0
     keep_state(steps.q, steps.u, own.q_start, own.u_start)

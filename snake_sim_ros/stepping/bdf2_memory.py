@@ -18,6 +18,7 @@ from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.joint_motion import make_motion
 from snake_sim_ros.stepping.joint_motion import Motion
 from snake_sim_ros.stepping.parts import ANEW
+from snake_sim_ros.stepping.parts import SMOOTH
 from snake_sim_ros.stepping.parts import UNKNOWN
 
 CONSISTENT_SPEED = 1e-9  # largest speed of joint gaps at which velocities fit the joints [m/s]
@@ -39,6 +40,11 @@ class Bdf2Memory(NamedTuple):
     def last_span(self) -> float:
         """Return the time for which the last impulses acted [s], 0 before the first step."""
         return float(self.span[0])
+
+    def forces_jump(self) -> None:
+        """Let the next step start anew, because held torques change."""
+        if self.phase[0] == SMOOTH:
+            self.phase[0] = ANEW
 
 
 class Bdf2Arrays(NamedTuple):

@@ -39,6 +39,8 @@ def command_effort(simulation: Simulation, effort: Array) -> None:
         place = np.argwhere(~np.isfinite(effort))[0].tolist()
         raise ParameterError(f'effort must be finite, got {effort[tuple(place)]} at {place}')
     history = copied(simulation.history)
+    if history.memory and (effort != history.control.effort).any():
+        history.memory.forces_jump()
     history.control.effort[:] = effort
     simulation.history = history
 

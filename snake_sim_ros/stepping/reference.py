@@ -30,7 +30,7 @@ from snake_sim_ros.contact.selection import selection_center
 from snake_sim_ros.contact.selection import selection_compliance
 from snake_sim_ros.dynamics.control_loop import ControlMemory
 from snake_sim_ros.dynamics.control_loop import dense_control
-from snake_sim_ros.dynamics.control_loop import loop_law
+from snake_sim_ros.dynamics.control_loop import held_torque
 from snake_sim_ros.dynamics.dense_joint_drift import furthest_angles
 from snake_sim_ros.dynamics.dense_joint_drift import without_drift
 from snake_sim_ros.dynamics.dense_joint_laws import dense_laws
@@ -77,16 +77,14 @@ def joint_torque_law(
     scheme, dt = PD_SCHEMES.index(scene.pd_scheme), scene.dt
     measured = mids[..., 0] - dt / 2 * mids[..., 1]
     angle, rate, loop = dense_control(scene, control, measured, angle, rate)
-    terms = [
-        loop_law(loop, control, j, k, kp[j, k], kd[j, k], *pd_law(
-            scheme, dt, tuple(starts[j, k]), tuple(mids[j, k]), (angle[j, k], rate[j, k]),
-            kp[j, k], kd[j, k],
-        ))
-        for j in range(robot.link_count - 1)
-        for k in range(2)
-    ]  # fmt: skip
-    torque, damping = np.array(terms).reshape(-1, 2).T
-    return torque, damping
+    torque, damping = np.zeros((2, *kp.shape))
+    for j, k in np.ndindex(kp.shape):
+        held, stiffness, known = held_torque(loop, control, j, k, kp[j, k], rate[j, k])
+        torque[j, k], damping[j, k] = pd_law(
+            scheme, dt, starts[j, k], mids[j, k], (angle[j, k], known), stiffness, kd[j, k]
+        )
+        torque[j, k] += held
+    return torque.ravel(), damping.ravel()
 
 
 def middle_coordinates(state: State, dt: float) -> Array:

@@ -185,7 +185,7 @@ def test_a_reference_is_held_for_a_period(method):
     held = replace(scene, robot=replace(scene.robot, reference_rate=200.0))
     every_fifth = references[5 * (np.arange(30) // 5)]
     found = angles(held, 'yaw', references)
-    assert np.abs(found - angles(scene, 'yaw', every_fifth, 5)).max() < 1e-12
+    assert np.abs(found - angles(scene, 'yaw', every_fifth, period=5)).max() < 1e-12
 
 
 @pytest.mark.parametrize(('method', 'axis'), EVERY)

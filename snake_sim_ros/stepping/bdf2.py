@@ -21,8 +21,8 @@ repeated, first with the contacts that are in it, then with half of its length.
 The formula never differentiates across an event, which is any jump of the velocity: a contact that
 lands, however softly; a normal impulse beyond what forces make in a step (an impact without
 collision); the begin or the end of a push, where parts of a step end (see `pushes`); a sample of
-the control loop or a command that changes a held torque; or a state that is not the end of the step
-before (an impulse, another scene). The step after an event starts anew with
+the control loop or a command that changes a held torque; or a state that is not the end of the
+step before (an impulse, another scene). The step after an event starts anew with
 
     u_hat = u_A, h = dt for velocities;    x_hat = x_A + dt/2 x'_A, h = dt/2 for coordinates,
 

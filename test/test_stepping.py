@@ -20,6 +20,7 @@ from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.stepping import bdf2_memory
 from snake_sim_ros.stepping import levels
 from snake_sim_ros.stepping.base import Report
@@ -133,17 +134,18 @@ def test_reports_add_up():
     first = Report(
         steps=2, iterations=30, iterations_max=20, unconverged=1, fallbacks=4, residual_max=1e-6,
         printed_residual_max=2e-6, penetration_max=2e-5, joint_gap_max=1e-9, joint_twist_max=4e-9,
-        contacts=22, joint_torque=np.ones((1, 2)),
+        further_parts=4, contacts=22, joint_torque=np.ones((1, 2)),
     )  # fmt: skip
     later = Report(
         steps=3, iterations=12, iterations_max=5, unconverged=0, fallbacks=1, residual_max=3e-6,
         printed_residual_max=1e-6, penetration_max=1e-5, joint_gap_max=2e-9, joint_twist_max=1e-9,
-        contacts=20, joint_torque=np.zeros((1, 2)),
+        further_parts=2, contacts=20, joint_torque=np.zeros((1, 2)),
     )  # fmt: skip
     total = first + later
     # Counters are summed, largest values kept, contacts and torques are those of the last step.
     assert (total.steps, total.iterations, total.iterations_max) == (5, 42, 20)
     assert (total.unconverged, total.fallbacks, total.contacts) == (1, 5, 20)
+    assert (total.further_parts, total.parts) == (6, 11)
     assert (total.residual_max, total.penetration_max) == (3e-6, 2e-5)
     assert total.printed_residual_max == 2e-6
     assert (total.joint_gap_max, total.joint_twist_max) == (2e-9, 4e-9)
@@ -152,6 +154,21 @@ def test_reports_add_up():
     assert len(largest) == 6
     for name in largest:
         assert getattr(later + first, name) == getattr(total, name)
+
+
+@pytest.mark.parametrize('level', ['spatial', 'planar'])
+@pytest.mark.parametrize(('method', 'parts'), [('newton', 0), ('bdf2', 2)])
+def test_parts_of_steps_are_counted(method, parts, level):
+    # A bent robot lies still. From a given state bdf2 begins with a quarter of a step. Each part
+    # may be twice as long as the one before, if it begins at a multiple of that: two quarters and
+    # a half, then whole steps.
+    values = {'robot.link_count': 3, 'method': method, 'level': level, 'dt': 1e-3}
+    bent = {'start.yaw': 0.5, 'gait.yaw.amplitude': 0.0}
+    simulation = Simulation(with_settings(load_scene('lateral_undulation'), values | bent))
+    angle = np.tile([0.5, 0.0], (5, 2, 1))
+    report = simulation.advance(angle)
+    assert (report.steps, report.parts) == (5, 5 + parts)
+    assert simulation.advance(angle).parts == 5
 
 
 def test_status_is_the_worst():

@@ -54,6 +54,8 @@ class Report:
     joint_gap_max, joint_twist_max : float
         Largest joint violation g_J in position [m] and angle [1] that a step made, before the
         drift correction of section VII-C removed it.
+    further_parts : int
+        Parts of the steps beyond one for each, where the method divides steps.
     contacts : int
         Contacts closed in the last step.
     joint_torque : ndarray, shape (n-1, 2)
@@ -79,12 +81,18 @@ class Report:
     penetration_max: float = 0.0
     joint_gap_max: float = 0.0
     joint_twist_max: float = 0.0
+    further_parts: int = 0
     contacts: int = 0
     joint_torque: Array = field(default_factory=lambda: np.zeros((0, 2)))
     level: str = 'spatial'
     planar_steps: int = 0
     left: str = ''
     failure: str = ''
+
+    @property
+    def parts(self) -> int:
+        """Number of internal steps: the parts of all steps."""
+        return self.steps + self.further_parts
 
     @property
     def status(self) -> Status:
@@ -106,6 +114,7 @@ class Report:
             max(self.penetration_max, later.penetration_max),
             max(self.joint_gap_max, later.joint_gap_max),
             max(self.joint_twist_max, later.joint_twist_max),
+            self.further_parts + later.further_parts,
             later.contacts,
             later.joint_torque,
             later.level,

@@ -292,7 +292,7 @@ def step(own, model, work, steps, k):
     report.contacts = 0
     keep_state(steps.q, steps.u, own.q_start, own.u_start)
     stretch = first_stretch(steps.pushes, k, memory)
-    done, size = 0, first_size(model.path_tolerance, memory)
+    done, parts, size = 0, 0, first_size(model.path_tolerance, memory)
     forget_who_took_part(work.contacts)
     while done < TICKS:
         size = aligned_size(done, size)
@@ -313,7 +313,7 @@ def step(own, model, work, steps, k):
                 is_taken, next_size = False, size // 2
         if is_taken:
             take(own, model, work, dt, part, steps)
-            done += size
+            done, parts = done + size, parts + 1
             forget_who_took_part(work.contacts)
             if done == TICKS and stretch.end < stretch.step_end:
                 stretch = next_stretch(steps.pushes, stretch, memory)
@@ -321,6 +321,7 @@ def step(own, model, work, steps, k):
         else:
             restore_history(own.kept, steps.history)
         size = next_size
+    report.further_parts += parts - 1
     keep_references(size, rate, memory)
     count_steps(before, report)
     return finish(model, work.chain.twist, steps.q, steps.u, steps.history.settling, report)

@@ -30,6 +30,7 @@ REPORT = np.dtype(
         ('penetration_max', float),
         ('joint_gap_max', float),
         ('joint_twist_max', float),
+        ('further_parts', np.int64),
         ('contacts', np.int64),
         ('failed_link', np.int64),  # link, from 1, that would turn too far; 0 for none
         ('failed_turn', float),  # the angle by which it would [rad]
@@ -168,6 +169,7 @@ def clear_report(report):
     """Empty a report, a record of REPORT."""
     report.steps = report.iterations = report.iterations_max = report.unconverged = 0
     report.fallbacks = report.contacts = report.failed_link = report.not_planar = 0
+    report.further_parts = 0
     report.residual_max = report.printed_residual_max = report.penetration_max = 0.0
     report.joint_gap_max = report.joint_twist_max = report.failed_turn = 0.0
 

@@ -336,7 +336,7 @@ def planar_step(own, model, work, steps, k):
         recognize_in_plane(model, work, steps.q, steps.u, memory)
     keep_planar(memory.end, own.before)
     stretch = first_stretch(steps.pushes, k, memory)
-    done, size = 0, first_size(model.path_tolerance, memory)
+    done, parts, size = 0, 0, first_size(model.path_tolerance, memory)
     while done < TICKS:
         size = aligned_size(done, size)
         dt, late = part_of(stretch, model.dt, done, size)
@@ -350,7 +350,7 @@ def planar_step(own, model, work, steps, k):
             restore_history(own.kept, steps.history)
         elif is_planar(model, work, steps, outcome):
             take_planar(own, model, work, dt, h, h_q, meets, memory)
-            done += size
+            done, parts = done + size, parts + 1
             if done == TICKS and stretch.end < stretch.step_end:
                 stretch = next_stretch(steps.pushes, stretch, memory)
                 done, next_size = 0, TICKS // AFTER_EVENT
@@ -360,6 +360,7 @@ def planar_step(own, model, work, steps, k):
             take_back(before, report)
             return False
         size = next_size
+    report.further_parts += parts - 1
     keep_references(size, rate, memory)
     count_steps(before, report)
     report.steps += 1

@@ -91,40 +91,58 @@ def random_problem(seed, link_count):
     return robot, state, angle, rate
 
 
+def check_with_dense_step(scene, state, angle, rate):
+    """Check a step of all methods against that of a scene; return how many could take it."""
+    taken, link_count = 0, scene.robot.link_count
+    end, history, report = advance(scene, state, angle, rate)
+    largest = history.impulse[:, 0].max()
+    # Friction is mu of the load; a link turns by L_GS/Theta_1 = 41/(kg m) of it at most,
+    # which is more than 1/m, and rounds by the condition of the joints, 1.4e5.
+    load = HELD * largest + EXACT.tolerance
+    speed = 41 * 2 * link_count * scene.friction.transversal * load + 1.4e5 * EPS
+    for method in COMPILED:
+        if method == 'bdf2':  # another step, see below
+            continue
+        other, memory, news = advance(replace(scene, method=method), state, angle, rate)
+        assert news.failure == report.failure, method
+        if report.failure:
+            continue
+        taken += 1
+        assert news.contacts == report.contacts == 2 * link_count
+        assert np.abs(memory.impulse - history.impulse).max() < load, method
+        assert np.abs(other.u - end.u).max() < speed, method
+        assert np.abs(other.q - end.q).max() < scene.dt * speed + 10 * EPS, method
+        # Yaw torques change with the rates, in the implicit part; pitch torques carry
+        # the moment of loads, with levers below the length of the robot.
+        yaw = news.joint_torque[:, 0] - report.joint_torque[:, 0]
+        assert np.abs(yaw).max() < 1.0 * speed, method
+        pitch = news.joint_torque[:, 1] - report.joint_torque[:, 1]
+        assert np.abs(pitch).max() < link_count * load / scene.dt, method
+    return taken
+
+
 @pytest.mark.parametrize('pd_scheme', PD_SCHEMES)
 @pytest.mark.parametrize('rule', ['paper', 'center_of_mass'])
 def test_steps_agree_with_the_dense_step(rule, pd_scheme):
     taken = 0
     for link_count in (2, 3, 5, 12):
         for seed, friction in enumerate(FRICTIONS.values()):
-            robot, state, angle, rate = random_problem(seed, link_count)
+            robot, *start = random_problem(seed, link_count)
             settings = {'robot': robot, 'friction': friction, 'drift_correction': rule}
             scene = flat_scene('reference', pd_scheme=pd_scheme, **settings)
-            end, history, report = advance(scene, state, angle, rate)
-            largest = history.impulse[:, 0].max()
-            # Friction is mu of the load; a link turns by L_GS/Theta_1 = 41/(kg m) of it at most,
-            # which is more than 1/m, and rounds by the condition of the joints, 1.4e5.
-            load = HELD * largest + EXACT.tolerance
-            speed = 41 * 2 * link_count * friction.transversal * load + 1.4e5 * EPS
-            for method in COMPILED:
-                if method == 'bdf2':  # another step, see below
-                    continue
-                other, memory, news = advance(replace(scene, method=method), state, angle, rate)
-                assert news.failure == report.failure, method
-                if report.failure:
-                    continue
-                taken += 1
-                assert news.contacts == report.contacts == 2 * link_count
-                assert np.abs(memory.impulse - history.impulse).max() < load, method
-                assert np.abs(other.u - end.u).max() < speed, method
-                assert np.abs(other.q - end.q).max() < scene.dt * speed + 10 * EPS, method
-                # Yaw torques change with the rates, in the implicit part; pitch torques carry
-                # the moment of loads, with levers below the length of the robot.
-                yaw = news.joint_torque[:, 0] - report.joint_torque[:, 0]
-                assert np.abs(yaw).max() < 1.0 * speed, method
-                pitch = news.joint_torque[:, 1] - report.joint_torque[:, 1]
-                assert np.abs(pitch).max() < link_count * load / scene.dt, method
+            taken += check_with_dense_step(scene, *start)
     assert taken >= 40
+
+
+@pytest.mark.parametrize('link_count', [3, 5, 12])
+def test_a_robot_with_both_spheres_at_the_center_of_each_link_agrees_with_the_dense_step(
+    link_count,
+):
+    # Nothing but the pitch joints keeps its links from pitching to and fro.
+    robot, *start = random_problem(1, link_count)
+    robot = replace(robot, contact_offset=0.0)
+    scene = flat_scene('reference', robot=robot, friction=FRICTIONS['isotropic'])
+    assert check_with_dense_step(scene, *start) == len(COMPILED) - 1
 
 
 @pytest.mark.parametrize('rule', ['paper', 'center_of_mass'])

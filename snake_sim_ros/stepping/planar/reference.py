@@ -105,8 +105,9 @@ def loads_from_friction(
     """
     Return the normal impulses of least norm that balance a wrench out of the plane (3n,).
 
-    The pitch joints hold the one motion that neither contacts nor joint constraints resist, in
-    which all links roll together. Their torques are in the ratios of springs of their stiffness.
+    The pitch joints hold the motions that neither contacts nor joint constraints resist: one in
+    which all links roll together and, where both spheres of every link are at its center, another
+    in which they pitch to and fro. Their torques are those of springs of their stiffness.
 
     Returns
     -------
@@ -124,17 +125,18 @@ def loads_from_friction(
     rolling = null_space(np.hstack([W_J, W_N]).T, rcond=RANK)
     bend = axes.T @ rolling
     bend[np.abs(bend) <= RANK] = 0.0  # a straight robot rolls without bending, but for rounding
-    held = (pitch_stiffness[:, None] * bend).sum(axis=1, keepdims=True)
+    held = pitch_stiffness[:, None] * bend
     free = null_space(np.hstack([W_J, axes @ held]).T, rcond=RANK)
     P_N = np.linalg.pinv(free.T @ W_N, rcond=RANK) @ (-free.T @ wrench)
     rest = -(wrench + W_N @ P_N)
     resisting = np.hstack([W_J, axes @ held])
     parts = np.linalg.lstsq(resisting, rest, rcond=None)[0]
+    turned = parts[W_J.shape[1] :]
     heading = np.column_stack([np.cos(theta), np.sin(theta)])
-    roll = np.einsum('ik,ik->i', rolling.reshape(len(theta), 3)[:, 1:], heading) * parts[-1]
+    roll = np.einsum('ik,ik->i', (rolling @ turned).reshape(len(theta), 3)[:, 1:], heading)
     balanced = np.abs(resisting @ parts - rest).max() <= BALANCE * np.abs(wrench).max()
     largest = math.copysign(np.abs(roll).max() if balanced else math.inf, roll[len(theta) // 2])
-    return P_N, held[:, 0] * parts[-1], largest
+    return P_N, held @ turned, largest
 
 
 def slips_too_far(model: PlanarModel, roll: float, u: Array, memory: PlanarMemory) -> bool:

@@ -292,7 +292,7 @@ def step(own, model, work, steps, k):
     report.contacts = 0
     keep_state(steps.q, steps.u, own.q_start, own.u_start)
     stretch = first_stretch(steps.pushes, k, memory)
-    done, parts, size = 0, 0, first_size(model.path_tolerance, memory)
+    done, parts, size = 0, 0, first_size(model.dt, model.path_tolerance, memory)
     forget_who_took_part(work.contacts)
     while done < TICKS:
         size = aligned_size(done, size)

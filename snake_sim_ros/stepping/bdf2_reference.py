@@ -22,8 +22,8 @@ where all W are those of the predicted end, ``u* = u_A + w (u_A - u_B)`` and
 ``x* = x_hat + h F(x_A) u*`` (v). The phase of the memory says what is known:
 
 - SMOOTH: both states before.
-- ANEW, after an event or from a given state, or if w > MOST_GROWTH: ``u_hat = u_A``, u* = u_A and
-  h = dt for velocities, ``x_hat = x_A + dt/2 F(x_A) u_A`` and h_q = dt/2 for coordinates.    (vi)
+- ANEW, after an event or from a given state: ``u_hat = u_A`` and h = dt for velocities,
+  ``x_hat = x_A + dt/2 F(x_A) u_A`` and h_q = dt/2 in place of h for coordinates; u* = u_A.  (vi)
 - UNKNOWN, if u_A violates the joints: backward Euler, ``u_hat = u_A``, ``x_hat = x_A``, h = dt.
 
 The joint controller acts at the end (vii), ``tau_E = K (ref_E - angle_E) + D (ref_rate_E -

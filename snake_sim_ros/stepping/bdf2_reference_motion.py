@@ -23,7 +23,6 @@ from snake_sim_ros.stepping.bdf2_memory import Bdf2Memory
 from snake_sim_ros.stepping.bdf2_memory import CONSISTENT_SPEED
 from snake_sim_ros.stepping.joint_motion import Motion
 from snake_sim_ros.stepping.parts import ANEW
-from snake_sim_ros.stepping.parts import MOST_GROWTH
 from snake_sim_ros.stepping.parts import SMOOTH
 from snake_sim_ros.stepping.parts import UNKNOWN
 from snake_sim_ros.stepping.state import State
@@ -109,8 +108,6 @@ class Formula(NamedTuple):
 def formula(robot: Robot, memory: Bdf2Memory, dt: float) -> Formula:
     """Return what the states before say about a part, eqs. (i), (ii), (v), (vi)."""
     A, B, phase = memory.end, memory.start, memory.phase[0]
-    if phase == SMOOTH and dt > MOST_GROWTH * memory.dt[0]:
-        phase = ANEW
     w = dt / memory.dt[0] if phase == SMOOTH else 0.0
     c, h = w**2 / (1 + 2 * w), dt * (1 + w) / (1 + 2 * w)
     hat = Motion(*(a + c * (a - b) for a, b in zip(A, B, strict=True)))

@@ -23,6 +23,7 @@ from snake_sim_ros.stepping.parts import TICKS
 from snake_sim_ros.stepping.parts import UNKNOWN
 from snake_sim_ros.stepping.pushes import NO_PUSHES
 from snake_sim_ros.stepping.pushes import PushTable
+from snake_sim_ros.stepping.pushes import STEP
 from snake_sim_ros.stepping.pushes import Stretch
 from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.state import State
@@ -96,8 +97,8 @@ def step(
         while done % size:
             size //= 2
         stretch = stretches[0]
-        length = (stretch.end - stretch.begin) / TICKS
-        late = (stretch.begin - stretch.step_end) / TICKS + length * (done + size) / TICKS
+        length = (stretch.end - stretch.begin) / STEP
+        late = (stretch.begin - stretch.step_end) / STEP + length * (done + size) / TICKS
         dt, late = scene.dt * length * size / TICKS, scene.dt * (late + 0.5)
         told, pushed = references(scene, known, angle, rate, late), pushes.generalized
         end = part(scene, history, dt, *told, takes_part, partial(pushed, stretch))

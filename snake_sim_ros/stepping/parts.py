@@ -22,7 +22,7 @@ UNKNOWN, ANEW, SMOOTH = 0.0, 1.0, 2.0
 TICKS = 1024  # a step of the scene is divided in at most this many
 # A step that starts anew begins with a part of this share of it: after an event, in a given state.
 AFTER_EVENT, AT_START = 2, 4
-MOST_GROWTH = 4.0  # ratio of steps beyond which differences over the shorter one say too little
+MOST_GROWTH = 2.0  # ratio of parts beyond which differences over the shorter one say too little
 GROW_SHARE = 0.15  # share of the tolerance of the path below which the next part is longer
 
 
@@ -31,26 +31,26 @@ def coefficients(dt, memory):
     """
     Return w and c of the formula, h, and the time for which rates act on the state before it.
 
-    Without a state before, or with one too near, w and c are 0 and h is dt. If the motion starts
-    smoothly, coordinates move by their rates for half of it, and by those of the end for the rest
-    of h.
+    Without a state before, w and c are 0 and h is dt. If the motion starts smoothly, coordinates
+    move by their rates for half of it, and by those of the end for the rest of h.
     """
     phase = memory.phase[0]
-    if phase == SMOOTH and dt > MOST_GROWTH * memory.dt[0]:
-        phase = ANEW
     w = dt / memory.dt[0] if phase == SMOOTH else 0.0
     half = 0.5 * dt if phase == ANEW else 0.0
     return w, w * w / (1.0 + 2.0 * w), dt * (1.0 + w) / (1.0 + 2.0 * w), half
 
 
 @inlined
-def first_size(path_tolerance, memory):
-    """Return the ticks of the first part of a step."""
+def first_size(dt, path_tolerance, memory):
+    """Return the ticks of the first part of a step of dt [s]."""
     if memory.phase[0] != SMOOTH:
         goes_on = memory.span[0] > 0.0 and memory.ticks[0] > 0.0
         return TICKS // (AFTER_EVENT if goes_on else AT_START)
     chosen = path_tolerance > 0.0 and memory.ticks[0] > 0.0
-    return int(memory.ticks[0]) if chosen else TICKS
+    size = int(memory.ticks[0]) if chosen else TICKS
+    while size > 1 and dt * size > MOST_GROWTH * TICKS * memory.dt[0]:
+        size //= 2
+    return size
 
 
 @inlined

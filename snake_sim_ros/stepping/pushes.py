@@ -7,7 +7,7 @@ They are in the balance of every step, beside gravity, so that friction holds wh
 step of the paper takes their mean over its length. Method `bdf2` divides steps where a push begins
 or ends, and starts anew there; see `parts`.
 
-Times are counted in ticks, `parts.TICKS` a step. A push begins at the tick before and ends at the
+Times are counted in ticks, STEP a step. A push begins at the tick before and ends at the
 tick after those that are meant, with a force that is so much smaller that its impulse is exact.
 """
 
@@ -28,9 +28,10 @@ from snake_sim_ros.stepping.parts import ANEW
 from snake_sim_ros.stepping.parts import SMOOTH
 from snake_sim_ros.stepping.parts import TICKS
 
+STEP = 2**14  # ticks in a step: shorter parts of it would be lost in the tolerances of contacts
 NOTHING = (0.0, 0.0, 0.0)
 ROUNDING = 1e-3  # ticks by which times are off that are meant to be at one
-LATEST = 2.0**50  # steps; what is later never happens
+LATEST = 2.0**40  # steps; what is later never happens
 
 
 class Stretch(NamedTuple):
@@ -66,20 +67,20 @@ class PushTable(NamedTuple):
         """Return in which of the next steps a push does not leave the robot flat, (count,)."""
         found = np.zeros(count, dtype=bool)
         for p in self.lifting(count) if len(self.link) else ():
-            first = self.begin[p] // TICKS - self.clock[0]
-            last = -(-self.end[p] // TICKS) - self.clock[0]
+            first = self.begin[p] // STEP - self.clock[0]
+            last = -(-self.end[p] // STEP) - self.clock[0]
             found[max(0, first) : last] = True
         return found
 
     def lifting(self, count: int) -> Array:
         """Return the pushes that do not leave the robot flat in any of the next steps."""
-        first, last = self.clock[0] * TICKS, (self.clock[0] + count) * TICKS
+        first, last = self.clock[0] * STEP, (self.clock[0] + count) * STEP
         return np.flatnonzero((self.lifts == 1) & (self.begin < last) & (self.end > first))
 
     def step(self, k: int = 0) -> Stretch:
         """Return step k of a call."""
-        end = (int(self.clock[0]) + k + 1) * TICKS
-        return Stretch(end - TICKS, end, end)
+        end = (int(self.clock[0]) + k + 1) * STEP
+        return Stretch(end - STEP, end, end)
 
     def stretches(self) -> list[Stretch]:
         """Return the parts of the first step in which pushes are constant."""
@@ -103,8 +104,8 @@ class PushTable(NamedTuple):
 @inlined
 def whole_step(pushes, k):
     """Return step k of a call as a `Stretch`."""
-    end = (pushes.clock[0] + k + 1) * TICKS
-    return Stretch(end - TICKS, end, end)
+    end = (pushes.clock[0] + k + 1) * STEP
+    return Stretch(end - STEP, end, end)
 
 
 @inlined
@@ -144,11 +145,11 @@ def part_of(stretch, dt, done, size):
     """
     Return the length of a part, and how much after the middle of the step it ends [s].
 
-    Of the TICKS equal times in the stretch, `done` were before it, and it takes `size`. The step
-    has the length dt [s].
+    Of the `parts.TICKS` equal times in the stretch, `done` were before it, and it takes `size`.
+    The step has the length dt [s].
     """
-    length = (stretch.end - stretch.begin) / TICKS
-    late = (stretch.begin - stretch.step_end) / TICKS + length * (done + size) / TICKS
+    length = (stretch.end - stretch.begin) / STEP
+    late = (stretch.begin - stretch.step_end) / STEP + length * (done + size) / TICKS
     return dt * length * size / TICKS, dt * (late + 0.5)
 
 
@@ -261,9 +262,9 @@ def make_push(
 ) -> Push:  # fmt: skip
     """Return a push from a start on for a duration, both in steps."""
     start, duration = min(start, LATEST), min(duration, LATEST)
-    begin = math.floor(TICKS * start + ROUNDING)
-    end = max(begin + 1, math.ceil(TICKS * (start + duration) - ROUNDING))
-    part = TICKS * duration / (end - begin)
+    begin = math.floor(STEP * start + ROUNDING)
+    end = max(begin + 1, math.ceil(STEP * (start + duration) - ROUNDING))
+    part = STEP * duration / (end - begin)
     return Push(link, part * np.array(force), part * np.array(torque), turns, begin, end)
 
 
@@ -284,7 +285,7 @@ def make_table(pushes: Sequence[Push], step: int = 0) -> PushTable:
 NO_PUSHES = make_table(())
 # What `bdf2_reference` takes: a function that returns forces (6n,) for link frames R (n, 3, 3).
 Pushed = Callable[[Array], Array]
-not_pushed: Pushed = partial(NO_PUSHES.generalized, Stretch(0, TICKS, TICKS))
+not_pushed: Pushed = partial(NO_PUSHES.generalized, Stretch(0, STEP, STEP))
 
 
 class Pushes:
@@ -360,7 +361,7 @@ class Pushes:
 
     def at(self, step: int) -> PushTable:
         """Return the pushes for a call whose first step has a number, counted from time 0."""
-        now = step * TICKS
+        now = step * STEP
         ended = self._begun and any(push.end < now for push in self._begun.values())
         if self._waiting or ended:
             for push in self._waiting:

@@ -336,7 +336,7 @@ def planar_step(own, model, work, steps, k):
         recognize_in_plane(model, work, steps.q, steps.u, memory)
     keep_planar(memory.end, own.before)
     stretch = first_stretch(steps.pushes, k, memory)
-    done, parts, size = 0, 0, first_size(model.path_tolerance, memory)
+    done, parts, size = 0, 0, first_size(model.dt, model.path_tolerance, memory)
     while done < TICKS:
         size = aligned_size(done, size)
         dt, late = part_of(stretch, model.dt, done, size)

@@ -55,11 +55,11 @@ def apart(one, two):
 @pytest.mark.parametrize('method', FINE)
 def test_scenes_are_not_chaotic(method, seed):
     # In 0.3 s a velocity that is off by 1e-9 m/s, and one that is off by as much as methods are,
-    # moves the end by as much.
+    # moves the end by as much, times five where a landing comes a step earlier.
     here = end(seed, method, 3840)
     assert apart(end(seed, method, 3840, 1e-9), here) < 1e-6
     for off in (1e-5, -1e-5):
-        assert apart(end(seed, method, 3840, off), here) < 2e-5
+        assert apart(end(seed, method, 3840, off), here) < 6e-5
 
 
 @each_seed

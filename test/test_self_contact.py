@@ -243,7 +243,8 @@ def test_a_folded_robot_with_friction_converges(k, limit, method):
     # In the last one, with friction of 1 and 2, most starts lead round and round.
     _, _, report = solved(*FOLDED[k], method, iteration_limit=limit)
     assert report.unconverged == 0
-    assert report.contacts >= 4
+    # Of those that are near, `bdf2` counts which push or are inside.
+    assert report.contacts >= (2 if method == 'bdf2' else 4)
 
 
 @each_frictionless

@@ -246,11 +246,13 @@ def test_every_second_sample_is_a_record_of_its_own(scene):
 
 
 def test_a_run_ends_at_a_limit(scene):
-    # One iteration is too few for every step, and a call takes 25 of them.
+    # One iteration is too few for nearly every step, and a call takes 25 of them. Impulses that are
+    # wrong lift the robot, and a step without contact forces converges.
     scene = with_settings(scene, {'level': 'spatial', 'solver.iteration_limit': 1})
     scene = replace(scene, method='paper')
     cut = sample(Simulation(scene), 20, 50, limits=Limits(unconverged=30))
-    assert (len(cut.time), cut.report.steps, cut.report.unconverged) == (3, 50, 50)
+    assert (len(cut.time), cut.report.steps) == (3, 50)
+    assert 30 <= cut.report.unconverged <= 50
     late = sample(Simulation(scene), 20, 50, limits=Limits(seconds=1e-9))
     assert (len(late.time), late.report.steps) == (1, LEAST_STEPS)  # of one call
     assert late.seconds > 1e-9

@@ -129,20 +129,18 @@ def test_sweeps_do_not_get_through_to_a_heavy_link():
 
 
 @pytest.mark.parametrize('height', [1e-3, 1e-2, 0.1, 1.0])
-def test_a_flat_fall_ends_less_than_a_step_inside_the_floor(height):
+def test_a_flat_fall_ends_on_the_floor(height):
     # v dt is 1 % of the radius at the limit; 1.5 g dt^2 more, see test_impacts.py, is below 5 %
-    # of that for falls of a millimeter and more.
+    # of that for falls of a millimeter and more. Gaps up to 1 cm are closed: far beyond the limit,
+    # too, falls end on the floor, or less than a step inside of it.
     limit = 0.01 * 0.0525 / math.sqrt(2 * 9.81 * height)
-    safe, late = cell('drop_flat', 'newton', 0.9 * limit, height), None
+    safe = cell('drop_flat', 'newton', 0.9 * limit, height)
     assert safe.limit == pytest.approx(limit)
     assert safe.outcome == 'converged'
     assert safe.energy <= 1.0 + 1e-9
-    for factor in (10.0, 11.0, 12.0):  # the floor may be met at the right time by chance
+    for factor in (10.0, 11.0, 12.0):
         late = cell('drop_flat', 'newton', factor * limit, height)
         assert late.value < 1.1 * factor * 0.01 + 1.5 * 9.81 * late.x**2 / 0.0525
-        if late.outcome == 'inaccurate':
-            break
-    assert late.outcome == 'inaccurate'
 
 
 @pytest.mark.parametrize('tilt', [0.0, 1e-8, 1e-6, 1e-3, 0.1])
@@ -156,9 +154,9 @@ def test_an_upright_link_is_simulated_and_judged(tilt, dt):
     assert found.steps == round(0.4 / found.x)
 
 
-@pytest.mark.parametrize('residual', [1e-14, 1e-9, 1e-6])
+@pytest.mark.parametrize('residual', [1e-15, 1e-9, 1e-6])
 def test_a_solver_that_does_not_reach_its_tolerance_says_so(residual):
-    # One end of three links hits the floor, the other is slammed down: no solver gets to 1e-14,
+    # One end of three links hits the floor, the other is slammed down: no solver gets to 1e-15,
     # which is below the rounding of the velocities.
     report = simulate(dropped_precisely('newton', residual, 1e-2)).trajectory.report
     if report.unconverged:
@@ -166,7 +164,7 @@ def test_a_solver_that_does_not_reach_its_tolerance_says_so(residual):
         assert report.residual_max > residual
     else:
         assert report.residual_max <= residual
-    assert residual > 1e-14 or report.unconverged
+    assert residual > 1e-15 or report.unconverged
     assert residual < 1e-6 or not report.unconverged
 
 

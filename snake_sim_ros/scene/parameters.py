@@ -223,11 +223,7 @@ class Solver(CheckedRecord):
         minimum=0,
     )
     activation_tolerance: float = quantity(
-        1e-6,
-        'm',
-        'gap up to which a contact counts as closed, in small steps less: 2.5 m/s^2 dt^2; 0: as '
-        'the paper prints it',
-        minimum=0,
+        1e-6, 'm', 'gap that counts as closed; at most 2.5 m/s^2 dt^2; 0: as printed', minimum=0
     )
     residual_tolerance: float = quantity(
         1e-9, 'm/s', 'natural-map residual at which Newton and Gauss-Seidel methods stop', above=0

@@ -31,6 +31,7 @@ from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.planar import moreau as planar_moreau
 from snake_sim_ros.stepping.planar.axes import yaw_axes_change
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
+from snake_sim_ros.stepping.pushes import NO_PUSHES
 from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import REPORT
@@ -138,7 +139,7 @@ def compile_loop(scene: Scene, level: str) -> None:
     if not stepper:
         return
     none = np.zeros((0, scene.robot.link_count - 1, 2))
-    now = initial_state(scene), stepper.empty_history(), none, none, stepper.no_samples
+    now = initial_state(scene), stepper.empty_history(), none, none, stepper.no_samples, NO_PUSHES
     if level == 'planar':
         stepper.take(*now, goes_on=False)
     else:

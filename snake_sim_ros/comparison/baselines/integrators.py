@@ -42,6 +42,7 @@ from snake_sim_ros.scene.checked_records import quantity
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.posture import joint_rates
 from snake_sim_ros.stepping import moreau
@@ -114,6 +115,8 @@ def make_semi_implicit(scene: Scene, penalty: Penalty) -> Stepper:
 
     """
     refuse_rolling(scene)
+    # Its contacts are inside the floor: no gap is closed.
+    scene = with_settings(scene, {'solver.activation_tolerance': 0.0})
     return SpatialStepper(scene, partial(moreau.advance, make_law(penalty)))
 
 

@@ -28,6 +28,7 @@ from snake_sim_ros import table_of
 from snake_sim_ros import Wave
 from snake_sim_ros.commands import main as cli
 from snake_sim_ros.commands.main import COMMANDS
+from snake_sim_ros.stepping.levels import LevelStepper
 from snake_sim_ros.studies.metrics import METRICS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -209,6 +210,40 @@ def test_a_controller_is_called_at_every_sample():
     # 40 N m/rad hold the joints at what they are told, up to friction of a link at a link's arm.
     late = undulate(times[-1])[:, 0]
     assert np.abs(told.joint_angle[-1, :, 0] - late).max() < 0.1
+
+
+@pytest.mark.parametrize('dt', [1 / 100, 1 / 200, 1 / 4000])  # 1, 2 and 40 steps a sample
+def test_a_controller_that_commands_the_gait_is_the_gait(dt, monkeypatch):
+    # One step a sample takes the same references, and so do more of them from those held.
+    count, begun = [0], LevelStepper.advance
+
+    def counted(*arguments):
+        count[0] += 1
+        return begun(*arguments)
+
+    monkeypatch.setattr(LevelStepper, 'advance', counted)
+    values = {'dt': dt, 'method': 'bdf2', 'duration': SHORT}
+    steps, samples = round(0.01 / dt), round(SHORT / 0.01)
+
+    def follow(simulation):
+        angle, rate = simulation.gait_reference(1)
+        return angle[0], rate[0]
+
+    commanded = run(SCENE, values, controller=follow)
+    assert count[0] <= (6 if steps < 40 else samples + 6)  # single steps go on in place
+    other = Simulation(load_scene(SCENE, values))
+    for k in range(1, samples + 1):
+        other.advance(*(np.repeat(part, steps, axis=0) for part in other.gait_reference(1)))
+        assert (commanded.position[k] == other.state.position).all()
+        assert (commanded.joint_torque[k] == other.last.joint_torque).all()
+    assert commanded.report.iterations == other.report.iterations
+    if steps == 1:
+        wave = run(SCENE, values)
+        for name in ('position', 'orientation', 'joint_torque', 'level'):
+            assert (getattr(commanded, name) == getattr(wave, name)).all()
+        for name in ('contact_sample', 'contact_number'):
+            assert (getattr(commanded, name) == getattr(wave, name)).all()
+        assert commanded.contact_force == pytest.approx(wave.contact_force, rel=1e-12, abs=1e-12)
 
 
 def test_a_loop_of_ones_own():

@@ -24,17 +24,19 @@ from snake_sim_ros.scene import parameters
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.dotted_names import by_dotted_names
 from snake_sim_ros.scene.gait_table import Table
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Gait
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.periods import samples_of
-from snake_sim_ros.stepping.sampling import begun_samples
+from snake_sim_ros.stepping.controlled import controlled
+from snake_sim_ros.stepping.controlled import MOST_SINGLE
 from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.sampling import trajectory_of
 from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.stepping.usual_steps import with_usual_steps
 from snake_sim_ros.studies import metrics
+from snake_sim_ros.view.compile_bar import compile_with_bar
 
 KEPT = Keep(contacts=True)
 Values = Mapping[str, Any]
@@ -167,7 +169,7 @@ def run(
 
     If neither `dt`, `method`, `level` nor `accuracy` is given, here or in the scene, the steps are
     those of an accuracy of 1e-3, as of ``snake-sim run``. The first run on a machine compiles the
-    physics, which takes up to a minute.
+    physics, which takes up to a minute or two; a bar on stderr shows how far it is.
 
     Parameters
     ----------
@@ -180,7 +182,8 @@ def run(
     controller : callable, optional
         ``controller(simulation)`` is called at every sample but the last, and returns joint angles
         of shape (n-1, 2), (yaw, pitch) of every joint [rad], or a tuple of angles and rates
-        [rad/s]. The joints are told these until the next sample, in place of the gait.
+        [rad/s], which are 0 unless given. The joints are commanded both until the next sample, in
+        place of the gait.
     progress : callable, optional
         Called with the simulated time that has passed [s], some times a second.
     **more
@@ -205,10 +208,11 @@ def run(
     loaded = with_usual_steps(loaded, names, 1.0 / rate)
     steps, samples = samples_of(loaded, rate)
     simulation = Simulation(loaded)
-    simulation.compile(loaded.gait)
+    compile_with_bar(simulation, single=controller is not None and steps <= MOST_SINGLE)
     begin, compiled = time.perf_counter(), simulation.compile_seconds
     if controller:
-        trajectory = _controlled(simulation, steps, samples, controller, progress)
+        checked = _checked(controller, loaded.robot.link_count - 1)
+        trajectory = controlled(simulation, steps, samples, checked, keep=KEPT, progress=progress)
     else:
         trajectory = sample(simulation, steps, samples, keep=KEPT, progress=progress)
     compiled = simulation.compile_seconds - compiled
@@ -241,26 +245,17 @@ def _run_of(trajectory: Trajectory) -> Run:
     return Run(**{item.name: getattr(trajectory, item.name) for item in fields(Trajectory)})
 
 
-def _controlled(
-    simulation: Simulation, steps: int, samples: int, controller: Callable[[Simulation], Any],
-    progress: Callable[[float], object] | None,
-) -> Trajectory:  # fmt: skip
-    """Return what a scene does with a controller; see `simulation.sample`."""
-    scene, begin = simulation.scene, time.perf_counter()
-    last = simulation.state, simulation.history, simulation.last
-    found = begun_samples(scene, *last, steps, samples)
-    rows, joints = found.after(0), scene.robot.link_count - 1
-    while simulation.step_count < steps * samples and not simulation.report.failure:
+def _checked(
+    controller: Callable[[Simulation], Any], joints: int
+) -> Callable[[Simulation], tuple[Array, Array]]:
+    """Return a controller of the user as `controlled` takes it: with rates, of right shapes."""
+    still = np.zeros((joints, 2))
+
+    def references(simulation: Simulation) -> tuple[Array, Array]:
         angle, rate = references_of(controller(simulation), joints, 'controller(simulation)')
-        held = np.zeros((2, steps, joints, 2))
-        held[0], held[1] = angle, 0.0 if rate is None else rate
-        simulation.advance(held[0], held[1], rows.after(simulation.step_count))
-        if progress:
-            progress(simulation.time)
-    return trajectory_of(
-        scene, found.until(simulation.step_count), KEPT, simulation.report,
-        time.perf_counter() - begin, interrupted=False,
-    )  # fmt: skip
+        return angle, still if rate is None else rate
+
+    return references
 
 
 # ---- values of scenes ---------------------------------------------------------------------------

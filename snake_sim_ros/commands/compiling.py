@@ -11,8 +11,8 @@ from snake_sim_ros.nodes.compiling import is_loaded
 from snake_sim_ros.nodes.compiling import levels_of
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.view.compile_bar import LAYOUT
 
-LAYOUT = 'compiling |{bar}| {n:.0f} of at most {total} functions, {elapsed}'
 LOOK = 0.1  # s between two looks at the compiler
 
 

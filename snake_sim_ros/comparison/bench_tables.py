@@ -16,6 +16,7 @@ from snake_sim_ros.comparison.pareto import is_ours
 # Settings of the part `user`.
 LOOP, RUN, CALL = 'compiled loop', 'run() at 100 Hz', 'run() at 100 Hz, whole call'
 ADVANCE, REFERENCE = 'advance() by one step', 'gait_reference() of one step'
+CONTROLLED = 'controller in Python at 100 Hz, angles and rates'
 COMMAND = 'snake-sim run, everything compiled before'
 
 THREADS = (1, 2)  # of the part `throughput`
@@ -220,9 +221,10 @@ def agreement_table(rows: Sequence[Row]) -> str:
 def user_table(rows: Sequence[Row]) -> str:
     """Return a table of what is left of the speed of the compiled loop for a user."""
     lines = ['| scene | method | step [s] | compiled loop [x real time] | `run` at 100 Hz | '
-             'ratio | `advance` by one step [us] | `gait_reference` of one step [us] '
+             'ratio | `run` with a controller | `advance` by one step [us] '
+             '| `gait_reference` of one step [us] '
              '| `snake-sim run` from the shell [s] |',
-             '|---|---|---|---|---|---|---|---|---|']  # fmt: skip
+             '|---|---|---|---|---|---|---|---|---|---|']  # fmt: skip
     found = [row for row in rows if row.part == 'user']
     shells = {row.case: f'{row.seconds:.2f}' for row in found if row.setting == COMMAND}
     for loop in (row for row in found if row.setting == LOOP):
@@ -238,6 +240,7 @@ def user_table(rows: Sequence[Row]) -> str:
             f'{1 / loop.seconds_per_second:.0f}',
             f'{1 / same[RUN].seconds_per_second:.0f}',
             f'{same[RUN].seconds_per_second / loop.seconds_per_second:.2f}',
+            f'{1 / same[CONTROLLED].seconds_per_second:.0f}' if CONTROLLED in same else '',
             f'{same[ADVANCE].median_us:.0f}',
             f'{same[REFERENCE].median_us:.0f}',
             shells.pop(loop.case, ''),

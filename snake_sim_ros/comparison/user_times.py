@@ -4,8 +4,9 @@
 The part `user` of the bench: what of the speed of the compiled loop is left for a user.
 
 `run` takes turns with the compiled loop alone, which gets all references at once and keeps no
-samples. Its real-time factor counts everything from the first step to the record. All times are
-wall times, the shortest of some rounds.
+samples, and with a controller in Python that commands the gait at every sample. Its real-time
+factor counts everything from the first step to the record. All times are wall times, the shortest
+of some rounds.
 """
 
 from collections.abc import Iterator
@@ -24,10 +25,15 @@ from snake_sim_ros.comparison.bench_rows import Row
 from snake_sim_ros.comparison.bench_tables import ADVANCE
 from snake_sim_ros.comparison.bench_tables import CALL
 from snake_sim_ros.comparison.bench_tables import COMMAND
+from snake_sim_ros.comparison.bench_tables import CONTROLLED
 from snake_sim_ros.comparison.bench_tables import LOOP
 from snake_sim_ros.comparison.bench_tables import REFERENCE
 from snake_sim_ros.comparison.bench_tables import RUN
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.periods import samples_of
+from snake_sim_ros.stepping.controlled import controlled
+from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.simulation import Simulation
 
@@ -49,7 +55,8 @@ def user(scenes: Mapping[str, Scene]) -> Iterator[Entry]:
                 n=scene.robot.link_count, duration=scene.duration,
             )  # fmt: skip
             rows = tuple(
-                replace(row, setting=name) for name in (LOOP, RUN, CALL, ADVANCE, REFERENCE)
+                replace(row, setting=name)
+                for name in (LOOP, RUN, CALL, CONTROLLED, ADVANCE, REFERENCE)
             )
             yield Entry(rows, partial(_times, rows, own), 15.0)
         row = Row(part='user', case=case, method='bdf2', setting=COMMAND, duration=scene.duration)
@@ -61,7 +68,7 @@ def _times(rows: tuple[Row, ...], scene: Scene) -> list[Row]:
     simulation = Simulation(scene)
     simulation.compile(scene.gait)
     reference = simulation.gait_reference(round(scene.duration / scene.dt))
-    times: dict[str, list[float]] = {LOOP: [], RUN: [], CALL: []}
+    times: dict[str, list[float]] = {LOOP: [], RUN: [], CALL: [], CONTROLLED: []}
     for _ in range(ROUNDS):
         simulation.reset()
         begin = time.perf_counter()
@@ -70,6 +77,7 @@ def _times(rows: tuple[Row, ...], scene: Scene) -> list[Row]:
         begin = time.perf_counter()
         times[RUN].append(run(scene, rate=RATE).seconds)
         times[CALL].append(time.perf_counter() - begin)
+        times[CONTROLLED].append(_controlled(scene))
     small = _small_calls(scene)
     return [
         replace(row, status='converged', median_us=small[row.setting])
@@ -81,6 +89,19 @@ def _times(rows: tuple[Row, ...], scene: Scene) -> list[Row]:
         )
         for row in rows
     ]
+
+
+def _controlled(scene: Scene) -> float:
+    """Return the wall time of a run whose controller commands the gait of the scene [s]."""
+    simulation = Simulation(scene)
+    simulation.compile(scene.gait, single=True)
+
+    def follow(simulation: Simulation) -> tuple[Array, Array]:
+        angle, rate = simulation.gait_reference(1)
+        return angle[0], rate[0]
+
+    steps, samples = samples_of(scene, RATE)
+    return controlled(simulation, steps, samples, follow, keep=Keep(contacts=True)).seconds
 
 
 def _small_calls(scene: Scene) -> dict[str, float]:

@@ -135,6 +135,8 @@ def divergence(link: int, turn: float, dt: float) -> str:
 class OneByOne(Protocol):
     """What a stepper goes on with by single steps; see `single_steps.SingleSteps`."""
 
+    steps: Any  # the `steps.Steps` that go on in place
+
     @property
     def state(self) -> State: ...  # noqa: D102
 

@@ -108,8 +108,7 @@ class Simulation:
         levels : sequence of str, optional
             Those that are compiled, if the scene may have them.
         single : bool, optional
-            Whether calls with one step, which go on in place, are compiled as well. Otherwise that
-            takes a second at the second such call.
+            Whether calls with one step are compiled as well, or else at the second such call.
 
         """
         begin = time.perf_counter()
@@ -121,9 +120,8 @@ class Simulation:
             for level in levels:
                 self.stepper.prepare(level, self.state, single=single)
         else:
-            reference = gait.reference(
-                wave or self.scene.gait, self.midpoints(1), self.scene.robot.link_count - 1
-            )
+            count = self.scene.robot.link_count - 1
+            reference = gait.reference(wave or self.scene.gait, self.midpoints(1), count)
             kept = make_samples(self.scene, 1, 1)
             result = self.stepper.advance(self.state, self.history, *reference, kept)
             if single and (steps := self.stepper.single_steps(*result[:2], NO_PUSHES)):
@@ -235,8 +233,7 @@ class Simulation:
         """
         if self.report.failure:
             return self.report
-        if rate is None:
-            rate = np.zeros(np.shape(angle))
+        rate = np.zeros(np.shape(angle)) if rate is None else rate
         pushes = self.pushes.at(self.step_count)
         going_on = self._single_steps if samples is None and not self.budget.share else None
         last = going_on.take(angle, rate, pushes) if going_on else None
@@ -288,6 +285,11 @@ class Simulation:
     def history(self, history: History) -> None:
         self._go_on_from(self.state, history)
 
+    @property
+    def present_history(self) -> History:
+        """The impulses of the history, to be read until the next step changes them in place."""
+        return self._single_steps.steps.history if self._single_steps else self._history
+
     def _go_on_from(self, state: State, history: History) -> None:
         """Go on from a state and its history."""
         self._state, self._history, self._single_steps = state, history, None
@@ -321,8 +323,7 @@ def sample(
         Default: states, joint torques and levels only.
     limits : Limits, optional
     observe : callable, optional
-        Called at every sample, also the first. Steps are then taken in calls from one sample to
-        the next, which costs 0.1 ms a sample.
+        Called at every sample, also the first, which costs 0.1 ms a sample.
     progress : callable, optional
         Called with the simulated time that has passed [s], some times a second.
     time_references : bool, optional
@@ -367,8 +368,7 @@ def run(
     rate : float, optional
         Samples a second [Hz].
     observe : callable, optional
-        Called at every sample, including the start. An interruption from the keyboard ends the
-        run early, and the samples so far are returned.
+        Called at every sample, also the first. Ctrl-C ends the run with the samples so far.
     progress : callable, optional
         Called with the simulated time that has passed [s], some times a second.
 

@@ -10,6 +10,7 @@ import pytest
 import setuptools
 
 import snake_sim_ros
+from snake_sim_ros.stepping.accuracy import USUAL_ACCURACY
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [*sorted(ROOT.glob('*.md')), *sorted(ROOT.glob('docs/*.md'))]
@@ -81,9 +82,24 @@ def test_speeds_are_those_that_were_measured():
         if len(row) == 5 and row[1].endswith('%')
     }
     assert shown == measured
-    (front,) = [row for row in rows(read('README.md')) if row[0].startswith('sidewinding with')]
+    (front,) = [row for row in rows(read('README.md')) if row[0].startswith('sidewinding with 1')]
     error = re.search(r'with ([\d.]+ %) error', front[0]).group(1)
     assert (front[2], front[4]) == measured['sidewinding', error][:2]
+
+
+def test_the_accuracy_that_is_asked_for_costs_what_was_measured():
+    measured = {
+        (row[0].strip('`'), float(row[1])): row
+        for row in rows(read('docs/speed_accuracy/accuracy.md'))[2:]
+    }
+    cases = list(dict.fromkeys(case for case, _ in measured))
+    shown = [row for row in rows(read('docs/command_line.md')) if row[0].startswith('`accuracy`')]
+    assert len(shown) * len(cases) == len(measured)
+    for first, *cells in shown:
+        wanted = [measured[case, float(first.split()[1])] for case in cases]
+        assert cells == [f'{row[2]}, {row[8]}' for row in wanted]
+    (front,) = [row for row in rows(read('README.md')) if 'default accuracy' in row[0]]
+    assert front[2] == measured['sidewinding', USUAL_ACCURACY][8]
 
 
 def test_version_is_the_same_everywhere(monkeypatch):

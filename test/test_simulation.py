@@ -246,8 +246,8 @@ def test_every_second_sample_is_a_record_of_its_own(scene):
 
 
 def test_a_run_ends_at_a_limit(scene):
-    # One iteration is too few for nearly every step, and a call takes 25 of them. Impulses that are
-    # wrong lift the robot, and a step without contact forces converges.
+    # One iteration is too few for nearly every step, and a call takes 25 of them. Wrong impulses
+    # lift the robot, and a step without contact forces converges.
     scene = with_settings(scene, {'level': 'spatial', 'solver.iteration_limit': 1})
     scene = replace(scene, method='paper')
     cut = sample(Simulation(scene), 20, 50, limits=Limits(unconverged=30))

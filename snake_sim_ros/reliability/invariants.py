@@ -23,7 +23,6 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.closing import closed_gap
-from snake_sim_ros.contact.closing import MOST_CLOSED
 from snake_sim_ros.contact.detection import reach_of_step
 from snake_sim_ros.dynamics.energy import mechanical_energy
 from snake_sim_ros.dynamics.force_directions import joint_directions
@@ -182,9 +181,9 @@ def _of_center(scene: Scene, before: State, after: State, scale: float) -> Itera
     q_M = middle_coordinates(before, scene.dt)
     free = end_coordinates(before.q, q_M, before.u, after.u, scene.dt)
     gaps = np.array([scene_gaps(scene, q) for q in (free, after.q)])
-    near = np.isfinite(gaps).all(axis=0) & (np.abs(gaps).min(axis=0) <= MOST_CLOSED)
+    known = np.isfinite(gaps).all(axis=0)
     # Gaps are closed by a move that no velocity has; the center moves by no more than contacts do.
-    closed = float(np.abs(np.diff(gaps[:, near], axis=0)).max(initial=0.0))
+    closed = float(np.abs(np.diff(gaps[:, known], axis=0)).max(initial=0.0))
     moved = center_of_mass(scene.robot, after.q) - center_of_mass(scene.robot, before.q)
     mean = 0.5 * scene.dt * (before.u[:, :3] + after.u[:, :3])
     error = float(np.abs(moved - m @ mean / m.sum()).max())

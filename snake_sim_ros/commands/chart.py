@@ -23,12 +23,13 @@ def add_chart(subparsers: Any) -> None:
 def _chart(options: argparse.Namespace) -> int:
     from snake_sim_ros.comparison.charts import draw_artefacts
     from snake_sim_ros.comparison.charts import draw_bench
+    from snake_sim_ros.comparison.limits import draw_limits
     from snake_sim_ros.comparison.stability.chart import draw_stability
     from snake_sim_ros.reliability.trials import draw_trials
 
     draw = {
         'bench': draw_bench, 'stability': draw_stability, 'artefacts': draw_artefacts,
-        'fuzz': draw_trials, 'soak': draw_trials,
+        'limits': draw_limits, 'fuzz': draw_trials, 'soak': draw_trials,
     }  # fmt: skip
     if not options.out.is_dir():
         raise ParameterError(f'--out: no folder {options.out}')

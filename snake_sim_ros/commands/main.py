@@ -25,6 +25,7 @@ COMMANDS = {
     'bench': ('bench', 'measure error, time and much else of all methods: a CSV file'),
     'artefacts': ('artefacts', 'measure what methods without set-valued laws make up: a CSV file'),
     'stability': ('stability', 'map where methods converge, fail or blow up: a CSV file'),
+    'limits': ('limits', 'whether all methods have one limit in random scenes: a CSV file'),
     'chart': ('chart', 'draw what the others measured'),
     'seal': ('seal', 'mark files that were changed by hand as ones of unknown provenance'),
     'levels': ('levels', 'show the model level that each scene gets, its time and its error'),

@@ -97,8 +97,9 @@ def test_friction_holds_what_it_can(method, level):
     push = Push(link=6, force=(30.0, 0.0, 0.0), start=0.0033, duration=0.0404)
     scene = aiko_at_rest(method=method, level=level, dt=1 / 1000, solver=solver, pushes=(push,))
     way, report = moved(scene, seconds)
-    # Contacts that stick move with the residual: |P - prox(P - r gamma)|/r = |gamma|.
-    assert way <= seconds * report.residual_max + 100 * EPS
+    # Contacts that stick move with the residual: |P - prox(P - r gamma)|/r = |gamma|. Where it is
+    # far below the tolerance, the moves that close gaps show: the rule presses by 5e-10 m a step.
+    assert way <= seconds * max(report.residual_max, tolerance) + 100 * EPS
     # What a sweep may leave is its last change over r.
     slowest = scene.solver.tolerance / min(scene.solver.r_sliding, scene.solver.r_normal)
     if not report.unconverged:

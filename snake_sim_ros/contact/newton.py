@@ -37,6 +37,8 @@ from snake_sim_ros.contact.linear_problem import linear_step
 from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.reduced_problem import make_reduced
 from snake_sim_ros.contact.reduced_problem import Reduced
+from snake_sim_ros.contact.settling import loads_are_accurate
+from snake_sim_ros.contact.settling import refines
 from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.contact.solver import solve
 from snake_sim_ros.contact.table import FREE
@@ -73,14 +75,16 @@ def iterate_laws(problem, tolerance, limit, operator, rounds, held):
     residual, printed_residual : float
         As `natural_map` returns them [m/s]; infinite if the linear problem has no finite solution.
     exact : bool
-        Whether the last solution was corrected for rounding; see `linear_step`.
+        Whether the last solution was corrected for rounding, see `linear_step`, and the limit does
+        not keep the loads from becoming accurate.
 
     """
     laws, closed, contacts, _ = problem
     for a in closed:
         contacts.disc_radius[a] = contacts.held_radius[a] if held else FREE
     residual = printed = math.inf
-    exact = False
+    exact = goes_on = False
+    best = last = math.inf
     iterations, steps = 0, COUPLED_ITERATIONS if rounds <= 0 else LATER_COUPLED_ITERATIONS
     if held:
         steps = HELD_ITERATIONS
@@ -93,8 +97,13 @@ def iterate_laws(problem, tolerance, limit, operator, rounds, held):
             return iterations, math.inf, math.inf, False
         if not held:
             residual, printed = natural_map(laws, closed, contacts, tolerance)
+            goes_on = False
             if residual <= tolerance and exact:
-                break
+                best, last, goes_on = refines(
+                    laws, closed, contacts, residual, tolerance, best, last
+                )
+                if not goes_on:
+                    break
         fraction = 1.0
         is_far = residual > 1e3 * tolerance  # below, rounding decides
         if held or (is_far and (rounds > 0 or iterations > 1)):
@@ -112,7 +121,7 @@ def iterate_laws(problem, tolerance, limit, operator, rounds, held):
                 steps += 1  # slow, but converging
     if held:
         residual, printed = natural_map(laws, closed, contacts, tolerance)
-    return iterations, residual, printed, exact
+    return iterations, residual, printed, exact and not (goes_on and iterations < steps)
 
 
 @merged
@@ -136,7 +145,7 @@ def iterate(problem, tolerance, limit, operator):
 
     """
     laws, closed, contacts, chain = problem
-    iterations, fell_back, held, exact = 0, False, False, False
+    iterations, fell_back, held, done, refined = 0, False, False, False, False
     residual = printed = math.inf
     relaxation, before = 1.0, 0.0
     swept = attempts_with_sweeps(operator)
@@ -157,7 +166,11 @@ def iterate(problem, tolerance, limit, operator):
             problem, inner, most, operator, rounds, held
         )
         iterations += spent
-        if (residual <= tolerance and exact) or (held and residual == math.inf):
+        done = residual <= tolerance and exact
+        if done and held and not refined:
+            refined = True  # once, with radii that follow
+            done = loads_are_accurate(laws, closed, contacts, residual, tolerance)
+        if done or (held and residual == math.inf):
             break
         if held:
             anchor_at_iterate(laws, closed, contacts)
@@ -170,7 +183,7 @@ def iterate(problem, tolerance, limit, operator):
             rounds += 1
         else:
             held = True
-    return Outcome(iterations, residual <= tolerance and exact, residual, printed, fell_back)
+    return Outcome(iterations, done, residual, printed, fell_back)
 
 
 @inlined

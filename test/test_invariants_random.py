@@ -38,9 +38,6 @@ from snake_sim_ros.stepping.state import State
 RESIDUAL = 1e-9  # m/s
 LIMIT = 500  # iterations
 SWEEPS = {'paper': 20000, 'gauss_seidel': 20000, 'reference': 2000}
-# Steps of the cases below that do not converge in SWEEPS, and their largest residual [m/s]; see
-# docs/hard_steps.md.
-UNCONVERGED = {'gauss_seidel': (4, 1.1e-6)}
 often = settings(
     derandomize=True,
     deadline=None,
@@ -196,9 +193,7 @@ def test_the_invariants_of_a_step(method, examples):
         left.extend(follow(method, case))
 
     steps()
-    count, largest = UNCONVERGED.get(method, (0, 0.0))
-    assert len(left) == count
-    assert max(left, default=0.0) <= 2 * largest
+    assert not left
 
 
 def test_every_method_is_tested():

@@ -6,121 +6,34 @@ Projected Gauss-Seidel iteration on the condensed contact problem, contact by co
 The projections are those of the paper's iteration, eqs. (87)-(89). The prox parameters follow from
 the Delassus operator, 1/G_kk, and the velocities contain all impulses found so far [1].
 
+Contacts that share a load in many ways need up to 100 000 sweeps until the share is that of the
+selection rule: only the compliance, 1e-4 of G, decides it. So sweeps find which contacts stick,
+slide and open, and Newton's method on the same operator goes on from there.
+
 .. [1] F. Jourdan, P. Alart, M. Jean, "A Gauss-Seidel like algorithm to solve frictional contact
    problems", 1998.
 """
 
-import math
 from typing import NamedTuple
 
 from snake_sim_ros.contact.admissible import without_gain
 from snake_sim_ros.contact.condensing import condense
 from snake_sim_ros.contact.delassus import condensed_twists
 from snake_sim_ros.contact.delassus import condensed_velocities
-from snake_sim_ros.contact.delassus import Delassus
-from snake_sim_ros.contact.laws import grip
-from snake_sim_ros.contact.laws import rolling_disc
-from snake_sim_ros.contact.laws import sliding_disc
 from snake_sim_ros.contact.natural_map import natural_map
-from snake_sim_ros.contact.projections import prox_disc
-from snake_sim_ros.contact.projections import prox_ellipse
-from snake_sim_ros.contact.projections import prox_half_line
+from snake_sim_ros.contact.newton import iterate_laws
+from snake_sim_ros.contact.newton import Operator
 from snake_sim_ros.contact.prox_iteration import copy_impulses
 from snake_sim_ros.contact.prox_iteration import forget_open
+from snake_sim_ros.contact.settling import is_negligible
 from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.contact.solver import solve
+from snake_sim_ros.contact.sweeps import sweep
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
 
-
-@merged
-def sweep(laws, closed, width, contacts, delassus, impulse):
-    """Project the impulse of every closed contact once, with the velocities of that moment."""
-    G, gamma, rows = delassus.operator, delassus.packed, width * len(closed)
-    for k, a in enumerate(closed):
-        row = width * k
-        P_N = project_normal(laws, G, gamma, rows, row, contacts, impulse, a)
-        radius = grip(laws.other, contacts, a) * P_N
-        project_sliding(laws, G, gamma, rows, row, impulse, a, radius)
-        if width == 5:
-            r = 1.0 / largest_eigenvalue(G, row + 3)
-            x, y = impulse[a, 3] - r * gamma[row + 3], impulse[a, 4] - r * gamma[row + 4]
-            x, y = prox_disc(x, y, rolling_disc(laws, laws.other, a).mu_x * radius)
-            set_impulse(G, gamma, rows, row + 3, impulse, a, 3, x)
-            set_impulse(G, gamma, rows, row + 4, impulse, a, 4, y)
-        else:
-            impulse[a, 3] = impulse[a, 4] = 0.0
-
-
-@inlined
-def project_normal(laws, G, gamma, rows, row, contacts, impulse, a):
-    """
-    Project and return the normal impulse of contact a [N s].
-
-    Parameters
-    ----------
-    laws : Laws
-    G : ndarray, shape (c, c)
-        Delassus operator [1/kg].
-    gamma : ndarray, shape (c,)
-        Velocities of the closed contacts [m/s]; kept up to date.
-    rows : int
-        Number of rows of G in use.
-    row : int
-        First row of contact a.
-    contacts : record array, shape (contacts,)
-        Table of contacts; its selection centers are read.
-    impulse : ndarray, shape (contacts, 5)
-        Impulses [N s]; that of contact a is replaced.
-    a : int
-        Number of the contact.
-
-    """
-    P_N = impulse[a, 0]
-    r = 1.0 / (G[row, row] + laws.compliance)
-    rule = laws.compliance * (P_N - contacts.selection_center[a])
-    P_N = prox_half_line(P_N - r * (gamma[row] + rule))
-    set_impulse(G, gamma, rows, row, impulse, a, 0, P_N)
-    return P_N
-
-
-@compiled
-def project_sliding(laws, G, gamma, rows, row, impulse, a, radius):
-    """
-    Project the sliding impulse of contact a.
-
-    Parameters are those of `project_normal`; `radius` is the normal impulse of the contact times
-    its grip [N s].
-    """
-    r = 1.0 / largest_eigenvalue(G, row + 1)
-    x, y = impulse[a, 1] - r * gamma[row + 1], impulse[a, 2] - r * gamma[row + 2]
-    disc = sliding_disc(laws, laws.other, a, x)
-    x, y = prox_ellipse(x, y, disc.mu_x * radius, disc.mu_y * radius)
-    set_impulse(G, gamma, rows, row + 1, impulse, a, 1, x)
-    set_impulse(G, gamma, rows, row + 2, impulse, a, 2, y)
-
-
-@compiled
-def set_impulse(G, gamma, rows, column, impulse, a, j, P):
-    """
-    Set component j of the impulse of contact a to P, and update the velocities for the change.
-
-    Other parameters are those of `project_normal`; `column` is the row and column of the component
-    in G.
-    """
-    change = P - impulse[a, j]
-    impulse[a, j] = P
-    if change != 0.0:
-        for row in range(rows):
-            gamma[row] += G[column, row] * change
-
-
-@compiled
-def largest_eigenvalue(G, k):
-    """Return the larger eigenvalue of the 2x2 block of G that begins at k."""
-    half, off = 0.5 * (G[k, k] - G[k + 1, k + 1]), G[k, k + 1]
-    return 0.5 * (G[k, k] + G[k + 1, k + 1]) + math.sqrt(half * half + off * off)
+SWEEPS = 100  # sweeps between two tries of Newton's method
+NEWTON_ITERATIONS = 20  # of one try, at most
 
 
 @inlined
@@ -131,10 +44,22 @@ def keep_impulses(closed, contacts, impulse):
             impulse[a, j] = contacts.impulse[a, j]
 
 
+@compiled
+def begin_at_impulses(laws, closed, contacts):
+    """Let Newton's method begin at the impulses and velocities of the contacts."""
+    for a in closed:
+        for j in range(5):
+            contacts.anchor[a, j] = contacts.iterate[a, j] = contacts.impulse[a, j]
+            contacts.trial[a, j] = contacts.gamma[a, j]
+        P_N = contacts.impulse[a, 0]
+        if P_N > 0.0:
+            contacts.trial[a, 0] = -laws.compliance * (P_N - contacts.selection_center[a])
+
+
 class GaussSeidel(NamedTuple):
     """Projected Gauss-Seidel iteration, with the arrays of the Delassus operator."""
 
-    delassus: Delassus
+    operator: Operator
 
 
 @solve.register(GaussSeidel)
@@ -142,20 +67,40 @@ class GaussSeidel(NamedTuple):
 def solve_with_sweeps(solver, model, problem, history, limit):
     """Sweep until the contact laws hold; see `solver.solve`."""
     laws, closed, contacts, chain = problem
-    delassus, impulse, tolerance = solver.delassus, history.impulse, model.residual_tolerance
+    operator, impulse, tolerance = solver.operator, history.impulse, model.residual_tolerance
+    delassus = operator.delassus
     width = 5 if laws.rolling.mu_x > 0.0 else 3
     condense(closed, width, contacts, chain, delassus)
-    iterations = 0
+    operator.is_condensed[0] = 1
+    iterations, sweeps, converged = 0, 0, False
     while True:
         copy_impulses(closed, impulse, contacts)
         condensed_velocities(closed, width, contacts, delassus)  # anew: rounding does not add up
         residual, printed = natural_map(laws, closed, contacts, tolerance)
-        if residual <= tolerance or iterations >= limit:
+        ends = residual <= tolerance
+        converged = ends and is_negligible(laws, closed, contacts, residual, tolerance)
+        if converged or iterations >= limit:
             break
+        if ends or sweeps == SWEEPS:
+            begin_at_impulses(laws, closed, contacts)
+            most = min(NEWTON_ITERATIONS, limit - iterations)
+            spent, new, new_printed, exact = iterate_laws(
+                problem, tolerance, most, operator, 0, False
+            )
+            iterations, sweeps = iterations + spent, 0
+            if new <= tolerance and exact:
+                residual, printed, converged = new, new_printed, True
+                keep_impulses(closed, contacts, impulse)
+                break
+            copy_impulses(closed, impulse, contacts)
+            condensed_velocities(closed, width, contacts, delassus)
+            if ends or iterations >= limit:
+                converged = ends and most == NEWTON_ITERATIONS
+                break
         sweep(laws, closed, width, contacts, delassus, impulse)
-        iterations += 1
+        iterations, sweeps = iterations + 1, sweeps + 1
     condensed_twists(closed, width, contacts, chain, delassus)
-    outcome = Outcome(iterations, residual <= tolerance, residual, printed, False)
+    outcome = Outcome(iterations, converged, residual, printed, False)
     outcome = without_gain(problem, outcome)
     if not outcome.converged:  # others may be in the table now
         keep_impulses(closed, contacts, impulse)

@@ -5,11 +5,11 @@
 import math
 
 from snake_sim_ros.contact.delassus import condensed_velocities
-from snake_sim_ros.contact.gauss_seidel import project_normal
-from snake_sim_ros.contact.gauss_seidel import set_impulse
 from snake_sim_ros.contact.laws import grip
 from snake_sim_ros.contact.laws import rolling_disc
 from snake_sim_ros.contact.laws import sliding_disc
+from snake_sim_ros.contact.sweeps import project_normal
+from snake_sim_ros.contact.sweeps import set_impulse
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.compilation import merged
 
@@ -89,7 +89,7 @@ def project_scaled(disc, G, gamma, rows, k, impulse, a, radius):
     ----------
     disc : Disc
     G, gamma, rows, impulse, a
-        As in `gauss_seidel.project_normal`.
+        As in `sweeps.project_normal`.
     k : int
         First row of the friction.
     radius : float

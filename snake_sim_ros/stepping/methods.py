@@ -93,9 +93,9 @@ METHODS: dict[str, Method] = {
         planar=_planar(lambda scene: PlanarNewton(_delassus(scene))),
         where_impulses_acted=moreau.where_impulses_acted,
     ),
-    # Projections, one contact after the other.
+    # Projections, one contact after the other, and Newton's method where they share loads.
     'gauss_seidel': Method(
-        spatial=_spatial(lambda scene: GaussSeidel(_delassus(scene))),
+        spatial=_spatial(lambda scene: GaussSeidel(whole_operator(scene))),
         planar=_planar(lambda scene: PlanarGaussSeidel(_delassus(scene))),
         where_impulses_acted=moreau.where_impulses_acted,
     ),

@@ -15,7 +15,7 @@ of the middle link at any time, over ``max(l, L)`` with the length l of its path
 - of runs with an `accuracy`, to the limit.
 
 Wherever a push of 1e-10 m/s grows beyond GROWTH, the motion is sensitive: rounding decides. In
-most others that have no limit to LIMIT, the motion depends on its past in jumps. A robot that falls
+most others that have no limit to LIMIT, it depends on the past in jumps. A robot that falls
 on its spheres takes the impacts in the order in which they land; if microseconds decide which is
 first, a push of 1e-6 m/s does not grow, but it may change the order. A step of 1e-5 s is off by
 1e-4 m/s in the velocity with which a contact lands. `jump` is what pushes of this size and less do

@@ -74,7 +74,7 @@ def test_run_records_and_ends_with_a_line_of_json(tmp_path, capsys):
 @pytest.mark.parametrize(
     ('arguments', 'accuracy', 'dt', 'method'),
     [
-        ([], 1e-3, 1 / 50, 'bdf2'),
+        ([], 1e-3, 1 / 100, 'bdf2'),
         (['--accuracy', '1e-2'], 1e-2, 1 / 50, 'bdf2'),
         (['--set', 'accuracy=0.01'], 1e-2, 1 / 50, 'bdf2'),
         (['--accuracy', '1e-2', '--set', 'dt=0.01'], 1e-2, 1 / 100, 'bdf2'),

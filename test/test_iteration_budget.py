@@ -15,6 +15,8 @@ from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.iteration_budget import FLOOR
 from snake_sim_ros.stepping.iteration_budget import IterationBudget
 from snake_sim_ros.stepping.iteration_budget import TOGETHER
+from snake_sim_ros.stepping.parts import LEAST_ITERATIONS
+from snake_sim_ros.stepping.parts import TICKS
 from snake_sim_ros.stepping.simulation import Simulation
 
 STEPS, MOST = 20, 5000
@@ -109,3 +111,27 @@ def test_a_budget_may_change_while_a_node_runs():
     assert settings.iteration_budget == 300
     with pytest.raises(ParameterError, match='iteration_budget'):
         changed(settings, scene, [Parameter('iteration_budget', value=-1)])
+
+
+@pytest.mark.parametrize('limit', [5000, 300])
+def test_the_limit_bounds_all_parts_and_landings_of_a_step(limit):
+    # A long robot that slides down a steep slope lands all the time, at large steps.
+    settings = {
+        'robot.link_count': 120,
+        'friction.longitudinal': 0.5,
+        'friction.transversal': 0.5,
+        'gravity': [0.0, 8.5, -4.9],
+        'gait.soft_start': 0.5,
+        'method': 'bdf2',
+        'dt': 1 / 50,
+        'solver.iteration_limit': limit,
+    }
+    simulation = Simulation(with_settings(load_scene('sidewinding'), settings))
+    reached = 0
+    for _ in range(8):
+        report = simulation.advance(*simulation.gait_reference(1))
+        # Solutions after the limit: two in each of the parts, which double in length.
+        assert report.iterations <= limit + 2 * LEAST_ITERATIONS * (1 + TICKS.bit_length())
+        assert report.unconverged or report.iterations <= limit
+        reached += report.iterations > limit / 2
+    assert reached > 0

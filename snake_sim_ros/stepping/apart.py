@@ -95,7 +95,7 @@ def compile_solver(scene: Scene, level: str) -> None:
         whole = type_of(stepper.empty)
         compile_call(solve, type_of(first), model, _problem(stepper), whole, type_of(1))
     elif function is bdf2.advance:
-        rest = _problem(stepper), type_of(1.0), type_of(1.0), history, REPORT_TYPE
+        rest = _problem(stepper), type_of(1.0), type_of(1.0), history, REPORT_TYPE, type_of(1)
         compile_call(bdf2.solve_landing, model, type_of(first), work, *rest)
     else:
         is_moreau = function is planar_moreau.advance_in_plane

@@ -89,6 +89,7 @@ from snake_sim_ros.stepping.parts import first_size
 from snake_sim_ros.stepping.parts import judge_part
 from snake_sim_ros.stepping.parts import keep_history
 from snake_sim_ros.stepping.parts import keep_references
+from snake_sim_ros.stepping.parts import LEAST_ITERATIONS
 from snake_sim_ros.stepping.parts import path_error
 from snake_sim_ros.stepping.parts import restore_history
 from snake_sim_ros.stepping.parts import SMOOTH
@@ -155,9 +156,12 @@ def begin(model, own, work, angle, control, h, h_q, late, history):
 
 
 @inlined
-def solve_landing(model, own, work, problem, h, h_q, history, report):
+def solve_landing(model, own, work, problem, h, h_q, history, report, most):
     """
-    Solve the contacts and, if they land, the impact, each with all iterations of the limit.
+    Solve the contacts and, if they land, the impact, until a report has `most` iterations.
+
+    Each solution may take LEAST_ITERATIONS all the same, but once the others have used them up,
+    all contacts that can close take part from the start, so that there are two solutions at most.
 
     The velocities that move the coordinates are then in own.moving, and those after the impact in
     the chain.
@@ -173,10 +177,12 @@ def solve_landing(model, own, work, problem, h, h_q, history, report):
     """
     laws, closed, contacts, chain = problem
     found, impact = Events(False, False, 0), False
-    count = likely_to_push(closed, contacts)
+    count = len(closed)
+    if report.iterations < most:
+        count = likely_to_push(closed, contacts)
     while True:  # one call of the solver, which is compiled where it is called
         landing = Problem(laws, closed[:count], contacts, chain)
-        most = report.iterations + model.iteration_limit
+        most = max(most, report.iterations + LEAST_ITERATIONS)
         for attempt in range(MOST_CHANGES):
             prepare_contacts(work.operator, landing)
             left = iterations_left(most, report)
@@ -216,9 +222,11 @@ class Part(NamedTuple):
 
 
 @merged
-def one_part(own, model, work, dt, stretch, steps):
+def one_part(own, model, work, dt, stretch, steps, most):
     """
     Return the `Part` of length dt [s] with the references in own.end_angle.
+
+    Its report is to have `most` iterations at its end, as in `solve_landing`.
 
     It is in the `Stretch`, in which pushes are constant.
     """
@@ -246,7 +254,7 @@ def one_part(own, model, work, dt, stretch, steps):
     )
     add_pushes(steps.pushes, stretch, h, work.R, work.center, work.chain.momentum)
     is_small, found, count = solve_landing(
-        model, own, work, problem, h, h_q, contact_history, report
+        model, own, work, problem, h, h_q, contact_history, report, most
     )
     if is_small:
         keep_velocities(work, own.end)
@@ -289,6 +297,7 @@ def step(own, model, work, steps, k):
     if memory.phase[0] == SMOOTH and torques_jump(model.control, steps.history.control):
         memory.phase[0] = ANEW
     known, before = memory.span[0] > 0.0, noted(report)
+    most = before[0] + model.iteration_limit
     report.contacts = 0
     keep_state(steps.q, steps.u, own.q_start, own.u_start)
     stretch = first_stretch(steps.pushes, k, memory)
@@ -299,14 +308,16 @@ def step(own, model, work, steps, k):
         dt, late = part_of(stretch, model.dt, done, size)
         end_references(model.dt, late, known, angle, rate, memory, own)
         keep_history(steps.history, own.kept)
-        part = one_part(own, model, work, dt, stretch, steps)
+        part = one_part(own, model, work, dt, stretch, steps, most)
         if not part.is_small:
             keep_state(own.q_start, own.u_start, steps.q, steps.u)
             return False
         error = path_error(dt, 3, own.moving.u, own.star.u)
         is_taken, next_size = judge_part(model.path_tolerance, error, size)
         was_deep = memory.depth[0] > DEEP
-        if part.depth > (memory.depth[0] + model.closed_gap if was_deep else DEEP):
+        if report.iterations >= most:
+            is_taken, next_size = True, min(2 * size, TICKS)
+        elif part.depth > (memory.depth[0] + model.closed_gap if was_deep else DEEP):
             if deep_contacts_take_part(model, work, own.q):
                 is_taken, next_size = False, size
             elif size > 1:

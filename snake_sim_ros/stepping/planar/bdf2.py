@@ -29,6 +29,7 @@ from snake_sim_ros.stepping.parts import first_size
 from snake_sim_ros.stepping.parts import judge_part
 from snake_sim_ros.stepping.parts import keep_history
 from snake_sim_ros.stepping.parts import keep_references
+from snake_sim_ros.stepping.parts import LEAST_ITERATIONS
 from snake_sim_ros.stepping.parts import path_error
 from snake_sim_ros.stepping.parts import restore_history
 from snake_sim_ros.stepping.parts import SMOOTH
@@ -264,11 +265,11 @@ def fill_predicted_grips(patches, model, own, work, h_q):
 
 
 @merged
-def planar_part(own, model, work, dt, stretch, steps):
+def planar_part(own, model, work, dt, stretch, steps, most):
     """
     Find the velocities after a time dt, with the references in own.end_angle; they are in own.end.
 
-    It is in the `Stretch`, in which pushes are constant.
+    It is in the `Stretch`, in which pushes are constant. `most` is as in `bdf2.solve_landing`.
 
     Returns
     -------
@@ -286,7 +287,7 @@ def planar_part(own, model, work, dt, stretch, steps):
     add_pushes_in_plane(steps.pushes, stretch, h, work.heading, work.center, work.momentum)
     contact_history, meets = without_memory(history), False
     for impact in range(2):  # one call of the solver, which is compiled where it is called
-        most = report.iterations + model.iteration_limit
+        most = max(most, report.iterations + LEAST_ITERATIONS)
         for attempt in range(MOST_CHANGES):
             left = iterations_left(most, report)
             outcome = solve_planar_contacts(
@@ -332,6 +333,7 @@ def planar_step(own, model, work, steps, k):
     angle, rate = steps.angle[k], steps.rate[k]
     known = memory.span[0] > 0.0
     before = noted(report)
+    most = before[0] + model.iteration_limit
     if memory.phase[0] == UNKNOWN:
         recognize_in_plane(model, work, steps.q, steps.u, memory)
     keep_planar(memory.end, own.before)
@@ -343,9 +345,10 @@ def planar_step(own, model, work, steps, k):
         end_references(model.dt, late, known, angle, rate, memory, own)
         if model.path_tolerance > 0.0:
             keep_history(steps.history, own.kept)
-        outcome, h, h_q, meets = planar_part(own, model, work, dt, stretch, steps)
+        outcome, h, h_q, meets = planar_part(own, model, work, dt, stretch, steps, most)
         error = path_error(dt, 2, own.moving, own.star.u)
         taken, next_size = judge_part(model.path_tolerance, error, size)
+        taken = taken or report.iterations >= most
         if not taken:
             restore_history(own.kept, steps.history)
         elif is_planar(model, work, steps, outcome):

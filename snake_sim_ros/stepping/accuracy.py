@@ -14,8 +14,8 @@ path of dt^2 over a time, which falls with the power 2/3 of the tolerance.
 What is promised: from rest, with references that begin smoothly (`soft_start` of 0.5 s or more),
 the middle link stays over a cycle of the gait within ``accuracy max(l, L)`` of where the limit of
 small steps has it, with the length l of its path, wherever that limit is known to a quarter of
-this. `comparison.limits` judges it in random scenes; the constants below are calibrated there: at
-most one scene in twenty may miss, none by more than a factor of two.
+this. It is no bound: the constants below are calibrated in 200 random scenes, of which some miss;
+`comparison.limits` judges others, and docs/speed_accuracy.md has the numbers.
 """
 
 from collections.abc import Container

@@ -89,7 +89,7 @@ from snake_sim_ros.stepping.parts import first_size
 from snake_sim_ros.stepping.parts import judge_part
 from snake_sim_ros.stepping.parts import keep_history
 from snake_sim_ros.stepping.parts import keep_references
-from snake_sim_ros.stepping.parts import LEAST_ITERATIONS
+from snake_sim_ros.stepping.parts import least_iterations
 from snake_sim_ros.stepping.parts import path_error
 from snake_sim_ros.stepping.parts import restore_history
 from snake_sim_ros.stepping.parts import SMOOTH
@@ -160,7 +160,7 @@ def solve_landing(model, own, work, problem, h, h_q, history, report, most):
     """
     Solve the contacts and, if they land, the impact, until a report has `most` iterations.
 
-    Each solution may take LEAST_ITERATIONS all the same, but once the others have used them up,
+    Each solution may take `least_iterations` all the same, but once the others have used them up,
     all contacts that can close take part from the start, so that there are two solutions at most.
 
     The velocities that move the coordinates are then in own.moving, and those after the impact in
@@ -182,7 +182,7 @@ def solve_landing(model, own, work, problem, h, h_q, history, report, most):
         count = likely_to_push(closed, contacts)
     while True:  # one call of the solver, which is compiled where it is called
         landing = Problem(laws, closed[:count], contacts, chain)
-        most = max(most, report.iterations + LEAST_ITERATIONS)
+        most = max(most, report.iterations + least_iterations(model))
         for attempt in range(MOST_CHANGES):
             prepare_contacts(work.operator, landing)
             left = iterations_left(most, report)

@@ -23,10 +23,14 @@ TICKS = 1024  # a step of the scene is divided in at most this many
 # A step that starts anew begins with a part of this share of it: after an event, in a given state.
 AFTER_EVENT, AT_START = 2, 4
 MOST_GROWTH = 2.0  # ratio of parts beyond which differences over the shorter one say too little
-# Iterations of every solution, even if those before have used up the budget of the step: enough for
-# `newton` to hold the radii once.
-LEAST_ITERATIONS = 40
+LEAST_ITERATIONS = 40  # enough for `newton` to hold the radii once
 GROW_SHARE = 0.15  # share of the tolerance of the path below which the next part is longer
+
+
+@inlined
+def least_iterations(model):
+    """Return how many iterations a solution has if those before used up the limit of the step."""
+    return min(LEAST_ITERATIONS, model.iteration_limit)
 
 
 @inlined

@@ -29,7 +29,7 @@ from snake_sim_ros.stepping.parts import first_size
 from snake_sim_ros.stepping.parts import judge_part
 from snake_sim_ros.stepping.parts import keep_history
 from snake_sim_ros.stepping.parts import keep_references
-from snake_sim_ros.stepping.parts import LEAST_ITERATIONS
+from snake_sim_ros.stepping.parts import least_iterations
 from snake_sim_ros.stepping.parts import path_error
 from snake_sim_ros.stepping.parts import restore_history
 from snake_sim_ros.stepping.parts import SMOOTH
@@ -287,7 +287,7 @@ def planar_part(own, model, work, dt, stretch, steps, most):
     add_pushes_in_plane(steps.pushes, stretch, h, work.heading, work.center, work.momentum)
     contact_history, meets = without_memory(history), False
     for impact in range(2):  # one call of the solver, which is compiled where it is called
-        most = max(most, report.iterations + LEAST_ITERATIONS)
+        most = max(most, report.iterations + least_iterations(model))
         for attempt in range(MOST_CHANGES):
             left = iterations_left(most, report)
             outcome = solve_planar_contacts(

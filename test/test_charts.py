@@ -124,19 +124,8 @@ def test_the_agreement_that_the_page_of_methods_claims_was_measured(rows):
         assert float(f'{max(differences[which]):.0e}') <= claimed <= 3 * max(differences[which])
 
 
-# The planar loop of bdf2 became faster, what `run` does besides did not.
-MISSED = pytest.mark.xfail(strict=True, reason='run takes 1.26 times as long as the loop')
-MISSED_BY = 'lateral_undulation', 'bdf2'
-
-
-@pytest.mark.parametrize(
-    ('case', 'method'),
-    [
-        pytest.param(case, method, marks=MISSED if (case, method) == MISSED_BY else ())
-        for case in USER_CASES
-        for method, _ in METHODS_OF_USERS
-    ],
-)
+@pytest.mark.parametrize('case', USER_CASES)
+@pytest.mark.parametrize('method', [method for method, _ in METHODS_OF_USERS])
 def test_runs_are_nearly_as_fast_as_the_loop(rows, case, method):
     times = {
         row.setting: row.seconds_per_second

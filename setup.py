@@ -5,8 +5,7 @@
 from glob import glob
 from pathlib import Path
 
-from setuptools import find_packages
-from setuptools import setup
+from setuptools import find_packages, setup
 
 package_name = 'snake_sim_ros'
 # The folder of the sources: colcon runs a link to this file elsewhere with --symlink-install.

@@ -8,8 +8,7 @@ are files of the folder above, which rosdoc2 leaves where it is: it must be in t
 """
 
 import ast
-from dataclasses import fields
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 import inspect
 from pathlib import Path
 from typing import TYPE_CHECKING

@@ -5,9 +5,7 @@
 import argparse
 import math
 
-from snake_sim_ros import Gait
-from snake_sim_ros import run
-from snake_sim_ros import Wave
+from snake_sim_ros import Gait, run, Wave
 
 
 def main() -> None:

@@ -4,9 +4,7 @@
 
 import argparse
 
-from snake_sim_ros import load_scene
-from snake_sim_ros import Robot
-from snake_sim_ros import run
+from snake_sim_ros import load_scene, Robot, run
 
 ROBOT = Robot(
     link_count=7,

@@ -10,10 +10,8 @@ links need the package robot_state_publisher, the page needs viser; what is miss
 from importlib.util import find_spec
 
 from ament_index_python.packages import get_packages_with_prefixes
-from launch import LaunchContext
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
-from launch.actions import OpaqueFunction
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 

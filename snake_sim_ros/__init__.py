@@ -13,8 +13,7 @@ those of the robot Aiko and its surroundings in the paper.
 """
 
 from importlib import import_module
-from typing import Any
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from snake_sim_ros.scene.about import __version__ as __version__
 
@@ -44,28 +43,30 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from snake_sim_ros.api import Friction
-    from snake_sim_ros.api import Gait
-    from snake_sim_ros.api import Ground
-    from snake_sim_ros.api import load_scene
-    from snake_sim_ros.api import ParameterError
-    from snake_sim_ros.api import Patches
-    from snake_sim_ros.api import Pegs
-    from snake_sim_ros.api import Push
-    from snake_sim_ros.api import read_run
-    from snake_sim_ros.api import Report
-    from snake_sim_ros.api import Robot
-    from snake_sim_ros.api import Run
-    from snake_sim_ros.api import run
-    from snake_sim_ros.api import Scene
-    from snake_sim_ros.api import Simulation
-    from snake_sim_ros.api import Solver
-    from snake_sim_ros.api import Start
-    from snake_sim_ros.api import State
-    from snake_sim_ros.api import study
-    from snake_sim_ros.api import Table
-    from snake_sim_ros.api import table_of
-    from snake_sim_ros.api import Wave
+    from snake_sim_ros.api import (
+        Friction,
+        Gait,
+        Ground,
+        load_scene,
+        ParameterError,
+        Patches,
+        Pegs,
+        Push,
+        read_run,
+        Report,
+        Robot,
+        Run,
+        run,
+        Scene,
+        Simulation,
+        Solver,
+        Start,
+        State,
+        study,
+        Table,
+        table_of,
+        Wave,
+    )
 else:
 
     def __getattr__(name: str) -> Any:

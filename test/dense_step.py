@@ -8,21 +8,21 @@ import numpy as np
 
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.detection import reach_of_step
-from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
-from snake_sim_ros.contact.selection import selection_center
-from snake_sim_ros.contact.selection import selection_compliance
+from snake_sim_ros.contact.selection import (
+    LEAST_COMPLIANCE,
+    selection_center,
+    selection_compliance,
+)
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.dynamics.control_loop import make_control_memory
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping import reference
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.model import PROXIMAL
-from snake_sim_ros.stepping.state import History
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import History, State
 
 EPS = np.finfo(float).eps
 

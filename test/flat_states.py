@@ -7,12 +7,9 @@ from dataclasses import replace
 import numpy as np
 from random_states import random_robot
 
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Array, Robot
 from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.stepping.state import State
 
 

@@ -7,14 +7,8 @@ from dataclasses import replace
 import numpy as np
 from scenes import references
 
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.parameters import Wave
-from snake_sim_ros.scene.surroundings import Friction
-from snake_sim_ros.scene.surroundings import Pegs
+from snake_sim_ros.scene.parameters import Array, Gait, Robot, Scene, Solver, Wave
+from snake_sim_ros.scene.surroundings import Friction, Pegs
 from snake_sim_ros.stepping import simulation
 from snake_sim_ros.stepping.state import State
 

@@ -8,37 +8,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from random_states import free_links
-from random_states import random_robot
-from random_states import rate_of
-from scenes import DT
-from scenes import first_steps
-from scenes import references
+from random_states import free_links, random_robot, rate_of
+from scenes import DT, first_steps, references
 
 from snake_sim_ros.contact.selection import PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import scene_contacts
-from snake_sim_ros.scene import gait
-from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene import gait, obstacles
+from snake_sim_ros.scene.parameters import Array, Scene, Solver
 from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.surroundings import Friction
-from snake_sim_ros.scene.surroundings import Ground
-from snake_sim_ros.scene.surroundings import Patches
-from snake_sim_ros.scene.surroundings import Pegs
+from snake_sim_ros.scene.rotations import about, product, rotation_matrices
+from snake_sim_ros.scene.surroundings import Friction, Ground, Patches, Pegs
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.contact_forces import last_span
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
 from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import History
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import History, State
 
 CELL = 0.15  # m
 

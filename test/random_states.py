@@ -4,11 +4,9 @@
 
 import numpy as np
 
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Array, Robot
 from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.rotations import product, rotation_matrices
 from snake_sim_ros.stepping.state import State
 
 EPS = np.finfo(float).eps

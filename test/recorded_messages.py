@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip('mcap_ros2')  # bag_writer needs it
-from geometry_msgs.msg import PoseArray
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseArray, PoseStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message

@@ -10,22 +10,14 @@ import numpy as np
 import pytest
 
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.parameters import Array, Robot, Scene, Solver
 from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import FLAT
-from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.rotations import about, FLAT, product
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
 from snake_sim_ros.stepping.model import PROXIMAL
-from snake_sim_ros.stepping.state import History
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import History, State
 
 EPS = np.finfo(float).eps
 G = 9.81

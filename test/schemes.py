@@ -7,30 +7,20 @@ Methods of the paper's step hold them in its middle, see `dense_step`. `bdf2` ho
 that is predicted from two states, for a part of the step, as `bdf2_reference` defines it.
 """
 
-from dataclasses import dataclass
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-from dense_step import dense_step
-from dense_step import DenseStep
-from dense_step import EPS
+from dense_step import dense_step, DenseStep, EPS
 import numpy as np
 from scenes import whole_steps
 
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.selection import PRESS_SPEED
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping import bdf2
-from snake_sim_ros.stepping import bdf2_memory
-from snake_sim_ros.stepping import bdf2_reference
-from snake_sim_ros.stepping import bdf2_reference_parts
-from snake_sim_ros.stepping import parts
-from snake_sim_ros.stepping.bdf2_reference_motion import motion_of
-from snake_sim_ros.stepping.bdf2_reference_motion import moved
+from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.stepping import bdf2, bdf2_memory, bdf2_reference, bdf2_reference_parts, parts
+from snake_sim_ros.stepping.bdf2_reference_motion import motion_of, moved
 from snake_sim_ros.stepping.joint_motion import Motion
 from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.state import History
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import History, State
 
 
 def span(scene: Scene) -> float:

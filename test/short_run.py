@@ -9,11 +9,9 @@ import numpy as np
 
 import snake_sim_ros
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import named_arrays
+from snake_sim_ros.stepping.state import initial_state, named_arrays
 
 
 def short_run(method, level):

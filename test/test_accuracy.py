@@ -9,21 +9,14 @@ import numpy as np
 import pytest
 
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.comparison import accuracies
-from snake_sim_ros.comparison import bench
+from snake_sim_ros.comparison import accuracies, bench
 from snake_sim_ros.comparison.bench_rows import rows_of
 from snake_sim_ros.comparison.csv_tables import read_table
-from snake_sim_ros.nodes.sim_parameters import as_it_runs
-from snake_sim_ros.nodes.sim_parameters import Settings
+from snake_sim_ros.nodes.sim_parameters import as_it_runs, Settings
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.stepping.accuracy import longest_step
-from snake_sim_ros.stepping.accuracy import path_tolerance
-from snake_sim_ros.stepping.accuracy import with_accuracy
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.methods import method_of
+from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
+from snake_sim_ros.stepping.accuracy import longest_step, path_tolerance, with_accuracy
+from snake_sim_ros.stepping.methods import make_stepper, method_of
 from snake_sim_ros.stepping.simulation import Simulation
 
 PERIOD = 0.1  # of samples [s]

@@ -2,50 +2,32 @@
 # SPDX-License-Identifier: Apache-2.0
 """The compiled step against the dense one, and the sweeps of the chain against a dense solve."""
 
-from dataclasses import astuple
-from dataclasses import fields
-from dataclasses import replace
+from dataclasses import astuple, fields, replace
 import math
 
 import numpy as np
 import pytest
-from random_states import EPS
-from random_states import jointed_links
-from random_states import random_parameters
-from random_states import random_robot
-from random_states import random_velocities
-from scenes import layout
-from scenes import PRINTED
-from scenes import same_bits
+from random_states import EPS, jointed_links, random_parameters, random_robot, random_velocities
+from scenes import layout, PRINTED, same_bits
 
 from snake_sim_ros.contact.selection import PRESS_SPEED
 from snake_sim_ros.dynamics import force_directions
-from snake_sim_ros.dynamics.articulated_body import articulated_inertia
-from snake_sim_ros.dynamics.articulated_body import articulated_velocity
-from snake_sim_ros.dynamics.articulated_body import factor
-from snake_sim_ros.dynamics.articulated_body import solve
+from snake_sim_ros.dynamics.articulated_body import (
+    articulated_inertia,
+    articulated_velocity,
+    factor,
+    solve,
+)
 from snake_sim_ros.dynamics.kinematics import chain_geometry
-from snake_sim_ros.scene import gait
-from snake_sim_ros.scene import posture
-from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import PD_SCHEMES
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import FLAT
-from snake_sim_ros.scene.rotations import H_bar
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene import gait, posture
+from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS, load_scene, PD_SCHEMES, Scene, Solver
+from snake_sim_ros.scene.rotations import about, FLAT, H_bar, product, rotation_matrices
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping import reference
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.methods import empty_history, METHODS
 from snake_sim_ros.stepping.model import PROXIMAL
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import named_arrays
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import initial_state, named_arrays, State
 
 # Laws of the paper as printed, and with the selection rule and the activation tolerance.
 RULE: dict[str, float] = {}

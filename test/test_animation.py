@@ -8,28 +8,27 @@ import sys
 
 from matplotlib.colors import to_rgb
 import numpy as np
-from PIL import Image
-from PIL import ImageSequence
+from PIL import Image, ImageSequence
 import pytest
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Robot, Scene
 from snake_sim_ros.scene.rotations import FLAT
-from snake_sim_ros.scene.surroundings import Ground
-from snake_sim_ros.scene.surroundings import Pegs
+from snake_sim_ros.scene.surroundings import Ground, Pegs
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.view import animation
-from snake_sim_ros.view.animation import animate
-from snake_sim_ros.view.animation import BAND
-from snake_sim_ros.view.animation import camera_axes
-from snake_sim_ros.view.animation import Film
-from snake_sim_ros.view.animation import FLOOR
-from snake_sim_ros.view.animation import frame_samples
-from snake_sim_ros.view.animation import ground_faces
-from snake_sim_ros.view.animation import SHADE
-from snake_sim_ros.view.animation import SIZE
+from snake_sim_ros.view.animation import (
+    animate,
+    BAND,
+    camera_axes,
+    Film,
+    FLOOR,
+    frame_samples,
+    ground_faces,
+    SHADE,
+    SIZE,
+)
 
 RADIUS = 0.0525  # m, of a link of Aiko
 START = 7.0  # s

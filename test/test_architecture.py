@@ -18,8 +18,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from snake_sim_ros.dynamics import code_cache
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import Dispatched
+from snake_sim_ros.dynamics.compilation import compiled, Dispatched
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / 'snake_sim_ros'

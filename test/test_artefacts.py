@@ -7,20 +7,18 @@ import sys
 
 import numpy as np
 import pytest
-from scenes import ACROSS
-from scenes import ALONG
-from scenes import EPS
-from scenes import G
-from scenes import MASS
+from scenes import ACROSS, ALONG, EPS, G, MASS
 
 from snake_sim_ros.commands import main as cli
 from snake_sim_ros.comparison import artefacts
-from snake_sim_ros.comparison.artefacts import DROP_HEIGHT
-from snake_sim_ros.comparison.artefacts import DT
-from snake_sim_ros.comparison.artefacts import MU
-from snake_sim_ros.comparison.artefacts import PENALTY
-from snake_sim_ros.comparison.artefacts import SLIDING_SPEED
-from snake_sim_ros.comparison.artefacts import SLOPE_ANGLE
+from snake_sim_ros.comparison.artefacts import (
+    DROP_HEIGHT,
+    DT,
+    MU,
+    PENALTY,
+    SLIDING_SPEED,
+    SLOPE_ANGLE,
+)
 from snake_sim_ros.comparison.csv_tables import read_table
 from snake_sim_ros.comparison.timed_run import trajectory_of_states
 from snake_sim_ros.contact.selection import PRESS_SPEED

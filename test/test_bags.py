@@ -16,9 +16,7 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 pytest.importorskip('mcap_ros2')  # bag_writer needs it
-from snake_sim_ros.nodes.bag_writer import BagWriter
-from snake_sim_ros.nodes.bag_writer import RunTopics
-from snake_sim_ros.nodes.bag_writer import schema_text
+from snake_sim_ros.nodes.bag_writer import BagWriter, RunTopics, schema_text
 from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.markers import SceneMarkers
 from snake_sim_ros.nodes.sensor_topics import SensorTopics
@@ -28,10 +26,8 @@ from snake_sim_ros.recording.bag_reader import read_bag
 from snake_sim_ros.recording.recorded_sensors import recorded_sensors
 from snake_sim_ros.recording.sensors import Sensors
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.parameters import load_scene, Robot
+from snake_sim_ros.scene.posture import gaps, joint_angles
 from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.state import initial_state

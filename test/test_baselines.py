@@ -7,41 +7,36 @@ import math
 
 import numpy as np
 import pytest
-from random_states import jointed_links
-from random_states import moved
-from random_states import random_robot
-from random_states import rate_of
-from scenes import ACROSS
-from scenes import G
-from scenes import isotropic
-from scenes import link_scene
-from scenes import lying
-from scenes import MASS
-from scenes import OFFSET
-from scenes import particle_scene
-from scenes import pitched
-from scenes import RADIUS
-from scenes import ROBOT
-from scenes import slope
+from random_states import jointed_links, moved, random_robot, rate_of
+from scenes import (
+    ACROSS,
+    G,
+    isotropic,
+    link_scene,
+    lying,
+    MASS,
+    OFFSET,
+    particle_scene,
+    pitched,
+    RADIUS,
+    ROBOT,
+    slope,
+)
 
-from snake_sim_ros.comparison.baselines.integrators import integrate
-from snake_sim_ros.comparison.baselines.integrators import make_pyramid
-from snake_sim_ros.comparison.baselines.integrators import make_semi_implicit
-from snake_sim_ros.comparison.baselines.integrators import Penalty
-from snake_sim_ros.comparison.baselines.integrators import SmoothRobot
+from snake_sim_ros.comparison.baselines.integrators import (
+    integrate,
+    make_pyramid,
+    make_semi_implicit,
+    Penalty,
+    SmoothRobot,
+)
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Wave
-from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.posture import joint_rates
+from snake_sim_ros.scene.parameters import Gait, load_scene, Scene, Wave, with_settings
+from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.methods import empty_history, make_stepper
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import State
 

@@ -12,22 +12,14 @@ from scenes import same_bits
 from snake_sim_ros.contact.selection import REST_SPEED
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.posture import center_of_mass
-from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.parameters import load_scene, Robot, Scene
+from snake_sim_ros.scene.posture import center_of_mass, gaps, joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.scene.surroundings import Friction
-from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.base import Report, Status
+from snake_sim_ros.stepping.methods import empty_history, make_stepper
 from snake_sim_ros.stepping.parts import TICKS
-from snake_sim_ros.stepping.state import copied
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import copied, initial_state, State
 
 G = 9.81
 GRAVITY = np.array([0.0, 0.0, -G])

@@ -8,23 +8,14 @@ import numpy as np
 import pytest
 from random_states import EPS
 from scenes import same_bits
-from test_bdf2 import CASE_A
-from test_bdf2 import GRAVITY
-from test_bdf2 import momentum
-from test_bdf2 import references
-from test_bdf2 import spinning
+from test_bdf2 import CASE_A, GRAVITY, momentum, references, spinning
 
 from snake_sim_ros.dynamics.force_directions import joint_gaps
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import load_scene, Robot, Scene
 from snake_sim_ros.scene.posture import center_of_mass
-from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.base import Report, Status
+from snake_sim_ros.stepping.methods import empty_history, make_stepper
+from snake_sim_ros.stepping.state import initial_state, State
 
 METHOD = {'method': 'bdf2', 'level': 'spatial'}
 

@@ -5,36 +5,21 @@
 from dataclasses import replace
 
 import numpy as np
-from obstacle_scenes import random_ground
-from obstacle_scenes import random_patches
+from obstacle_scenes import random_ground, random_patches
 import pytest
 from random_states import random_robot
 
 from snake_sim_ros.contact import dense_laws
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import FLAT
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.surroundings import Friction
-from snake_sim_ros.scene.surroundings import Pegs
-from snake_sim_ros.stepping import bdf2_reference_motion
-from snake_sim_ros.stepping import bdf2_reference_parts
-from snake_sim_ros.stepping.bdf2_memory import Bdf2Memory
-from snake_sim_ros.stepping.bdf2_memory import make_memory
+from snake_sim_ros.scene.parameters import Scene, Solver
+from snake_sim_ros.scene.posture import chain_coordinates, joint_angles
+from snake_sim_ros.scene.rotations import about, FLAT, product, rotation_matrices
+from snake_sim_ros.scene.surroundings import Friction, Pegs
+from snake_sim_ros.stepping import bdf2_reference_motion, bdf2_reference_parts
+from snake_sim_ros.stepping.bdf2_memory import Bdf2Memory, make_memory
 from snake_sim_ros.stepping.joint_motion import Motion
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.parts import AFTER_EVENT
-from snake_sim_ros.stepping.parts import ANEW
-from snake_sim_ros.stepping.parts import AT_START
-from snake_sim_ros.stepping.parts import SMOOTH
-from snake_sim_ros.stepping.parts import TICKS
-from snake_sim_ros.stepping.parts import UNKNOWN
+from snake_sim_ros.stepping.methods import empty_history, make_stepper
+from snake_sim_ros.stepping.parts import AFTER_EVENT, ANEW, AT_START, SMOOTH, TICKS, UNKNOWN
 from snake_sim_ros.stepping.state import State
 
 FRICTIONS = {

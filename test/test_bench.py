@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bench: its arithmetic on known inputs, its file, and that a run that fails is a row."""
 
-from dataclasses import asdict
-from dataclasses import replace
+from dataclasses import asdict, replace
 import math
 import os
 from pathlib import Path
@@ -16,42 +15,27 @@ import pytest
 
 from snake_sim_ros.commands.bench import PARTS
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.comparison import bench
-from snake_sim_ros.comparison import bench_rows
-from snake_sim_ros.comparison import csv_tables as tables
-from snake_sim_ros.comparison import soak
-from snake_sim_ros.comparison import timing
-from snake_sim_ros.comparison.bench_rows import COLUMNS
-from snake_sim_ros.comparison.bench_rows import Entry
-from snake_sim_ros.comparison.bench_rows import Row
-from snake_sim_ros.comparison.bench_tables import agreement_table
-from snake_sim_ros.comparison.bench_tables import soak_table
+from snake_sim_ros.comparison import bench, bench_rows, csv_tables as tables, soak, timing
+from snake_sim_ros.comparison.bench_rows import COLUMNS, Entry, Row
+from snake_sim_ros.comparison.bench_tables import agreement_table, soak_table
 from snake_sim_ros.comparison.charts import cost_over_links
-from snake_sim_ros.comparison.contenders import all_contenders
-from snake_sim_ros.comparison.contenders import Contender
-from snake_sim_ros.comparison.csv_tables import plain
-from snake_sim_ros.comparison.csv_tables import read_table
-from snake_sim_ros.comparison.csv_tables import Table
-from snake_sim_ros.comparison.csv_tables import TableWriter
-from snake_sim_ros.comparison.pareto import fastest
-from snake_sim_ros.comparison.pareto import fitted_order
-from snake_sim_ros.comparison.pareto import fitted_power
-from snake_sim_ros.comparison.path_errors import extrapolated
-from snake_sim_ros.comparison.path_errors import largest_difference
-from snake_sim_ros.comparison.path_errors import motion
-from snake_sim_ros.comparison.path_errors import path_error
-from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
-from snake_sim_ros.comparison.timed_run import trajectory_of_states
+from snake_sim_ros.comparison.contenders import all_contenders, Contender
+from snake_sim_ros.comparison.csv_tables import plain, read_table, Table, TableWriter
+from snake_sim_ros.comparison.pareto import fastest, fitted_order, fitted_power
+from snake_sim_ros.comparison.path_errors import (
+    extrapolated,
+    largest_difference,
+    motion,
+    path_error,
+)
+from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD, trajectory_of_states
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.parameters import load_scene, Robot
+from snake_sim_ros.scene.rotations import about, product
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import empty_history
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import empty_history, State
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENE = replace(load_scene('lateral_undulation'), duration=0.3)

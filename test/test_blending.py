@@ -10,16 +10,10 @@ import numpy as np
 import pytest
 from random_states import EPS
 
-from snake_sim_ros.gaits.blending import Blend
-from snake_sim_ros.gaits.blending import check_limits
-from snake_sim_ros.gaits.blending import largest_values
-from snake_sim_ros.gaits.blending import shortest_blend
+from snake_sim_ros.gaits.blending import Blend, check_limits, largest_values, shortest_blend
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.scene.parameters import Gait, load_scene, Robot, Wave
 
 ROBOT = Robot()
 JOINTS = 10

@@ -6,9 +6,7 @@ import re
 import time
 from urllib.request import urlopen
 
-from hypothesis import given
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 import pytest
 
 pytest.importorskip('viser')  # the server of the page, which brings websockets and msgspec
@@ -18,9 +16,7 @@ import numpy as np
 import viser
 from websockets.sync.client import connect
 
-from snake_sim_ros.view.browser_messages import BrowserMessages
-from snake_sim_ros.view.browser_messages import CAMERA
-from snake_sim_ros.view.browser_messages import LONGEST_MESSAGE
+from snake_sim_ros.view.browser_messages import BrowserMessages, CAMERA, LONGEST_MESSAGE
 from snake_sim_ros.view.page import Page
 from snake_sim_ros.view.playback import Player
 

@@ -9,39 +9,24 @@ test_without_compiler.py runs these tests so.
 """
 
 from dataclasses import replace
-from itertools import pairwise
-from itertools import permutations
-from itertools import product
+from itertools import pairwise, permutations, product
 import re
 
 import numpy as np
 from obstacle_scenes import anywhere
 import pytest
-from scenes import isotropic
-from scenes import layout
-from scenes import same_bits
+from scenes import isotropic, layout, same_bits
 
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import LEVELS
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.surroundings import Ground
-from snake_sim_ros.scene.surroundings import Pegs
+from snake_sim_ros.scene.parameters import LEVELS, Robot, Scene, Solver
+from snake_sim_ros.scene.surroundings import Ground, Pegs
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import contact_forces
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
 from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import carried
-from snake_sim_ros.stepping.state import copied
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import named_arrays
-from snake_sim_ros.stepping.state import State
-from snake_sim_ros.stepping.steps import make_steps
-from snake_sim_ros.stepping.steps import Record
+from snake_sim_ros.stepping.state import carried, copied, initial_state, named_arrays, State
+from snake_sim_ros.stepping.steps import make_steps, Record
 
 # Nothing of it is in reach of a robot that lies at the origin. The first peg of the one scene is
 # the second of the other.

@@ -10,19 +10,15 @@ import pytest
 
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.comparison import artefacts
-from snake_sim_ros.comparison.bench_rows import COLUMNS
-from snake_sim_ros.comparison.bench_rows import rows_of
-from snake_sim_ros.comparison.bench_tables import LOOP
-from snake_sim_ros.comparison.bench_tables import RUN
-from snake_sim_ros.comparison.chart_style import METHOD_STYLES
-from snake_sim_ros.comparison.chart_style import save
+from snake_sim_ros.comparison.bench_rows import COLUMNS, rows_of
+from snake_sim_ros.comparison.bench_tables import LOOP, RUN
+from snake_sim_ros.comparison.chart_style import METHOD_STYLES, save
 from snake_sim_ros.comparison.charts import draw_artefacts
 from snake_sim_ros.comparison.contenders import all_contenders
 from snake_sim_ros.comparison.csv_tables import read_table
 from snake_sim_ros.comparison.seals import sealed
 from snake_sim_ros.comparison.stability import runs as stability
-from snake_sim_ros.comparison.user_times import METHODS_OF_USERS
-from snake_sim_ros.comparison.user_times import USER_CASES
+from snake_sim_ros.comparison.user_times import METHODS_OF_USERS, USER_CASES
 from snake_sim_ros.stepping.methods import LARGE_STEP
 
 DOCS = Path(__file__).resolve().parent.parent / 'docs'

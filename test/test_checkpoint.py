@@ -12,14 +12,11 @@ import pytest
 from scenes import same_bits
 
 from snake_sim_ros.comparison.baselines.integrators import make_pyramid
-from snake_sim_ros.recording import checkpoint
-from snake_sim_ros.recording import npz
+from snake_sim_ros.recording import checkpoint, npz
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.simulation import run
-from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.simulation import run, Simulation
 
 STEPS = 6
 LEVELS = ('spatial', 'planar', 'auto')

@@ -22,9 +22,7 @@ from snake_sim_ros.commands.scene_options import scene_from
 from snake_sim_ros.comparison import timing
 from snake_sim_ros.comparison.charts import path_figure
 from snake_sim_ros.recording.bag_reader import read_bag
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import scene_from_text
+from snake_sim_ros.scene.parameters import load_scene, Scene, scene_from_text
 from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping import simulation
 

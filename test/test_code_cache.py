@@ -12,10 +12,7 @@ import sys
 import pytest
 
 from snake_sim_ros.dynamics import code_cache
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import COMPILES
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import watched
+from snake_sim_ros.dynamics.compilation import compiled, COMPILES, inlined, watched
 from snake_sim_ros.scene.about import PACKAGE
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.apart import function_counts

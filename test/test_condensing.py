@@ -6,39 +6,27 @@ from dataclasses import replace
 
 from dense_step import dense_step
 import numpy as np
-from obstacle_scenes import anywhere
-from obstacle_scenes import lying_on
-from obstacle_scenes import random_ground
-from obstacle_scenes import random_pegs
+from obstacle_scenes import anywhere, lying_on, random_ground, random_pegs
 import pytest
-from random_states import random_robot
-from random_states import random_velocities
+from random_states import random_robot, random_velocities
 
 from snake_sim_ros.contact.delassus import end_twists
-from snake_sim_ros.contact.directions import add_contact_wrench
-from snake_sim_ros.contact.directions import contact_velocities
+from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities
 from snake_sim_ros.contact.linear_problem import linear_step
-from snake_sim_ros.contact.newton import prepare_contacts
-from snake_sim_ros.contact.newton import solve_prepared
+from snake_sim_ros.contact.newton import prepare_contacts, solve_prepared
 from snake_sim_ros.contact.solver import Problem
 from snake_sim_ros.contact.warm_start import predict
-from snake_sim_ros.dynamics.articulated_body import factor_chain
-from snake_sim_ros.dynamics.articulated_body import reset_chain
-from snake_sim_ros.dynamics.articulated_body import solve_chain
+from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain, solve_chain
 from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.parameters import Scene, Solver
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.model import make_model
-from snake_sim_ros.stepping.model import make_workspace
-from snake_sim_ros.stepping.model import whole_operator
+from snake_sim_ros.stepping.model import make_model, make_workspace, whole_operator
 from snake_sim_ros.stepping.moreau import begin_step
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.state import State
-from snake_sim_ros.stepping.steps import make_steps
-from snake_sim_ros.stepping.steps import Record
+from snake_sim_ros.stepping.steps import make_steps, Record
 
 ROLLING = Friction(longitudinal=0.2, transversal=0.4, rolling=0.05)
 SLIDING = Friction(longitudinal=0.2, transversal=0.4, rolling=0.0)

@@ -5,20 +5,13 @@
 from dataclasses import replace
 
 import numpy as np
-from obstacle_scenes import anywhere
-from obstacle_scenes import random_ground
-from obstacle_scenes import random_pegs
-from obstacle_scenes import robot_scene
+from obstacle_scenes import anywhere, random_ground, random_pegs, robot_scene
 import pytest
 from random_states import moved
-from scenes import DT
-from scenes import isotropic
-from scenes import slope
+from scenes import DT, isotropic, slope
 
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Gait, load_scene, Scene
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.simulation import Simulation

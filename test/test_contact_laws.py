@@ -8,25 +8,14 @@ import numpy as np
 import pytest
 from random_states import EPS
 from scenes import MASS
-from schemes import press_of
-from schemes import span
-from schemes import step_of
-from schemes import undisturbed
+from schemes import press_of, span, step_of, undisturbed
 
-from snake_sim_ros.contact.projections import prox_disc
-from snake_sim_ros.contact.projections import prox_ellipse
-from snake_sim_ros.contact.projections import prox_half_line
+from snake_sim_ros.contact.projections import prox_disc, prox_ellipse, prox_half_line
 from snake_sim_ros.dynamics import force_directions
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, Solver, with_settings
 from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.scene.surroundings import Friction
-from snake_sim_ros.scene.surroundings import STICKY
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.scene.surroundings import Friction, STICKY
+from snake_sim_ros.stepping.methods import make_stepper, METHODS
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import State
 

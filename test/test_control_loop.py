@@ -6,23 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_joint_laws import AXES
-from test_joint_laws import DT
-from test_joint_laws import EVERY
-from test_joint_laws import floating
-from test_joint_laws import hinge
-from test_joint_laws import of_joint
+from test_joint_laws import AXES, DT, EVERY, floating, hinge, of_joint
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.stepping.efforts import command_effort
-from snake_sim_ros.stepping.efforts import commanded_effort
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.simulation import run
-from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.scene.parameters import load_scene, Robot, with_settings
+from snake_sim_ros.stepping.efforts import command_effort, commanded_effort
+from snake_sim_ros.stepping.methods import make_stepper, METHODS
+from snake_sim_ros.stepping.simulation import run, Simulation
 from snake_sim_ros.stepping.state import initial_state
 
 

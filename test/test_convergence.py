@@ -16,33 +16,15 @@ import math
 
 import numpy as np
 import pytest
-from scenes import ACROSS
-from scenes import ALONG
-from scenes import course
-from scenes import G
-from scenes import HEIGHT
-from scenes import lying
-from scenes import MASS
-from scenes import particle_scene
-from scenes import PRINTED
-from scenes import run
+from scenes import ACROSS, ALONG, course, G, HEIGHT, lying, MASS, particle_scene, PRINTED, run
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import PD_SCHEMES
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.posture import center_of_mass
-from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.parameters import load_scene, PD_SCHEMES, Robot, Scene, with_settings
+from snake_sim_ros.scene.posture import center_of_mass, chain_coordinates, joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
+from snake_sim_ros.stepping.state import initial_state, State
 
 # In NumPy the same takes minutes; `reference` agrees with `paper` step by step, see
 # test_agreement.

@@ -6,23 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from random_states import EPS
-from random_states import free_links
-from random_states import jointed_links
-from random_states import moved
-from random_states import random_robot
-from random_states import rate_of
+from random_states import EPS, free_links, jointed_links, moved, random_robot, rate_of
 
 from snake_sim_ros.dynamics import force_directions
-from snake_sim_ros.dynamics.force_directions import E_X
-from snake_sim_ros.dynamics.force_directions import E_Y
-from snake_sim_ros.dynamics.force_directions import E_Z
+from snake_sim_ros.dynamics.force_directions import E_X, E_Y, E_Z
 from snake_sim_ros.scene import posture
 from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import FLAT
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.rotations import about, FLAT, product, rotation_matrices
 from snake_sim_ros.stepping.state import State
 
 # Central differences with step h = 1e-5 of r + R b: the third derivative of R b is |omega|^3 |b|.

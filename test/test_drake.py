@@ -8,16 +8,12 @@ import numpy as np
 import pytest
 
 from snake_sim_ros.comparison.bench_rows import Row
-from snake_sim_ros.comparison.drake_runs import cenic_course
-from snake_sim_ros.comparison.drake_runs import CenicSettings
+from snake_sim_ros.comparison.drake_runs import cenic_course, CenicSettings
 from snake_sim_ros.comparison.entrants import entrants
-from snake_sim_ros.comparison.judges import spread_rows
-from snake_sim_ros.comparison.judges import Trial
+from snake_sim_ros.comparison.judges import spread_rows, Trial
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.surroundings import Friction
-from snake_sim_ros.scene.surroundings import Pegs
+from snake_sim_ros.scene.parameters import load_scene, Scene
+from snake_sim_ros.scene.surroundings import Friction, Pegs
 
 SETTINGS = CenicSettings(1e-3)
 

@@ -9,17 +9,9 @@ from pydrake import all as drake
 import pytest
 from scenes import G
 
-from snake_sim_ros.comparison.courses import compiled_course
-from snake_sim_ros.comparison.courses import Start
-from snake_sim_ros.comparison.drake_runs import cenic_course
-from snake_sim_ros.comparison.drake_runs import CenicRobot
-from snake_sim_ros.comparison.drake_runs import CenicSettings
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Wave
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.comparison.courses import compiled_course, Start
+from snake_sim_ros.comparison.drake_runs import cenic_course, CenicRobot, CenicSettings
+from snake_sim_ros.scene.parameters import Gait, load_scene, Robot, Scene, Wave, with_settings
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.state import initial_state
 

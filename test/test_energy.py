@@ -9,12 +9,12 @@ import pytest
 
 from snake_sim_ros.comparison.timing import energy_error
 from snake_sim_ros.dynamics import force_directions
-from snake_sim_ros.dynamics.energy import balance_error
-from snake_sim_ros.dynamics.energy import floor_contact_velocities
-from snake_sim_ros.dynamics.energy import mechanical_energy
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.dynamics.energy import (
+    balance_error,
+    floor_contact_velocities,
+    mechanical_energy,
+)
+from snake_sim_ros.scene.parameters import load_scene, Robot, Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.state import initial_state
 

@@ -12,12 +12,9 @@ from dataclasses import replace
 import numpy as np
 from obstacle_scenes import WITHOUT_COMPILER
 import pytest
-from scenes import EPS
-from scenes import isotropic
+from scenes import EPS, isotropic
 
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.parameters import Robot, Scene, Solver
 from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.simulation import Simulation

@@ -14,14 +14,14 @@ import pytest
 
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.dynamics.energy import work_of_steps
-from snake_sim_ros.paper import experiments
-from snake_sim_ros.paper import figure_page
-from snake_sim_ros.paper import figures
-from snake_sim_ros.paper import path_figures
-from snake_sim_ros.paper import tables as paper_tables
-from snake_sim_ros.paper.experiments import case_scene
-from snake_sim_ros.paper.experiments import mean_velocity
-from snake_sim_ros.paper.experiments import record
+from snake_sim_ros.paper import (
+    experiments,
+    figure_page,
+    figures,
+    path_figures,
+    tables as paper_tables,
+)
+from snake_sim_ros.paper.experiments import case_scene, mean_velocity, record
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import initial_coordinates

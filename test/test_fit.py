@@ -13,44 +13,30 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from random_states import random_parameters
-from recorded_messages import gait_commands
-from recorded_messages import state_messages
-from recorded_messages import write_messages
+from recorded_messages import gait_commands, state_messages, write_messages
 
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.fitting.fit import Fit
-from snake_sim_ros.fitting.fit import fit
-from snake_sim_ros.fitting.judgement import judge
-from snake_sim_ros.fitting.judgement import what_is_not_told
+from snake_sim_ros.fitting.fit import Fit, fit
+from snake_sim_ros.fitting.judgement import judge, what_is_not_told
 from snake_sim_ros.fitting.recording import read_recording
-from snake_sim_ros.fitting.replay import ALIGNED
-from snake_sim_ros.fitting.replay import aligned
-from snake_sim_ros.fitting.replay import between
-from snake_sim_ros.fitting.replay import Replay
-from snake_sim_ros.fitting.replay import Residual
-from snake_sim_ros.fitting.replay import Settings
-from snake_sim_ros.fitting.replay import with_fit_steps
-from snake_sim_ros.fitting.start_states import Measured
-from snake_sim_ros.fitting.start_states import start_state
+from snake_sim_ros.fitting.replay import (
+    ALIGNED,
+    aligned,
+    between,
+    Replay,
+    Residual,
+    Settings,
+    with_fit_steps,
+)
+from snake_sim_ros.fitting.start_states import Measured, start_state
 from snake_sim_ros.fitting.synthetic import with_noise
-from snake_sim_ros.fitting.unknowns import scene_at
-from snake_sim_ros.fitting.unknowns import Unknown
-from snake_sim_ros.fitting.unknowns import unknowns_of
+from snake_sim_ros.fitting.unknowns import scene_at, Unknown, unknowns_of
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.checked_records import flat_fields
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.posture import joint_rates
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.simulation import run
-from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.scene.checked_records import flat_fields, ParameterError
+from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, with_settings
+from snake_sim_ros.scene.posture import chain_coordinates, joint_angles, joint_rates
+from snake_sim_ros.scene.rotations import about, product, rotation_matrices
+from snake_sim_ros.stepping.simulation import run, Simulation
 
 PAGE = (Path(__file__).parent.parent / 'docs' / 'fit.md').read_text(encoding='utf-8')
 SETTINGS = Settings(segment=2.0, burn_in=1.5)

@@ -6,26 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recorded_messages import gait_commands
-from recorded_messages import state_messages
-from recorded_messages import write_messages
+from recorded_messages import gait_commands, state_messages, write_messages
 from std_msgs.msg import Float64MultiArray
 
-from snake_sim_ros.fitting.recording import read_recording
-from snake_sim_ros.fitting.recording import Recording
-from snake_sim_ros.fitting.replay import Replay
-from snake_sim_ros.fitting.replay import Settings
+from snake_sim_ros.fitting.recording import read_recording, Recording
+from snake_sim_ros.fitting.replay import Replay, Settings
 from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.nodes.joint_names import joint_names
-from snake_sim_ros.nodes.received_commands import joint_command
-from snake_sim_ros.nodes.received_commands import position_commands
+from snake_sim_ros.nodes.received_commands import joint_command, position_commands
 from snake_sim_ros.nodes.received_trajectories import joint_trajectory
 from snake_sim_ros.nodes.sent_commands import trajectory_message
 from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.simulation import Simulation

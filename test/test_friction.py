@@ -5,40 +5,27 @@
 from dataclasses import replace
 import math
 
-from flat_states import crooked
-from flat_states import flat_robot
-from flat_states import in_plane
-from flat_states import lying_flat
+from flat_states import crooked, flat_robot, in_plane, lying_flat
 import numpy as np
-from obstacle_scenes import COARSE
-from obstacle_scenes import every_here
-from obstacle_scenes import HERE
+from obstacle_scenes import COARSE, every_here, HERE
 import pytest
-from scenes import course
-from scenes import DT
-from scenes import EPS
-from scenes import G
-from scenes import kinetic_energy
-from scenes import late_stop
-from scenes import MASS
-from scenes import slope
+from scenes import course, DT, EPS, G, kinetic_energy, late_stop, MASS, slope
 from schemes import span
 
-from snake_sim_ros.contact.projections import prox_ellipse
-from snake_sim_ros.contact.projections import prox_half_ellipses
+from snake_sim_ros.contact.projections import prox_ellipse, prox_half_ellipses
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import is_flat
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import scene_from_text
-from snake_sim_ros.scene.parameters import scene_to_text
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import (
+    Robot,
+    Scene,
+    scene_from_text,
+    scene_to_text,
+    Solver,
+    with_settings,
+)
 from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.surroundings import Friction
-from snake_sim_ros.scene.surroundings import Patches
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.scene.surroundings import Friction, Patches
+from snake_sim_ros.stepping.methods import empty_history, make_stepper
 
 FORWARD, BACKWARD, ACROSS = 0.1, 0.25, 0.4
 SCALES = Friction(longitudinal=FORWARD, backward=BACKWARD, transversal=ACROSS)

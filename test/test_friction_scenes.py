@@ -7,13 +7,9 @@ from dataclasses import replace
 from flat_states import crooked
 import numpy as np
 import pytest
-from scenes import course
-from scenes import kinetic_energy
+from scenes import course, kinetic_energy
 
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, with_settings
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.simulation import Simulation
 

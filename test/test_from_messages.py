@@ -15,11 +15,8 @@ from snake_sim_ros.nodes.markers import SceneMarkers
 from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.recording import from_messages
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.robot_description import robot_description
-from snake_sim_ros.scene.robot_description import robot_of
+from snake_sim_ros.scene.parameters import load_scene, Robot, Scene
+from snake_sim_ros.scene.robot_description import robot_description, robot_of
 from snake_sim_ros.stepping.state import initial_state
 
 LISTS = {

@@ -15,8 +15,7 @@ from snake_sim_ros.commands import main as program
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.dynamics import code_cache
 from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.nodes.bag_writer import BagWriter
-from snake_sim_ros.nodes.bag_writer import STATES
+from snake_sim_ros.nodes.bag_writer import BagWriter, STATES
 from snake_sim_ros.nodes.tools.bag_without_end import messages_in
 
 FULL = Path('/dev/full')

@@ -6,16 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from random_states import EPS
-from random_states import random_robot
+from random_states import EPS, random_robot
 
-from snake_sim_ros.scene import gait
-from snake_sim_ros.scene import posture
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.scene import gait, posture
+from snake_sim_ros.scene.parameters import Gait, load_scene, Robot, Scene, Wave
 from snake_sim_ros.scene.rotations import rotation_matrices
 
 SCENES = ['lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting']

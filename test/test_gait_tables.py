@@ -8,20 +8,20 @@ import math
 import numpy as np
 import pytest
 
-from snake_sim_ros.gaits.blending import Blend
-from snake_sim_ros.gaits.blending import check_limits
-from snake_sim_ros.gaits.blending import check_reach
+from snake_sim_ros.gaits.blending import Blend, check_limits, check_reach
 from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait_table import Table
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import scene_from_text
-from snake_sim_ros.scene.parameters import scene_to_text
-from snake_sim_ros.scene.parameters import Wave
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import (
+    Gait,
+    load_scene,
+    Robot,
+    scene_from_text,
+    scene_to_text,
+    Wave,
+    with_settings,
+)
 from snake_sim_ros.stepping.accuracy import longest_step
 
 OMEGA = 1.4

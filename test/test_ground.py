@@ -6,49 +6,47 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from obstacle_scenes import anywhere
-from obstacle_scenes import check_agreement
-from obstacle_scenes import check_directions
-from obstacle_scenes import each_here
-from obstacle_scenes import every_here
-from obstacle_scenes import HERE
-from obstacle_scenes import lying_on
-from obstacle_scenes import MIDDLE
-from obstacle_scenes import only_compiled
-from obstacle_scenes import random_ground
-from obstacle_scenes import robot_scene
-from obstacle_scenes import travelled
-from obstacle_scenes import WITHOUT_COMPILER
+from obstacle_scenes import (
+    anywhere,
+    check_agreement,
+    check_directions,
+    each_here,
+    every_here,
+    HERE,
+    lying_on,
+    MIDDLE,
+    only_compiled,
+    random_ground,
+    robot_scene,
+    travelled,
+    WITHOUT_COMPILER,
+)
 import pytest
 from random_states import EPS
-from scenes import CLOSED
-from scenes import course
-from scenes import G
-from scenes import isotropic
-from scenes import kinetic_energy
-from scenes import link_scene
-from scenes import lying
-from scenes import OFFSET
-from scenes import RADIUS
-from scenes import references
-from scenes import run
-from scenes import SPEED
-from scenes import SWEEPING
+from scenes import (
+    CLOSED,
+    course,
+    G,
+    isotropic,
+    kinetic_energy,
+    link_scene,
+    lying,
+    OFFSET,
+    RADIUS,
+    references,
+    run,
+    SPEED,
+    SWEEPING,
+)
 
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import load_scene, Robot, Scene
 from snake_sim_ros.scene.posture import initial_coordinates
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import FLAT
-from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.rotations import about, FLAT, product
 from snake_sim_ros.scene.surroundings import Ground
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.methods import empty_history, make_stepper
+from snake_sim_ros.stepping.state import initial_state, State
 
 # A method that adds laws of a stiffness 1/(1e-5 G) to the inertia of a link loses up to six digits
 # of velocities around 1 m/s.

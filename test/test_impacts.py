@@ -11,35 +11,37 @@ import math
 
 import numpy as np
 import pytest
-from scenes import ACROSS
-from scenes import chain_rounding
-from scenes import course
-from scenes import each_method
-from scenes import EPS
-from scenes import every_method
-from scenes import G
-from scenes import isotropic
-from scenes import kinetic_energy
-from scenes import link_scene
-from scenes import lying
-from scenes import MASS
-from scenes import OFFSET
-from scenes import pitched
-from scenes import PRINTED
-from scenes import RADIUS
-from scenes import ROBOT
-from scenes import run
-from scenes import SPEED
-from scenes import TIGHT
+from scenes import (
+    ACROSS,
+    chain_rounding,
+    course,
+    each_method,
+    EPS,
+    every_method,
+    G,
+    isotropic,
+    kinetic_energy,
+    link_scene,
+    lying,
+    MASS,
+    OFFSET,
+    pitched,
+    PRINTED,
+    RADIUS,
+    ROBOT,
+    run,
+    SPEED,
+    TIGHT,
+)
 
-from snake_sim_ros.contact.selection import IMPACT_WEIGHTS
-from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
-from snake_sim_ros.contact.selection import PRESS_SPEED
-from snake_sim_ros.contact.selection import REST_SPEED
+from snake_sim_ros.contact.selection import (
+    IMPACT_WEIGHTS,
+    LEAST_COMPLIANCE,
+    PRESS_SPEED,
+    REST_SPEED,
+)
 from snake_sim_ros.dynamics.force_directions import mean_delassus
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.parameters import Robot, Scene, Solver
 
 
 @each_method

@@ -12,49 +12,40 @@ import math
 
 import numpy as np
 import pytest
-from scenes import chain_rounding
-from scenes import CLOSED
-from scenes import course
-from scenes import EPS
-from scenes import kinetic_energy
-from scenes import PRINTED
-from scenes import references
-from scenes import ROBOT
-from scenes import run
-from scenes import same_bits
-from scenes import SWEEPING
-from schemes import check_laws
-from schemes import of_two_states
-from schemes import step_of
+from scenes import (
+    chain_rounding,
+    CLOSED,
+    course,
+    EPS,
+    kinetic_energy,
+    PRINTED,
+    references,
+    ROBOT,
+    run,
+    same_bits,
+    SWEEPING,
+)
+from schemes import check_laws, of_two_states, step_of
 
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.detection import reach_of_step
-from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
-from snake_sim_ros.contact.selection import selection_center
-from snake_sim_ros.contact.selection import selection_compliance
-from snake_sim_ros.dynamics.force_directions import contact_directions
-from snake_sim_ros.dynamics.force_directions import mean_delassus
+from snake_sim_ros.contact.selection import (
+    LEAST_COMPLIANCE,
+    selection_center,
+    selection_compliance,
+)
+from snake_sim_ros.dynamics.force_directions import contact_directions, mean_delassus
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import PD_SCHEMES
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.scene.parameters import Gait, PD_SCHEMES, Robot, Scene, Solver, Wave
 from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.bdf2 import IMPLICIT_SCHEMES
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
 from snake_sim_ros.stepping.model import PROXIMAL
 from snake_sim_ros.stepping.reference import middle_coordinates
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import initial_state, State
 
 
 def wave(sign=1.0):

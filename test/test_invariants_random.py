@@ -4,35 +4,19 @@
 
 from dataclasses import replace
 
-from dense_step import EPS
-from dense_step import one_step
-from hypothesis import given
-from hypothesis import HealthCheck
-from hypothesis import settings
-from hypothesis import strategies as st
+from dense_step import EPS, one_step
+from hypothesis import given, HealthCheck, settings, strategies as st
 import numpy as np
 import pytest
-from scenes import same_bits
-from scenes import SWEEPING
-from schemes import check_laws
-from schemes import of_two_states
-from schemes import step_of
-from schemes import undisturbed
+from scenes import same_bits, SWEEPING
+from schemes import check_laws, of_two_states, step_of, undisturbed
 
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.parameters import Robot, Scene, Solver
+from snake_sim_ros.scene.posture import chain_coordinates, gaps, joint_angles
+from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
 from snake_sim_ros.stepping.state import State
 
 RESIDUAL = 1e-9  # m/s

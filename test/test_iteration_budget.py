@@ -6,18 +6,12 @@ import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 
-from snake_sim_ros.nodes.sim_parameters import changed
-from snake_sim_ros.nodes.sim_parameters import Settings
+from snake_sim_ros.nodes.sim_parameters import changed, Settings
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.iteration_budget import FLOOR
-from snake_sim_ros.stepping.iteration_budget import IterationBudget
-from snake_sim_ros.stepping.iteration_budget import TOGETHER
-from snake_sim_ros.stepping.parts import LEAST_ITERATIONS
-from snake_sim_ros.stepping.parts import TICKS
+from snake_sim_ros.stepping.iteration_budget import FLOOR, IterationBudget, TOGETHER
+from snake_sim_ros.stepping.parts import LEAST_ITERATIONS, TICKS
 from snake_sim_ros.stepping.simulation import Simulation
 
 STEPS, MOST = 20, 5000

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from random_states import EPS
 
-from snake_sim_ros.dynamics.joint_control import AVERAGE
-from snake_sim_ros.dynamics.joint_control import END
-from snake_sim_ros.dynamics.joint_control import implicit_pd_law
-from snake_sim_ros.dynamics.joint_control import MIDPOINT
-from snake_sim_ros.dynamics.joint_control import pd_law
-from snake_sim_ros.dynamics.joint_control import START
+from snake_sim_ros.dynamics.joint_control import (
+    AVERAGE,
+    END,
+    implicit_pd_law,
+    MIDPOINT,
+    pd_law,
+    START,
+)
 from snake_sim_ros.scene.parameters import PD_SCHEMES
 
 # Torques up to 800 N m from a dozen operations, each wrong by eps/2.

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Limited torque, dry friction and stops of the joints: closed forms on every method."""
 
-from dataclasses import fields
-from dataclasses import replace
+from dataclasses import fields, replace
 import json
 from pathlib import Path
 import re
@@ -14,21 +13,19 @@ import pytest
 
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.parameters import Wave
-from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.posture import joint_rates
+from snake_sim_ros.scene.parameters import (
+    Gait,
+    load_scene,
+    Robot,
+    Scene,
+    Solver,
+    Wave,
+    with_settings,
+)
+from snake_sim_ros.scene.posture import chain_coordinates, joint_angles, joint_rates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Stepper
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.methods import what_is_not_planar
+from snake_sim_ros.stepping.methods import make_stepper, METHODS, what_is_not_planar
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.state import State
 

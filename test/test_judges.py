@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The judges: spreads of errors, families of scenes, accounting, cycles, fronts and tables."""
 
-from dataclasses import asdict
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import pairwise
 import math
 
@@ -11,49 +10,31 @@ import numpy as np
 import pytest
 
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.comparison import bench_rows
-from snake_sim_ros.comparison import converged_paths
-from snake_sim_ros.comparison import courses
-from snake_sim_ros.comparison import cycles
-from snake_sim_ros.comparison import ensembles
+from snake_sim_ros.comparison import bench_rows, converged_paths, courses, cycles, ensembles
 from snake_sim_ros.comparison.bench_rows import Row
-from snake_sim_ros.comparison.bench_tables import robust_table
-from snake_sim_ros.comparison.bench_tables import spread_table
-from snake_sim_ros.comparison.bench_tables import targets_table
+from snake_sim_ros.comparison.bench_tables import robust_table, spread_table, targets_table
 from snake_sim_ros.comparison.chart_of_spreads import spreads_figure
 from snake_sim_ros.comparison.chart_style import METHOD_STYLES
-from snake_sim_ros.comparison.converged_paths import converged_path
-from snake_sim_ros.comparison.converged_paths import ConvergedPaths
-from snake_sim_ros.comparison.converged_paths import course_error
-from snake_sim_ros.comparison.converged_paths import POINT_PERIOD
-from snake_sim_ros.comparison.courses import compiled_course
-from snake_sim_ros.comparison.courses import Course
-from snake_sim_ros.comparison.courses import portions
-from snake_sim_ros.comparison.courses import Start
-from snake_sim_ros.comparison.courses import step_count
+from snake_sim_ros.comparison.converged_paths import (
+    converged_path,
+    ConvergedPaths,
+    course_error,
+    POINT_PERIOD,
+)
+from snake_sim_ros.comparison.courses import compiled_course, Course, portions, Start, step_count
 from snake_sim_ros.comparison.csv_tables import read_table
-from snake_sim_ros.comparison.entrants import attempts
-from snake_sim_ros.comparison.entrants import Entrant
-from snake_sim_ros.comparison.entrants import entrants
-from snake_sim_ros.comparison.families import family
-from snake_sim_ros.comparison.families import neighbors
-from snake_sim_ros.comparison.families import perturbed
-from snake_sim_ros.comparison.judges import spread_rows
-from snake_sim_ros.comparison.judges import Trial
-from snake_sim_ros.comparison.judges import worst_rows
+from snake_sim_ros.comparison.entrants import attempts, Entrant, entrants
+from snake_sim_ros.comparison.families import family, neighbors, perturbed
+from snake_sim_ros.comparison.judges import spread_rows, Trial, worst_rows
 from snake_sim_ros.comparison.mujoco_contacts import SEARCHED
-from snake_sim_ros.comparison.pareto import cost_at
-from snake_sim_ros.comparison.pareto import front
+from snake_sim_ros.comparison.pareto import cost_at, front
 from snake_sim_ros.comparison.spread import spread
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.state import empty_history
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import empty_history, initial_state, State
 
 A, C = load_scene('lateral_undulation'), load_scene('sidewinding')
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')

@@ -9,8 +9,7 @@ They are not on PyPI. The stand-ins keep what they are given.
 import importlib.util
 from pathlib import Path
 import sys
-from types import ModuleType
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import pytest
 

@@ -5,42 +5,24 @@
 from dataclasses import replace
 import json
 
-from flat_states import in_plane
-from flat_states import lying_flat
+from flat_states import in_plane, lying_flat
 import numpy as np
 import pytest
-from scenes import G
-from scenes import kinetic_energy
-from scenes import references
-from scenes import same_bits
-from scenes import slope
+from scenes import G, kinetic_energy, references, same_bits, slope
 
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.dynamics.kinematics import FLAT_GAP
-from snake_sim_ros.dynamics.kinematics import FLAT_TILT
-from snake_sim_ros.dynamics.kinematics import STILL_SPEED
+from snake_sim_ros.dynamics.kinematics import FLAT_GAP, FLAT_TILT, STILL_SPEED
 from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.recording import npz
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.posture import center_of_mass
-from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, with_settings
+from snake_sim_ros.scene.posture import center_of_mass, gaps, joint_angles
+from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.scene.surroundings import Friction
-from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.simulation import run
-from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.base import Report, Status
+from snake_sim_ros.stepping.methods import empty_history, make_stepper
+from snake_sim_ros.stepping.simulation import run, Simulation
+from snake_sim_ros.stepping.state import initial_state, State
 
 CASE_A = load_scene('lateral_undulation')
 CASE_B = load_scene('lateral_undulation_isotropic')

@@ -7,10 +7,8 @@ import pytest
 
 from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.gaits.limited_reference import LimitedReference
-from snake_sim_ros.nodes.sim_parameters import as_it_runs
-from snake_sim_ros.nodes.sim_parameters import Settings
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.nodes.sim_parameters import as_it_runs, Settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.simulation import Simulation
 

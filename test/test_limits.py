@@ -10,9 +10,7 @@ comes first decides, and with it loads and friction.
 
 from functools import cache
 
-from limits import KINDS
-from limits import path
-from limits import TIME
+from limits import KINDS, path, TIME
 import numpy as np
 import pytest
 

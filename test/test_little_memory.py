@@ -12,10 +12,8 @@ from std_msgs.msg import Header
 
 pytest.importorskip('mcap_ros2')  # bag_writer needs it
 from snake_sim_ros.nodes import received_bytes
-from snake_sim_ros.nodes.bag_writer import BagWriter
-from snake_sim_ros.nodes.bag_writer import STATES
-from snake_sim_ros.nodes.received_commands import axes_of
-from snake_sim_ros.nodes.received_commands import RejectedCommand
+from snake_sim_ros.nodes.bag_writer import BagWriter, STATES
+from snake_sim_ros.nodes.received_commands import axes_of, RejectedCommand
 from snake_sim_ros.nodes.tools.bag_without_end import what_is_wrong_with_stamps
 from snake_sim_ros.reliability.clock_steps import WallClock
 from snake_sim_ros.scene.parameters import Scene

@@ -4,18 +4,14 @@
 
 import numpy as np
 import pytest
-from rclpy.serialization import deserialize_message
-from rclpy.serialization import serialize_message
-from visualization_msgs.msg import Marker
-from visualization_msgs.msg import MarkerArray
+from rclpy.serialization import deserialize_message, serialize_message
+from visualization_msgs.msg import Marker, MarkerArray
 
 from snake_sim_ros.nodes.markers import SceneMarkers
 from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.recording.from_messages import FORCE_SCALE
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.surroundings import Ground
-from snake_sim_ros.scene.surroundings import Patches
-from snake_sim_ros.scene.surroundings import Pegs
+from snake_sim_ros.scene.surroundings import Ground, Patches, Pegs
 
 STAMP = stamp_from(5_000_000)
 NOTHING = np.zeros((0, 3))

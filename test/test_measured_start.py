@@ -10,9 +10,7 @@ import pytest
 from sensor_msgs.msg import JointState
 
 from snake_sim_ros.nodes.joint_names import joint_names
-from snake_sim_ros.nodes.measured_start import measured
-from snake_sim_ros.nodes.measured_start import put_back
-from snake_sim_ros.nodes.measured_start import SAME
+from snake_sim_ros.nodes.measured_start import measured, put_back, SAME
 from snake_sim_ros.nodes.stamps import stamp_from
 
 NAMES = joint_names(11)

@@ -2,25 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages from and to YAML, as the commands topic and service read and print them."""
 
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
-from geometry_msgs.msg import PoseArray
-from geometry_msgs.msg import PoseWithCovariance
-from geometry_msgs.msg import Twist
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseArray, PoseWithCovariance, Twist
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
-from std_msgs.msg import ByteMultiArray
-from std_msgs.msg import Int8
-from std_msgs.msg import String
-from std_msgs.msg import UInt8MultiArray
+from std_msgs.msg import ByteMultiArray, Int8, String, UInt8MultiArray
 from std_srvs.srv import SetBool
 import yaml
 
 from snake_sim_ros.nodes.graph.client import GraphError
-from snake_sim_ros.nodes.graph.message_fields import as_yaml
-from snake_sim_ros.nodes.graph.message_fields import filled
-from snake_sim_ros.nodes.graph.message_fields import interface
+from snake_sim_ros.nodes.graph.message_fields import as_yaml, filled, interface
 
 # Every kind of field that the interfaces of the robot have.
 MESSAGES = [

@@ -13,30 +13,25 @@ import subprocess
 import sys
 import tracemalloc
 
-from dense_step import dense_step
-from dense_step import EPS
-from dense_step import one_step
+from dense_step import dense_step, EPS, one_step
 from numba.core.errors import NumbaError
 import numpy as np
 import pytest
 from scenes import SWEEPING
-from schemes import of_two_states
-from schemes import span
-from schemes import step_of
-from schemes import undisturbed
+from schemes import of_two_states, span, step_of, undisturbed
 
 from snake_sim_ros.comparison.hard_contacts import load_problems
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import scene_from_text
-from snake_sim_ros.scene.parameters import scene_to_text
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import (
+    load_scene,
+    scene_from_text,
+    scene_to_text,
+    with_settings,
+)
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import named_arrays
+from snake_sim_ros.stepping.methods import empty_history, make_stepper
+from snake_sim_ros.stepping.state import initial_state, named_arrays
 
 RESIDUAL = 1e-9  # m/s, the tolerance of all scenes
 # Steps that do not converge, far beyond Painleve's threshold (0.978 for one link and lower with

@@ -10,18 +10,12 @@ import pytest
 
 from snake_sim_ros.contact.selection import PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import joint_gaps
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, with_settings
+from snake_sim_ros.scene.posture import gaps, joint_angles
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.methods import empty_history, make_stepper
+from snake_sim_ros.stepping.state import initial_state, State
 
 DT = 1 / 1000
 TILT = np.radians(10.0)

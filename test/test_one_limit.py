@@ -10,8 +10,7 @@ import pytest
 
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.comparison import limits
-from snake_sim_ros.comparison.csv_tables import read_table
-from snake_sim_ros.comparison.csv_tables import records_of
+from snake_sim_ros.comparison.csv_tables import read_table, records_of
 
 # Scenes of `snake-sim limits` whose limit is known: flat with and without pitch, pegs, folds.
 KNOWN = (0, 5, 15, 32)

@@ -9,60 +9,41 @@ It takes some seconds without the compiler: NUMBA_DISABLE_JIT=1 ./run test test/
 from dataclasses import replace
 
 from dense_step import dense_step
-from flat_states import crooked
-from flat_states import flat_robot
+from flat_states import crooked, flat_robot
 import numpy as np
-from obstacle_scenes import check_agreement
-from obstacle_scenes import lying_on
-from obstacle_scenes import MIDDLE
-from obstacle_scenes import random_ground
-from obstacle_scenes import random_patches
-from obstacle_scenes import random_pegs
+from obstacle_scenes import (
+    check_agreement,
+    lying_on,
+    MIDDLE,
+    random_ground,
+    random_patches,
+    random_pegs,
+)
 import pytest
-from random_states import EPS
-from random_states import jointed_links
-from random_states import random_robot
-from scenes import first_steps
-from scenes import isotropic
-from scenes import link_scene
-from scenes import lying
-from scenes import OFFSET
-from scenes import RADIUS
-from scenes import run
-from scenes import SPEED
-from test_bdf2_reference import among_obstacles
-from test_bdf2_reference import assert_agreement
-from test_bdf2_reference import both
-from test_bdf2_reference import check_among_obstacles
-from test_bdf2_reference import check_cases
-from test_bdf2_reference import HELD_AGREEMENT
-from test_bdf2_reference import random_case
-from test_bdf2_reference import with_laws_of_joints
-from test_joint_laws import AXES
-from test_joint_laws import floating
-from test_joint_laws import hinge
-from test_joint_laws import of_joint
-from test_planar import EXACT
-from test_planar import HELD
+from random_states import EPS, jointed_links, random_robot
+from scenes import first_steps, isotropic, link_scene, lying, OFFSET, RADIUS, run, SPEED
+from test_bdf2_reference import (
+    among_obstacles,
+    assert_agreement,
+    both,
+    check_among_obstacles,
+    check_cases,
+    HELD_AGREEMENT,
+    random_case,
+    with_laws_of_joints,
+)
+from test_joint_laws import AXES, floating, hinge, of_joint
+from test_planar import EXACT, HELD
 
-from snake_sim_ros.contact.closing import gaps_to_close
-from snake_sim_ros.contact.closing import MOST_CLOSED
+from snake_sim_ros.contact.closing import gaps_to_close, MOST_CLOSED
 from snake_sim_ros.contact.table import make_table
 from snake_sim_ros.dynamics.force_directions import joint_gaps
-from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
-from snake_sim_ros.scene.parameters import PD_SCHEMES
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.posture import center_of_mass
-from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS, PD_SCHEMES, Robot, Scene, Solver
+from snake_sim_ros.scene.posture import center_of_mass, chain_coordinates, joint_angles
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping import reference
 from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.parts import ANEW
-from snake_sim_ros.stepping.parts import SMOOTH
-from snake_sim_ros.stepping.parts import UNKNOWN
+from snake_sim_ros.stepping.parts import ANEW, SMOOTH, UNKNOWN
 from snake_sim_ros.stepping.state import State
 
 FRICTION = Friction(longitudinal=0.2, transversal=0.4, backward=0.3, rolling=0.05)

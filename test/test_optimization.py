@@ -19,18 +19,12 @@ import yaml
 
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.optimization.evaluations import NO_VALUE
-from snake_sim_ros.optimization.fronts import front_of
-from snake_sim_ros.optimization.fronts import scalar_losses
+from snake_sim_ros.optimization.fronts import front_of, scalar_losses
 from snake_sim_ros.optimization.optimize import optimize
-from snake_sim_ros.optimization.problem import load_problem
-from snake_sim_ros.optimization.problem import PARTS
-from snake_sim_ros.optimization.problem import problem_from
-from snake_sim_ros.optimization.problem import Settings
-from snake_sim_ros.optimization.problem import Stop
+from snake_sim_ros.optimization.problem import load_problem, PARTS, problem_from, Settings, Stop
 from snake_sim_ros.optimization.robust import robust_of
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.usual_steps import with_usual_steps
 from snake_sim_ros.studies import workers

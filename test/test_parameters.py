@@ -2,25 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every value of a scene is checked; what is refused is named in one sentence."""
 
-from dataclasses import fields
-from dataclasses import FrozenInstanceError
-from dataclasses import is_dataclass
+from dataclasses import fields, FrozenInstanceError, is_dataclass
 import math
 
 import numpy as np
 import pytest
 
-from snake_sim_ros.scene.checked_records import from_mapping
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.parameters import Wave
-from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.surroundings import Friction
-from snake_sim_ros.scene.surroundings import Ground
-from snake_sim_ros.scene.surroundings import Pegs
+from snake_sim_ros.scene.checked_records import from_mapping, ParameterError
+from snake_sim_ros.scene.parameters import Gait, Robot, Scene, Solver, Wave, with_settings
+from snake_sim_ros.scene.surroundings import Friction, Ground, Pegs
 
 FIELDS = [
     (record, item)

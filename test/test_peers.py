@@ -9,40 +9,31 @@ import sys
 
 import numpy as np
 import pytest
-from scenes import G
-from scenes import slope
+from scenes import G, slope
 
 from snake_sim_ros.comparison.courses import Start
 from snake_sim_ros.comparison.families import perturbed
 from snake_sim_ros.comparison.mujoco_contacts import SEARCHED
-from snake_sim_ros.comparison.mujoco_model import CONTACTS
-from snake_sim_ros.comparison.mujoco_model import DRIVES
-from snake_sim_ros.comparison.mujoco_model import INTEGRATORS
-from snake_sim_ros.comparison.mujoco_model import mjcf
-from snake_sim_ros.comparison.mujoco_model import MujocoSettings
-from snake_sim_ros.comparison.mujoco_model import tree_order
+from snake_sim_ros.comparison.mujoco_model import (
+    CONTACTS,
+    DRIVES,
+    INTEGRATORS,
+    mjcf,
+    MujocoSettings,
+    tree_order,
+)
 from snake_sim_ros.comparison.mujoco_rollouts import rolled_course
-from snake_sim_ros.comparison.mujoco_runs import mujoco_trajectory
-from snake_sim_ros.comparison.mujoco_runs import MujocoRobot
-from snake_sim_ros.comparison.mujoco_runs import run_mujoco
+from snake_sim_ros.comparison.mujoco_runs import mujoco_trajectory, MujocoRobot, run_mujoco
 from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Wave
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import Gait, load_scene, Robot, Scene, Wave, with_settings
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.surroundings import Friction
-from snake_sim_ros.scene.surroundings import Pegs
+from snake_sim_ros.scene.surroundings import Friction, Pegs
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.simulation import sample
-from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.simulation import sample, Simulation
+from snake_sim_ros.stepping.state import initial_state, State
 
 mujoco = pytest.importorskip('mujoco')
 

@@ -6,49 +6,47 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from obstacle_scenes import anywhere
-from obstacle_scenes import check_agreement
-from obstacle_scenes import check_directions
-from obstacle_scenes import COARSE
-from obstacle_scenes import each_here
-from obstacle_scenes import every_here
-from obstacle_scenes import HERE
-from obstacle_scenes import lying_on
-from obstacle_scenes import only_compiled
-from obstacle_scenes import pushed
-from obstacle_scenes import random_pegs
-from obstacle_scenes import robot_scene
-from obstacle_scenes import travelled
-from obstacle_scenes import WITHOUT_COMPILER
+from obstacle_scenes import (
+    anywhere,
+    check_agreement,
+    check_directions,
+    COARSE,
+    each_here,
+    every_here,
+    HERE,
+    lying_on,
+    only_compiled,
+    pushed,
+    random_pegs,
+    robot_scene,
+    travelled,
+    WITHOUT_COMPILER,
+)
 import pytest
-from scenes import ACROSS
-from scenes import CLOSED
-from scenes import course
-from scenes import isotropic
-from scenes import kinetic_energy
-from scenes import late_stop
-from scenes import link_scene
-from scenes import lying
-from scenes import MASS
-from scenes import OFFSET
-from scenes import RADIUS
-from scenes import run
-from scenes import SPEED
+from scenes import (
+    ACROSS,
+    CLOSED,
+    course,
+    isotropic,
+    kinetic_energy,
+    late_stop,
+    link_scene,
+    lying,
+    MASS,
+    OFFSET,
+    RADIUS,
+    run,
+    SPEED,
+)
 
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.scene.posture import initial_coordinates
+from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, Solver
+from snake_sim_ros.scene.posture import chain_coordinates, initial_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.scene.surroundings import Pegs
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.methods import empty_history, make_stepper
+from snake_sim_ros.stepping.state import initial_state, State
 
 PEG = 0.03  # radius of a single peg [m]
 FREE = 25.0  # far above the floor [m]

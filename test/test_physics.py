@@ -13,40 +13,40 @@ import math
 
 import numpy as np
 import pytest
-from scenes import ACROSS
-from scenes import ALONG
-from scenes import chain_rounding
-from scenes import CLOSED
-from scenes import course
-from scenes import each_method
-from scenes import EPS
-from scenes import G
-from scenes import impulse_error
-from scenes import isotropic
-from scenes import kinetic_energy
-from scenes import late_stop
-from scenes import link_scene
-from scenes import lying
-from scenes import MASS
-from scenes import OFFSET
-from scenes import particle_impulse
-from scenes import particle_scene
-from scenes import RADIUS
-from scenes import ROBOT
-from scenes import run
-from scenes import sliding_error
-from scenes import slope
-from scenes import SPEED
-from scenes import TOLERANCE
-from scenes import whole_steps
+from scenes import (
+    ACROSS,
+    ALONG,
+    chain_rounding,
+    CLOSED,
+    course,
+    each_method,
+    EPS,
+    G,
+    impulse_error,
+    isotropic,
+    kinetic_energy,
+    late_stop,
+    link_scene,
+    lying,
+    MASS,
+    OFFSET,
+    particle_impulse,
+    particle_scene,
+    RADIUS,
+    ROBOT,
+    run,
+    sliding_error,
+    slope,
+    SPEED,
+    TOLERANCE,
+    whole_steps,
+)
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import FLAT
-from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.rotations import about, FLAT, product
 from snake_sim_ros.scene.surroundings import Friction
 
 ELLIPSE = (0.1, 0.5)  # mu along and across the link

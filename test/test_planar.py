@@ -6,38 +6,20 @@ from dataclasses import replace
 from itertools import pairwise
 import math
 
-from flat_states import crooked
-from flat_states import flat_robot
-from flat_states import headings
-from flat_states import in_plane
-from flat_states import lying_flat
+from flat_states import crooked, flat_robot, headings, in_plane, lying_flat
 import numpy as np
 import pytest
-from scenes import course
-from scenes import EPS
-from scenes import G
-from scenes import kinetic_energy
-from scenes import MASS
-from scenes import OFFSET
-from scenes import RADIUS
-from scenes import references
+from scenes import course, EPS, G, kinetic_energy, MASS, OFFSET, RADIUS, references
 from schemes import span
 from scipy.linalg import null_space
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import PD_SCHEMES
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.posture import center_of_mass
-from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.parameters import load_scene, PD_SCHEMES, Robot, Scene, Solver
+from snake_sim_ros.scene.posture import center_of_mass, joint_angles
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import last_span
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
 from snake_sim_ros.stepping.planar.equilibrium import ROOT_HOLD
 from snake_sim_ros.stepping.planar.model import HOLD
 from snake_sim_ros.stepping.state import initial_state

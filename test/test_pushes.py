@@ -6,36 +6,30 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import EPS
-from scenes import every_method
-from scenes import G
-from scenes import isotropic
-from scenes import late_stop
-from scenes import link_scene
-from scenes import MASS
-from scenes import sliding_error
-from scenes import SWEEPING
-from scenes import TIGHT
+from scenes import (
+    EPS,
+    every_method,
+    G,
+    isotropic,
+    late_stop,
+    link_scene,
+    MASS,
+    sliding_error,
+    SWEEPING,
+    TIGHT,
+)
 
 from snake_sim_ros.dynamics.force_directions import joint_gaps
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.parameters import Gait, load_scene, Robot, Scene, Solver
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.scene.start import Push
 from snake_sim_ros.stepping import bdf2_reference_parts
 from snake_sim_ros.stepping.accuracy import with_accuracy
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.stepping.methods import empty_history, make_stepper
 from snake_sim_ros.stepping.parts import AT_START
-from snake_sim_ros.stepping.pushes import make_push
-from snake_sim_ros.stepping.pushes import make_table
-from snake_sim_ros.stepping.pushes import Pushes
-from snake_sim_ros.stepping.pushes import STEP
+from snake_sim_ros.stepping.pushes import make_push, make_table, Pushes, STEP
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import State
 

@@ -14,18 +14,20 @@ from processes import python
 import pytest
 
 import snake_sim_ros
-from snake_sim_ros import api
-from snake_sim_ros import Gait
-from snake_sim_ros import load_scene
-from snake_sim_ros import ParameterError
-from snake_sim_ros import read_run
-from snake_sim_ros import Robot
-from snake_sim_ros import Run
-from snake_sim_ros import run
-from snake_sim_ros import Simulation
-from snake_sim_ros import Table
-from snake_sim_ros import table_of
-from snake_sim_ros import Wave
+from snake_sim_ros import (
+    api,
+    Gait,
+    load_scene,
+    ParameterError,
+    read_run,
+    Robot,
+    Run,
+    run,
+    Simulation,
+    Table,
+    table_of,
+    Wave,
+)
 from snake_sim_ros.commands import main as cli
 from snake_sim_ros.commands.main import COMMANDS
 from snake_sim_ros.stepping.levels import LevelStepper

@@ -9,18 +9,14 @@ from geometry_msgs.msg import PoseStamped
 import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
-from std_msgs.msg import String
+from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
-from snake_sim_ros.nodes.received_bytes import DamagedMessage
-from snake_sim_ros.nodes.received_bytes import message_from
+from snake_sim_ros.nodes.received_bytes import DamagedMessage, message_from
 from snake_sim_ros.nodes.received_commands import RejectedCommand
 from snake_sim_ros.nodes.received_trajectories import read_trajectory
-from snake_sim_ros.nodes.tools.hostile_messages import damaged
-from snake_sim_ros.nodes.tools.hostile_messages import good_message
-from snake_sim_ros.nodes.tools.hostile_messages import hostile_message
+from snake_sim_ros.nodes.tools.hostile_messages import damaged, good_message, hostile_message
 from snake_sim_ros.scene.parameters import Robot
 
 KINDS = (DiagnosticArray, Float64MultiArray, JointState, MarkerArray, PoseStamped, String)

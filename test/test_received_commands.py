@@ -7,36 +7,30 @@ import math
 import struct
 from threading import Event
 
-from builtin_interfaces.msg import Duration
-from builtin_interfaces.msg import Time
+from builtin_interfaces.msg import Duration, Time
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 from scipy.interpolate import CubicHermiteSpline
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from trajectory_msgs.msg import JointTrajectory
-from trajectory_msgs.msg import JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from snake_sim_ros.gaits.interpolation import hold_at_limit
-from snake_sim_ros.gaits.interpolation import sample_command
-from snake_sim_ros.gaits.interpolation import sample_motion
-from snake_sim_ros.gaits.joint_reference import compile_sampling
-from snake_sim_ros.gaits.joint_reference import JointReference
-from snake_sim_ros.gaits.joint_reference import start_posture
+from snake_sim_ros.gaits.interpolation import hold_at_limit, sample_command, sample_motion
+from snake_sim_ros.gaits.joint_reference import compile_sampling, JointReference, start_posture
 from snake_sim_ros.nodes.joint_names import joint_names
-from snake_sim_ros.nodes.received_commands import extrapolated
-from snake_sim_ros.nodes.received_commands import joint_command
-from snake_sim_ros.nodes.received_commands import jump_between
-from snake_sim_ros.nodes.received_commands import position_commands
-from snake_sim_ros.nodes.received_commands import RejectedCommand
-from snake_sim_ros.nodes.received_trajectories import joint_trajectory
-from snake_sim_ros.nodes.received_trajectories import read_trajectory
+from snake_sim_ros.nodes.received_commands import (
+    extrapolated,
+    joint_command,
+    jump_between,
+    position_commands,
+    RejectedCommand,
+)
+from snake_sim_ros.nodes.received_trajectories import joint_trajectory, read_trajectory
 from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.nodes.trajectory_messages import read_message
 from snake_sim_ros.nodes.turns import Turns
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Robot, Scene
 
 ROBOT = Robot()
 NAMES = joint_names(11)

@@ -2,17 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records that compiled functions reach by their address, and calls with them."""
 
-from typing import Any
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 from snake_sim_ros.dynamics.bound_call import BoundCall
 from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.records import Block
-from snake_sim_ros.dynamics.records import type_of
-from snake_sim_ros.dynamics.records import type_of_made
+from snake_sim_ros.dynamics.records import Block, type_of, type_of_made
 
 
 class Inner(NamedTuple):

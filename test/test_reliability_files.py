@@ -15,10 +15,8 @@ from snake_sim_ros.dynamics.code_cache import FOLDER
 from snake_sim_ros.recording import npz
 from snake_sim_ros.recording.npz import load_arrays
 from snake_sim_ros.reliability.file_corpus import corpus
-from snake_sim_ros.reliability.file_readers import Answer
-from snake_sim_ros.reliability.file_readers import READERS
-from snake_sim_ros.reliability.files import content_of
-from snake_sim_ros.reliability.files import Reader
+from snake_sim_ros.reliability.file_readers import Answer, READERS
+from snake_sim_ros.reliability.files import content_of, Reader
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.studies.journal import Journal
 

@@ -6,20 +6,19 @@ import numpy as np
 import pytest
 import yaml
 
-from snake_sim_ros.reliability import invariants
-from snake_sim_ros.reliability import physics
-from snake_sim_ros.reliability.random_scenes import FLAT
-from snake_sim_ros.reliability.random_scenes import OBSTACLES
-from snake_sim_ros.reliability.random_scenes import random_case
-from snake_sim_ros.reliability.random_scenes import scene_of
-from snake_sim_ros.reliability.random_scenes import start_of
+from snake_sim_ros.reliability import invariants, physics
+from snake_sim_ros.reliability.random_scenes import (
+    FLAT,
+    OBSTACLES,
+    random_case,
+    scene_of,
+    start_of,
+)
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Robot, Scene
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import initial_state, State
 
 
 @pytest.fixture(scope='module', autouse=True)

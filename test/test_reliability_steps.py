@@ -2,25 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Very long runs, made short: what they watch, and that they notice what is wrong."""
 
-from itertools import chain
-from itertools import count
-from itertools import repeat
+from itertools import chain, count, repeat
 
 import numpy as np
 from processes import python
 import pytest
 
-from snake_sim_ros.comparison.csv_tables import plain
-from snake_sim_ros.comparison.csv_tables import read_table
-from snake_sim_ros.comparison.csv_tables import TableWriter
+from snake_sim_ros.comparison.csv_tables import plain, read_table, TableWriter
 from snake_sim_ros.recording import checkpoint
-from snake_sim_ros.reliability import longest
-from snake_sim_ros.reliability import steps
-from snake_sim_ros.reliability.trials import COLUMNS
-from snake_sim_ros.reliability.trials import draw_trials
-from snake_sim_ros.reliability.trials import Trial
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.reliability import longest, steps
+from snake_sim_ros.reliability.trials import COLUMNS, draw_trials, Trial
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 
 A = with_settings(load_scene('lateral_undulation'), {'level': 'spatial'})
 

@@ -13,56 +13,54 @@ import math
 
 import numpy as np
 import pytest
-from scenes import ACROSS
-from scenes import chain_rounding
-from scenes import CLOSED
-from scenes import each_method
-from scenes import EPS
-from scenes import every_method
-from scenes import G
-from scenes import HEIGHT
-from scenes import isotropic
-from scenes import kinetic_energy
-from scenes import MASS
-from scenes import OFFSET
-from scenes import PRINTED
-from scenes import RADIUS
-from scenes import ROBOT
-from scenes import run
-from scenes import same_bits
-from scenes import slope
-from scenes import SWEEPING
-from scenes import TIGHT
-from schemes import press_of
-from schemes import span
-from schemes import undisturbed
+from scenes import (
+    ACROSS,
+    chain_rounding,
+    CLOSED,
+    each_method,
+    EPS,
+    every_method,
+    G,
+    HEIGHT,
+    isotropic,
+    kinetic_energy,
+    MASS,
+    OFFSET,
+    PRINTED,
+    RADIUS,
+    ROBOT,
+    run,
+    same_bits,
+    slope,
+    SWEEPING,
+    TIGHT,
+)
+from schemes import press_of, span, undisturbed
 from scipy.linalg import null_space
 
-from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
-from snake_sim_ros.contact.selection import PRESS_SPEED
-from snake_sim_ros.contact.selection import REST_SPEED
-from snake_sim_ros.dynamics.force_directions import contact_directions
-from snake_sim_ros.dynamics.force_directions import joint_directions
-from snake_sim_ros.dynamics.force_directions import mass_matrix
-from snake_sim_ros.dynamics.force_directions import mean_delassus
-from snake_sim_ros.dynamics.force_directions import torque_directions
+from snake_sim_ros.contact.selection import LEAST_COMPLIANCE, PRESS_SPEED, REST_SPEED
+from snake_sim_ros.dynamics.force_directions import (
+    contact_directions,
+    joint_directions,
+    mass_matrix,
+    mean_delassus,
+    torque_directions,
+)
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.posture import center_of_mass
-from snake_sim_ros.scene.posture import chain_coordinates
+from snake_sim_ros.scene.parameters import (
+    DRIFT_CORRECTIONS,
+    load_scene,
+    Robot,
+    Scene,
+    Solver,
+    with_settings,
+)
+from snake_sim_ros.scene.posture import center_of_mass, chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import last_span
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import named_arrays
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.methods import empty_history, METHODS
+from snake_sim_ros.stepping.state import initial_state, named_arrays, State
 
 
 def flying(scene):

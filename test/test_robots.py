@@ -12,26 +12,14 @@ import math
 
 import numpy as np
 import pytest
-from scenes import EPS
-from scenes import every_method
-from scenes import G
-from scenes import references
-from scenes import run
+from scenes import EPS, every_method, G, references, run
 
 from snake_sim_ros.comparison import timing
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.posture import center_of_mass
-from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.posture import joint_rates
+from snake_sim_ros.scene.parameters import Gait, load_scene, Robot, Scene, Solver
+from snake_sim_ros.scene.posture import center_of_mass, joint_angles, joint_rates
 from snake_sim_ros.scene.surroundings import Friction
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
 from snake_sim_ros.stepping.state import initial_state
 
 # Soft in pitch: under their weight all links come down to the floor, thin ones too.

@@ -7,30 +7,27 @@ import math
 
 import numpy as np
 import pytest
-from scenes import first_steps
-from scenes import references
-from scenes import same_bits
+from scenes import first_steps, references, same_bits
 
 from snake_sim_ros.dynamics.kinematics import STILL_SPEED
 from snake_sim_ros.gaits.joint_reference import start_posture
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.parameters import Wave
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import (
+    Gait,
+    load_scene,
+    Robot,
+    Scene,
+    Solver,
+    Wave,
+    with_settings,
+)
 from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping import levels
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.planar.model import ROLL_LIMIT
-from snake_sim_ros.stepping.planar.model import SLIP_SHARE
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.methods import empty_history, make_stepper
+from snake_sim_ros.stepping.planar.model import ROLL_LIMIT, SLIP_SHARE
+from snake_sim_ros.stepping.state import initial_state, State
 
 RADIUS = 0.0525
 DT = 1 / 2000

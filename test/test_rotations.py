@@ -6,20 +6,20 @@ import math
 
 import numpy as np
 import pytest
-from random_states import EPS
-from random_states import random_parameters
+from random_states import EPS, random_parameters
 
 from snake_sim_ros.dynamics import kinematics
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import FLAT
-from snake_sim_ros.scene.rotations import H
-from snake_sim_ros.scene.rotations import H_bar
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.rotations import rotation_matrix
-from snake_sim_ros.scene.rotations import tilde
-from snake_sim_ros.stepping.reference import end_coordinates
-from snake_sim_ros.stepping.reference import middle_coordinates
+from snake_sim_ros.scene.rotations import (
+    about,
+    FLAT,
+    H,
+    H_bar,
+    product,
+    rotation_matrices,
+    rotation_matrix,
+    tilde,
+)
+from snake_sim_ros.stepping.reference import end_coordinates, middle_coordinates
 from snake_sim_ros.stepping.state import State
 
 # Entries of the matrices are at most 1 and come from at most a dozen operations on numbers up to 1

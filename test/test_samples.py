@@ -8,20 +8,13 @@ import numpy as np
 import pytest
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import load_scene, Scene, Solver, with_settings
 from snake_sim_ros.scene.surroundings import Pegs
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.samples import make_samples
-from snake_sim_ros.stepping.samples import Samples
-from snake_sim_ros.stepping.simulation import run
-from snake_sim_ros.stepping.simulation import sample
-from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.trajectory import OF_CONTACTS
-from snake_sim_ros.stepping.trajectory import OF_SAMPLES
+from snake_sim_ros.stepping.samples import make_samples, Samples
+from snake_sim_ros.stepping.simulation import run, sample, Simulation
+from snake_sim_ros.stepping.trajectory import OF_CONTACTS, OF_SAMPLES
 
 CASE_A, CASE_C = load_scene('lateral_undulation'), load_scene('sidewinding')
 # Flat, lifting, rolling and among obstacles; a gait of pitch joints changes level `auto`.

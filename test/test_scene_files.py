@@ -7,18 +7,18 @@ import math
 import pytest
 import yaml
 
-from snake_sim_ros.scene.checked_records import flat_fields
-from snake_sim_ros.scene.checked_records import from_mapping
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import CONFIG
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import scene_from_text
-from snake_sim_ros.scene.parameters import scene_to_text
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.scene.checked_records import flat_fields, from_mapping, ParameterError
+from snake_sim_ros.scene.parameters import (
+    CONFIG,
+    Gait,
+    load_scene,
+    Robot,
+    Scene,
+    scene_from_text,
+    scene_to_text,
+    Solver,
+    Wave,
+)
 from snake_sim_ros.scene.surroundings import Friction
 
 ROBOTS = ('aiko', 'scaled_snake', 'slender')

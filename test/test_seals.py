@@ -8,8 +8,7 @@ import pytest
 
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.comparison import csv_tables as tables
-from snake_sim_ros.comparison.csv_tables import read_table
-from snake_sim_ros.comparison.csv_tables import TableWriter
+from snake_sim_ros.comparison.csv_tables import read_table, TableWriter
 from snake_sim_ros.scene.checked_records import ParameterError
 
 COLUMNS = ('name', 'value')

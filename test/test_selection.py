@@ -4,34 +4,22 @@
 
 from dataclasses import replace
 
-from dense_step import dense_step
-from dense_step import EPS
-from dense_step import one_step
+from dense_step import dense_step, EPS, one_step
 import numpy as np
 import pytest
 from random_states import random_robot
 from scipy.optimize import nnls
 
-from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
-from snake_sim_ros.contact.selection import PRESS_SPEED
+from snake_sim_ros.contact.selection import LEAST_COMPLIANCE, PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.parameters import Gait, load_scene, Robot, Scene, Solver, with_settings
+from snake_sim_ros.scene.posture import gaps, joint_angles
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
 from snake_sim_ros.stepping.model import PROXIMAL
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import initial_state, State
 
 DELTA = 1e-4  # default of Solver.normal_compliance
 RESIDUAL = 1e-9  # m/s

@@ -8,36 +8,20 @@ import math
 from pathlib import Path
 
 import numpy as np
-from obstacle_scenes import anywhere
-from obstacle_scenes import check_agreement
-from obstacle_scenes import every_here
-from obstacle_scenes import HERE
-from obstacle_scenes import robot_scene
+from obstacle_scenes import anywhere, check_agreement, every_here, HERE, robot_scene
 import pytest
-from random_states import EPS
-from random_states import rate_of
-from scenes import course
-from scenes import isotropic
-from scenes import kinetic_energy
-from scenes import RADIUS
+from random_states import EPS, rate_of
+from scenes import course, isotropic, kinetic_energy, RADIUS
 
 from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
-from snake_sim_ros.dynamics.force_directions import mean_delassus
-from snake_sim_ros.dynamics.force_directions import scene_contacts
+from snake_sim_ros.dynamics.force_directions import mean_delassus, scene_contacts
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.parameters import Wave
-from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.scene.posture import initial_coordinates
+from snake_sim_ros.scene.parameters import Gait, Robot, Scene, Solver, Wave
+from snake_sim_ros.scene.posture import chain_coordinates, initial_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.surroundings import Friction
-from snake_sim_ros.scene.surroundings import Pegs
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
+from snake_sim_ros.scene.surroundings import Friction, Pegs
+from snake_sim_ros.stepping.methods import empty_history, make_stepper
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import State
 

@@ -11,44 +11,31 @@ import re
 import numpy as np
 from obstacle_scenes import HERE
 import pytest
-from scenes import DT
-from scenes import each_method
-from scenes import EPS
-from scenes import every_method
-from scenes import isotropic
-from scenes import MASS
-from scenes import ROBOT
-from scenes import slope
+from scenes import DT, each_method, EPS, every_method, isotropic, MASS, ROBOT, slope
 from schemes import press_of
 
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.recording import npz
 from snake_sim_ros.recording.from_messages import TO_WIRE
 from snake_sim_ros.recording.recorded_sensors import recorded_sensors
-from snake_sim_ros.recording.sensor_noise import imu_noise
-from snake_sim_ros.recording.sensor_noise import Noise
+from snake_sim_ros.recording.sensor_noise import imu_noise, Noise
 from snake_sim_ros.recording.sensor_reader import SensorReader
-from snake_sim_ros.recording.sensors import ACCELERATION
-from snake_sim_ros.recording.sensors import ANGULAR_VELOCITY
-from snake_sim_ros.recording.sensors import imu_readings
-from snake_sim_ros.recording.sensors import link_index
-from snake_sim_ros.recording.sensors import ORIENTATION
-from snake_sim_ros.recording.sensors import Sensors
-from snake_sim_ros.recording.sensors import wrenches_on_links
+from snake_sim_ros.recording.sensors import (
+    ACCELERATION,
+    ANGULAR_VELOCITY,
+    imu_readings,
+    link_index,
+    ORIENTATION,
+    Sensors,
+    wrenches_on_links,
+)
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.obstacles import contact_count
-from snake_sim_ros.scene.obstacles import contact_links
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Pegs
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.obstacles import contact_count, contact_links
+from snake_sim_ros.scene.parameters import Gait, load_scene, Pegs, Scene, Solver, with_settings
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.sampling import joint_motion
-from snake_sim_ros.stepping.simulation import run
-from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.simulation import run, Simulation
 from snake_sim_ros.stepping.state import State
 
 PAGE = (Path(__file__).parents[1] / 'docs' / 'sensors.md').read_text(encoding='utf-8')

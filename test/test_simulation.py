@@ -8,24 +8,16 @@ import numpy as np
 import pytest
 from random_states import random_parameters
 
-from snake_sim_ros.gaits.joint_reference import JointReference
-from snake_sim_ros.gaits.joint_reference import start_posture
+from snake_sim_ros.gaits.joint_reference import JointReference, start_posture
 from snake_sim_ros.recording import npz
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import scene_from_text
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import load_scene, scene_from_text, with_settings
 from snake_sim_ros.scene.periods import steps_in
-from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.posture import joint_rates
+from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.portions import LEAST_STEPS
-from snake_sim_ros.stepping.sampling import joint_motion
-from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.sampling import Limits
-from snake_sim_ros.stepping.simulation import run
-from snake_sim_ros.stepping.simulation import sample
-from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.sampling import joint_motion, Keep, Limits
+from snake_sim_ros.stepping.simulation import run, sample, Simulation
 from snake_sim_ros.stepping.state import initial_state
 
 

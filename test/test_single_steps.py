@@ -2,21 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Steps that are taken one at a time in memory that stays: the same bits as by any other call."""
 
-from dataclasses import astuple
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
-from scenes import references
-from scenes import same_bits
+from scenes import references, same_bits
 
 from snake_sim_ros.dynamics.compilation import watched
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.gait_ahead import GaitAhead
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.methods import make_stepper, METHODS
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import State
 

@@ -12,24 +12,14 @@ import math
 
 import numpy as np
 import pytest
-from scenes import course
-from scenes import G
-from scenes import isotropic
-from scenes import link_scene
-from scenes import lying
-from scenes import OFFSET
-from scenes import RADIUS
-from scenes import SPEED
+from scenes import course, G, isotropic, link_scene, lying, OFFSET, RADIUS, SPEED
 
 from snake_sim_ros.dynamics.force_directions import scene_contacts
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.parameters import Robot, Scene, Solver
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.surroundings import Ground
-from snake_sim_ros.scene.surroundings import Pegs
+from snake_sim_ros.scene.surroundings import Ground, Pegs
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.state import State
 

@@ -16,25 +16,15 @@ import numpy as np
 import pytest
 
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.comparison.csv_tables import plain
-from snake_sim_ros.comparison.csv_tables import read_table
-from snake_sim_ros.comparison.csv_tables import Table
-from snake_sim_ros.comparison.stability import maps as stability_maps
-from snake_sim_ros.comparison.stability import runs as stability
+from snake_sim_ros.comparison.csv_tables import plain, read_table, Table
+from snake_sim_ros.comparison.stability import maps as stability_maps, runs as stability
 from snake_sim_ros.comparison.stability.chart import draw_stability
-from snake_sim_ros.comparison.stability.impacts import dropped_precisely
-from snake_sim_ros.comparison.stability.impacts import rod_limit
-from snake_sim_ros.comparison.stability.maps import MAPS
-from snake_sim_ros.comparison.stability.maps import run_case
-from snake_sim_ros.comparison.stability.runs import Axis
-from snake_sim_ros.comparison.stability.runs import cells_of
-from snake_sim_ros.comparison.stability.runs import outcome
-from snake_sim_ros.comparison.stability.runs import OUTCOMES
-from snake_sim_ros.comparison.stability.runs import simulate
+from snake_sim_ros.comparison.stability.impacts import dropped_precisely, rod_limit
+from snake_sim_ros.comparison.stability.maps import MAPS, run_case
+from snake_sim_ros.comparison.stability.runs import Axis, cells_of, outcome, OUTCOMES, simulate
 from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.base import Report, Status
 
 CHARTS = {chart.name: chart for chart in MAPS}
 

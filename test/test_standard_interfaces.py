@@ -11,17 +11,12 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point
-from geometry_msgs.msg import Pose
-from geometry_msgs.msg import Quaternion
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Point, Pose, Quaternion, Twist
 import numpy as np
 import pytest
 from std_msgs.msg import Header
 
-from snake_sim_ros.nodes import entity_services
-from snake_sim_ros.nodes import simulation_services
-from snake_sim_ros.nodes import transforms
+from snake_sim_ros.nodes import entity_services, simulation_services, transforms
 from snake_sim_ros.nodes.handling import Handling
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.state_messages import StateMessages

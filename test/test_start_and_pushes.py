@@ -8,17 +8,14 @@ import numpy as np
 import pytest
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import scene_from_text
-from snake_sim_ros.scene.parameters import scene_to_text
-from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.posture import center_of_mass
-from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.scene.posture import initial_coordinates
-from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.stepping.simulation import run
-from snake_sim_ros.stepping.simulation import sample
-from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.scene.parameters import (
+    load_scene,
+    scene_from_text,
+    scene_to_text,
+    with_settings,
+)
+from snake_sim_ros.scene.posture import center_of_mass, gaps, initial_coordinates, joint_angles
+from snake_sim_ros.stepping.simulation import run, sample, Simulation
 
 CASE_A = load_scene('lateral_undulation')
 MASS = 7.5

@@ -9,15 +9,9 @@ import numpy as np
 import pytest
 from random_states import EPS
 
-from snake_sim_ros.gaits.blending import Blend
-from snake_sim_ros.gaits.blending import check_limits
+from snake_sim_ros.gaits.blending import Blend, check_limits
 from snake_sim_ros.gaits.steering import Steering
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Wave
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import Gait, load_scene, Robot, Scene, Wave, with_settings
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.simulation import Simulation
 

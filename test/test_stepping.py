@@ -2,42 +2,33 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a stepper promises, whatever its method: untouched inputs, reports, refusals."""
 
-from dataclasses import fields
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import product
 from operator import attrgetter
 
 import numpy as np
 import pytest
-from scenes import layout
-from scenes import same_bits
+from scenes import layout, same_bits
 
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import LEVELS
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import PD_SCHEMES
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.stepping import bdf2_memory
-from snake_sim_ros.stepping import levels
-from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.scene.parameters import (
+    LEVELS,
+    load_scene,
+    PD_SCHEMES,
+    Robot,
+    Scene,
+    Solver,
+    with_settings,
+)
+from snake_sim_ros.stepping import bdf2_memory, levels
+from snake_sim_ros.stepping.base import Report, Status
 from snake_sim_ros.stepping.bdf2 import IMPLICIT_SCHEMES
-from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.methods import method_of
-from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.methods import empty_history, make_stepper, method_of, METHODS
 from snake_sim_ros.stepping.planar import bdf2 as planar_bdf2
 from snake_sim_ros.stepping.planar.model import PlanarMemory
 from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import copied
-from snake_sim_ros.stepping.state import History
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import named_arrays
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import copied, History, initial_state, named_arrays, State
 
 each_method = pytest.mark.parametrize('method', METHODS)
 

@@ -15,27 +15,17 @@ from snake_sim_ros.commands.main import main
 from snake_sim_ros.recording import npz
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.stepping.usual_steps import with_usual_steps
 from snake_sim_ros.studies import workers
-from snake_sim_ros.studies.journal import Journal
-from snake_sim_ros.studies.journal import journal_of
-from snake_sim_ros.studies.metrics import METRICS
-from snake_sim_ros.studies.metrics import USUAL_METRICS
+from snake_sim_ros.studies.journal import Journal, journal_of
+from snake_sim_ros.studies.metrics import METRICS, USUAL_METRICS
 from snake_sim_ros.studies.study import study
-from snake_sim_ros.studies.study_file import load_study
-from snake_sim_ros.studies.study_file import PARTS
-from snake_sim_ros.studies.study_file import Settings
-from snake_sim_ros.studies.study_file import study_from
-from snake_sim_ros.studies.variations import Listed
-from snake_sim_ros.studies.variations import Normal
-from snake_sim_ros.studies.variations import Range
-from snake_sim_ros.studies.variations import Variations
+from snake_sim_ros.studies.study_file import load_study, PARTS, Settings, study_from
+from snake_sim_ros.studies.variations import Listed, Normal, Range, Variations
 
 polars = pytest.importorskip('polars')
 ROOT = Path(__file__).resolve().parents[1]

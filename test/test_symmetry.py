@@ -10,24 +10,17 @@ not show in the loads.
 
 from dataclasses import replace
 
-from flat_states import crooked
-from flat_states import flat_robot
+from flat_states import crooked, flat_robot
 import numpy as np
 import pytest
 from scenes import first_steps
 
-from snake_sim_ros.scene.parameters import Pegs
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.parameters import Pegs, Robot, Scene, Solver
 from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import initial_state, State
 
 LINKS = 6
 FRICTION = {

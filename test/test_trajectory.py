@@ -3,16 +3,14 @@
 """Recorded runs: what is kept of them, in which files, and what is said of files of others."""
 
 import csv
-from dataclasses import fields
-from dataclasses import replace
+from dataclasses import fields, replace
 from io import BytesIO
 from zipfile import ZipFile
 
 import numpy as np
 import pytest
 
-from snake_sim_ros.recording import csv_table
-from snake_sim_ros.recording import npz
+from snake_sim_ros.recording import csv_table, npz
 from snake_sim_ros.recording.npz import ARRAYS
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene

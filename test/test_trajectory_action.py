@@ -11,8 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rclpy.action import CancelResponse
-from rclpy.action import GoalResponse
+from rclpy.action import CancelResponse, GoalResponse
 from rclpy.duration import Duration
 
 from snake_sim_ros.gaits.joint_reference import Motion

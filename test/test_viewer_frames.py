@@ -12,22 +12,19 @@ import pytest
 
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import FLAT
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.posture import chain_coordinates, gaps, joint_angles
+from snake_sim_ros.scene.rotations import about, FLAT, product, rotation_matrices
 from snake_sim_ros.view import page as viewer
-from snake_sim_ros.view.frames import arrows
-from snake_sim_ros.view.frames import at_rest
-from snake_sim_ros.view.frames import capsule
-from snake_sim_ros.view.frames import curves
-from snake_sim_ros.view.frames import force_scale
-from snake_sim_ros.view.frames import placed
-from snake_sim_ros.view.frames import PLOTTED_TIME
-from snake_sim_ros.view.frames import TraceBuffer
+from snake_sim_ros.view.frames import (
+    arrows,
+    at_rest,
+    capsule,
+    curves,
+    force_scale,
+    placed,
+    PLOTTED_TIME,
+    TraceBuffer,
+)
 
 ROBOT = Robot()
 

@@ -15,24 +15,16 @@ from test_animation import glide
 
 from snake_sim_ros.comparison import chart_style
 from snake_sim_ros.comparison.charts import path_figure
-from snake_sim_ros.comparison.csv_tables import mark_unknown
-from snake_sim_ros.comparison.csv_tables import TableWriter
-from snake_sim_ros.fitting import chart as fit_chart
-from snake_sim_ros.fitting import results as fit_results
-from snake_sim_ros.optimization import chart as optimization_chart
-from snake_sim_ros.optimization import results as optimization_results
+from snake_sim_ros.comparison.csv_tables import mark_unknown, TableWriter
+from snake_sim_ros.fitting import chart as fit_chart, results as fit_results
+from snake_sim_ros.optimization import chart as optimization_chart, results as optimization_results
 from snake_sim_ros.paper.figures import save_small
-from snake_sim_ros.recording import checkpoint
-from snake_sim_ros.recording import csv_table
-from snake_sim_ros.recording import npz
+from snake_sim_ros.recording import checkpoint, csv_table, npz
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.whole_files import whole_file
-from snake_sim_ros.scene.whole_files import write_whole
+from snake_sim_ros.scene.parameters import Robot, Scene
+from snake_sim_ros.scene.whole_files import whole_file, write_whole
 from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.studies import chart as study_chart
-from snake_sim_ros.studies import table
+from snake_sim_ros.studies import chart as study_chart, table
 from snake_sim_ros.studies.metrics import METRICS
 from snake_sim_ros.view import chart
 from snake_sim_ros.view.animation import animate

@@ -3,23 +3,12 @@
 """What `import snake_sim_ros` offers: scenes, runs and simulations in Python, without ROS."""
 
 from snake_sim_ros.api.gaits import table_of
-from snake_sim_ros.api.runs import load_scene
-from snake_sim_ros.api.runs import read_run
-from snake_sim_ros.api.runs import Run
-from snake_sim_ros.api.runs import run
+from snake_sim_ros.api.runs import load_scene, read_run, Run, run
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait_table import Table
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.parameters import Wave
-from snake_sim_ros.scene.start import Push
-from snake_sim_ros.scene.start import Start
-from snake_sim_ros.scene.surroundings import Friction
-from snake_sim_ros.scene.surroundings import Ground
-from snake_sim_ros.scene.surroundings import Patches
-from snake_sim_ros.scene.surroundings import Pegs
+from snake_sim_ros.scene.parameters import Gait, Robot, Scene, Solver, Wave
+from snake_sim_ros.scene.start import Push, Start
+from snake_sim_ros.scene.surroundings import Friction, Ground, Patches, Pegs
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import State

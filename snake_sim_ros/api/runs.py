@@ -2,11 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenes by name and value, their runs, and what is measured in them."""
 
-from collections.abc import Callable
-from collections.abc import Mapping
-from dataclasses import dataclass
-from dataclasses import fields
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
 import math
 from pathlib import Path
 import time
@@ -14,25 +11,19 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.api.gaits import references_of
-from snake_sim_ros.api.gaits import table_of
+from snake_sim_ros.api.gaits import references_of, table_of
 from snake_sim_ros.gaits.blending import check_reach
-from snake_sim_ros.recording import csv_table
-from snake_sim_ros.recording import npz
+from snake_sim_ros.recording import csv_table, npz
 from snake_sim_ros.recording.recorded_runs import read_run as read_trajectory
 from snake_sim_ros.scene import parameters
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.dotted_names import by_dotted_names
 from snake_sim_ros.scene.gait_table import Table
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Gait, Scene
 from snake_sim_ros.scene.periods import samples_of
-from snake_sim_ros.stepping.controlled import controlled
-from snake_sim_ros.stepping.controlled import MOST_SINGLE
+from snake_sim_ros.stepping.controlled import controlled, MOST_SINGLE
 from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.simulation import sample
-from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.stepping.usual_steps import with_usual_steps
 from snake_sim_ros.studies import metrics

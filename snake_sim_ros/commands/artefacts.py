@@ -7,12 +7,8 @@ from typing import Any
 
 from tqdm import tqdm
 
-from snake_sim_ros.commands.table_options import add_other_sources
-from snake_sim_ros.commands.table_options import add_table_file
-from snake_sim_ros.comparison.csv_tables import plain
-from snake_sim_ros.comparison.csv_tables import read_table
-from snake_sim_ros.comparison.csv_tables import records_of
-from snake_sim_ros.comparison.csv_tables import TableWriter
+from snake_sim_ros.commands.table_options import add_other_sources, add_table_file
+from snake_sim_ros.comparison.csv_tables import plain, read_table, records_of, TableWriter
 
 
 def add_artefacts(subparsers: Any) -> None:

@@ -5,18 +5,13 @@
 import argparse
 from collections.abc import Sequence
 from importlib import import_module
-from typing import Any
-from typing import cast
+from typing import Any, cast
 
 from tqdm import tqdm
 
-from snake_sim_ros.commands.table_options import add_other_sources
-from snake_sim_ros.commands.table_options import add_table_file
-from snake_sim_ros.comparison.csv_tables import plain
-from snake_sim_ros.comparison.csv_tables import TableWriter
-from snake_sim_ros.reliability.trials import COLUMNS
-from snake_sim_ros.reliability.trials import page
-from snake_sim_ros.reliability.trials import Part
+from snake_sim_ros.commands.table_options import add_other_sources, add_table_file
+from snake_sim_ros.comparison.csv_tables import plain, TableWriter
+from snake_sim_ros.reliability.trials import COLUMNS, page, Part
 from snake_sim_ros.scene.checked_records import ParameterError
 
 FUZZ = ('files', 'messages', 'pages', 'states', 'physics')  # modules of the room `reliability`

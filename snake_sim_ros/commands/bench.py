@@ -6,18 +6,13 @@ import argparse
 from collections.abc import Iterable
 from dataclasses import replace
 import sys
-from typing import Any
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from tqdm import tqdm
 
-from snake_sim_ros.commands.scene_options import add_scene_options
-from snake_sim_ros.commands.scene_options import CASES
-from snake_sim_ros.commands.scene_options import scene_from
-from snake_sim_ros.commands.table_options import add_other_sources
-from snake_sim_ros.commands.table_options import add_table_file
-from snake_sim_ros.comparison.csv_tables import plain
-from snake_sim_ros.comparison.csv_tables import TableWriter
+from snake_sim_ros.commands.scene_options import add_scene_options, CASES, scene_from
+from snake_sim_ros.commands.table_options import add_other_sources, add_table_file
+from snake_sim_ros.comparison.csv_tables import plain, TableWriter
 from snake_sim_ros.scene.checked_records import ParameterError
 
 if TYPE_CHECKING:
@@ -62,8 +57,7 @@ def add_bench(subparsers: Any) -> None:
 
 
 def _bench(options: argparse.Namespace) -> int:
-    from snake_sim_ros.comparison import bench
-    from snake_sim_ros.comparison import bench_rows
+    from snake_sim_ros.comparison import bench, bench_rows
     from snake_sim_ros.comparison.contenders import check_times
     from snake_sim_ros.comparison.timing import note_on_step_times
 
@@ -90,8 +84,7 @@ def _bench(options: argparse.Namespace) -> int:
 
 def _field(options: argparse.Namespace) -> 'Field':
     """Return what finds the entrants of a case, with their steps a second or those of --dt."""
-    from snake_sim_ros.comparison.entrants import attempts
-    from snake_sim_ros.comparison.entrants import entrants
+    from snake_sim_ros.comparison.entrants import attempts, entrants
 
     rates = [1 / dt for dt in dict.fromkeys(options.dt or ())]
     return lambda case: attempts(entrants(case, options.methods or (), quick=options.quick), rates)
@@ -99,8 +92,7 @@ def _field(options: argparse.Namespace) -> 'Field':
 
 def _contenders(methods: list[str], *, quick: bool) -> 'list[Contender]':
     """Return the contenders of the matrix, or those of some methods."""
-    from snake_sim_ros.comparison.contenders import all_contenders
-    from snake_sim_ros.comparison.contenders import quick_contenders
+    from snake_sim_ros.comparison.contenders import all_contenders, quick_contenders
     from snake_sim_ros.comparison.entrants import JUDGED_METHODS
 
     contenders = quick_contenders() if quick else all_contenders()

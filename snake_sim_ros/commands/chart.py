@@ -21,8 +21,7 @@ def add_chart(subparsers: Any) -> None:
 
 
 def _chart(options: argparse.Namespace) -> int:
-    from snake_sim_ros.comparison.charts import draw_artefacts
-    from snake_sim_ros.comparison.charts import draw_bench
+    from snake_sim_ros.comparison.charts import draw_artefacts, draw_bench
     from snake_sim_ros.comparison.limits import draw_limits
     from snake_sim_ros.comparison.stability.chart import draw_stability
     from snake_sim_ros.reliability.trials import draw_trials

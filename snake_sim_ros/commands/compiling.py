@@ -6,9 +6,7 @@ import time
 
 from tqdm import tqdm
 
-from snake_sim_ros.nodes.compiling import Compiler
-from snake_sim_ros.nodes.compiling import is_loaded
-from snake_sim_ros.nodes.compiling import levels_of
+from snake_sim_ros.nodes.compiling import Compiler, is_loaded, levels_of
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.view.compile_bar import LAYOUT

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from snake_sim_ros.commands.namespace_option import add_namespace
-from snake_sim_ros.commands.output_files import add_outputs
-from snake_sim_ros.commands.output_files import outputs
-from snake_sim_ros.commands.output_files import print_outputs
-from snake_sim_ros.commands.output_files import title_of
-from snake_sim_ros.commands.output_files import write
+from snake_sim_ros.commands.output_files import (
+    add_outputs,
+    outputs,
+    print_outputs,
+    title_of,
+    write,
+)
 from snake_sim_ros.recording.recorded_runs import read_run
 from snake_sim_ros.scene.checked_records import ParameterError
 

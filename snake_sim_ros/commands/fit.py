@@ -7,17 +7,13 @@ from collections.abc import Callable
 import json
 from pathlib import Path
 import time
-from typing import Any
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from tqdm import tqdm
 
-from snake_sim_ros.commands.scene_options import add_method
-from snake_sim_ros.commands.scene_options import given_settings
+from snake_sim_ros.commands.scene_options import add_method, given_settings
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
 
 if TYPE_CHECKING:
     from snake_sim_ros.fitting.fit import Fit
@@ -105,9 +101,7 @@ def _fit(options: argparse.Namespace) -> int:
     """Run a fit; the last line on standard output is JSON."""
     from snake_sim_ros.fitting.fit import fit
     from snake_sim_ros.fitting.judgement import judge
-    from snake_sim_ros.fitting.results import lines
-    from snake_sim_ros.fitting.results import summary
-    from snake_sim_ros.fitting.results import write_scene
+    from snake_sim_ros.fitting.results import lines, summary, write_scene
 
     begin = time.monotonic()
     plot = _plotter(options)
@@ -161,9 +155,7 @@ def _plotter(options: argparse.Namespace) -> 'Callable[[Fit], None] | None':
 def _replay(options: argparse.Namespace) -> 'tuple[Replay, Scene]':
     """Return the recording in segments, and the scene as it was before its steps were chosen."""
     from snake_sim_ros.fitting.recording import read_recording
-    from snake_sim_ros.fitting.replay import Replay
-    from snake_sim_ros.fitting.replay import Settings
-    from snake_sim_ros.fitting.replay import with_fit_steps
+    from snake_sim_ros.fitting.replay import Replay, Settings, with_fit_steps
 
     names = ('noise_position', 'noise_angle', 'segment', 'burn_in', 'horizon')
     settings = Settings(**{name: getattr(options, name) for name in names})
@@ -210,8 +202,7 @@ def _check(options: argparse.Namespace, found: 'Fit') -> dict[str, Any]:
     from snake_sim_ros.fitting.judgement import judge
     from snake_sim_ros.fitting.replay import Replay
     from snake_sim_ros.fitting.results import coverage
-    from snake_sim_ros.fitting.synthetic import with_noise
-    from snake_sim_ros.fitting.synthetic import without_noise
+    from snake_sim_ros.fitting.synthetic import with_noise, without_noise
 
     replay, settings = found.replay, found.replay.settings
     repeats: list[tuple[Fit, Judgement]] = []

@@ -160,8 +160,7 @@ def _run(act: Callable[..., int | None], options: argparse.Namespace) -> int:
 
     """
     try:
-        from snake_sim_ros.nodes.graph.client import client
-        from snake_sim_ros.nodes.graph.client import GraphError
+        from snake_sim_ros.nodes.graph.client import client, GraphError
     except ImportError as error:
         raise missing_ros('this command', 'topic, ./run param or ./run service', error) from None
     reconfigure = getattr(sys.stdout, 'reconfigure', None)

@@ -8,10 +8,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from snake_sim_ros.commands.scene_options import add_method
-from snake_sim_ros.commands.scene_options import add_scene_options
-from snake_sim_ros.commands.scene_options import CASES
-from snake_sim_ros.commands.scene_options import scene_from
+from snake_sim_ros.commands.scene_options import add_method, add_scene_options, CASES, scene_from
 
 SCENES = (*CASES, 'slender_undulation', 'obstacle_aided', 'step')
 

@@ -8,13 +8,11 @@ import json
 from pathlib import Path
 import sys
 import time
-from typing import Any
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from tqdm import tqdm
 
-from snake_sim_ros.commands.study import add_workers
-from snake_sim_ros.commands.study import workers_of
+from snake_sim_ros.commands.study import add_workers, workers_of
 from snake_sim_ros.scene.checked_records import ParameterError
 
 if TYPE_CHECKING:
@@ -100,11 +98,9 @@ def _compile(problem: 'Problem') -> None:
 
 def _optimize(options: argparse.Namespace) -> int:
     """Run an optimization; the last line on standard output is JSON."""
-    from snake_sim_ros.optimization.optimize import Outcome
-    from snake_sim_ros.optimization.optimize import run_optimization
+    from snake_sim_ros.optimization.optimize import Outcome, run_optimization
     from snake_sim_ros.optimization.problem import load_problem
-    from snake_sim_ros.optimization.results import summary
-    from snake_sim_ros.optimization.results import write_scenes
+    from snake_sim_ros.optimization.results import summary, write_scenes
     from snake_sim_ros.studies.table import check_path
 
     problem = load_problem(options.study)

@@ -3,16 +3,14 @@
 """The files that `run` and `export` write a run to: their options, their checks, the writing."""
 
 import argparse
-from collections.abc import Callable
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 import math
 from pathlib import Path
 
 from tqdm import tqdm
 
-from snake_sim_ros.recording import csv_table
-from snake_sim_ros.recording import npz
+from snake_sim_ros.recording import csv_table, npz
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.trajectory import Trajectory

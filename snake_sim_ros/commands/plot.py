@@ -26,8 +26,7 @@ def add_plot(subparsers: Any) -> None:
 
 def _plot(options: argparse.Namespace) -> int:
     try:
-        from snake_sim_ros.view.chart import check_plot
-        from snake_sim_ros.view.chart import draw
+        from snake_sim_ros.view.chart import check_plot, draw
     except ImportError as error:
         raise ParameterError(
             f"plots need matplotlib ({error}): pip install 'snake_sim_ros[plots]'"

@@ -3,31 +3,31 @@
 """The command `snake-sim run`: a scene without ROS, and files of what it did."""
 
 import argparse
-from collections.abc import Callable
-from collections.abc import Iterator
-from contextlib import contextmanager
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, ExitStack
 import json
 import math
 from pathlib import Path
 import signal
 import sys
-from typing import Any
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from tqdm import tqdm
 
-from snake_sim_ros.commands.output_files import add_outputs
-from snake_sim_ros.commands.output_files import outputs
-from snake_sim_ros.commands.output_files import print_outputs
-from snake_sim_ros.commands.output_files import title_of
-from snake_sim_ros.commands.output_files import write
-from snake_sim_ros.commands.scene_options import add_accuracy
-from snake_sim_ros.commands.scene_options import add_method
-from snake_sim_ros.commands.scene_options import add_scene_options
-from snake_sim_ros.commands.scene_options import scene_with_accuracy
-from snake_sim_ros.commands.sensor_options import add_sensors
-from snake_sim_ros.commands.sensor_options import sensors_of
+from snake_sim_ros.commands.output_files import (
+    add_outputs,
+    outputs,
+    print_outputs,
+    title_of,
+    write,
+)
+from snake_sim_ros.commands.scene_options import (
+    add_accuracy,
+    add_method,
+    add_scene_options,
+    scene_with_accuracy,
+)
+from snake_sim_ros.commands.sensor_options import add_sensors, sensors_of
 from snake_sim_ros.recording.recorded_runs import summary
 from snake_sim_ros.recording.recorded_sensors import recorded_sensors
 from snake_sim_ros.recording.sensors import Sensors
@@ -115,8 +115,7 @@ def _bag(
 ) -> Callable[['Simulation'], None]:
     """Open a bag for a run; return what writes a sample to it."""
     try:
-        from snake_sim_ros.nodes.bag_writer import BagWriter
-        from snake_sim_ros.nodes.bag_writer import RunTopics
+        from snake_sim_ros.nodes.bag_writer import BagWriter, RunTopics
         from snake_sim_ros.nodes.sensor_topics import SensorTopics
     except ImportError as error:
         raise ParameterError(

@@ -7,22 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from snake_sim_ros.gaits.blending import check_reach
-from snake_sim_ros.scene.checked_records import from_mapping
-from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.checked_records import from_mapping, ParameterError
 from snake_sim_ros.scene.dotted_names import by_dotted_names
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, with_settings
 from snake_sim_ros.scene.quoting import quoted
-from snake_sim_ros.scene.scene_files import find_file
-from snake_sim_ros.scene.scene_files import read_mapping
+from snake_sim_ros.scene.scene_files import find_file, read_mapping
 from snake_sim_ros.scene.yaml_text import parse_yaml
 from snake_sim_ros.stepping.accuracy import USUAL_ACCURACY
-from snake_sim_ros.stepping.methods import AUTO
-from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.usual_steps import STEPPING
-from snake_sim_ros.stepping.usual_steps import with_usual_steps
+from snake_sim_ros.stepping.methods import AUTO, METHODS
+from snake_sim_ros.stepping.usual_steps import STEPPING, with_usual_steps
 
 # The cases A to D of the paper.
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')

@@ -7,10 +7,8 @@ from typing import Any
 
 from tqdm import tqdm
 
-from snake_sim_ros.commands.table_options import add_other_sources
-from snake_sim_ros.commands.table_options import add_table_file
-from snake_sim_ros.comparison.csv_tables import plain
-from snake_sim_ros.comparison.csv_tables import TableWriter
+from snake_sim_ros.commands.table_options import add_other_sources, add_table_file
+from snake_sim_ros.comparison.csv_tables import plain, TableWriter
 from snake_sim_ros.scene.checked_records import ParameterError
 
 
@@ -28,8 +26,7 @@ def add_stability(subparsers: Any) -> None:
 
 def _stability(options: argparse.Namespace) -> int:
     from snake_sim_ros.comparison.stability import runs
-    from snake_sim_ros.comparison.stability.maps import MAPS
-    from snake_sim_ros.comparison.stability.maps import run_case
+    from snake_sim_ros.comparison.stability.maps import MAPS, run_case
 
     known = [chart.name for chart in MAPS]
     for name in options.maps or []:

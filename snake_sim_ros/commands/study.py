@@ -4,16 +4,14 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 import json
 import logging
 from pathlib import Path
 import sys
 import time
-from typing import Any
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from tqdm import tqdm
 
@@ -113,8 +111,7 @@ class _Bar:
 def _plotter(path: Path, study: 'Study') -> Callable[[Any], object]:
     """Return what draws the table of a study; raise an error if that is not possible."""
     try:
-        from snake_sim_ros.studies.chart import check_plot
-        from snake_sim_ros.studies.chart import draw
+        from snake_sim_ros.studies.chart import check_plot, draw
     except ImportError as error:
         raise ParameterError(
             f"--plot needs matplotlib ({error}): pip install 'snake_sim_ros[plots]'"

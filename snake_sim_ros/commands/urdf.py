@@ -5,9 +5,11 @@
 import argparse
 from typing import Any
 
-from snake_sim_ros.commands.scene_options import add_scene_options
-from snake_sim_ros.commands.scene_options import add_scene_or_default
-from snake_sim_ros.commands.scene_options import scene_from
+from snake_sim_ros.commands.scene_options import (
+    add_scene_options,
+    add_scene_or_default,
+    scene_from,
+)
 from snake_sim_ros.scene.robot_description import robot_description
 
 

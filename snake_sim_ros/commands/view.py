@@ -8,8 +8,7 @@ from typing import Any
 
 from snake_sim_ros.commands.namespace_option import add_namespace
 from snake_sim_ros.nodes.missing_ros import missing_ros
-from snake_sim_ros.recording.recorded_runs import names_a_recorded_run
-from snake_sim_ros.recording.recorded_runs import read_run
+from snake_sim_ros.recording.recorded_runs import names_a_recorded_run, read_run
 
 
 def add_view(subparsers: Any) -> None:

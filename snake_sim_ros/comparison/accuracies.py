@@ -8,24 +8,22 @@ of each case, as in `ensembles`. A row has the accuracy that was asked for, as i
 the spread of the errors.
 """
 
-from collections.abc import Iterator
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-from snake_sim_ros.comparison.bench_rows import Entry
-from snake_sim_ros.comparison.bench_rows import Row
+from snake_sim_ros.comparison.bench_rows import Entry, Row
 from snake_sim_ros.comparison.courses import compiled_course
-from snake_sim_ros.comparison.cycles import period
-from snake_sim_ros.comparison.cycles import reference_run
-from snake_sim_ros.comparison.cycles import steady_starts
-from snake_sim_ros.comparison.cycles import STEP_SECONDS
-from snake_sim_ros.comparison.cycles import trial_from
+from snake_sim_ros.comparison.cycles import (
+    period,
+    reference_run,
+    steady_starts,
+    STEP_SECONDS,
+    trial_from,
+)
 from snake_sim_ros.comparison.entrants import Entrant
 from snake_sim_ros.comparison.families import family
-from snake_sim_ros.comparison.judges import spread_rows
-from snake_sim_ros.comparison.judges import Trial
+from snake_sim_ros.comparison.judges import spread_rows, Trial
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.accuracy import with_accuracy
 

@@ -9,36 +9,30 @@ into the floor, rebound of an inelastic impact, and energy out of nothing. All c
 same time steps.
 """
 
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Iterator
-from collections.abc import Mapping
-from dataclasses import dataclass
-from dataclasses import fields
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields, replace
 from functools import partial
 import math
 from typing import Any
 
 from scipy.integrate import quad
 
-from snake_sim_ros.comparison.baselines.integrators import make_pyramid
-from snake_sim_ros.comparison.baselines.integrators import make_semi_implicit
-from snake_sim_ros.comparison.baselines.integrators import Penalty
+from snake_sim_ros.comparison.baselines.integrators import (
+    make_pyramid,
+    make_semi_implicit,
+    Penalty,
+)
 from snake_sim_ros.comparison.mujoco_model import MujocoSettings
 from snake_sim_ros.comparison.mujoco_runs import mujoco_trajectory
 from snake_sim_ros.dynamics.energy import mechanical_energy
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Robot, Scene
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.simulation import sample
-from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.simulation import sample, Simulation
+from snake_sim_ros.stepping.state import initial_state, State
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 DT = 1 / 4000  # s

@@ -19,58 +19,42 @@ another model and therefore two errors: `error_limit` is that of its time step, 
 the solution that its own small steps converge to, and `model_error` is the error of that solution.
 """
 
-from collections.abc import Iterable
-from collections.abc import Iterator
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 import math
 
-from snake_sim_ros.comparison.accuracies import accuracies
-from snake_sim_ros.comparison.accuracies import QUICK_TRIALS
-from snake_sim_ros.comparison.accuracies import TRIALS
-from snake_sim_ros.comparison.bench_rows import Entry
-from snake_sim_ros.comparison.bench_rows import Row
+from snake_sim_ros.comparison.accuracies import accuracies, QUICK_TRIALS, TRIALS
+from snake_sim_ros.comparison.bench_rows import Entry, Row
 from snake_sim_ros.comparison.contenders import Contender
 from snake_sim_ros.comparison.converged_paths import ConvergedPaths
-from snake_sim_ros.comparison.cycles import cycles
-from snake_sim_ros.comparison.cycles import PHASES
-from snake_sim_ros.comparison.cycles import QUICK_PHASES
-from snake_sim_ros.comparison.ensembles import ENSEMBLE
-from snake_sim_ros.comparison.ensembles import ensemble
-from snake_sim_ros.comparison.ensembles import Field
-from snake_sim_ros.comparison.ensembles import QUICK_ENSEMBLE
-from snake_sim_ros.comparison.ensembles import robust
-from snake_sim_ros.comparison.hard_contacts import load_problems
-from snake_sim_ros.comparison.hard_contacts import reports_by_limit
-from snake_sim_ros.comparison.path_errors import extrapolated
-from snake_sim_ros.comparison.path_errors import largest_difference
-from snake_sim_ros.comparison.path_errors import Motion
-from snake_sim_ros.comparison.path_errors import motion
-from snake_sim_ros.comparison.path_errors import path_error
-from snake_sim_ros.comparison.soak import MARKS
-from snake_sim_ros.comparison.soak import QUICK_MARKS
-from snake_sim_ros.comparison.soak import soak
-from snake_sim_ros.comparison.soak import soaked_scene
-from snake_sim_ros.comparison.soak import SOAKED_SCENES
+from snake_sim_ros.comparison.cycles import cycles, PHASES, QUICK_PHASES
+from snake_sim_ros.comparison.ensembles import ENSEMBLE, ensemble, Field, QUICK_ENSEMBLE, robust
+from snake_sim_ros.comparison.hard_contacts import load_problems, reports_by_limit
+from snake_sim_ros.comparison.path_errors import (
+    extrapolated,
+    largest_difference,
+    Motion,
+    motion,
+    path_error,
+)
+from snake_sim_ros.comparison.soak import MARKS, QUICK_MARKS, soak, soaked_scene, SOAKED_SCENES
 from snake_sim_ros.comparison.stage_times import stage_times
 from snake_sim_ros.comparison.throughput import throughput
 from snake_sim_ros.comparison.timed_run import TimedRun
-from snake_sim_ros.comparison.timing import calibration
-from snake_sim_ros.comparison.timing import CASE_A_NAME
-from snake_sim_ros.comparison.timing import converged
-from snake_sim_ros.comparison.timing import REFERENCE_STEPS
-from snake_sim_ros.comparison.timing import SITUATIONS
-from snake_sim_ros.comparison.timing import situations
-from snake_sim_ros.comparison.timing import start_up_seconds
-from snake_sim_ros.comparison.timing import timed
-from snake_sim_ros.comparison.timing import with_links
+from snake_sim_ros.comparison.timing import (
+    calibration,
+    CASE_A_NAME,
+    converged,
+    REFERENCE_STEPS,
+    SITUATIONS,
+    situations,
+    start_up_seconds,
+    timed,
+    with_links,
+)
 from snake_sim_ros.comparison.user_times import user
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import Array, load_scene, Scene, with_settings
 from snake_sim_ros.stepping.base import Report
 
 QUICK_REFERENCE_STEPS = (1 / 8000, 1 / 16000)  # s, see `timing.REFERENCE_STEPS`

@@ -2,18 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rows of the bench: their columns, how files are read, and the entries that make rows."""
 
-from collections.abc import Callable
-from collections.abc import Mapping
-from dataclasses import asdict
-from dataclasses import dataclass
-from dataclasses import fields
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, fields, replace
 import math
 from typing import Any
 
-from snake_sim_ros.comparison.csv_tables import is_empty
-from snake_sim_ros.comparison.csv_tables import records_of
-from snake_sim_ros.comparison.csv_tables import Table
+from snake_sim_ros.comparison.csv_tables import is_empty, records_of, Table
 from snake_sim_ros.scene.checked_records import ParameterError
 
 

@@ -2,16 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables in Markdown of the parts of the bench."""
 
-from collections.abc import Iterable
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 import math
 
 from snake_sim_ros.comparison.bench_rows import Row
-from snake_sim_ros.comparison.pareto import cost_at
-from snake_sim_ros.comparison.pareto import fastest
-from snake_sim_ros.comparison.pareto import front
-from snake_sim_ros.comparison.pareto import is_ours
+from snake_sim_ros.comparison.pareto import cost_at, fastest, front, is_ours
 
 # Settings of the part `user`.
 LOOP, RUN, CALL = 'compiled loop', 'run() at 100 Hz', 'run() at 100 Hz, whole call'

@@ -11,10 +11,7 @@ from matplotlib.figure import Figure
 
 from snake_sim_ros.comparison.bench_rows import Row
 from snake_sim_ros.comparison.bench_tables import point
-from snake_sim_ros.comparison.chart_style import CASE_TITLES
-from snake_sim_ros.comparison.chart_style import METHOD_STYLES
-from snake_sim_ros.comparison.chart_style import panels
-from snake_sim_ros.comparison.chart_style import plot_line
+from snake_sim_ros.comparison.chart_style import CASE_TITLES, METHOD_STYLES, panels, plot_line
 from snake_sim_ros.comparison.pareto import front
 
 WAYS = {

@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Charts of the bench, and of paths."""
 
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -17,32 +15,32 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from snake_sim_ros.comparison import artefacts
-from snake_sim_ros.comparison.bench_rows import Row
-from snake_sim_ros.comparison.bench_rows import rows_of
-from snake_sim_ros.comparison.bench_tables import accuracy_table
-from snake_sim_ros.comparison.bench_tables import agreement_table
-from snake_sim_ros.comparison.bench_tables import robust_table
-from snake_sim_ros.comparison.bench_tables import soak_table
-from snake_sim_ros.comparison.bench_tables import spread_table
-from snake_sim_ros.comparison.bench_tables import targets_table
-from snake_sim_ros.comparison.bench_tables import throughput_table
-from snake_sim_ros.comparison.bench_tables import user_table
+from snake_sim_ros.comparison.bench_rows import Row, rows_of
+from snake_sim_ros.comparison.bench_tables import (
+    accuracy_table,
+    agreement_table,
+    robust_table,
+    soak_table,
+    spread_table,
+    targets_table,
+    throughput_table,
+    user_table,
+)
 from snake_sim_ros.comparison.chart_of_spreads import spreads_figure
-from snake_sim_ros.comparison.chart_style import CASE_TITLES
-from snake_sim_ros.comparison.chart_style import CHART_STYLE
-from snake_sim_ros.comparison.chart_style import METHOD_STYLES
-from snake_sim_ros.comparison.chart_style import panels
-from snake_sim_ros.comparison.chart_style import PATH_COLOR
-from snake_sim_ros.comparison.chart_style import plot_line
-from snake_sim_ros.comparison.chart_style import save
-from snake_sim_ros.comparison.csv_tables import records_of
-from snake_sim_ros.comparison.csv_tables import Table
-from snake_sim_ros.comparison.pareto import fitted_order
-from snake_sim_ros.comparison.pareto import fitted_power
+from snake_sim_ros.comparison.chart_style import (
+    CASE_TITLES,
+    CHART_STYLE,
+    METHOD_STYLES,
+    panels,
+    PATH_COLOR,
+    plot_line,
+    save,
+)
+from snake_sim_ros.comparison.csv_tables import records_of, Table
+from snake_sim_ros.comparison.pareto import fitted_order, fitted_power
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.whole_files import write_figure
-from snake_sim_ros.scene.whole_files import write_whole
+from snake_sim_ros.scene.whole_files import write_figure, write_whole
 
 POSTURE_COLORS = ('#999999', '#56b4e9', '#009e73', '#e69f00', '#d55e00')
 MAIN_SETTINGS = {  # setting that represents a method; the other settings are drawn thin

@@ -2,28 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """The contenders of the bench: methods with their settings, time steps and ways to run them."""
 
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Mapping
-from dataclasses import dataclass
-from dataclasses import field
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
-from snake_sim_ros.comparison.baselines.integrators import integrate
-from snake_sim_ros.comparison.baselines.integrators import make_pyramid
-from snake_sim_ros.comparison.baselines.integrators import make_semi_implicit
-from snake_sim_ros.comparison.baselines.integrators import Penalty
+from snake_sim_ros.comparison.baselines.integrators import (
+    integrate,
+    make_pyramid,
+    make_semi_implicit,
+    Penalty,
+)
 from snake_sim_ros.comparison.mujoco_model import MujocoSettings
 from snake_sim_ros.comparison.mujoco_runs import run_mujoco
-from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
-from snake_sim_ros.comparison.timed_run import TimedRun
-from snake_sim_ros.comparison.timing import energy_error
-from snake_sim_ros.comparison.timing import timed
+from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD, TimedRun
+from snake_sim_ros.comparison.timing import energy_error, timed
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import Scene, with_settings
 from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.stepping.base import Stepper
 

@@ -8,22 +8,18 @@ that takes all steps of a run. References are computed before it, and the path i
 in another run with the same steps. What Python does counts for nobody.
 """
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import math
 import time
-from typing import NamedTuple
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import initial_state, State
 
 CALLS = 2  # timed calls of a run, of which the shortest counts,
 LONG_CALL = 0.1  # unless the first one takes so long [s] that disturbances are small

@@ -8,16 +8,10 @@ that is continued later gets another head above its new rows, so that nobody has
 head. The program seals heads and rows; `seals` detects changes by hand.
 """
 
-from collections.abc import Iterable
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 import csv
-from dataclasses import asdict
-from dataclasses import dataclass
-from dataclasses import fields
-from dataclasses import MISSING
-from datetime import datetime
-from datetime import timezone
+from dataclasses import asdict, dataclass, fields, MISSING
+from datetime import datetime, timezone
 from hashlib import sha256
 import importlib.metadata
 import io
@@ -27,13 +21,8 @@ import platform
 import subprocess
 from typing import Any
 
-from snake_sim_ros.comparison.seals import check
-from snake_sim_ros.comparison.seals import SEAL_NAME
-from snake_sim_ros.comparison.seals import SealChain
-from snake_sim_ros.comparison.seals import sealed
-from snake_sim_ros.comparison.seals import unsealed
-from snake_sim_ros.scene.about import __version__
-from snake_sim_ros.scene.about import PACKAGE
+from snake_sim_ros.comparison.seals import check, SEAL_NAME, SealChain, sealed, unsealed
+from snake_sim_ros.scene.about import __version__, PACKAGE
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.whole_files import write_whole
 

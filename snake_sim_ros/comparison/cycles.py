@@ -9,32 +9,23 @@ of the middle link from where a converged run from the same state is a period la
 distance that this one has gone. A row has the spread of these errors over phases of the gait.
 """
 
-from collections.abc import Iterator
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 import math
 
 import numpy as np
 
-from snake_sim_ros.comparison.bench_rows import Entry
-from snake_sim_ros.comparison.bench_rows import Row
-from snake_sim_ros.comparison.courses import Course
-from snake_sim_ros.comparison.courses import Start
-from snake_sim_ros.comparison.ensembles import entered_rows
-from snake_sim_ros.comparison.ensembles import Field
+from snake_sim_ros.comparison.bench_rows import Entry, Row
+from snake_sim_ros.comparison.courses import Course, Start
+from snake_sim_ros.comparison.ensembles import entered_rows, Field
 from snake_sim_ros.comparison.entrants import Entrant
 from snake_sim_ros.comparison.families import frequency
-from snake_sim_ros.comparison.judges import spread_rows
-from snake_sim_ros.comparison.judges import Trial
+from snake_sim_ros.comparison.judges import spread_rows, Trial
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import Array, Scene, with_settings
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.simulation import sample
-from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.state import State
 
 PHASES = 16

@@ -8,24 +8,14 @@ A row of `ensemble` has the spread of the errors of an entrant over perturbed sc
 of the middle link from the converged path of the same scene, over its distance from start to end.
 """
 
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Iterator
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 
-from snake_sim_ros.comparison.bench_rows import Entry
-from snake_sim_ros.comparison.bench_rows import Row
-from snake_sim_ros.comparison.converged_paths import ConvergedPaths
-from snake_sim_ros.comparison.converged_paths import course_error
+from snake_sim_ros.comparison.bench_rows import Entry, Row
+from snake_sim_ros.comparison.converged_paths import ConvergedPaths, course_error
 from snake_sim_ros.comparison.entrants import Entrant
-from snake_sim_ros.comparison.families import family
-from snake_sim_ros.comparison.families import NEARBY_STEPS
-from snake_sim_ros.comparison.families import neighbors
-from snake_sim_ros.comparison.judges import spread_rows
-from snake_sim_ros.comparison.judges import Trial
-from snake_sim_ros.comparison.judges import worst_rows
+from snake_sim_ros.comparison.families import family, NEARBY_STEPS, neighbors
+from snake_sim_ros.comparison.judges import spread_rows, Trial, worst_rows
 from snake_sim_ros.scene.parameters import Scene
 
 ENSEMBLE = 32  # scenes in a family

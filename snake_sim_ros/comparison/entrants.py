@@ -8,26 +8,19 @@ with multiples of the steps a second for which they were found. Drake, whose fri
 enters in cases B and C; its steps are the longest that it may take.
 """
 
-from collections.abc import Iterable
-from collections.abc import Mapping
-from collections.abc import Sequence
-from dataclasses import dataclass
-from dataclasses import field
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import zip_longest
 from typing import Any
 
 from snake_sim_ros.comparison.contenders import LOOSE_TOLERANCE
-from snake_sim_ros.comparison.courses import compiled_course
-from snake_sim_ros.comparison.courses import Runner
-from snake_sim_ros.comparison.drake_runs import cenic_course
-from snake_sim_ros.comparison.drake_runs import CenicSettings
+from snake_sim_ros.comparison.courses import compiled_course, Runner
+from snake_sim_ros.comparison.drake_runs import cenic_course, CenicSettings
 from snake_sim_ros.comparison.mujoco_contacts import searched_for
 from snake_sim_ros.comparison.mujoco_model import MujocoSettings
 from snake_sim_ros.comparison.mujoco_rollouts import rolled_course
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import Scene, with_settings
 
 # Steps a second.
 SECOND_ORDER_RATES = (400, 200, 100, 70, 50, 40, 30, 20, 10)

@@ -19,15 +19,10 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.dynamics.control_loop import make_control_memory
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import CONFIG
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import scene_from_text
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import Array, CONFIG, Scene, scene_from_text, with_settings
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.state import History
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import History, State
 
 
 class StoredStep(NamedTuple):

@@ -7,24 +7,17 @@ In every trial all entrants take turns, so that a disturbance of the machine aff
 ratios of their times are those of one run.
 """
 
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Sequence
-from dataclasses import dataclass
-from dataclasses import field
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 import math
 from typing import NamedTuple
 
 import numpy as np
 
 from snake_sim_ros.comparison.bench_rows import Row
-from snake_sim_ros.comparison.courses import Course
-from snake_sim_ros.comparison.courses import Start
-from snake_sim_ros.comparison.courses import step_count
+from snake_sim_ros.comparison.courses import Course, Start, step_count
 from snake_sim_ros.comparison.entrants import Entrant
-from snake_sim_ros.comparison.spread import root_mean_square
-from snake_sim_ros.comparison.spread import spread
+from snake_sim_ros.comparison.spread import root_mean_square, spread
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene
 

@@ -23,8 +23,7 @@ out of proportion; `verdict` names what was found.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from itertools import pairwise
 import math
 from pathlib import Path
@@ -32,17 +31,12 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.comparison.csv_tables import records_of
-from snake_sim_ros.comparison.csv_tables import Table
-from snake_sim_ros.scene.checked_records import from_mapping
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.comparison.csv_tables import records_of, Table
+from snake_sim_ros.scene.checked_records import from_mapping, ParameterError
+from snake_sim_ros.scene.parameters import Array, Scene, with_settings
 from snake_sim_ros.scene.whole_files import write_whole
 from snake_sim_ros.stepping.accuracy import with_accuracy
-from snake_sim_ros.stepping.simulation import sample
-from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.simulation import sample, Simulation
 
 KINDS = ('flat', 'pegs', 'cells', 'folds')
 SEED = 36

@@ -17,18 +17,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from snake_sim_ros.comparison.mujoco_contacts import BY_HAND
-from snake_sim_ros.comparison.mujoco_contacts import CONTACT_MODELS
-from snake_sim_ros.comparison.mujoco_contacts import ContactModel
+from snake_sim_ros.comparison.mujoco_contacts import BY_HAND, CONTACT_MODELS, ContactModel
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.checked_records import CheckedRecord
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.checked_records import quantity
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.posture import initial_coordinates
-from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
+from snake_sim_ros.scene.parameters import Array, Robot, Scene
+from snake_sim_ros.scene.posture import initial_coordinates, joint_angles
 from snake_sim_ros.scene.robot_description import element
 
 DRIVES = ('torque', 'position', 'spring')

@@ -12,18 +12,11 @@ import math
 
 import numpy as np
 
-from snake_sim_ros.comparison.courses import Course
-from snake_sim_ros.comparison.courses import least_seconds
-from snake_sim_ros.comparison.courses import portions
-from snake_sim_ros.comparison.courses import Start
-from snake_sim_ros.comparison.courses import step_count
-from snake_sim_ros.comparison.mujoco_model import import_mujoco
-from snake_sim_ros.comparison.mujoco_model import MujocoSettings
-from snake_sim_ros.comparison.mujoco_runs import collected_warnings
-from snake_sim_ros.comparison.mujoco_runs import MujocoRobot
+from snake_sim_ros.comparison.courses import Course, least_seconds, portions, Start, step_count
+from snake_sim_ros.comparison.mujoco_model import import_mujoco, MujocoSettings
+from snake_sim_ros.comparison.mujoco_runs import collected_warnings, MujocoRobot
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Scene
 
 PLACE = slice(1, 4)  # of the middle link, the root of the tree, in a state of MuJoCo
 

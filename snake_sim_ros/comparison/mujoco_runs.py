@@ -13,23 +13,24 @@ import time
 
 import numpy as np
 
-from snake_sim_ros.comparison.mujoco_model import GAINS
-from snake_sim_ros.comparison.mujoco_model import import_mujoco
-from snake_sim_ros.comparison.mujoco_model import mjcf
-from snake_sim_ros.comparison.mujoco_model import MujocoSettings
-from snake_sim_ros.comparison.mujoco_model import tree_order
-from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
-from snake_sim_ros.comparison.timed_run import TimedRun
-from snake_sim_ros.comparison.timed_run import timing_of
-from snake_sim_ros.comparison.timed_run import trajectory_of_states
-from snake_sim_ros.dynamics.energy import BALANCE_TIME
-from snake_sim_ros.dynamics.energy import imbalance
+from snake_sim_ros.comparison.mujoco_model import (
+    GAINS,
+    import_mujoco,
+    mjcf,
+    MujocoSettings,
+    tree_order,
+)
+from snake_sim_ros.comparison.timed_run import (
+    SAMPLING_PERIOD,
+    TimedRun,
+    timing_of,
+    trajectory_of_states,
+)
+from snake_sim_ros.dynamics.energy import BALANCE_TIME, imbalance
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.periods import steps_in
-from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.posture import joint_rates
+from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.trajectory import Trajectory

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fastest method for an accuracy, fronts of cost and error, and orders of convergence."""
 
-from collections.abc import Iterable
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 import math
 
 import numpy as np

@@ -10,10 +10,8 @@ are not detected, since writing may have been interrupted. Seals are not signatu
 changes by hand, but not the forgery of a program.
 """
 
-from collections.abc import Iterator
-from collections.abc import Sequence
-from dataclasses import dataclass
-from dataclasses import field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from hashlib import sha256
 
 from snake_sim_ros.scene.checked_records import ParameterError

@@ -7,18 +7,14 @@ In `sidewinding` and `lateral_undulation` the robot moves on without end. Among 
 passes in some seconds, it starts again after every duration of the scene.
 """
 
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 import os
 from pathlib import Path
 import time
 from typing import Any
 
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
 from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.samples import Samples

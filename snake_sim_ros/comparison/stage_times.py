@@ -7,18 +7,12 @@ import time
 import numpy as np
 
 from snake_sim_ros.comparison.timing import tick_length
-from snake_sim_ros.contact.newton import Newton
-from snake_sim_ros.contact.newton import solve_contacts
-from snake_sim_ros.dynamics.articulated_body import factor_chain
-from snake_sim_ros.dynamics.articulated_body import reset_chain
-from snake_sim_ros.dynamics.articulated_body import solve_chain
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import cycle_counter
+from snake_sim_ros.contact.newton import Newton, solve_contacts
+from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain, solve_chain
+from snake_sim_ros.dynamics.compilation import compiled, cycle_counter
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.moreau import begin_step
-from snake_sim_ros.stepping.moreau import end_step
-from snake_sim_ros.stepping.planar import moreau as planar
-from snake_sim_ros.stepping.planar import newton as planar_newton
+from snake_sim_ros.stepping.moreau import begin_step, end_step
+from snake_sim_ros.stepping.planar import moreau as planar, newton as planar_newton
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.spatial import SpatialStepper

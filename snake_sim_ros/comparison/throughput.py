@@ -8,11 +8,7 @@ compiled call, those of MuJoCo by `mujoco.rollout`. What is known before the fir
 before the clock starts: models, starts, joint references, and memory for the results.
 """
 
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Iterator
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
@@ -23,21 +19,17 @@ from typing import Protocol
 
 import numpy as np
 
-from snake_sim_ros.comparison.bench_rows import Entry
-from snake_sim_ros.comparison.bench_rows import Row
-from snake_sim_ros.comparison.bench_tables import on_threads
-from snake_sim_ros.comparison.bench_tables import THREADS
+from snake_sim_ros.comparison.bench_rows import Entry, Row
+from snake_sim_ros.comparison.bench_tables import on_threads, THREADS
 from snake_sim_ros.comparison.contenders import LOOSE_TOLERANCE
 from snake_sim_ros.comparison.converged_paths import ConvergedPaths
-from snake_sim_ros.comparison.courses import compiled_course
-from snake_sim_ros.comparison.courses import step_count
+from snake_sim_ros.comparison.courses import compiled_course, step_count
 from snake_sim_ros.comparison.ensembles import worst_of_neighbors
 from snake_sim_ros.comparison.entrants import Entrant
 from snake_sim_ros.comparison.families import family
 from snake_sim_ros.comparison.mujoco_contacts import searched_for
 from snake_sim_ros.comparison.mujoco_model import MujocoSettings
-from snake_sim_ros.comparison.mujoco_rollouts import rolled_course
-from snake_sim_ros.comparison.mujoco_rollouts import Rollouts
+from snake_sim_ros.comparison.mujoco_rollouts import rolled_course, Rollouts
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.methods import make_stepper

@@ -8,10 +8,8 @@ import math
 
 import numpy as np
 
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.posture import joint_rates
+from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.trajectory import Trajectory

@@ -10,8 +10,7 @@ the same kind of arithmetic, or between runs that take turns.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
 import os
 import platform
@@ -23,35 +22,25 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.comparison.path_errors import extrapolated
-from snake_sim_ros.comparison.path_errors import Motion
-from snake_sim_ros.comparison.path_errors import path_error
-from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
-from snake_sim_ros.comparison.timed_run import TimedRun
-from snake_sim_ros.comparison.timed_run import timing_of
+from snake_sim_ros.comparison.path_errors import extrapolated, Motion, path_error
+from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD, TimedRun, timing_of
 from snake_sim_ros.dynamics.articulated_body import factor
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import COUNTS_CYCLES
-from snake_sim_ros.dynamics.compilation import cycle_counter
-from snake_sim_ros.dynamics.energy import balance_error
-from snake_sim_ros.dynamics.energy import BALANCE_TIME
-from snake_sim_ros.scene.checked_records import flat_fields
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import scene_to_text
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.dynamics.compilation import compiled, COUNTS_CYCLES, cycle_counter
+from snake_sim_ros.dynamics.energy import balance_error, BALANCE_TIME
+from snake_sim_ros.scene.checked_records import flat_fields, ParameterError
+from snake_sim_ros.scene.parameters import (
+    Array,
+    load_scene,
+    Robot,
+    Scene,
+    scene_to_text,
+    with_settings,
+)
 from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.stepping.base import Stepper
-from snake_sim_ros.stepping.methods import method_of
-from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.methods import what_is_not_planar
-from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.sampling import Limits
-from snake_sim_ros.stepping.simulation import sample
-from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.methods import method_of, METHODS, what_is_not_planar
+from snake_sim_ros.stepping.sampling import Keep, Limits
+from snake_sim_ros.stepping.simulation import sample, Simulation
 
 REFERENCE_STEPS = (1 / 16000, 1 / 32000)  # s, of the two runs that are extrapolated
 LIFTED_HEIGHT = 10.0  # m, out of reach of the floor for more than a second

@@ -9,8 +9,7 @@ factor counts everything from the first step to the record. All times are wall t
 of some rounds.
 """
 
-from collections.abc import Iterator
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 import math
@@ -20,22 +19,21 @@ import time
 
 import numpy as np
 
-from snake_sim_ros.comparison.bench_rows import Entry
-from snake_sim_ros.comparison.bench_rows import Row
-from snake_sim_ros.comparison.bench_tables import ADVANCE
-from snake_sim_ros.comparison.bench_tables import CALL
-from snake_sim_ros.comparison.bench_tables import COMMAND
-from snake_sim_ros.comparison.bench_tables import CONTROLLED
-from snake_sim_ros.comparison.bench_tables import LOOP
-from snake_sim_ros.comparison.bench_tables import REFERENCE
-from snake_sim_ros.comparison.bench_tables import RUN
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.comparison.bench_rows import Entry, Row
+from snake_sim_ros.comparison.bench_tables import (
+    ADVANCE,
+    CALL,
+    COMMAND,
+    CONTROLLED,
+    LOOP,
+    REFERENCE,
+    RUN,
+)
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.periods import samples_of
 from snake_sim_ros.stepping.controlled import controlled
 from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.simulation import run
-from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.simulation import run, Simulation
 
 USER_CASES = ('lateral_undulation', 'sidewinding')  # in the plane, and in space
 METHODS_OF_USERS = (('newton', 1 / 4000), ('bdf2', 1 / 200))

@@ -22,12 +22,9 @@ import math
 from snake_sim_ros.contact.delassus import eliminate
 from snake_sim_ros.contact.linear_problem import solve_linear
 from snake_sim_ros.contact.penetration import gap_at
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 from snake_sim_ros.dynamics.free_chain import unfold_free
-from snake_sim_ros.dynamics.joint_drift import close_joints
-from snake_sim_ros.dynamics.joint_drift import turn_link
+from snake_sim_ros.dynamics.joint_drift import close_joints, turn_link
 
 # A contact counts as closed up to the way that this acceleration, a fourth of gravity, makes in a
 # step [m/s^2].

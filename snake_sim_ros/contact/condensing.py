@@ -11,15 +11,14 @@ and on one arm those of the joints that both have to pass. G is symmetric to the
 """
 
 from snake_sim_ros.dynamics.articulated_body import add
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import four
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import pair
-from snake_sim_ros.dynamics.free_chain import factor_free
-from snake_sim_ros.dynamics.free_chain import fold_wrench
-from snake_sim_ros.dynamics.free_chain import joint_column
-from snake_sim_ros.dynamics.free_chain import root_load
-from snake_sim_ros.dynamics.free_chain import scaled
+from snake_sim_ros.dynamics.compilation import compiled, four, inlined, pair
+from snake_sim_ros.dynamics.free_chain import (
+    factor_free,
+    fold_wrench,
+    joint_column,
+    root_load,
+    scaled,
+)
 
 
 @inlined

@@ -16,12 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.directions import add_contact_wrench
-from snake_sim_ros.contact.directions import contact_velocities
+from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities
 from snake_sim_ros.dynamics.articulated_body import solve_chain
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 from snake_sim_ros.dynamics.free_chain import unfold_free
 from snake_sim_ros.scene.parameters import Array
 

@@ -6,14 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.closing import closed_gap
-from snake_sim_ros.contact.closing import left_gap
-from snake_sim_ros.contact.closing import MOST_CLOSED
-from snake_sim_ros.contact.closing import MOST_MOVES
+from snake_sim_ros.contact.closing import closed_gap, left_gap, MOST_CLOSED, MOST_MOVES
 from snake_sim_ros.dynamics.dense_joint_drift import without_drift
 from snake_sim_ros.dynamics.force_directions import scene_gaps
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import product
 
 

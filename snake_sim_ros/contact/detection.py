@@ -13,22 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.frames import fill_contact_frame
-from snake_sim_ros.contact.frames import set_axis
-from snake_sim_ros.contact.laws import make_disc
-from snake_sim_ros.contact.laws import OtherFriction
-from snake_sim_ros.contact.patches import fill_grip
-from snake_sim_ros.contact.patches import make_patches
-from snake_sim_ros.contact.patches import Patches
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.scene.obstacles import first_pair
-from snake_sim_ros.scene.obstacles import first_peg
-from snake_sim_ros.scene.obstacles import is_flat
-from snake_sim_ros.scene.obstacles import pair_contacts
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.contact.frames import fill_contact_frame, set_axis
+from snake_sim_ros.contact.laws import make_disc, OtherFriction
+from snake_sim_ros.contact.patches import fill_grip, make_patches, Patches
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.scene.obstacles import first_pair, first_peg, is_flat, pair_contacts
+from snake_sim_ros.scene.parameters import Array, Scene
 
 LANDING_SPEED = 0.1  # a contact takes part if this speed could close its gap in the step [m/s]
 

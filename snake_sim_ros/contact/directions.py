@@ -15,8 +15,7 @@ its chain. `frame`, shape (contacts, 3, 3), has the rows normal, e_x and e_y of 
 in I.
 """
 
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 
 
 @compiled

@@ -18,19 +18,14 @@ from typing import NamedTuple
 
 from snake_sim_ros.contact.admissible import without_gain
 from snake_sim_ros.contact.condensing import condense
-from snake_sim_ros.contact.delassus import condensed_twists
-from snake_sim_ros.contact.delassus import condensed_velocities
+from snake_sim_ros.contact.delassus import condensed_twists, condensed_velocities
 from snake_sim_ros.contact.natural_map import natural_map
-from snake_sim_ros.contact.newton import iterate_laws
-from snake_sim_ros.contact.newton import Operator
-from snake_sim_ros.contact.prox_iteration import copy_impulses
-from snake_sim_ros.contact.prox_iteration import forget_open
+from snake_sim_ros.contact.newton import iterate_laws, Operator
+from snake_sim_ros.contact.prox_iteration import copy_impulses, forget_open
 from snake_sim_ros.contact.settling import is_negligible
-from snake_sim_ros.contact.solver import Outcome
-from snake_sim_ros.contact.solver import solve
+from snake_sim_ros.contact.solver import Outcome, solve
 from snake_sim_ros.contact.sweeps import sweep
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 
 SWEEPS = 100  # sweeps between two tries of Newton's method
 NEWTON_ITERATIONS = 20  # of one try, at most

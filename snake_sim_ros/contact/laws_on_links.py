@@ -3,11 +3,8 @@
 """How linear contact laws join the inertia of the links that they act on."""
 
 from snake_sim_ros.contact.directions import direction
-from snake_sim_ros.contact.table import ROLLING
-from snake_sim_ros.contact.table import SLIDING
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.contact.table import ROLLING, SLIDING
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 
 
 @inlined

@@ -8,14 +8,10 @@ With held disc radii the contact problem is convex, and the search finds its min
 
 import math
 
-from snake_sim_ros.contact.laws import anchored_disc
-from snake_sim_ros.contact.laws import grip
-from snake_sim_ros.contact.laws import rolling_disc
-from snake_sim_ros.contact.linear_laws import disc_law
-from snake_sim_ros.contact.linear_laws import normal_law
+from snake_sim_ros.contact.laws import anchored_disc, grip, rolling_disc
+from snake_sim_ros.contact.linear_laws import disc_law, normal_law
 from snake_sim_ros.contact.table import FREE
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 
 
 @compiled

@@ -20,15 +20,9 @@ normal impulse. What remains to be solved is the forward dynamics of a chain, se
 
 import math
 
-from snake_sim_ros.contact.laws import anchored_disc
-from snake_sim_ros.contact.laws import grip
-from snake_sim_ros.contact.laws import rolling_disc
-from snake_sim_ros.contact.table import FREE
-from snake_sim_ros.contact.table import ROLLING
-from snake_sim_ros.contact.table import SLIDING
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.contact.laws import anchored_disc, grip, rolling_disc
+from snake_sim_ros.contact.table import FREE, ROLLING, SLIDING
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 
 
 @merged

@@ -10,24 +10,20 @@ such contacts in addition. The alternative is a dense problem with the Delassus 
 
 import math
 
-from snake_sim_ros.contact.delassus import condensed_system
-from snake_sim_ros.contact.delassus import eliminate
-from snake_sim_ros.contact.delassus import fill_wrenches
-from snake_sim_ros.contact.directions import add_contact_wrench
-from snake_sim_ros.contact.directions import contact_velocities
+from snake_sim_ros.contact.delassus import condensed_system, eliminate, fill_wrenches
+from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities
 from snake_sim_ros.contact.laws_on_links import add_laws
-from snake_sim_ros.contact.linear_laws import linear_impulses
-from snake_sim_ros.contact.linear_laws import linearize
+from snake_sim_ros.contact.linear_laws import linear_impulses, linearize
 from snake_sim_ros.contact.reduced_problem import reduced_step
 from snake_sim_ros.contact.table import SLIDING
-from snake_sim_ros.dynamics.articulated_body import correct_chain
-from snake_sim_ros.dynamics.articulated_body import factor_chain
-from snake_sim_ros.dynamics.articulated_body import find_residual
-from snake_sim_ros.dynamics.articulated_body import reset_chain
-from snake_sim_ros.dynamics.articulated_body import solve_residual
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.articulated_body import (
+    correct_chain,
+    factor_chain,
+    find_residual,
+    reset_chain,
+    solve_residual,
+)
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 
 MOST_CORRECTIONS = 4  # of the twists in one linear step
 FAR = 1e-4  # a solution that is farther from the trial velocities is not corrected [m/s]

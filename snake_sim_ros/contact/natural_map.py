@@ -4,12 +4,9 @@
 
 import math
 
-from snake_sim_ros.contact.laws import grip
-from snake_sim_ros.contact.laws import rolling_disc
-from snake_sim_ros.contact.laws import sliding_disc
+from snake_sim_ros.contact.laws import grip, rolling_disc, sliding_disc
 from snake_sim_ros.contact.projections import prox_ellipse
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 
 
 @compiled

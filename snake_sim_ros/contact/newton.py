@@ -24,30 +24,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.admissible import anchor_at_iterate
-from snake_sim_ros.contact.admissible import without_gain
+from snake_sim_ros.contact.admissible import anchor_at_iterate, without_gain
 from snake_sim_ros.contact.condensing import condense
-from snake_sim_ros.contact.delassus import condensed_twists
-from snake_sim_ros.contact.delassus import Delassus
-from snake_sim_ros.contact.delassus import make_delassus
-from snake_sim_ros.contact.line_search import law_error
-from snake_sim_ros.contact.line_search import line_search
-from snake_sim_ros.contact.line_search import move_trial
+from snake_sim_ros.contact.delassus import condensed_twists, Delassus, make_delassus
+from snake_sim_ros.contact.line_search import law_error, line_search, move_trial
 from snake_sim_ros.contact.linear_problem import linear_step
 from snake_sim_ros.contact.natural_map import natural_map
-from snake_sim_ros.contact.reduced_problem import make_reduced
-from snake_sim_ros.contact.reduced_problem import Reduced
-from snake_sim_ros.contact.settling import loads_are_accurate
-from snake_sim_ros.contact.settling import refines
-from snake_sim_ros.contact.solver import Outcome
-from snake_sim_ros.contact.solver import solve
+from snake_sim_ros.contact.reduced_problem import make_reduced, Reduced
+from snake_sim_ros.contact.settling import loads_are_accurate, refines
+from snake_sim_ros.contact.solver import Outcome, solve
 from snake_sim_ros.contact.table import FREE
-from snake_sim_ros.contact.warm_start import improve
-from snake_sim_ros.contact.warm_start import predict
-from snake_sim_ros.contact.warm_start import remember
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.contact.warm_start import improve, predict, remember
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 from snake_sim_ros.scene.parameters import Array
 
 COUPLED_ITERATIONS = 6  # iterations before the radii are held for the first time

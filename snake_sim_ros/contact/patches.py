@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Scene
 
 
 class Patches(NamedTuple):

@@ -4,12 +4,9 @@
 
 import math
 
-from snake_sim_ros.contact.detection import ground_contact
-from snake_sim_ros.contact.detection import peg_contact
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.dynamics.kinematics import axis_z
-from snake_sim_ros.dynamics.kinematics import floor_penetration
+from snake_sim_ros.contact.detection import ground_contact, peg_contact
+from snake_sim_ros.dynamics.compilation import inlined, merged
+from snake_sim_ros.dynamics.kinematics import axis_z, floor_penetration
 
 
 @inlined

@@ -6,23 +6,13 @@ import math
 from typing import NamedTuple
 
 from snake_sim_ros.contact.condensing import condense
-from snake_sim_ros.contact.delassus import condensed_velocities
-from snake_sim_ros.contact.delassus import Delassus
-from snake_sim_ros.contact.delassus import end_twists
-from snake_sim_ros.contact.laws import grip
-from snake_sim_ros.contact.laws import rolling_disc
-from snake_sim_ros.contact.laws import sliding_disc
+from snake_sim_ros.contact.delassus import condensed_velocities, Delassus, end_twists
+from snake_sim_ros.contact.laws import grip, rolling_disc, sliding_disc
 from snake_sim_ros.contact.natural_map import natural_map
-from snake_sim_ros.contact.projections import prox_disc
-from snake_sim_ros.contact.projections import prox_ellipse
-from snake_sim_ros.contact.projections import prox_half_line
-from snake_sim_ros.contact.solver import Outcome
-from snake_sim_ros.contact.solver import solve
-from snake_sim_ros.dynamics.articulated_body import factor_chain
-from snake_sim_ros.dynamics.articulated_body import reset_chain
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.contact.projections import prox_disc, prox_ellipse, prox_half_line
+from snake_sim_ros.contact.solver import Outcome, solve
+from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 
 # A contact problem with more impulse components is not condensed: it would not pay.
 MOST_CONDENSED_ROWS = 48

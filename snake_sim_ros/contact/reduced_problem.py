@@ -20,17 +20,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.delassus import condensed_velocities
-from snake_sim_ros.contact.delassus import fill_free_velocities
-from snake_sim_ros.contact.laws import anchored_disc
-from snake_sim_ros.contact.laws import grip
-from snake_sim_ros.contact.laws import rolling_disc
-from snake_sim_ros.contact.linear_laws import disc_law
-from snake_sim_ros.contact.linear_laws import normal_law
+from snake_sim_ros.contact.delassus import condensed_velocities, fill_free_velocities
+from snake_sim_ros.contact.laws import anchored_disc, grip, rolling_disc
+from snake_sim_ros.contact.linear_laws import disc_law, normal_law
 from snake_sim_ros.contact.table import FREE
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 from snake_sim_ros.scene.parameters import Array
 
 

@@ -9,8 +9,7 @@ its compiled form.
 
 import numpy as np
 
-from snake_sim_ros.contact.laws import Laws
-from snake_sim_ros.contact.laws import link_of
+from snake_sim_ros.contact.laws import Laws, link_of
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.scene.parameters import Array
 

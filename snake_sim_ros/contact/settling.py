@@ -14,11 +14,8 @@ Where rounding does, the residual alone decides whether the step converged.
 
 import math
 
-from snake_sim_ros.contact.laws import grip
-from snake_sim_ros.contact.laws import rolling_disc
-from snake_sim_ros.contact.laws import sliding_disc
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.contact.laws import grip, rolling_disc, sliding_disc
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 
 # Of normal impulses, relative to the largest one of a step. Estimates may be five times off.
 LOAD_ACCURACY = 2e-7

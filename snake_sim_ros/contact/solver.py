@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The contact problem of a step, and the call that solves it."""
 
-from typing import Any
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from snake_sim_ros.contact.laws import Laws
 from snake_sim_ros.dynamics.articulated_body import Chain

@@ -5,13 +5,9 @@
 import math
 
 from snake_sim_ros.contact.delassus import condensed_velocities
-from snake_sim_ros.contact.laws import grip
-from snake_sim_ros.contact.laws import rolling_disc
-from snake_sim_ros.contact.laws import sliding_disc
-from snake_sim_ros.contact.sweeps import project_normal
-from snake_sim_ros.contact.sweeps import set_impulse
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.contact.laws import grip, rolling_disc, sliding_disc
+from snake_sim_ros.contact.sweeps import project_normal, set_impulse
+from snake_sim_ros.dynamics.compilation import inlined, merged
 
 
 @merged

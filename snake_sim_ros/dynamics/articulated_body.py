@@ -23,12 +23,9 @@ of the joint between both, and A the articulated inertia of everything from the 
 .. [1] R. Featherstone, "Rigid Body Dynamics Algorithms", Springer 2008, ch. 7.
 """
 
-from typing import Any
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 from snake_sim_ros.scene.parameters import Array
 
 ZERO = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -6,8 +6,7 @@ The terms of the balance (75) of the links: inertia, momentum and joint torques,
 O is the center of the middle link; twists, wrenches and inertias are in axes of I.
 """
 
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.compilation import inlined, merged
 from snake_sim_ros.dynamics.control_loop import held_torque
 from snake_sim_ros.dynamics.joint_control import pd_law
 

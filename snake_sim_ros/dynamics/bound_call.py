@@ -7,8 +7,7 @@ import ctypes
 from functools import cache
 from typing import Any
 
-from snake_sim_ros.dynamics.compilation import COMPILES
-from snake_sim_ros.dynamics.compilation import Dispatched
+from snake_sim_ros.dynamics.compilation import COMPILES, Dispatched
 from snake_sim_ros.dynamics.records import Block
 
 RETURNED = 0, -2  # what machine code of Numba returns at the end: a value, or None

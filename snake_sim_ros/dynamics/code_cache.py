@@ -9,11 +9,8 @@ of all modules in ROOMS and the versions of the compiler. Every installation of 
 finds it, and whatever is in it is up to date.
 """
 
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Sequence
-from contextlib import contextmanager
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 import fcntl
 import hashlib
 import os
@@ -22,16 +19,12 @@ import shutil
 import stat
 import sys
 import tempfile
-from typing import Any
-from typing import ClassVar
-from typing import IO
+from typing import Any, ClassVar, IO
 
 import llvmlite
 import numba
 from numba.core import config
-from numba.core.caching import _CacheLocator
-from numba.core.caching import CompileResultCacheImpl
-from numba.core.caching import FunctionCache
+from numba.core.caching import _CacheLocator, CompileResultCacheImpl, FunctionCache
 import numpy as np
 
 from snake_sim_ros.scene.about import PACKAGE

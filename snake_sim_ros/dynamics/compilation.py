@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How functions are compiled: with Numba, without the interpreter lock, cached on disk."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import update_wrapper
 import gc
@@ -15,18 +14,10 @@ from typing import Any
 try:
     from llvmlite import ir
     import numba
-    from numba.core import cgutils
-    from numba.core import event
-    from numba.core import types
-    from numba.core.imputils import lower_builtin
-    from numba.core.imputils import lower_constant
-    from numba.core.typing.templates import AbstractTemplate
-    from numba.core.typing.templates import infer_global
-    from numba.core.typing.templates import signature
-    from numba.extending import intrinsic
-    from numba.extending import models
-    from numba.extending import register_model
-    from numba.extending import typeof_impl
+    from numba.core import cgutils, event, types
+    from numba.core.imputils import lower_builtin, lower_constant
+    from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+    from numba.extending import intrinsic, models, register_model, typeof_impl
 except ImportError as error:
     raise ImportError(
         'snake_sim_ros compiles its physics with Numba, which is not installed: '

@@ -17,11 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.periods import steps_in
 
 

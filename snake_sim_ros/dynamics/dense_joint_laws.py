@@ -10,14 +10,11 @@ than in `joint_laws`, since dense matrices are inverted with it, and in more sol
 """
 
 from collections.abc import Callable
-from typing import Any
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.joint_laws import JointLaws
-from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
-from snake_sim_ros.dynamics.joint_laws import TOGETHER
+from snake_sim_ros.dynamics.joint_laws import JointLaws, MOST_CHANGES, TOGETHER
 from snake_sim_ros.scene.parameters import Array
 
 HOLD = 1e5  # as in `joint_laws`

@@ -15,9 +15,7 @@ import math
 import numpy as np
 
 from snake_sim_ros.dynamics.force_directions import mass_matrix
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Robot, Scene
 from snake_sim_ros.scene.posture import joint_rates
 from snake_sim_ros.scene.rotations import rotation_matrices
 

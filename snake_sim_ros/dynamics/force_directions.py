@@ -13,14 +13,9 @@ import math
 
 import numpy as np
 
-from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene import posture
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.rotations import cross
-from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.rotations import tilde
+from snake_sim_ros.scene import obstacles, posture
+from snake_sim_ros.scene.parameters import Array, Robot, Scene
+from snake_sim_ros.scene.rotations import cross, rotation_matrices, tilde
 
 E_X, E_Y, E_Z = np.eye(3)
 

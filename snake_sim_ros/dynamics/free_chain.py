@@ -22,14 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.articulated_body import add
-from snake_sim_ros.dynamics.articulated_body import combine
-from snake_sim_ros.dynamics.articulated_body import dot
-from snake_sim_ros.dynamics.articulated_body import row_of
-from snake_sim_ros.dynamics.articulated_body import store
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import pair
-from snake_sim_ros.dynamics.compilation import square_root
+from snake_sim_ros.dynamics.articulated_body import add, combine, dot, row_of, store
+from snake_sim_ros.dynamics.compilation import inlined, pair, square_root
 from snake_sim_ros.scene.parameters import Array
 
 

@@ -14,8 +14,7 @@ The root is the middle link, so that the sweeps over the two arms are independen
 
 from typing import NamedTuple
 
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.scene.parameters import Array
 
 

@@ -14,12 +14,8 @@ joints: an angle at its stop does not grow in a step.
 
 import math
 
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.dynamics.kinematics import axis_x
-from snake_sim_ros.dynamics.kinematics import axis_y
-from snake_sim_ros.dynamics.kinematics import axis_z
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.kinematics import axis_x, axis_y, axis_z
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
 
 SMALL_SQUARE = 1e-6  # of a sine; its third power is below rounding

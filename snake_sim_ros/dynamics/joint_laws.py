@@ -29,12 +29,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 from snake_sim_ros.dynamics.joint_drift import furthest_angle
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Array, Robot
 
 HOLD = 1e9  # stiffness that holds a rate, relative to inertia and damping of an axis
 SAME_RATE = 1e-12  # rates that differ by less are the same [rad/s]

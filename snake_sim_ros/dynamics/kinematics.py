@@ -19,11 +19,7 @@ The arrays of n links are:
 
 import math
 
-from snake_sim_ros.dynamics.compilation import choose
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.dynamics.compilation import pair
+from snake_sim_ros.dynamics.compilation import choose, compiled, inlined, merged, pair
 
 FLAT_GAP = 1e-4  # largest gap, and depth, of a robot that lies flat [m]
 FLAT_TILT = 1e-3  # its largest roll [rad]

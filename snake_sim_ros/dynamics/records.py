@@ -19,10 +19,8 @@ from llvmlite import ir
 from numba.core import types
 from numba.core.imputils import lower_getattr_generic
 from numba.core.types.containers import BaseTuple
-from numba.core.typing.templates import AttributeTemplate
-from numba.core.typing.templates import infer_getattr
-from numba.extending import models
-from numba.extending import register_model
+from numba.core.typing.templates import AttributeTemplate, infer_getattr
+from numba.extending import models, register_model
 from numba.np.numpy_support import from_dtype
 import numpy as np
 

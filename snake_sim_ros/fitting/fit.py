@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The search for the values that explain a recording: least squares, after a global stage."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,18 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from snake_sim_ros.fitting.replay import ALIGNED
-from snake_sim_ros.fitting.replay import LOST
-from snake_sim_ros.fitting.replay import Replay
-from snake_sim_ros.fitting.replay import Residual
-from snake_sim_ros.fitting.replay import Segment
-from snake_sim_ros.fitting.unknowns import scene_at
-from snake_sim_ros.fitting.unknowns import step_of
-from snake_sim_ros.fitting.unknowns import Unknown
+from snake_sim_ros.fitting.replay import ALIGNED, LOST, Replay, Residual, Segment
+from snake_sim_ros.fitting.unknowns import scene_at, step_of, Unknown
 from snake_sim_ros.optimization.searches import Search
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.studies.workers import core_count
 
 TOLERANCE = 1e-6  # relative change of the sum of squares, or of the values, at which a fit ends

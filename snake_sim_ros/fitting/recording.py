@@ -7,27 +7,19 @@ A bag may be that of a run, of a live simulator or of a real robot. Times are th
 a message without one has the time of its recording, moved to the clock of the stamps.
 """
 
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
 from pathlib import Path
-from typing import Any
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from snake_sim_ros.recording import from_messages
-from snake_sim_ros.recording.bag_reader import NOT_OF_ONE
-from snake_sim_ros.recording.bag_reader import Raw
-from snake_sim_ros.recording.bag_reader import read_messages
+from snake_sim_ros.recording.bag_reader import NOT_OF_ONE, Raw, read_messages
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import scene_from_text
-from snake_sim_ros.scene.quoting import cut
-from snake_sim_ros.scene.quoting import LONGEST_REASON
+from snake_sim_ros.scene.parameters import Array, Robot, Scene, scene_from_text
+from snake_sim_ros.scene.quoting import cut, LONGEST_REASON
 
 COMMANDS = {  # last part of the name of a topic: its type
     'joint_command': 'sensor_msgs/msg/JointState',

@@ -13,13 +13,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from snake_sim_ros.fitting.recording import Command
-from snake_sim_ros.fitting.recording import Recording
-from snake_sim_ros.gaits.joint_reference import JointReference
-from snake_sim_ros.gaits.joint_reference import motion_through
+from snake_sim_ros.fitting.recording import Command, Recording
+from snake_sim_ros.gaits.joint_reference import JointReference, motion_through
 from snake_sim_ros.recording.from_messages import joint_axes
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Array, Robot
 
 LAWS = ('held', 'interpolated')
 HORIZON = 0.05  # s for which `sim` extrapolates a command with its velocity, unless it is told

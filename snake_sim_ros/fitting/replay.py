@@ -17,28 +17,22 @@ import numpy as np
 
 from snake_sim_ros.fitting.recording import Recording
 from snake_sim_ros.fitting.references import references
-from snake_sim_ros.fitting.start_states import CONJUGATE
-from snake_sim_ros.fitting.start_states import Measured
-from snake_sim_ros.fitting.start_states import measured_at
-from snake_sim_ros.fitting.start_states import start_state
-from snake_sim_ros.fitting.start_states import WINDOW
-from snake_sim_ros.scene.checked_records import CheckedRecord
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.checked_records import quantity
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.fitting.start_states import (
+    CONJUGATE,
+    Measured,
+    measured_at,
+    start_state,
+    WINDOW,
+)
+from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
+from snake_sim_ros.scene.parameters import Array, Scene, with_settings
 from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.stepping import bdf2
 from snake_sim_ros.stepping.accuracy import RESIDUAL
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.levels import is_vertical
-from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.methods import share_compiled
-from snake_sim_ros.stepping.methods import what_is_not_planar
+from snake_sim_ros.stepping.methods import make_stepper, share_compiled, what_is_not_planar
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.state import State
 

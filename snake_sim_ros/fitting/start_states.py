@@ -14,13 +14,9 @@ import numpy as np
 
 from snake_sim_ros.fitting.recording import Recording
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.posture import chain_coordinates, gaps
+from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.stepping.state import State
 
 WINDOW = 0.12  # s before and after the time within which samples are used

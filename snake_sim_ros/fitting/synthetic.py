@@ -8,11 +8,9 @@ import numpy as np
 
 from snake_sim_ros.fitting.recording import Recording
 from snake_sim_ros.fitting.references import references
-from snake_sim_ros.fitting.replay import between
-from snake_sim_ros.fitting.replay import PERIOD
+from snake_sim_ros.fitting.replay import between, PERIOD
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.stepping.samples import make_samples

@@ -18,8 +18,7 @@ A robot that does not stand where its gait begins blends from its posture into t
 way: the posture is one more term of the sum, with the first weight, and has no phase.
 """
 
-from dataclasses import dataclass
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -27,10 +26,7 @@ import numpy as np
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait import soft_start
 from snake_sim_ros.scene.gait_table import Table
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.scene.parameters import Array, Gait, Robot, Wave
 
 FREQUENCY_RATIOS = range(-4, 5)  # pitch over yaw frequency; the waves then form one motion
 

@@ -2,19 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The references of the joints over time: commands, held or extrapolated, and trajectories."""
 
-from dataclasses import dataclass
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from snake_sim_ros.gaits.interpolation import hold_at_limit
-from snake_sim_ros.gaits.interpolation import sample_command
-from snake_sim_ros.gaits.interpolation import sample_motion
+from snake_sim_ros.gaits.interpolation import hold_at_limit, sample_command, sample_motion
 from snake_sim_ros.gaits.point_bytes import compile_reading
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.posture import initial_coordinates
-from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.posture import initial_coordinates, joint_angles
 
 SINGLE_POINT_DURATION = 1e-3  # length of a motion that has only one point [s]
 NONE = -1  # in place of an axis

@@ -15,14 +15,12 @@ within 10 % at 1/m. The stride belongs to the amplitudes and friction that it wa
 sidewinding robot moves at the requested speed, but sideways, and an offset does not turn it.
 """
 
-from dataclasses import dataclass
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
 
 from snake_sim_ros.gaits.blending import largest_values
 from snake_sim_ros.scene.gait_table import Table
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Gait, Robot
 
 SLOWEST = 1e-6  # below it a wave counts as one that does not move, a cycle of 73 days [rad/s]
 

@@ -20,9 +20,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray
 from mcap.writer import Writer
 from nav_msgs.msg import Odometry
-from rclpy.qos import DurabilityPolicy
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -30,21 +28,17 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 import yaml
 
-from snake_sim_ros.nodes.diagnostics import status_of
-from snake_sim_ros.nodes.diagnostics import values_of
+from snake_sim_ros.nodes.diagnostics import status_of, values_of
 from snake_sim_ros.nodes.joint_names import joint_names
-from snake_sim_ros.nodes.markers import MARKER_PERIOD
-from snake_sim_ros.nodes.markers import SceneMarkers
+from snake_sim_ros.nodes.markers import MARKER_PERIOD, SceneMarkers
 from snake_sim_ros.nodes.sent_commands import command_message
 from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.nodes.state_messages import StateMessages
-from snake_sim_ros.nodes.transforms import LATCHED
-from snake_sim_ros.nodes.transforms import TransformMessages
+from snake_sim_ros.nodes.transforms import LATCHED, TransformMessages
 from snake_sim_ros.recording.bag_reader import METADATA
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.about import __version__
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import scene_to_text
+from snake_sim_ros.scene.parameters import Scene, scene_to_text
 from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.simulation import Simulation

@@ -4,8 +4,7 @@
 
 import time
 
-from rclpy.clock import JumpThreshold
-from rclpy.clock import TimeJump
+from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
 

@@ -7,8 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 import math
 import time
-from typing import Any
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from builtin_interfaces.msg import Time
 import numpy as np
@@ -20,33 +19,32 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-from snake_sim_ros.gaits.joint_reference import JointReference
-from snake_sim_ros.gaits.joint_reference import Motion
-from snake_sim_ros.gaits.joint_reference import start_posture
+from snake_sim_ros.gaits.joint_reference import JointReference, Motion, start_posture
 from snake_sim_ros.gaits.limited_reference import LimitedReference
 from snake_sim_ros.nodes.goal_tolerances import Tracked
 from snake_sim_ros.nodes.other_publishers import OtherPublishers
-from snake_sim_ros.nodes.received_bytes import DamagedMessage
-from snake_sim_ros.nodes.received_bytes import message_from
-from snake_sim_ros.nodes.received_commands import extrapolated
-from snake_sim_ros.nodes.received_commands import joint_command
-from snake_sim_ros.nodes.received_commands import jump_between
-from snake_sim_ros.nodes.received_commands import position_commands
-from snake_sim_ros.nodes.received_commands import ReceivedCommand
-from snake_sim_ros.nodes.received_commands import ReceivedTrajectory
-from snake_sim_ros.nodes.received_commands import RejectedCommand
-from snake_sim_ros.nodes.received_trajectories import joint_trajectory
-from snake_sim_ros.nodes.received_trajectories import read_trajectory
-from snake_sim_ros.nodes.received_trajectories import ReadTrajectory
+from snake_sim_ros.nodes.received_bytes import DamagedMessage, message_from
+from snake_sim_ros.nodes.received_commands import (
+    extrapolated,
+    joint_command,
+    jump_between,
+    position_commands,
+    ReceivedCommand,
+    ReceivedTrajectory,
+    RejectedCommand,
+)
+from snake_sim_ros.nodes.received_trajectories import (
+    joint_trajectory,
+    read_trajectory,
+    ReadTrajectory,
+)
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.stamps import seconds_from
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
 from snake_sim_ros.nodes.turns import Turns
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.stepping.efforts import command_effort
-from snake_sim_ros.stepping.efforts import commanded_effort
-from snake_sim_ros.stepping.levels import is_vertical
-from snake_sim_ros.stepping.levels import what_is_told
+from snake_sim_ros.stepping.efforts import command_effort, commanded_effort
+from snake_sim_ros.stepping.levels import is_vertical, what_is_told
 from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.simulation import Simulation
 

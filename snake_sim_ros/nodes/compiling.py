@@ -10,17 +10,14 @@ other one the loop. They are not nicer than the program, which may wait for them
 gets the processor at once because it sleeps most of the time.
 """
 
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 import math
 import os
 import pickle
 import subprocess
 import sys
-from threading import Event
-from threading import Lock
-from threading import Thread
+from threading import Event, Lock, Thread
 import time
 from typing import NamedTuple
 
@@ -28,15 +25,14 @@ from snake_sim_ros.dynamics.code_cache import CodeCache
 from snake_sim_ros.dynamics.compilation import watched
 from snake_sim_ros.gaits.joint_reference import compile_sampling
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.apart import compile_loop
-from snake_sim_ros.stepping.apart import compile_search
-from snake_sim_ros.stepping.apart import compile_solver
-from snake_sim_ros.stepping.apart import function_counts
-from snake_sim_ros.stepping.levels import FlatStepper
-from snake_sim_ros.stepping.levels import is_vertical
-from snake_sim_ros.stepping.levels import LevelStepper
-from snake_sim_ros.stepping.simulation import LEVELS
-from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.apart import (
+    compile_loop,
+    compile_search,
+    compile_solver,
+    function_counts,
+)
+from snake_sim_ros.stepping.levels import FlatStepper, is_vertical, LevelStepper
+from snake_sim_ros.stepping.simulation import LEVELS, Simulation
 
 CHECK = 0.05  # s between two looks whether the program ends
 COST = {'planar': 1.0, 'spatial': 1.5}  # relative times of the compiler

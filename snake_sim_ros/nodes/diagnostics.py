@@ -4,8 +4,7 @@
 
 import re
 
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import numpy as np
 
 from snake_sim_ros.stepping.methods import method_of

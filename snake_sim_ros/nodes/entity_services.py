@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from rclpy.node import Node
 
-from snake_sim_ros.nodes.handling import base_of_link
-from snake_sim_ros.nodes.handling import Handling
+from snake_sim_ros.nodes.handling import base_of_link, Handling
 from snake_sim_ros.nodes.state_messages import WORLD
 from snake_sim_ros.recording.from_messages import TO_WIRE
 from snake_sim_ros.recording.sensors import link_index
@@ -24,8 +23,7 @@ from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.simulation import Simulation
 
 try:
-    from simulation_interfaces import msg as standard
-    from simulation_interfaces import srv as standard_services
+    from simulation_interfaces import msg as standard, srv as standard_services
 except ImportError:  # The ROS 2 packages on PyPI do not have it.
     standard = standard_services = None
 

@@ -6,8 +6,7 @@ from collections.abc import Callable
 import time
 from typing import Any
 
-from rclpy.executors import Executor
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 
 from snake_sim_ros.nodes.parameter_requests import NOT_USABLE

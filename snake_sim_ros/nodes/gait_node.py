@@ -15,13 +15,11 @@ The gait begins where the robot is: it blends from the joint angles that joint_s
 does so too after ~/restart, when time went back, and when the robot was put back.
 """
 
-from dataclasses import dataclass
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import sys
 from threading import Event
 
-from geometry_msgs.msg import Twist
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import Twist, TwistStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -29,34 +27,27 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
-from snake_sim_ros.gaits.blending import Blend
-from snake_sim_ros.gaits.blending import check_limits
-from snake_sim_ros.gaits.blending import largest_values
-from snake_sim_ros.gaits.blending import shortest_blend
+from snake_sim_ros.gaits.blending import Blend, check_limits, largest_values, shortest_blend
 from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.nodes.clock_watch import ClockWatch
 from snake_sim_ros.nodes.executors import Server
 from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.jumps import Jumps
 from snake_sim_ros.nodes.measured_start import MeasuredStart
-from snake_sim_ros.nodes.node_parameters import declare
-from snake_sim_ros.nodes.node_parameters import parameter_fields
-from snake_sim_ros.nodes.node_parameters import settle
+from snake_sim_ros.nodes.node_parameters import declare, parameter_fields, settle
 from snake_sim_ros.nodes.node_process import run_node
 from snake_sim_ros.nodes.parameter_requests import ParameterRequests
 from snake_sim_ros.nodes.received_bytes import reader
 from snake_sim_ros.nodes.sent_commands import COMMAND_FORMS
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
-from snake_sim_ros.nodes.velocity_commands import steering_from
-from snake_sim_ros.nodes.velocity_commands import time_of
-from snake_sim_ros.scene.checked_records import CheckedRecord
-from snake_sim_ros.scene.checked_records import flat_fields
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.checked_records import quantity
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.nodes.velocity_commands import steering_from, time_of
+from snake_sim_ros.scene.checked_records import (
+    CheckedRecord,
+    flat_fields,
+    ParameterError,
+    quantity,
+)
+from snake_sim_ros.scene.parameters import Array, load_scene, Scene, with_settings
 
 # The node takes the gait of a scene, and these parameters of its robot.
 ROBOT = ('link_count', 'link_length', 'joint_limit', 'joint_rate_limit')

@@ -5,8 +5,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
-from typing import Any
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 

@@ -13,8 +13,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -22,16 +21,13 @@ from rclpy.qos import QoSProfile
 from snake_sim_ros.nodes.received_bytes import reader
 from snake_sim_ros.nodes.refusals import Refusals
 from snake_sim_ros.nodes.sim_parameters import Settings
-from snake_sim_ros.nodes.state_messages import BASE
-from snake_sim_ros.nodes.state_messages import ODOM
-from snake_sim_ros.nodes.state_messages import WORLD
+from snake_sim_ros.nodes.state_messages import BASE, ODOM, WORLD
 from snake_sim_ros.recording.from_messages import WIRE_AXES
 from snake_sim_ros.recording.sensors import link_index
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.quoting import quoted
-from snake_sim_ros.scene.rotations import FLAT
-from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.rotations import FLAT, product
 from snake_sim_ros.stepping.placing import place
 from snake_sim_ros.stepping.simulation import Simulation
 

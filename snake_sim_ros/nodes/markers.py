@@ -16,18 +16,13 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
 import numpy as np
 from std_msgs.msg import ColorRGBA
-from visualization_msgs.msg import Marker
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
 from snake_sim_ros.nodes.state_messages import WORLD
 from snake_sim_ros.recording.from_messages import FORCE_SCALE
-from snake_sim_ros.scene.obstacles import cell_centers
-from snake_sim_ros.scene.obstacles import FOUNDATION
-from snake_sim_ros.scene.obstacles import PEG_HEIGHT
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.surroundings import Ground
-from snake_sim_ros.scene.surroundings import Patches
+from snake_sim_ros.scene.obstacles import cell_centers, FOUNDATION, PEG_HEIGHT
+from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.surroundings import Ground, Patches
 
 POINT_SIZE = 0.012  # m
 LINE_WIDTH = 0.004  # m

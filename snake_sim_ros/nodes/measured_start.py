@@ -14,16 +14,14 @@ import time
 
 import numpy as np
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 from snake_sim_ros.nodes.clock_watch import ClockWatch
 from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.jumps import Jumps
 from snake_sim_ros.nodes.received_bytes import message_from
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Array, Robot
 
 FRESH = 0.05  # s for which angles hold, by the clock of the node or by that of the machine
 WAIT = 1.0  # s of waiting for angles while nobody publishes any that are usable

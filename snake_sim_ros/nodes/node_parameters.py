@@ -2,30 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROS parameters of the nodes: the fields of a record, by dotted names, with descriptors."""
 
-from collections.abc import Callable
-from collections.abc import Container
-from collections.abc import Iterable
-from collections.abc import Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 import json
 import math
-from typing import Any
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from rcl_interfaces.msg import FloatingPointRange
-from rcl_interfaces.msg import IntegerRange
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from snake_sim_ros.scene.checked_records import flat_fields
-from snake_sim_ros.scene.checked_records import from_mapping
-from snake_sim_ros.scene.checked_records import nearest
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.checked_records import plain
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.checked_records import (
+    flat_fields,
+    from_mapping,
+    nearest,
+    ParameterError,
+    plain,
+)
+from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
 from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.scene.yaml_text import parse_yaml
 

@@ -11,13 +11,10 @@ import sys
 import tempfile
 from threading import Event
 from types import FrameType
-from typing import Any
-from typing import NoReturn
-from typing import TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import rclpy
-from rclpy.exceptions import InvalidParameterException
-from rclpy.exceptions import InvalidParameterValueException
+from rclpy.exceptions import InvalidParameterException, InvalidParameterValueException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -26,8 +23,7 @@ from rclpy.utilities import remove_ros_args
 from snake_sim_ros.nodes.middleware import keep_no_buffers
 from snake_sim_ros.nodes.signals import on_signals
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.quoting import cut
-from snake_sim_ros.scene.quoting import LONGEST_REASON
+from snake_sim_ros.scene.quoting import cut, LONGEST_REASON
 
 N = TypeVar('N', bound=Node)
 LONGEST_END = 1.5  # s from a signal to the end of the process, whatever the middleware does

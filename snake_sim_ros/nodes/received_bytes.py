@@ -14,11 +14,13 @@ import struct
 from typing import Any
 
 from rclpy.serialization import deserialize_message
-from rosidl_parser.definition import AbstractNestedType
-from rosidl_parser.definition import AbstractSequence
-from rosidl_parser.definition import AbstractString
-from rosidl_parser.definition import Array
-from rosidl_parser.definition import BasicType
+from rosidl_parser.definition import (
+    AbstractNestedType,
+    AbstractSequence,
+    AbstractString,
+    Array,
+    BasicType,
+)
 
 ENCAPSULATION = 4  # bytes before the body, which name its encoding
 ENCODINGS = {b'\x00\x01': '<', b'\x00\x00': '>'}  # CDR, and its order of bytes

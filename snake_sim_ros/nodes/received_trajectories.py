@@ -15,21 +15,19 @@ import numpy as np
 from rclpy.serialization import serialize_message
 from trajectory_msgs.msg import JointTrajectory
 
-from snake_sim_ros.gaits.joint_reference import JointReference
-from snake_sim_ros.gaits.joint_reference import Motion
-from snake_sim_ros.gaits.joint_reference import motion_through
-from snake_sim_ros.nodes.received_commands import axes_of
-from snake_sim_ros.nodes.received_commands import check_finite
-from snake_sim_ros.nodes.received_commands import check_rates
-from snake_sim_ros.nodes.received_commands import clamped_to
-from snake_sim_ros.nodes.received_commands import ReceivedTrajectory
-from snake_sim_ros.nodes.received_commands import RejectedCommand
-from snake_sim_ros.nodes.received_commands import ROUNDING
+from snake_sim_ros.gaits.joint_reference import JointReference, Motion, motion_through
+from snake_sim_ros.nodes.received_commands import (
+    axes_of,
+    check_finite,
+    check_rates,
+    clamped_to,
+    ReceivedTrajectory,
+    RejectedCommand,
+    ROUNDING,
+)
 from snake_sim_ros.nodes.stamps import EPOCH
-from snake_sim_ros.nodes.trajectory_messages import read_message
-from snake_sim_ros.nodes.trajectory_messages import TOPIC
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.nodes.trajectory_messages import read_message, TOPIC
+from snake_sim_ros.scene.parameters import Array, Robot
 
 FARTHEST = 3600.0  # s that a trajectory may begin ahead of simulated time
 WAITING = 20  # trajectories that may wait for their begin; each costs time with every message

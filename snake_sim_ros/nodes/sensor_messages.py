@@ -6,13 +6,9 @@ from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from sensor_msgs.msg import Imu
 
-from snake_sim_ros.nodes.state_messages import MARK
-from snake_sim_ros.nodes.state_messages import SerializedMessage
+from snake_sim_ros.nodes.state_messages import MARK, SerializedMessage
 from snake_sim_ros.recording.sensor_reader import SensorReader
-from snake_sim_ros.recording.sensors import ACCELERATION
-from snake_sim_ros.recording.sensors import ANGULAR_VELOCITY
-from snake_sim_ros.recording.sensors import ORIENTATION
-from snake_sim_ros.recording.sensors import Sensors
+from snake_sim_ros.recording.sensors import ACCELERATION, ANGULAR_VELOCITY, ORIENTATION, Sensors
 from snake_sim_ros.scene.parameters import Array
 
 

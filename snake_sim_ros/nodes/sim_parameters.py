@@ -3,25 +3,17 @@
 """The parameters of the node `sim` besides those of its scene, and which of all may change."""
 
 from array import array
-from collections.abc import Container
-from collections.abc import Iterable
-from dataclasses import dataclass
-from dataclasses import replace
+from collections.abc import Container, Iterable
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rclpy.parameter import Parameter
 
-from snake_sim_ros.recording.sensors import link_index
-from snake_sim_ros.recording.sensors import Sensors
-from snake_sim_ros.scene.checked_records import flat_fields
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.checked_records import quantity
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.recording.sensors import link_index, Sensors
+from snake_sim_ros.scene.checked_records import flat_fields, ParameterError, quantity
+from snake_sim_ros.scene.parameters import Robot, Scene, with_settings
 from snake_sim_ros.stepping.accuracy import with_accuracy
-from snake_sim_ros.stepping.methods import method_of
-from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.methods import method_of, METHODS
 
 CHANGEABLE = (
     *('real_time_factor', 'iteration_budget', 'command_horizon', 'command_timeout'),

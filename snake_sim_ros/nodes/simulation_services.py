@@ -7,15 +7,12 @@ The services of the standard, simulation_interfaces, are offered as well if that
 installed.
 """
 
-from typing import Any
-from typing import Protocol
+from typing import Any, Protocol
 
-from std_srvs.srv import SetBool
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 try:
-    from simulation_interfaces import msg as standard
-    from simulation_interfaces import srv as standard_services
+    from simulation_interfaces import msg as standard, srv as standard_services
 except ImportError:  # The ROS 2 packages on PyPI do not have it.
     standard = standard_services = None
 

@@ -16,8 +16,7 @@ from collections.abc import Sequence
 import math
 from typing import Any
 
-from geometry_msgs.msg import Pose
-from geometry_msgs.msg import PoseArray
+from geometry_msgs.msg import Pose, PoseArray
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.serialization import serialize_message
@@ -25,10 +24,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from snake_sim_ros.nodes.joint_names import joint_names
-from snake_sim_ros.recording.from_messages import TO_WIRE
-from snake_sim_ros.recording.from_messages import WIRE_AXES
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.recording.from_messages import TO_WIRE, WIRE_AXES
+from snake_sim_ros.scene.parameters import Array, Robot
 from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.state import State
 

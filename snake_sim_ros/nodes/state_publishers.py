@@ -15,15 +15,12 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros.gaits.joint_reference import JointReference
-from snake_sim_ros.nodes.markers import MARKER_PERIOD
-from snake_sim_ros.nodes.markers import SceneMarkers
+from snake_sim_ros.nodes.markers import MARKER_PERIOD, SceneMarkers
 from snake_sim_ros.nodes.sensor_publishers import SensorPublishers
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.nodes.state_messages import StateMessages
-from snake_sim_ros.nodes.transforms import LATCHED
-from snake_sim_ros.nodes.transforms import TransformMessages
-from snake_sim_ros.nodes.transforms import Transforms
+from snake_sim_ros.nodes.transforms import LATCHED, TransformMessages, Transforms
 from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.simulation import Simulation

@@ -9,24 +9,17 @@ It is served where the package control_msgs is installed. A goal goes the way of
 
 from dataclasses import dataclass
 import math
-from typing import Any
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
-from rclpy.action import ActionServer
-from rclpy.action import CancelResponse
-from rclpy.action import GoalResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
-from trajectory_msgs.msg import JointTrajectory
-from trajectory_msgs.msg import JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from snake_sim_ros.gaits.joint_reference import Motion
-from snake_sim_ros.nodes.goal_tolerances import Tolerance
-from snake_sim_ros.nodes.goal_tolerances import tolerance_from
-from snake_sim_ros.nodes.goal_tolerances import Tracked
+from snake_sim_ros.nodes.goal_tolerances import Tolerance, tolerance_from, Tracked
 from snake_sim_ros.nodes.received_commands import RejectedCommand
-from snake_sim_ros.nodes.stamps import seconds_from
-from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.nodes.stamps import seconds_from, stamp_from
 from snake_sim_ros.scene.parameters import Array
 
 try:

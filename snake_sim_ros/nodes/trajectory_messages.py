@@ -11,13 +11,10 @@ from dataclasses import dataclass
 import struct
 
 import numpy as np
-from rclpy.serialization import deserialize_message
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from trajectory_msgs.msg import JointTrajectory
 
-from snake_sim_ros.gaits.point_bytes import LISTS
-from snake_sim_ros.gaits.point_bytes import read_points
-from snake_sim_ros.gaits.point_bytes import SHORTEST
+from snake_sim_ros.gaits.point_bytes import LISTS, read_points, SHORTEST
 from snake_sim_ros.nodes.received_commands import RejectedCommand
 from snake_sim_ros.scene.parameters import Array
 

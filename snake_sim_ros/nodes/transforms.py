@@ -5,12 +5,9 @@
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from snake_sim_ros.nodes.state_messages import BASE
-from snake_sim_ros.nodes.state_messages import ODOM
-from snake_sim_ros.nodes.state_messages import WORLD
+from snake_sim_ros.nodes.state_messages import BASE, ODOM, WORLD
 
 try:
     from tf2_msgs.msg import TFMessage

@@ -3,8 +3,7 @@
 """The order in which a node takes its messages, when reading one takes longer than a period."""
 
 from collections.abc import Callable
-from concurrent.futures import Future
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 # What takes long, and what takes its result (by calling the argument, which may raise).

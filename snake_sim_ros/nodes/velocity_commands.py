@@ -4,8 +4,7 @@
 
 import math
 
-from geometry_msgs.msg import Twist
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import Twist, TwistStamped
 
 from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings

@@ -15,18 +15,14 @@ from queue import SimpleQueue
 from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent
-from rcl_interfaces.srv import GetParameters
-from rcl_interfaces.srv import SetParametersAtomically
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.node import Node
-from rclpy.parameter import Parameter
-from rclpy.parameter import parameter_value_to_python
+from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import QoSProfile
-from std_srvs.srv import SetBool
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import CONFIG
-from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import CONFIG, load_scene
 from snake_sim_ros.view.page import Page
 
 FREQUENCY = 'gait.yaw.angular_frequency', 'gait.pitch.angular_frequency'

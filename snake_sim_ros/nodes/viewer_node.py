@@ -24,40 +24,27 @@ from geometry_msgs.msg import PoseArray
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from snake_sim_ros.nodes.diagnostics import is_paused
-from snake_sim_ros.nodes.diagnostics import shown
-from snake_sim_ros.nodes.executors import CountingExecutor
-from snake_sim_ros.nodes.executors import Server
+from snake_sim_ros.nodes.diagnostics import is_paused, shown
+from snake_sim_ros.nodes.executors import CountingExecutor, Server
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import run_node
 from snake_sim_ros.nodes.parameter_requests import ParameterRequests
-from snake_sim_ros.nodes.received_bytes import DamagedMessage
-from snake_sim_ros.nodes.received_bytes import message_from
+from snake_sim_ros.nodes.received_bytes import DamagedMessage, message_from
 from snake_sim_ros.nodes.stamps import seconds_from
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
 from snake_sim_ros.nodes.transforms import LATCHED
-from snake_sim_ros.nodes.turns import Prepare
-from snake_sim_ros.nodes.turns import Turns
+from snake_sim_ros.nodes.turns import Prepare, Turns
 from snake_sim_ros.nodes.viewer_controls import Controls
 from snake_sim_ros.recording import from_messages
-from snake_sim_ros.scene.checked_records import CheckedRecord
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.checked_records import quantity
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.view.frames import Frame
-from snake_sim_ros.view.frames import placed
-from snake_sim_ros.view.frames import TraceBuffer
-from snake_sim_ros.view.page import announce
-from snake_sim_ros.view.page import Page
-from snake_sim_ros.view.page import PLOT_PERIOD
-from snake_sim_ros.view.page import SHOW_PERIOD
+from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
+from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.view.frames import Frame, placed, TraceBuffer
+from snake_sim_ros.view.page import announce, Page, PLOT_PERIOD, SHOW_PERIOD
 
 UNWATCHED_PERIOD = 0.1  # s between two looks for messages if no browser is connected
 SERVING = 0.01  # s for which requests are served before the page is brought up to date

@@ -2,21 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Evaluations: the runs of values in one scene or several, and what they achieve together."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import math
 from typing import Any
 
 from snake_sim_ros.optimization.problem import Problem
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.studies.runs import Plan
-from snake_sim_ros.studies.runs import Row
+from snake_sim_ros.studies.runs import Plan, Row
 from snake_sim_ros.studies.study import known_result
-from snake_sim_ros.studies.workers import results_of
-from snake_sim_ros.studies.workers import Workers
+from snake_sim_ros.studies.workers import results_of, Workers
 
 Result = dict[str, Any]
 NO_VALUE = 'an objective or a constraint has no value'

@@ -9,17 +9,14 @@ such as that of a division by 0, is NaN.
 """
 
 import ast
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 import math
 import operator
 from typing import Any
 import warnings
 
-from snake_sim_ros.scene.checked_records import nearest
-from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.checked_records import nearest, ParameterError
 from snake_sim_ros.scene.quoting import quoted
 
 Numbers = Mapping[str, float]

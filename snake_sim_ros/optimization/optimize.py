@@ -8,41 +8,25 @@ Searches are repeatable, so that the journal of runs is all that is kept: an opt
 interrupted does the same again, and finds the runs that are done.
 """
 
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Mapping
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 import time
-from typing import Any
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from snake_sim_ros.optimization.evaluations import Evaluation
-from snake_sim_ros.optimization.evaluations import Evaluator
-from snake_sim_ros.optimization.evaluations import Point
-from snake_sim_ros.optimization.evaluations import Result
-from snake_sim_ros.optimization.fronts import front_of
-from snake_sim_ros.optimization.fronts import ordered
-from snake_sim_ros.optimization.fronts import scalar_losses
-from snake_sim_ros.optimization.problem import Problem
-from snake_sim_ros.optimization.problem import problem_from
-from snake_sim_ros.optimization.searches import library
-from snake_sim_ros.optimization.searches import Search
+from snake_sim_ros.optimization.evaluations import Evaluation, Evaluator, Point, Result
+from snake_sim_ros.optimization.fronts import front_of, ordered, scalar_losses
+from snake_sim_ros.optimization.problem import Problem, problem_from
+from snake_sim_ros.optimization.searches import library, Search
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import Array, Scene, with_settings
 from snake_sim_ros.studies import table
-from snake_sim_ros.studies.journal import Journal
-from snake_sim_ros.studies.journal import journal_of
-from snake_sim_ros.studies.workers import threads
-from snake_sim_ros.studies.workers import Workers
+from snake_sim_ros.studies.journal import Journal, journal_of
+from snake_sim_ros.studies.workers import threads, Workers
 
 if TYPE_CHECKING:
     import polars

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What an optimization is: a scene, bounds of values, objectives, constraints; and as a file."""
 
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
 from pathlib import Path
@@ -11,33 +10,27 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.optimization.expressions import Constraint
-from snake_sim_ros.optimization.expressions import constraint_of
-from snake_sim_ros.optimization.expressions import Expression
-from snake_sim_ros.optimization.expressions import expression_of
-from snake_sim_ros.optimization.robust import Robust
-from snake_sim_ros.optimization.robust import robust_of
-from snake_sim_ros.scene.checked_records import CheckedRecord
-from snake_sim_ros.scene.checked_records import flat_fields
-from snake_sim_ros.scene.checked_records import from_mapping
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.checked_records import quantity
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.optimization.expressions import (
+    Constraint,
+    constraint_of,
+    Expression,
+    expression_of,
+)
+from snake_sim_ros.optimization.robust import Robust, robust_of
+from snake_sim_ros.scene.checked_records import (
+    CheckedRecord,
+    flat_fields,
+    from_mapping,
+    ParameterError,
+    quantity,
+)
+from snake_sim_ros.scene.parameters import Array, Scene, with_settings
 from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.studies.keys import physics_version
-from snake_sim_ros.studies.metrics import Metric
-from snake_sim_ros.studies.metrics import METRICS
-from snake_sim_ros.studies.metrics import metrics_of
-from snake_sim_ros.studies.metrics import USUAL_METRICS
+from snake_sim_ros.studies.metrics import Metric, METRICS, metrics_of, USUAL_METRICS
 from snake_sim_ros.studies.runs import Plan
-from snake_sim_ros.studies.study_file import loaded
-from snake_sim_ros.studies.study_file import mapping_at
-from snake_sim_ros.studies.study_file import scene_and_values
-from snake_sim_ros.studies.study_file import settings_of
-from snake_sim_ros.studies.variations import check_names
-from snake_sim_ros.studies.variations import Range
+from snake_sim_ros.studies.study_file import loaded, mapping_at, scene_and_values, settings_of
+from snake_sim_ros.studies.variations import check_names, Range
 
 GOALS = {'maximize': -1.0, 'minimize': 1.0}  # and the sign with which a value is a loss
 # Of the history, besides values and metrics.

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from snake_sim_ros.optimization.evaluations import Evaluation
-from snake_sim_ros.optimization.optimize import objective_names
-from snake_sim_ros.optimization.optimize import Outcome
+from snake_sim_ros.optimization.optimize import objective_names, Outcome
 from snake_sim_ros.scene.parameters import scene_to_text
 from snake_sim_ros.scene.whole_files import write_whole
 

@@ -2,18 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Objectives that hold for more than one scene: values that differ by given factors."""
 
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import itertools
 import math
 from typing import Any
 
-from snake_sim_ros.scene.checked_records import flat_fields
-from snake_sim_ros.scene.checked_records import nearest
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.checked_records import flat_fields, nearest, ParameterError
+from snake_sim_ros.scene.parameters import Scene, with_settings
 from snake_sim_ros.scene.quoting import quoted
 
 MEASURES = ('worst', 'mean')

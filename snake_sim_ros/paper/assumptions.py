@@ -4,8 +4,7 @@
 
 import numpy as np
 
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Wave
+from snake_sim_ros.scene.parameters import Scene, Wave
 
 SOLVER_WORDS = (
     'of several possible normal forces those of least norm; '

@@ -8,25 +8,19 @@ single step grows without bound as the step gets smaller, but its mean over a pe
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 
-from snake_sim_ros.dynamics.energy import mechanical_energy
-from snake_sim_ros.dynamics.energy import work_of_steps
+from snake_sim_ros.dynamics.energy import mechanical_energy, work_of_steps
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, load_scene, Scene
 from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.simulation import run
-from snake_sim_ros.stepping.simulation import sample
-from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.simulation import run, sample, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 RATE = 100.0  # Hz, samples of an experiment

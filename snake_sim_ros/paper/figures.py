@@ -17,20 +17,21 @@ import numpy as np
 from PIL import Image
 
 from snake_sim_ros.comparison.chart_style import CHART_STYLE
-from snake_sim_ros.paper.experiments import case_scene
-from snake_sim_ros.paper.experiments import Experiment
-from snake_sim_ros.paper.experiments import isotropic_paths
-from snake_sim_ros.paper.experiments import record
-from snake_sim_ros.paper.path_figures import isotropic_figure
-from snake_sim_ros.paper.path_figures import path_figure
-from snake_sim_ros.paper.path_figures import sidewinding_figure
-from snake_sim_ros.paper.path_figures import soft_start_figure
+from snake_sim_ros.paper.experiments import case_scene, Experiment, isotropic_paths, record
+from snake_sim_ros.paper.path_figures import (
+    isotropic_figure,
+    path_figure,
+    sidewinding_figure,
+    soft_start_figure,
+)
 from snake_sim_ros.paper.tables import write_tables
-from snake_sim_ros.paper.time_figures import contact_figure
-from snake_sim_ros.paper.time_figures import energy_figure
-from snake_sim_ros.paper.time_figures import force_figure
-from snake_sim_ros.paper.time_figures import torque_figure
-from snake_sim_ros.paper.time_figures import tracking_figure
+from snake_sim_ros.paper.time_figures import (
+    contact_figure,
+    energy_figure,
+    force_figure,
+    torque_figure,
+    tracking_figure,
+)
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.whole_files import whole_file
 

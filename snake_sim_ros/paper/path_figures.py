@@ -11,19 +11,11 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from snake_sim_ros.comparison.chart_style import PATH_COLOR
-from snake_sim_ros.paper.assumptions import assumed_in_a
-from snake_sim_ros.paper.assumptions import assumed_in_b
-from snake_sim_ros.paper.assumptions import assumed_in_c
-from snake_sim_ros.paper.experiments import Experiment
-from snake_sim_ros.paper.experiments import mean_velocity
-from snake_sim_ros.paper.experiments import PATH_RATE
-from snake_sim_ros.paper.experiments import RATE
-from snake_sim_ros.paper.figure_page import GRAY
-from snake_sim_ros.paper.figure_page import LOADED_COLOR
-from snake_sim_ros.paper.figure_page import page
+from snake_sim_ros.paper.assumptions import assumed_in_a, assumed_in_b, assumed_in_c
+from snake_sim_ros.paper.experiments import Experiment, mean_velocity, PATH_RATE, RATE
+from snake_sim_ros.paper.figure_page import GRAY, LOADED_COLOR, page
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Array, Robot
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 LINK_COLOR = '#cfe3f1'

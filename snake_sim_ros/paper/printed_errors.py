@@ -12,16 +12,15 @@ import numpy as np
 
 from snake_sim_ros.dynamics.control_loop import make_control_memory
 from snake_sim_ros.dynamics.dense_joint_drift import without_drift
-from snake_sim_ros.dynamics.force_directions import joint_directions
-from snake_sim_ros.dynamics.force_directions import mass_matrix
-from snake_sim_ros.dynamics.force_directions import smooth_forces
-from snake_sim_ros.dynamics.force_directions import torque_directions
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.dynamics.force_directions import (
+    joint_directions,
+    mass_matrix,
+    smooth_forces,
+    torque_directions,
+)
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.reference import end_coordinates
-from snake_sim_ros.stepping.reference import joint_torque_law
-from snake_sim_ros.stepping.reference import middle_coordinates
+from snake_sim_ros.stepping.reference import end_coordinates, joint_torque_law, middle_coordinates
 from snake_sim_ros.stepping.state import State
 
 

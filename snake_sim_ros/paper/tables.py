@@ -2,29 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """The numbers of the figures of the paper, as tables in Markdown."""
 
-from collections.abc import Callable
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 import math
 from pathlib import Path
 
 import numpy as np
 
-from snake_sim_ros.paper.experiments import Experiment
-from snake_sim_ros.paper.experiments import mean_velocity
-from snake_sim_ros.paper.experiments import mirrored
-from snake_sim_ros.paper.experiments import other_side
-from snake_sim_ros.paper.experiments import path_of
-from snake_sim_ros.paper.experiments import PATH_RATE
-from snake_sim_ros.paper.experiments import RATE
-from snake_sim_ros.paper.experiments import reversed_wave
-from snake_sim_ros.paper.printed_errors import consistent
-from snake_sim_ros.paper.printed_errors import step_in_the_air
+from snake_sim_ros.paper.experiments import (
+    Experiment,
+    mean_velocity,
+    mirrored,
+    other_side,
+    path_of,
+    PATH_RATE,
+    RATE,
+    reversed_wave,
+)
+from snake_sim_ros.paper.printed_errors import consistent, step_in_the_air
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.parameters import Array, Scene, Solver
 from snake_sim_ros.scene.whole_files import write_whole
 from snake_sim_ros.stepping.state import initial_state
 

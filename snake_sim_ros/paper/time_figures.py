@@ -10,11 +10,9 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from snake_sim_ros.comparison.chart_style import PATH_COLOR
-from snake_sim_ros.paper.assumptions import assumed_in_both
-from snake_sim_ros.paper.assumptions import assumed_in_c
+from snake_sim_ros.paper.assumptions import assumed_in_both, assumed_in_c
 from snake_sim_ros.paper.experiments import Experiment
-from snake_sim_ros.paper.figure_page import LOADED_COLOR
-from snake_sim_ros.paper.figure_page import page
+from snake_sim_ros.paper.figure_page import LOADED_COLOR, page
 from snake_sim_ros.paper.tables import weight
 from snake_sim_ros.scene.parameters import Array
 

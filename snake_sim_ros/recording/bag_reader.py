@@ -2,24 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reading bags: an MCAP file of `snake-sim`, `ros2 bag` or a real robot becomes a trajectory."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from os import SEEK_END
 from pathlib import Path
-from typing import Any
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from snake_sim_ros.recording import from_messages
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import scene_from_text
-from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.scene.quoting import cut
-from snake_sim_ros.scene.quoting import LONGEST_REASON
+from snake_sim_ros.scene.parameters import Array, Scene, scene_from_text
+from snake_sim_ros.scene.posture import chain_coordinates, gaps
+from snake_sim_ros.scene.quoting import cut, LONGEST_REASON
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.trajectory import Trajectory
 

@@ -7,8 +7,7 @@ A checkpoint is the scene, the state, and the history with the memory of the met
 has its dotted name in the file, such as ``history.memory.start.pose``.
 """
 
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
 from pathlib import Path
 from typing import Any
@@ -16,27 +15,14 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.dynamics.control_loop import make_control_loop
-from snake_sim_ros.recording.npz import format_of
-from snake_sim_ros.recording.npz import load_arrays
-from snake_sim_ros.recording.npz import report_from_text
-from snake_sim_ros.recording.npz import report_to_text
+from snake_sim_ros.recording.npz import format_of, load_arrays, report_from_text, report_to_text
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import scene_from_text
-from snake_sim_ros.scene.parameters import scene_to_text
-from snake_sim_ros.scene.quoting import cut
-from snake_sim_ros.scene.quoting import LONGEST_REASON
+from snake_sim_ros.scene.parameters import Array, Scene, scene_from_text, scene_to_text
+from snake_sim_ros.scene.quoting import cut, LONGEST_REASON
 from snake_sim_ros.scene.whole_files import whole_file
-from snake_sim_ros.stepping.parts import ANEW
-from snake_sim_ros.stepping.parts import SMOOTH
-from snake_sim_ros.stepping.parts import TICKS
-from snake_sim_ros.stepping.parts import UNKNOWN
+from snake_sim_ros.stepping.parts import ANEW, SMOOTH, TICKS, UNKNOWN
 from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import check_history
-from snake_sim_ros.stepping.state import named_arrays
-from snake_sim_ros.stepping.state import State
-from snake_sim_ros.stepping.state import with_arrays
+from snake_sim_ros.stepping.state import check_history, named_arrays, State, with_arrays
 
 FORMAT = 1
 LONGEST_REST = 2**53  # steps for which a robot may yet have to lie still

@@ -11,19 +11,16 @@ to the left and z up when the link lies flat (REP 103); its axes are e_z, e_x an
 paper's frame B. Quaternions on the wire are x y z w.
 """
 
-from collections.abc import Iterable
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.robot_description import robot_of
 from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.surroundings import Ground
-from snake_sim_ros.scene.surroundings import Pegs
+from snake_sim_ros.scene.surroundings import Ground, Pegs
 
 B_TO_WIRE = np.array(
     [0.5, -0.5, -0.5, -0.5]

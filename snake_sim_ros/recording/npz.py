@@ -3,8 +3,7 @@
 """Recorded runs as npz files of NumPy, whole or not at all."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
-from dataclasses import fields
+from dataclasses import asdict, fields
 import json
 from pathlib import Path
 from typing import Any
@@ -13,12 +12,8 @@ import zipfile
 import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import scene_from_text
-from snake_sim_ros.scene.parameters import scene_to_text
-from snake_sim_ros.scene.quoting import cut
-from snake_sim_ros.scene.quoting import LONGEST_REASON
-from snake_sim_ros.scene.quoting import quoted
+from snake_sim_ros.scene.parameters import Array, scene_from_text, scene_to_text
+from snake_sim_ros.scene.quoting import cut, LONGEST_REASON, quoted
 from snake_sim_ros.scene.whole_files import whole_file
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.trajectory import Trajectory

@@ -4,16 +4,16 @@
 
 import numpy as np
 
-from snake_sim_ros.recording.sensor_noise import contact_noise
-from snake_sim_ros.recording.sensor_noise import imu_noise
-from snake_sim_ros.recording.sensor_noise import joint_noise
-from snake_sim_ros.recording.sensors import ACCELERATION
-from snake_sim_ros.recording.sensors import ANGULAR_VELOCITY
-from snake_sim_ros.recording.sensors import imu_readings
-from snake_sim_ros.recording.sensors import MEASURED
-from snake_sim_ros.recording.sensors import ORIENTATION
-from snake_sim_ros.recording.sensors import Sensors
-from snake_sim_ros.recording.sensors import wrenches_on_links
+from snake_sim_ros.recording.sensor_noise import contact_noise, imu_noise, joint_noise
+from snake_sim_ros.recording.sensors import (
+    ACCELERATION,
+    ANGULAR_VELOCITY,
+    imu_readings,
+    MEASURED,
+    ORIENTATION,
+    Sensors,
+    wrenches_on_links,
+)
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.trajectory import Trajectory

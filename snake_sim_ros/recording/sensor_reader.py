@@ -4,16 +4,10 @@
 
 import numpy as np
 
-from snake_sim_ros.recording.sensor_noise import contact_noise
-from snake_sim_ros.recording.sensor_noise import imu_noise
-from snake_sim_ros.recording.sensor_noise import joint_noise
-from snake_sim_ros.recording.sensors import imu_readings
-from snake_sim_ros.recording.sensors import MEASURED
-from snake_sim_ros.recording.sensors import Sensors
-from snake_sim_ros.recording.sensors import wrenches_on_links
+from snake_sim_ros.recording.sensor_noise import contact_noise, imu_noise, joint_noise
+from snake_sim_ros.recording.sensors import imu_readings, MEASURED, Sensors, wrenches_on_links
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.stepping.contact_forces import last_span
-from snake_sim_ros.stepping.contact_forces import sampled_forces
+from snake_sim_ros.stepping.contact_forces import last_span, sampled_forces
 from snake_sim_ros.stepping.simulation import Simulation
 
 

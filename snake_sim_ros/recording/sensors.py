@@ -13,18 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from snake_sim_ros.recording.from_messages import B_TO_WIRE
-from snake_sim_ros.recording.from_messages import WIRE_AXES
-from snake_sim_ros.scene.checked_records import CheckedRecord
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.checked_records import quantity
+from snake_sim_ros.recording.from_messages import B_TO_WIRE, WIRE_AXES
+from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
 from snake_sim_ros.scene.obstacles import contact_links
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.quoting import cut
-from snake_sim_ros.scene.quoting import quoted
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.quoting import cut, quoted
+from snake_sim_ros.scene.rotations import product, rotation_matrices
 
 Links = str | int | tuple[str | int, ...]  # names and numbers of links, or all
 ORIENTATION, ANGULAR_VELOCITY, ACCELERATION = slice(0, 4), slice(4, 7), slice(7, 10)

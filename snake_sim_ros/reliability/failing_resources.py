@@ -2,19 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Programs without room on a disk or in memory: each says so in one sentence, and ends."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 import signal
 import subprocess
 import time
 
-from snake_sim_ros.nodes.tools.attacked_node import AttackedNode
-from snake_sim_ros.nodes.tools.attacked_node import node
+from snake_sim_ros.nodes.tools.attacked_node import AttackedNode, node
 from snake_sim_ros.nodes.tools.bag_without_end import messages_in
-from snake_sim_ros.nodes.tools.graph_watch import GraphWatch
-from snake_sim_ros.nodes.tools.graph_watch import large_command
+from snake_sim_ros.nodes.tools.graph_watch import GraphWatch, large_command
 
 END = 120.0  # s for a program to end, which may have to compile the physics
 ROOM = 300_000  # bytes of the disk, or of a file at most

@@ -7,11 +7,8 @@ What needs minutes, the rights to mount or a program that is not installed is le
 are none.
 """
 
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Mapping
-from dataclasses import dataclass
-from dataclasses import field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 import math
 import os
 from pathlib import Path
@@ -22,19 +19,11 @@ import subprocess
 import tempfile
 import time
 
-from snake_sim_ros.nodes.tools.attacked_node import AttackedNode
-from snake_sim_ros.nodes.tools.attacked_node import node
-from snake_sim_ros.nodes.tools.attacked_node import on_own_domain
+from snake_sim_ros.nodes.tools.attacked_node import AttackedNode, node, on_own_domain
 from snake_sim_ros.nodes.tools.bag_without_end import what_is_wrong_with_stamps
-from snake_sim_ros.nodes.tools.graph_watch import crowd
-from snake_sim_ros.nodes.tools.graph_watch import GraphWatch
-from snake_sim_ros.nodes.tools.graph_watch import leave
-from snake_sim_ros.reliability.clock_steps import faketime
-from snake_sim_ros.reliability.clock_steps import STEPS
-from snake_sim_ros.reliability.clock_steps import WallClock
-from snake_sim_ros.reliability.failing_resources import COMMANDS
-from snake_sim_ros.reliability.failing_resources import DISK
-from snake_sim_ros.reliability.failing_resources import MEMORY
+from snake_sim_ros.nodes.tools.graph_watch import crowd, GraphWatch, leave
+from snake_sim_ros.reliability.clock_steps import faketime, STEPS, WallClock
+from snake_sim_ros.reliability.failing_resources import COMMANDS, DISK, MEMORY
 from snake_sim_ros.reliability.trials import Trial
 
 START = 120.0  # s for a node to start, which may have to compile the physics

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Good files of every kind, small ones, from which hostile ones are made."""
 
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,22 +13,18 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.comparison.seals import SealChain
-from snake_sim_ros.nodes.bag_writer import BagWriter
-from snake_sim_ros.nodes.bag_writer import RunTopics
-from snake_sim_ros.recording import checkpoint
-from snake_sim_ros.recording import npz
-from snake_sim_ros.reliability.mutations import changed_arrays
-from snake_sim_ros.reliability.mutations import changed_bytes
-from snake_sim_ros.reliability.mutations import changed_message
-from snake_sim_ros.reliability.mutations import changed_yaml
-from snake_sim_ros.reliability.mutations import HOSTILE
-from snake_sim_ros.scene.parameters import CONFIG
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.nodes.bag_writer import BagWriter, RunTopics
+from snake_sim_ros.recording import checkpoint, npz
+from snake_sim_ros.reliability.mutations import (
+    changed_arrays,
+    changed_bytes,
+    changed_message,
+    changed_yaml,
+    HOSTILE,
+)
+from snake_sim_ros.scene.parameters import CONFIG, load_scene, Robot, with_settings
 from snake_sim_ros.scene.robot_description import robot_description
-from snake_sim_ros.stepping.simulation import run
-from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.simulation import run, Simulation
 
 Change = Callable[[Random], bytes]
 SHORT = {  # a scene that needs no compiler

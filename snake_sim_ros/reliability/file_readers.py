@@ -16,23 +16,21 @@ import sys
 import time
 from typing import NamedTuple
 
-from snake_sim_ros.comparison.csv_tables import mark_unknown
-from snake_sim_ros.comparison.csv_tables import read_table
+from snake_sim_ros.comparison.csv_tables import mark_unknown, read_table
 from snake_sim_ros.fitting.recording import read_recording
 from snake_sim_ros.gaits.blending import check_reach
 from snake_sim_ros.nodes.tools.trial_start import start_and_end
 from snake_sim_ros.optimization.problem import load_problem
-from snake_sim_ros.recording import checkpoint
-from snake_sim_ros.recording import csv_table
-from snake_sim_ros.recording import npz
-from snake_sim_ros.recording.recorded_runs import read_run
-from snake_sim_ros.recording.recorded_runs import summary
+from snake_sim_ros.recording import checkpoint, csv_table, npz
+from snake_sim_ros.recording.recorded_runs import read_run, summary
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import scene_from_text
-from snake_sim_ros.scene.parameters import scene_to_text
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import (
+    load_scene,
+    Scene,
+    scene_from_text,
+    scene_to_text,
+    with_settings,
+)
 from snake_sim_ros.scene.periods import samples_of
 from snake_sim_ros.scene.robot_description import robot_of
 from snake_sim_ros.scene.yaml_text import parse_yaml

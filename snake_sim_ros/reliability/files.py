@@ -16,11 +16,8 @@ from tempfile import TemporaryDirectory
 import time
 from types import TracebackType
 
-from snake_sim_ros.reliability.file_corpus import Change
-from snake_sim_ros.reliability.file_corpus import corpus
-from snake_sim_ros.reliability.file_readers import Answer
-from snake_sim_ros.reliability.file_readers import READERS
-from snake_sim_ros.reliability.file_readers import serve
+from snake_sim_ros.reliability.file_corpus import Change, corpus
+from snake_sim_ros.reliability.file_readers import Answer, READERS, serve
 from snake_sim_ros.reliability.trials import Trial
 
 LONGEST = 5.0  # time of the processor that a file may take [s]

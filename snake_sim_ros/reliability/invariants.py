@@ -25,24 +25,23 @@ import numpy as np
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.detection import reach_of_step
 from snake_sim_ros.dynamics.energy import mechanical_energy
-from snake_sim_ros.dynamics.force_directions import joint_directions
-from snake_sim_ros.dynamics.force_directions import joint_gaps
-from snake_sim_ros.dynamics.force_directions import mass_matrix
-from snake_sim_ros.dynamics.force_directions import mean_delassus
-from snake_sim_ros.dynamics.force_directions import scene_contacts
-from snake_sim_ros.dynamics.force_directions import scene_gaps
-from snake_sim_ros.dynamics.force_directions import smooth_forces
-from snake_sim_ros.dynamics.force_directions import torque_directions
+from snake_sim_ros.dynamics.force_directions import (
+    joint_directions,
+    joint_gaps,
+    mass_matrix,
+    mean_delassus,
+    scene_contacts,
+    scene_gaps,
+    smooth_forces,
+    torque_directions,
+)
 from snake_sim_ros.dynamics.joint_laws import make_joint_laws
 from snake_sim_ros.scene.obstacles import contact_friction
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.posture import center_of_mass
-from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.posture import center_of_mass, joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.reference import end_coordinates
-from snake_sim_ros.stepping.reference import middle_coordinates
+from snake_sim_ros.stepping.reference import end_coordinates, middle_coordinates
 from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.state import State
 

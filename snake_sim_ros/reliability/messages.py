@@ -7,8 +7,7 @@ The nodes are processes of their own in a domain of this machine. A flood is of 
 second at most, mixed with good ones, calls of services and parameters.
 """
 
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 import math
 import os
@@ -18,15 +17,9 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.nodes.middleware import NO_BUFFERS
-from snake_sim_ros.nodes.tools.attack_checks import GaitCheck
-from snake_sim_ros.nodes.tools.attack_checks import SimCheck
-from snake_sim_ros.nodes.tools.attack_checks import ViewerCheck
-from snake_sim_ros.nodes.tools.attacked_node import AttackedNode
-from snake_sim_ros.nodes.tools.attacked_node import node
-from snake_sim_ros.nodes.tools.attacked_node import on_own_domain
-from snake_sim_ros.nodes.tools.hostile_messages import TIME
-from snake_sim_ros.nodes.tools.hostile_messages import Topic
-from snake_sim_ros.nodes.tools.hostile_messages import TOPICS
+from snake_sim_ros.nodes.tools.attack_checks import GaitCheck, SimCheck, ViewerCheck
+from snake_sim_ros.nodes.tools.attacked_node import AttackedNode, node, on_own_domain
+from snake_sim_ros.nodes.tools.hostile_messages import TIME, Topic, TOPICS
 from snake_sim_ros.nodes.tools.message_attack import MessageAttack
 from snake_sim_ros.reliability.trials import Trial
 

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random changes of files: of their bytes, of the values in their YAML, of arrays and messages."""
 
-from collections.abc import Iterator
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from functools import cache
 from io import BytesIO

@@ -18,8 +18,7 @@ from urllib.request import urlopen
 from snake_sim_ros.nodes.tools.attacked_node import AttackedNode
 from snake_sim_ros.recording import npz
 from snake_sim_ros.reliability.trials import Trial
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.view.browser_messages import CAMERA
 

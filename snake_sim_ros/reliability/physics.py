@@ -10,29 +10,27 @@ made smaller as long as it breaks the same one.
 
 from collections.abc import Iterator
 from copy import deepcopy
-from dataclasses import dataclass
-from dataclasses import field
+from dataclasses import dataclass, field
 import time
 from typing import Any
 
 import numpy as np
 import yaml
 
-from snake_sim_ros.reliability.invariants import of_run
-from snake_sim_ros.reliability.invariants import of_step
-from snake_sim_ros.reliability.invariants import passive_energy
-from snake_sim_ros.reliability.random_scenes import Case
-from snake_sim_ros.reliability.random_scenes import FLAT
-from snake_sim_ros.reliability.random_scenes import OBSTACLES
-from snake_sim_ros.reliability.random_scenes import random_case
-from snake_sim_ros.reliability.random_scenes import scene_of
-from snake_sim_ros.reliability.random_scenes import start_of
+from snake_sim_ros.reliability.invariants import of_run, of_step, passive_energy
+from snake_sim_ros.reliability.random_scenes import (
+    Case,
+    FLAT,
+    OBSTACLES,
+    random_case,
+    scene_of,
+    start_of,
+)
 from snake_sim_ros.reliability.trials import Trial
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.stepping.samples import make_samples
-from snake_sim_ros.stepping.samples import Samples
+from snake_sim_ros.stepping.samples import make_samples, Samples
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import State
 

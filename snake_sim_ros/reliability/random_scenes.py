@@ -19,15 +19,10 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.dynamics.force_directions import scene_gaps
-from snake_sim_ros.scene.checked_records import from_mapping
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import PD_SCHEMES
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.checked_records import from_mapping, ParameterError
+from snake_sim_ros.scene.parameters import Array, PD_SCHEMES, Scene
+from snake_sim_ros.scene.posture import chain_coordinates, gaps
+from snake_sim_ros.scene.rotations import product, rotation_matrices
 from snake_sim_ros.stepping.bdf2 import IMPLICIT_SCHEMES
 from snake_sim_ros.stepping.state import State
 

@@ -14,15 +14,10 @@ import time
 from typing import Any
 
 from snake_sim_ros.nodes.tools.attack_checks import SimCheck
-from snake_sim_ros.nodes.tools.attacked_node import AttackedNode
-from snake_sim_ros.nodes.tools.attacked_node import on_own_domain
+from snake_sim_ros.nodes.tools.attacked_node import AttackedNode, on_own_domain
 from snake_sim_ros.nodes.tools.hostile_messages import TOPICS
 from snake_sim_ros.nodes.tools.message_attack import MessageAttack
-from snake_sim_ros.reliability.messages import CONNECT
-from snake_sim_ros.reliability.messages import START
-from snake_sim_ros.reliability.messages import STARTED
-from snake_sim_ros.reliability.messages import started
-from snake_sim_ros.reliability.messages import SUBJECTS
+from snake_sim_ros.reliability.messages import CONNECT, START, STARTED, started, SUBJECTS
 from snake_sim_ros.reliability.trials import Trial
 
 EXAMPLES = 3  # sequences of one seed

@@ -12,8 +12,7 @@ growth is not judged. What a run did last is done once more, from a checkpoint i
 """
 
 from collections import deque
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import ctypes
 from dataclasses import dataclass
 from functools import partial
@@ -24,21 +23,14 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.comparison.soak import EndlessRun
-from snake_sim_ros.comparison.soak import resident_memory
-from snake_sim_ros.comparison.soak import SOAKED_SCENES
+from snake_sim_ros.comparison.soak import EndlessRun, resident_memory, SOAKED_SCENES
 from snake_sim_ros.recording import checkpoint
-from snake_sim_ros.reliability.trials import shares
-from snake_sim_ros.reliability.trials import Trial
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.reliability.trials import shares, Trial
+from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
+from snake_sim_ros.scene.rotations import product, rotation_matrices
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import named_arrays
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import named_arrays, State
 
 MOST_STEPS = {'newton': 10**8, 'bdf2': 25 * 10**5}
 MEMORY_GROWTH = 5.0  # MB

@@ -7,18 +7,13 @@ A part of an attack is a module of this room with a function `trials(seconds, se
 `Trial` for each subject it attacks and takes about as long as it is told.
 """
 
-from collections.abc import Iterable
-from collections.abc import Iterator
-from collections.abc import Sequence
-from dataclasses import dataclass
-from dataclasses import fields
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 import time
-from typing import Protocol
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
-from snake_sim_ros.comparison.csv_tables import records_of
-from snake_sim_ros.comparison.csv_tables import Table
+from snake_sim_ros.comparison.csv_tables import records_of, Table
 from snake_sim_ros.scene.whole_files import write_whole
 
 Subject = TypeVar('Subject')

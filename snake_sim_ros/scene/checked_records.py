@@ -7,26 +7,17 @@ A record is made from nested mappings, as YAML gives them, and is turned back in
 A value that is not usable is refused with one sentence that names it.
 """
 
-from collections.abc import Iterator
-from collections.abc import Mapping
-from dataclasses import field
-from dataclasses import fields
-from dataclasses import is_dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import field, fields, is_dataclass
 import difflib
 from functools import cache
 import math
-from types import NoneType
-from types import UnionType
-from typing import Any
-from typing import get_args
-from typing import get_origin
-from typing import get_type_hints
-from typing import NamedTuple
+from types import NoneType, UnionType
+from typing import Any, get_args, get_origin, get_type_hints, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.scene.quoting import cut
-from snake_sim_ros.scene.quoting import quoted
+from snake_sim_ros.scene.quoting import cut, quoted
 
 KIND_NAMES = {str: 'text', bool: 'true or false', int: 'a whole number', float: 'a number'}
 MOST = 1e30  # magnitude of any number, so that products of a few of them are finite

@@ -8,8 +8,7 @@ Joint references of snake gaits as pure functions of time, eqs. (70) and (71), a
 
 import numpy as np
 
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Gait
+from snake_sim_ros.scene.parameters import Array, Gait
 
 
 def reference(gait: Gait, time: float | Array, joint_count: int) -> tuple[Array, Array]:

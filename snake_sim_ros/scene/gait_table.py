@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joint angles over time as a table: a gait of any shape, in a scene and in files."""
 
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import csv
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,14 +13,15 @@ import re
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from snake_sim_ros.scene.checked_records import CheckedRecord
-from snake_sim_ros.scene.checked_records import from_mapping
-from snake_sim_ros.scene.checked_records import nearest
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.checked_records import quantity
+from snake_sim_ros.scene.checked_records import (
+    CheckedRecord,
+    from_mapping,
+    nearest,
+    ParameterError,
+    quantity,
+)
 from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.scene.scene_files import is_file
 
@@ -195,8 +195,7 @@ class Table(CheckedRecord):
 @lru_cache(maxsize=8)
 def _spline(table: Table) -> tuple[Any, Any]:
     """Return angle and rate of all joints as functions of time, shape (..., 2(n-1))."""
-    from scipy.interpolate import CubicHermiteSpline
-    from scipy.interpolate import CubicSpline
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
     time, angle = np.array(table.time), np.array(table.angle)
     if table.repeat:

@@ -21,16 +21,12 @@ spheres as its ends, at the height of the nearest point of its axis.
 
 from collections import Counter
 import math
-from typing import Any
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.rotations import cross
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.parameters import Array, Robot, Scene
+from snake_sim_ros.scene.rotations import cross, rotation_matrices
 from snake_sim_ros.scene.surroundings import Ground
 
 NEIGHBOR_SLOTS = 6  # of the cells beside the two spheres of a link: along x, along y, diagonal

@@ -12,8 +12,7 @@ units and radians; in YAML a key may end in ``_deg`` and is then converted.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from dataclasses import fields
+from dataclasses import dataclass, fields
 import math
 from pathlib import Path
 from typing import Any
@@ -22,28 +21,19 @@ import numpy as np
 from numpy.typing import NDArray
 import yaml
 
-from snake_sim_ros.scene.checked_records import CheckedRecord
-from snake_sim_ros.scene.checked_records import from_mapping
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.checked_records import quantity
-from snake_sim_ros.scene.checked_records import to_mapping
-from snake_sim_ros.scene.checked_records import with_values
-from snake_sim_ros.scene.gait_table import Table
-from snake_sim_ros.scene.gait_table import table_from
-from snake_sim_ros.scene.gait_table import table_to_text
-from snake_sim_ros.scene.quoting import cut
-from snake_sim_ros.scene.quoting import LONGEST_PATH
-from snake_sim_ros.scene.scene_files import CONFIG as CONFIG
-from snake_sim_ros.scene.scene_files import find_file
-from snake_sim_ros.scene.scene_files import read_mapping
-from snake_sim_ros.scene.start import Push
-from snake_sim_ros.scene.start import Start
-from snake_sim_ros.scene.surroundings import Friction
-from snake_sim_ros.scene.surroundings import Ground
-from snake_sim_ros.scene.surroundings import Patches
-from snake_sim_ros.scene.surroundings import Pegs
-from snake_sim_ros.scene.surroundings import PerLink
-from snake_sim_ros.scene.surroundings import STICKY
+from snake_sim_ros.scene.checked_records import (
+    CheckedRecord,
+    from_mapping,
+    ParameterError,
+    quantity,
+    to_mapping,
+    with_values,
+)
+from snake_sim_ros.scene.gait_table import Table, table_from, table_to_text
+from snake_sim_ros.scene.quoting import cut, LONGEST_PATH
+from snake_sim_ros.scene.scene_files import CONFIG as CONFIG, find_file, read_mapping
+from snake_sim_ros.scene.start import Push, Start
+from snake_sim_ros.scene.surroundings import Friction, Ground, Patches, Pegs, PerLink, STICKY
 from snake_sim_ros.scene.yaml_text import parse_yaml
 
 Array = NDArray[Any]

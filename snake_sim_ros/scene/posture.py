@@ -7,18 +7,17 @@ import math
 
 import numpy as np
 
-from snake_sim_ros.scene import gait
-from snake_sim_ros.scene import obstacles
+from snake_sim_ros.scene import gait, obstacles
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import along_link
-from snake_sim_ros.scene.rotations import FLAT
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import product_of_numbers
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.parameters import Array, Robot, Scene
+from snake_sim_ros.scene.rotations import (
+    about,
+    along_link,
+    FLAT,
+    product,
+    product_of_numbers,
+    rotation_matrices,
+)
 
 
 def joint_angles(q: Array) -> Array:

@@ -8,9 +8,7 @@ from typing import Any
 
 from snake_sim_ros.scene.about import PACKAGE
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.quoting import cut
-from snake_sim_ros.scene.quoting import LONGEST_PATH
-from snake_sim_ros.scene.quoting import quoted
+from snake_sim_ros.scene.quoting import cut, LONGEST_PATH, quoted
 from snake_sim_ros.scene.yaml_text import read_yaml
 
 CONFIG = PACKAGE / 'config'

@@ -5,9 +5,7 @@
 from dataclasses import dataclass
 import math
 
-from snake_sim_ros.scene.checked_records import CheckedRecord
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.checked_records import quantity
+from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
 
 Numbers = tuple[float, ...]
 PerJoint = float | Numbers

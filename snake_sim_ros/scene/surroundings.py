@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from snake_sim_ros.scene.checked_records import CheckedRecord
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.checked_records import quantity
+from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
 
 Numbers = tuple[float, ...]
 PerLink = float | Numbers

@@ -18,10 +18,7 @@ from typing import Any
 import yaml
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.quoting import cut
-from snake_sim_ros.scene.quoting import LONGEST_PATH
-from snake_sim_ros.scene.quoting import LONGEST_REASON
-from snake_sim_ros.scene.quoting import quoted
+from snake_sim_ros.scene.quoting import cut, LONGEST_PATH, LONGEST_REASON, quoted
 
 # A ground of 300 times 300 cells has 90 000 values and 2 MB.
 MOST_CHARACTERS = 2_500_000

@@ -21,8 +21,7 @@ this. It is no bound: the constants below are calibrated in 200 random scenes, o
 from collections.abc import Container
 import math
 
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import Scene, with_settings
 
 USUAL_ACCURACY = 1e-3
 # A step has one joint reference. It is 1/20 s at most, in which the waves of the gait turn by this

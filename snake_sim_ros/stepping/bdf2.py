@@ -38,73 +38,66 @@ The same in NumPy, to be read beside these equations, is `bdf2_reference`.
 
 from typing import NamedTuple
 
-from snake_sim_ros.contact.detection import find_contacts
-from snake_sim_ros.contact.detection import LANDING_SPEED
+from snake_sim_ros.contact.detection import find_contacts, LANDING_SPEED
 from snake_sim_ros.contact.directions import contact_velocities
-from snake_sim_ros.contact.newton import prepare_contacts
-from snake_sim_ros.contact.newton import solve_prepared
+from snake_sim_ros.contact.newton import prepare_contacts, solve_prepared
 from snake_sim_ros.contact.penetration import penetration
 from snake_sim_ros.contact.selection import apply_selection_rule
 from snake_sim_ros.contact.solver import Problem
-from snake_sim_ros.dynamics.balance import link_inertia
-from snake_sim_ros.dynamics.balance import smooth_momentum
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import cycle_counter
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.dynamics.control_loop import held_torque
-from snake_sim_ros.dynamics.control_loop import read_by_controllers
-from snake_sim_ros.dynamics.control_loop import torques_jump
+from snake_sim_ros.dynamics.balance import link_inertia, smooth_momentum
+from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, merged
+from snake_sim_ros.dynamics.control_loop import held_torque, read_by_controllers, torques_jump
 from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.bdf2_axes import axes_change
-from snake_sim_ros.stepping.bdf2_axes import begin_axes
-from snake_sim_ros.stepping.bdf2_axes import begin_impact
-from snake_sim_ros.stepping.bdf2_axes import joints_meet_stops
-from snake_sim_ros.stepping.bdf2_end import DEEP
-from snake_sim_ros.stepping.bdf2_end import deep_contacts_take_part
-from snake_sim_ros.stepping.bdf2_end import forget_who_took_part
-from snake_sim_ros.stepping.bdf2_end import place_end
-from snake_sim_ros.stepping.bdf2_memory import keep_state
-from snake_sim_ros.stepping.bdf2_memory import recognize
-from snake_sim_ros.stepping.events import add_approaching
-from snake_sim_ros.stepping.events import closed_at_end
-from snake_sim_ros.stepping.events import Events
-from snake_sim_ros.stepping.events import events
-from snake_sim_ros.stepping.events import find_end_gaps
-from snake_sim_ros.stepping.events import leave_gaps
-from snake_sim_ros.stepping.events import likely_to_push
-from snake_sim_ros.stepping.joint_motion import formula
-from snake_sim_ros.stepping.joint_motion import keep
-from snake_sim_ros.stepping.joint_motion import keep_velocities
-from snake_sim_ros.stepping.joint_motion import predict_end
-from snake_sim_ros.stepping.moreau import finish
-from snake_sim_ros.stepping.moreau import turns_are_small
-from snake_sim_ros.stepping.parts import AFTER_EVENT
-from snake_sim_ros.stepping.parts import aligned_size
-from snake_sim_ros.stepping.parts import ANEW
-from snake_sim_ros.stepping.parts import end_references
-from snake_sim_ros.stepping.parts import first_size
-from snake_sim_ros.stepping.parts import judge_part
-from snake_sim_ros.stepping.parts import keep_history
-from snake_sim_ros.stepping.parts import keep_references
-from snake_sim_ros.stepping.parts import least_iterations
-from snake_sim_ros.stepping.parts import path_error
-from snake_sim_ros.stepping.parts import restore_history
-from snake_sim_ros.stepping.parts import SMOOTH
-from snake_sim_ros.stepping.parts import TICKS
-from snake_sim_ros.stepping.parts import UNKNOWN
-from snake_sim_ros.stepping.pushes import add_pushes
-from snake_sim_ros.stepping.pushes import first_stretch
-from snake_sim_ros.stepping.pushes import next_stretch
-from snake_sim_ros.stepping.pushes import part_of
+from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.stepping.bdf2_axes import (
+    axes_change,
+    begin_axes,
+    begin_impact,
+    joints_meet_stops,
+)
+from snake_sim_ros.stepping.bdf2_end import (
+    DEEP,
+    deep_contacts_take_part,
+    forget_who_took_part,
+    place_end,
+)
+from snake_sim_ros.stepping.bdf2_memory import keep_state, recognize
+from snake_sim_ros.stepping.events import (
+    add_approaching,
+    closed_at_end,
+    Events,
+    events,
+    find_end_gaps,
+    leave_gaps,
+    likely_to_push,
+)
+from snake_sim_ros.stepping.joint_motion import formula, keep, keep_velocities, predict_end
+from snake_sim_ros.stepping.moreau import finish, turns_are_small
+from snake_sim_ros.stepping.parts import (
+    AFTER_EVENT,
+    aligned_size,
+    ANEW,
+    end_references,
+    first_size,
+    judge_part,
+    keep_history,
+    keep_references,
+    least_iterations,
+    path_error,
+    restore_history,
+    SMOOTH,
+    TICKS,
+    UNKNOWN,
+)
+from snake_sim_ros.stepping.pushes import add_pushes, first_stretch, next_stretch, part_of
 from snake_sim_ros.stepping.state import without_memory
-from snake_sim_ros.stepping.steps import count_steps
-from snake_sim_ros.stepping.steps import iterations_left
-from snake_sim_ros.stepping.steps import keep_sample
-from snake_sim_ros.stepping.steps import note_outcome
-from snake_sim_ros.stepping.steps import noted
+from snake_sim_ros.stepping.steps import (
+    count_steps,
+    iterations_left,
+    keep_sample,
+    note_outcome,
+    noted,
+)
 
 # Replaces `selection.PRESS_SPEED`, which is not small beside errors of second order: loads of a
 # flat robot follow the heights of its links through the stiff joints, so that these must not sink.

@@ -12,15 +12,16 @@ and friction stay what they are, and the stop holds with the bound 0.
 import math
 
 from snake_sim_ros.dynamics.balance import joint_rates
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.dynamics.joint_laws import begin_axis
-from snake_sim_ros.dynamics.joint_laws import begin_axis_impact
-from snake_sim_ros.dynamics.joint_laws import controller_impulse
-from snake_sim_ros.dynamics.joint_laws import first_law
-from snake_sim_ros.dynamics.joint_laws import is_at_stop
-from snake_sim_ros.dynamics.joint_laws import joint_laws_change
-from snake_sim_ros.dynamics.joint_laws import stop_axis
+from snake_sim_ros.dynamics.compilation import inlined, merged
+from snake_sim_ros.dynamics.joint_laws import (
+    begin_axis,
+    begin_axis_impact,
+    controller_impulse,
+    first_law,
+    is_at_stop,
+    joint_laws_change,
+    stop_axis,
+)
 
 
 @merged

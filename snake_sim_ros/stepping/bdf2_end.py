@@ -2,22 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The end of a part of a step of method `bdf2`: closed gaps, and contacts that are deep."""
 
-from snake_sim_ros.contact.closing import close_gaps
-from snake_sim_ros.contact.closing import gaps_to_close
-from snake_sim_ros.contact.closing import left_gap
+from snake_sim_ros.contact.closing import close_gaps, gaps_to_close, left_gap
 from snake_sim_ros.contact.detection import find_contacts
 from snake_sim_ros.contact.newton import condense_anew
 from snake_sim_ros.contact.penetration import gap_at
 from snake_sim_ros.contact.solver import Problem
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.dynamics.kinematics import chain_coordinates
-from snake_sim_ros.dynamics.kinematics import link_frames
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.kinematics import chain_coordinates, link_frames
 from snake_sim_ros.stepping.events import add_closing
-from snake_sim_ros.stepping.joint_motion import add_velocities
-from snake_sim_ros.stepping.joint_motion import keep_velocities
-from snake_sim_ros.stepping.joint_motion import reach_end
+from snake_sim_ros.stepping.joint_motion import add_velocities, keep_velocities, reach_end
 
 DEEP = 1e-6  # penetration at the end of a step with which it is repeated [m]
 MOST_CLOSINGS = 3  # moves of the configuration in a step that close gaps

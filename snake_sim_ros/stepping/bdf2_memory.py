@@ -7,19 +7,17 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.penetration import penetration
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.joint_drift import joint_violation_rate
-from snake_sim_ros.dynamics.kinematics import joint_coordinates
-from snake_sim_ros.dynamics.kinematics import link_frames
-from snake_sim_ros.dynamics.kinematics import mean_of_links
-from snake_sim_ros.dynamics.kinematics import rates_in_inertial_frame
+from snake_sim_ros.dynamics.kinematics import (
+    joint_coordinates,
+    link_frames,
+    mean_of_links,
+    rates_in_inertial_frame,
+)
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.stepping.joint_motion import make_motion
-from snake_sim_ros.stepping.joint_motion import Motion
-from snake_sim_ros.stepping.parts import ANEW
-from snake_sim_ros.stepping.parts import SMOOTH
-from snake_sim_ros.stepping.parts import UNKNOWN
+from snake_sim_ros.stepping.joint_motion import make_motion, Motion
+from snake_sim_ros.stepping.parts import ANEW, SMOOTH, UNKNOWN
 
 CONSISTENT_SPEED = 1e-9  # largest speed of joint gaps at which velocities fit the joints [m/s]
 

@@ -48,48 +48,44 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.closing import closed_gap
-from snake_sim_ros.contact.closing import COMPLIANCE
-from snake_sim_ros.contact.closing import left_gap
-from snake_sim_ros.contact.closing import MOST_CLOSED
+from snake_sim_ros.contact.closing import closed_gap, COMPLIANCE, left_gap, MOST_CLOSED
 from snake_sim_ros.contact.dense_laws import solve_laws
 from snake_sim_ros.contact.detection import LANDING_SPEED
-from snake_sim_ros.contact.selection import IMPACT_WEIGHTS
-from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
-from snake_sim_ros.contact.selection import selection_center
-from snake_sim_ros.contact.selection import selection_compliance
-from snake_sim_ros.dynamics.dense_joint_laws import dense_laws
-from snake_sim_ros.dynamics.dense_joint_laws import DenseLaws
-from snake_sim_ros.dynamics.dense_joint_laws import solve_laws_of_axes
-from snake_sim_ros.dynamics.force_directions import joint_directions
-from snake_sim_ros.dynamics.force_directions import mass_matrix
-from snake_sim_ros.dynamics.force_directions import mean_delassus
-from snake_sim_ros.dynamics.force_directions import scene_contacts
-from snake_sim_ros.dynamics.force_directions import scene_gaps
-from snake_sim_ros.dynamics.force_directions import smooth_forces
-from snake_sim_ros.dynamics.force_directions import torque_directions
+from snake_sim_ros.contact.selection import (
+    IMPACT_WEIGHTS,
+    LEAST_COMPLIANCE,
+    selection_center,
+    selection_compliance,
+)
+from snake_sim_ros.dynamics.dense_joint_laws import dense_laws, DenseLaws, solve_laws_of_axes
+from snake_sim_ros.dynamics.force_directions import (
+    joint_directions,
+    mass_matrix,
+    mean_delassus,
+    scene_contacts,
+    scene_gaps,
+    smooth_forces,
+    torque_directions,
+)
 from snake_sim_ros.dynamics.joint_laws import make_joint_laws
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.bdf2 import PRESS_SPEED
-from snake_sim_ros.stepping.bdf2_end import DEEP
-from snake_sim_ros.stepping.bdf2_end import MOST_CLOSINGS
-from snake_sim_ros.stepping.bdf2_reference_motion import chain_velocities
-from snake_sim_ros.stepping.bdf2_reference_motion import coordinates
-from snake_sim_ros.stepping.bdf2_reference_motion import end_of
-from snake_sim_ros.stepping.bdf2_reference_motion import Formula
-from snake_sim_ros.stepping.bdf2_reference_motion import formula
+from snake_sim_ros.stepping.bdf2_end import DEEP, MOST_CLOSINGS
+from snake_sim_ros.stepping.bdf2_reference_motion import (
+    chain_velocities,
+    coordinates,
+    end_of,
+    Formula,
+    formula,
+)
 from snake_sim_ros.stepping.events import RESTING_GAP
 from snake_sim_ros.stepping.joint_motion import Motion
-from snake_sim_ros.stepping.model import MOST_CONDENSED
-from snake_sim_ros.stepping.model import PROXIMAL
+from snake_sim_ros.stepping.model import MOST_CONDENSED, PROXIMAL
 from snake_sim_ros.stepping.parts import UNKNOWN
-from snake_sim_ros.stepping.pushes import not_pushed
-from snake_sim_ros.stepping.pushes import Pushed
-from snake_sim_ros.stepping.state import History
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.pushes import not_pushed, Pushed
+from snake_sim_ros.stepping.state import History, State
 
 
 class Contacts(NamedTuple):

@@ -13,18 +13,11 @@ import numpy as np
 
 from snake_sim_ros.dynamics.force_directions import joint_directions
 from snake_sim_ros.scene import posture
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.rotations import cross
-from snake_sim_ros.scene.rotations import H_bar
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.bdf2_memory import Bdf2Memory
-from snake_sim_ros.stepping.bdf2_memory import CONSISTENT_SPEED
+from snake_sim_ros.scene.parameters import Array, Robot
+from snake_sim_ros.scene.rotations import cross, H_bar, product, rotation_matrices
+from snake_sim_ros.stepping.bdf2_memory import Bdf2Memory, CONSISTENT_SPEED
 from snake_sim_ros.stepping.joint_motion import Motion
-from snake_sim_ros.stepping.parts import ANEW
-from snake_sim_ros.stepping.parts import SMOOTH
-from snake_sim_ros.stepping.parts import UNKNOWN
+from snake_sim_ros.stepping.parts import ANEW, SMOOTH, UNKNOWN
 from snake_sim_ros.stepping.state import State
 
 

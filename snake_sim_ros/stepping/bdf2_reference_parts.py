@@ -8,25 +8,14 @@ import numpy as np
 
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.dynamics.force_directions import scene_gaps
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.stepping.bdf2_end import DEEP
 from snake_sim_ros.stepping.bdf2_memory import Bdf2Memory
-from snake_sim_ros.stepping.bdf2_reference import part
-from snake_sim_ros.stepping.bdf2_reference import PartEnd
-from snake_sim_ros.stepping.bdf2_reference_motion import recognized
-from snake_sim_ros.stepping.bdf2_reference_motion import same
-from snake_sim_ros.stepping.parts import AFTER_EVENT
-from snake_sim_ros.stepping.parts import ANEW
-from snake_sim_ros.stepping.parts import SMOOTH
-from snake_sim_ros.stepping.parts import TICKS
-from snake_sim_ros.stepping.parts import UNKNOWN
-from snake_sim_ros.stepping.pushes import NO_PUSHES
-from snake_sim_ros.stepping.pushes import PushTable
-from snake_sim_ros.stepping.pushes import STEP
-from snake_sim_ros.stepping.pushes import Stretch
-from snake_sim_ros.stepping.state import History
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.bdf2_reference import part, PartEnd
+from snake_sim_ros.stepping.bdf2_reference_motion import recognized, same
+from snake_sim_ros.stepping.parts import AFTER_EVENT, ANEW, SMOOTH, TICKS, UNKNOWN
+from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable, STEP, Stretch
+from snake_sim_ros.stepping.state import History, State
 
 
 def remembered(history: History, dt: float, end: PartEnd) -> Bdf2Memory:

@@ -8,16 +8,10 @@ import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.kinematics import axis_z
-from snake_sim_ros.scene.obstacles import contact_count
-from snake_sim_ros.scene.obstacles import contact_geometry
-from snake_sim_ros.scene.obstacles import contact_links
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.methods import method_of
-from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.state import check_state
-from snake_sim_ros.stepping.state import History
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.scene.obstacles import contact_count, contact_geometry, contact_links
+from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.stepping.methods import method_of, METHODS
+from snake_sim_ros.stepping.state import check_state, History, State
 
 
 def contact_forces(scene: Scene, state: State, history: History) -> tuple[Array, Array]:

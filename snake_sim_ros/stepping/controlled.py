@@ -9,9 +9,7 @@ import numpy as np
 
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.contact_forces import last_span
-from snake_sim_ros.stepping.sampling import begun_samples
-from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.sampling import trajectory_of
+from snake_sim_ros.stepping.sampling import begun_samples, Keep, trajectory_of
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
 

@@ -5,8 +5,7 @@
 import numpy as np
 
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Scene
 
 AHEAD = 64  # steps whose references are computed at once, since one costs as much as all of them
 

@@ -5,12 +5,9 @@
 import numpy as np
 
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import Stepper
-from snake_sim_ros.stepping.pushes import NO_PUSHES
-from snake_sim_ros.stepping.pushes import PushTable
-from snake_sim_ros.stepping.state import History
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.base import Report, Stepper
+from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
+from snake_sim_ros.stepping.state import History, State
 
 FLOOR = 40  # iterations of every step; with fewer, `newton` may end before it has held radii once
 TOGETHER = 5  # steps that are tried in one call

@@ -13,19 +13,19 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.dynamics.balance import joint_rates
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.dynamics.kinematics import chain_coordinates
-from snake_sim_ros.dynamics.kinematics import chain_geometry
-from snake_sim_ros.dynamics.kinematics import end_velocities
-from snake_sim_ros.dynamics.kinematics import half_rotation
-from snake_sim_ros.dynamics.kinematics import link_frames
-from snake_sim_ros.dynamics.kinematics import mean_of_links
-from snake_sim_ros.dynamics.kinematics import rates_in_inertial_frame
-from snake_sim_ros.dynamics.kinematics import twists
+from snake_sim_ros.dynamics.compilation import inlined, merged
+from snake_sim_ros.dynamics.kinematics import (
+    chain_coordinates,
+    chain_geometry,
+    end_velocities,
+    half_rotation,
+    link_frames,
+    mean_of_links,
+    rates_in_inertial_frame,
+    twists,
+)
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.stepping.parts import coefficients
-from snake_sim_ros.stepping.parts import UNKNOWN
+from snake_sim_ros.stepping.parts import coefficients, UNKNOWN
 
 
 class Motion(NamedTuple):

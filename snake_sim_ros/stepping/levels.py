@@ -11,40 +11,24 @@ the same state and the same contacts: pose, velocities and impulses are carried 
 """
 
 import time
-from typing import Any
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from snake_sim_ros.dynamics.control_loop import make_control_loop
-from snake_sim_ros.dynamics.kinematics import FLAT_GAP
-from snake_sim_ros.dynamics.kinematics import FLAT_TILT
-from snake_sim_ros.dynamics.kinematics import STILL_SPEED
+from snake_sim_ros.dynamics.kinematics import FLAT_GAP, FLAT_TILT, STILL_SPEED
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import Method
-from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import Stepper
-from snake_sim_ros.stepping.planar.model import forget
-from snake_sim_ros.stepping.planar.model import PlanarMemory
+from snake_sim_ros.stepping.base import Method, Report, Stepper
+from snake_sim_ros.stepping.planar.model import forget, PlanarMemory
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
-from snake_sim_ros.stepping.pushes import NO_PUSHES
-from snake_sim_ros.stepping.pushes import PushTable
-from snake_sim_ros.stepping.samples import checked
-from snake_sim_ros.stepping.samples import Samples
-from snake_sim_ros.stepping.single_steps import NO_PITCH
-from snake_sim_ros.stepping.single_steps import PITCH
-from snake_sim_ros.stepping.single_steps import PITCH_ROUNDING
-from snake_sim_ros.stepping.single_steps import SingleSteps
+from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
+from snake_sim_ros.stepping.samples import checked, Samples
+from snake_sim_ros.stepping.single_steps import NO_PITCH, PITCH, PITCH_ROUNDING, SingleSteps
 from snake_sim_ros.stepping.spatial import SpatialStepper
-from snake_sim_ros.stepping.state import copied
-from snake_sim_ros.stepping.state import History
-from snake_sim_ros.stepping.state import is_finite
-from snake_sim_ros.stepping.state import Returned
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import copied, History, is_finite, Returned, State
 from snake_sim_ros.stepping.steps import Steps
 
 AUTO_ROLL = 3e-4  # largest roll that `auto` neglects [rad]

@@ -6,27 +6,19 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from snake_sim_ros.contact.delassus import Delassus
-from snake_sim_ros.contact.delassus import make_delassus
+from snake_sim_ros.contact.delassus import Delassus, make_delassus
 from snake_sim_ros.contact.gauss_seidel import GaussSeidel
 from snake_sim_ros.contact.newton import Newton
-from snake_sim_ros.contact.prox_iteration import MOST_CONDENSED_ROWS
-from snake_sim_ros.contact.prox_iteration import ProxIteration
+from snake_sim_ros.contact.prox_iteration import MOST_CONDENSED_ROWS, ProxIteration
 from snake_sim_ros.dynamics.bound_call import Loop
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.obstacles import contact_count
-from snake_sim_ros.scene.obstacles import is_flat
+from snake_sim_ros.scene.obstacles import contact_count, is_flat
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.quoting import quoted
-from snake_sim_ros.stepping import bdf2
-from snake_sim_ros.stepping import bdf2_memory
-from snake_sim_ros.stepping import levels
-from snake_sim_ros.stepping import moreau
-from snake_sim_ros.stepping.base import Method
-from snake_sim_ros.stepping.base import Stepper
+from snake_sim_ros.stepping import bdf2, bdf2_memory, levels, moreau
+from snake_sim_ros.stepping.base import Method, Stepper
 from snake_sim_ros.stepping.model import whole_operator
-from snake_sim_ros.stepping.planar import bdf2 as planar_bdf2
-from snake_sim_ros.stepping.planar import moreau as planar_moreau
+from snake_sim_ros.stepping.planar import bdf2 as planar_bdf2, moreau as planar_moreau
 from snake_sim_ros.stepping.planar.gauss_seidel import PlanarGaussSeidel
 from snake_sim_ros.stepping.planar.newton import PlanarNewton
 from snake_sim_ros.stepping.planar.prox_iteration import PlanarProxIteration

@@ -3,39 +3,24 @@
 """The numbers of a scene and the arrays of a step, as compiled code takes them."""
 
 from functools import lru_cache
-from typing import Any
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.delassus import make_delassus
-from snake_sim_ros.contact.detection import make_obstacles
-from snake_sim_ros.contact.detection import make_other_friction
-from snake_sim_ros.contact.detection import Obstacles
-from snake_sim_ros.contact.laws import Laws
-from snake_sim_ros.contact.laws import make_disc
-from snake_sim_ros.contact.newton import make_operator
-from snake_sim_ros.contact.newton import Operator
+from snake_sim_ros.contact.detection import make_obstacles, make_other_friction, Obstacles
+from snake_sim_ros.contact.laws import Laws, make_disc
+from snake_sim_ros.contact.newton import make_operator, Operator
 from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
 from snake_sim_ros.contact.table import make_table
 from snake_sim_ros.dynamics.articulated_body import Chain
-from snake_sim_ros.dynamics.control_loop import ControlLoop
-from snake_sim_ros.dynamics.control_loop import make_control_loop
+from snake_sim_ros.dynamics.control_loop import ControlLoop, make_control_loop
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.dynamics.free_chain import make_free_chain
-from snake_sim_ros.dynamics.joint_laws import AxisLaws
-from snake_sim_ros.dynamics.joint_laws import JointLaws
-from snake_sim_ros.dynamics.joint_laws import make_axis_laws
-from snake_sim_ros.dynamics.joint_laws import make_joint_laws
-from snake_sim_ros.scene.obstacles import contact_count
-from snake_sim_ros.scene.obstacles import is_flat
-from snake_sim_ros.scene.obstacles import pair_contacts
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
-from snake_sim_ros.scene.parameters import PD_SCHEMES
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.dynamics.joint_laws import AxisLaws, JointLaws, make_axis_laws, make_joint_laws
+from snake_sim_ros.scene.obstacles import contact_count, is_flat, pair_contacts
+from snake_sim_ros.scene.parameters import Array, DRIFT_CORRECTIONS, PD_SCHEMES, Robot, Scene
 from snake_sim_ros.stepping.accuracy import path_tolerance
 
 # Compliance of the proximal point method, relative to the Delassus operator. It changes no

@@ -22,51 +22,50 @@ import math
 
 import numpy as np
 
-from snake_sim_ros.contact.closing import close_step
-from snake_sim_ros.contact.closing import predict_gaps
-from snake_sim_ros.contact.detection import find_contacts
-from snake_sim_ros.contact.detection import reach_of_step
+from snake_sim_ros.contact.closing import close_step, predict_gaps
+from snake_sim_ros.contact.detection import find_contacts, reach_of_step
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.penetration import penetration
-from snake_sim_ros.contact.selection import apply_selection_rule
-from snake_sim_ros.contact.selection import PRESS_SPEED
-from snake_sim_ros.contact.solver import Problem
-from snake_sim_ros.contact.solver import solve
-from snake_sim_ros.dynamics.balance import axis_loads
-from snake_sim_ros.dynamics.balance import control_impulses
-from snake_sim_ros.dynamics.balance import joint_rates
-from snake_sim_ros.dynamics.balance import link_inertia
-from snake_sim_ros.dynamics.balance import smooth_momentum
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import cycle_counter
-from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.contact.selection import apply_selection_rule, PRESS_SPEED
+from snake_sim_ros.contact.solver import Problem, solve
+from snake_sim_ros.dynamics.balance import (
+    axis_loads,
+    control_impulses,
+    joint_rates,
+    link_inertia,
+    smooth_momentum,
+)
+from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
 from snake_sim_ros.dynamics.control_loop import read_by_controllers
 from snake_sim_ros.dynamics.joint_control import START
-from snake_sim_ros.dynamics.joint_drift import close_joints
-from snake_sim_ros.dynamics.joint_drift import joint_violation
-from snake_sim_ros.dynamics.joint_laws import begin_joint_laws
-from snake_sim_ros.dynamics.joint_laws import controller_impulse
-from snake_sim_ros.dynamics.joint_laws import joint_laws_change
-from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
-from snake_sim_ros.dynamics.kinematics import chain_geometry
-from snake_sim_ros.dynamics.kinematics import end_coordinates
-from snake_sim_ros.dynamics.kinematics import end_velocities
-from snake_sim_ros.dynamics.kinematics import joint_coordinates
-from snake_sim_ros.dynamics.kinematics import lies_flat_and_still
-from snake_sim_ros.dynamics.kinematics import link_frames
-from snake_sim_ros.dynamics.kinematics import middle_coordinates
-from snake_sim_ros.dynamics.kinematics import rates_in_inertial_frame
-from snake_sim_ros.dynamics.kinematics import twists
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.dynamics.joint_drift import close_joints, joint_violation
+from snake_sim_ros.dynamics.joint_laws import (
+    begin_joint_laws,
+    controller_impulse,
+    joint_laws_change,
+    MOST_CHANGES,
+)
+from snake_sim_ros.dynamics.kinematics import (
+    chain_geometry,
+    end_coordinates,
+    end_velocities,
+    joint_coordinates,
+    lies_flat_and_still,
+    link_frames,
+    middle_coordinates,
+    rates_in_inertial_frame,
+    twists,
+)
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.stepping.pushes import add_pushes
-from snake_sim_ros.stepping.pushes import whole_step
-from snake_sim_ros.stepping.steps import count_steps
-from snake_sim_ros.stepping.steps import iterations_left
-from snake_sim_ros.stepping.steps import keep_sample
-from snake_sim_ros.stepping.steps import note_outcome
-from snake_sim_ros.stepping.steps import noted
+from snake_sim_ros.stepping.pushes import add_pushes, whole_step
+from snake_sim_ros.stepping.steps import (
+    count_steps,
+    iterations_left,
+    keep_sample,
+    note_outcome,
+    noted,
+)
 
 
 @inlined

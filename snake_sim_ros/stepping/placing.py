@@ -6,12 +6,9 @@ import numpy as np
 
 from snake_sim_ros.dynamics.force_directions import scene_gaps
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.obstacles import contact_links
-from snake_sim_ros.scene.obstacles import first_peg
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.obstacles import contact_links, first_peg
+from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.rotations import product, rotation_matrices
 from snake_sim_ros.stepping.levels import what_does_not_lie
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import State

@@ -11,8 +11,7 @@ Times are counted in ticks, STEP a step. A push begins at the tick before and en
 tick after those that are meant, with a force that is so much smaller that its impulse is exact.
 """
 
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
 import math
@@ -22,11 +21,8 @@ import numpy as np
 
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.parts import ANEW
-from snake_sim_ros.stepping.parts import SMOOTH
-from snake_sim_ros.stepping.parts import TICKS
+from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.stepping.parts import ANEW, SMOOTH, TICKS
 
 STEP = 2**14  # ticks in a step: shorter parts of it would be lost in the tolerances of contacts
 NOTHING = (0.0, 0.0, 0.0)

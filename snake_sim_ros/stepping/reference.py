@@ -17,53 +17,38 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.closing import closed_gap
-from snake_sim_ros.contact.closing import DEEP
-from snake_sim_ros.contact.dense_closing import Closing
-from snake_sim_ros.contact.dense_closing import with_closed_gaps
+from snake_sim_ros.contact.closing import closed_gap, DEEP
+from snake_sim_ros.contact.dense_closing import Closing, with_closed_gaps
 from snake_sim_ros.contact.detection import reach_of_step
-from snake_sim_ros.contact.projections import prox_disc
-from snake_sim_ros.contact.projections import prox_half_ellipses
-from snake_sim_ros.contact.projections import prox_half_line
-from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
-from snake_sim_ros.contact.selection import selection_center
-from snake_sim_ros.contact.selection import selection_compliance
-from snake_sim_ros.dynamics.control_loop import ControlMemory
-from snake_sim_ros.dynamics.control_loop import dense_control
-from snake_sim_ros.dynamics.control_loop import held_torque
-from snake_sim_ros.dynamics.dense_joint_drift import furthest_angles
-from snake_sim_ros.dynamics.dense_joint_drift import without_drift
-from snake_sim_ros.dynamics.dense_joint_laws import dense_laws
-from snake_sim_ros.dynamics.dense_joint_laws import solve_laws_of_axes
-from snake_sim_ros.dynamics.force_directions import joint_directions
-from snake_sim_ros.dynamics.force_directions import joint_gaps
-from snake_sim_ros.dynamics.force_directions import mass_matrix
-from snake_sim_ros.dynamics.force_directions import mean_delassus
-from snake_sim_ros.dynamics.force_directions import scene_contacts
-from snake_sim_ros.dynamics.force_directions import scene_gaps
-from snake_sim_ros.dynamics.force_directions import smooth_forces
-from snake_sim_ros.dynamics.force_directions import torque_directions
+from snake_sim_ros.contact.projections import prox_disc, prox_half_ellipses, prox_half_line
+from snake_sim_ros.contact.selection import (
+    LEAST_COMPLIANCE,
+    selection_center,
+    selection_compliance,
+)
+from snake_sim_ros.dynamics.control_loop import ControlMemory, dense_control, held_torque
+from snake_sim_ros.dynamics.dense_joint_drift import furthest_angles, without_drift
+from snake_sim_ros.dynamics.dense_joint_laws import dense_laws, solve_laws_of_axes
+from snake_sim_ros.dynamics.force_directions import (
+    joint_directions,
+    joint_gaps,
+    mass_matrix,
+    mean_delassus,
+    scene_contacts,
+    scene_gaps,
+    smooth_forces,
+    torque_directions,
+)
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.dynamics.joint_laws import make_joint_laws
-from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene import posture
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import PD_SCHEMES
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
-from snake_sim_ros.scene.rotations import H_bar
-from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import divergence
-from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.scene import obstacles, posture
+from snake_sim_ros.scene.parameters import Array, PD_SCHEMES, Scene, Solver
+from snake_sim_ros.scene.rotations import H_bar, rotation_matrices
+from snake_sim_ros.stepping.base import divergence, Report
 from snake_sim_ros.stepping.model import PROXIMAL
-from snake_sim_ros.stepping.pushes import NO_PUSHES
-from snake_sim_ros.stepping.pushes import PushTable
+from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import Samples
-from snake_sim_ros.stepping.state import check_arguments
-from snake_sim_ros.stepping.state import copied
-from snake_sim_ros.stepping.state import empty_history
-from snake_sim_ros.stepping.state import History
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import check_arguments, copied, empty_history, History, State
 
 
 def joint_torque_law(

@@ -8,10 +8,8 @@ import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import contact_count
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.state import History
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.stepping.state import History, State
 
 
 def row_after(step: int, every: int, first: int, count: int) -> int:

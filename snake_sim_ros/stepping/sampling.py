@@ -8,15 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.dynamics import kinematics
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.contact_forces import last_span
-from snake_sim_ros.stepping.contact_forces import sampled_forces
-from snake_sim_ros.stepping.samples import make_samples
-from snake_sim_ros.stepping.samples import Samples
-from snake_sim_ros.stepping.state import History
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.contact_forces import last_span, sampled_forces
+from snake_sim_ros.stepping.samples import make_samples, Samples
+from snake_sim_ros.stepping.state import History, State
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 LEVELS = np.array(['spatial', 'planar'])

@@ -6,8 +6,7 @@ A scene as it advances in time, and the sampler that makes every record of a run
 A step that diverges ends a run. The samples before it are kept.
 """
 
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 import time
@@ -16,38 +15,27 @@ import numpy as np
 
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Gait, load_scene, Scene
 from snake_sim_ros.scene.periods import samples_of
-from snake_sim_ros.stepping.base import OneByOne
-from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import Stepper
-from snake_sim_ros.stepping.contact_forces import contact_forces
-from snake_sim_ros.stepping.contact_forces import last_span
+from snake_sim_ros.stepping.base import OneByOne, Report, Stepper
+from snake_sim_ros.stepping.contact_forces import contact_forces, last_span
 from snake_sim_ros.stepping.gait_ahead import GaitAhead
 from snake_sim_ros.stepping.iteration_budget import IterationBudget
 from snake_sim_ros.stepping.levels import LevelStepper
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.portions import LEAST_STEPS
-from snake_sim_ros.stepping.portions import Portions
-from snake_sim_ros.stepping.pushes import NO_PUSHES
-from snake_sim_ros.stepping.pushes import Pushes
-from snake_sim_ros.stepping.pushes import PushTable
-from snake_sim_ros.stepping.samples import make_samples
-from snake_sim_ros.stepping.samples import Samples
-from snake_sim_ros.stepping.sampling import begun_samples
-from snake_sim_ros.stepping.sampling import joint_motion
-from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.sampling import Limits
-from snake_sim_ros.stepping.sampling import NO_LIMITS
-from snake_sim_ros.stepping.sampling import STATES
-from snake_sim_ros.stepping.sampling import trajectory_of
-from snake_sim_ros.stepping.state import carried
-from snake_sim_ros.stepping.state import History
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.portions import LEAST_STEPS, Portions
+from snake_sim_ros.stepping.pushes import NO_PUSHES, Pushes, PushTable
+from snake_sim_ros.stepping.samples import make_samples, Samples
+from snake_sim_ros.stepping.sampling import (
+    begun_samples,
+    joint_motion,
+    Keep,
+    Limits,
+    NO_LIMITS,
+    STATES,
+    trajectory_of,
+)
+from snake_sim_ros.stepping.state import carried, History, initial_state, State
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 LEVELS = ('planar', 'spatial')

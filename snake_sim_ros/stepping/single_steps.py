@@ -8,11 +8,8 @@ chooses a level, and makes a new state. Here, the compiled loop goes on from whe
 long as nothing but a step like the last one is asked for.
 """
 
-from collections.abc import Callable
-from collections.abc import Iterable
-from typing import Any
-from typing import cast
-from typing import NamedTuple
+from collections.abc import Callable, Iterable
+from typing import Any, cast, NamedTuple
 
 import numpy as np
 
@@ -21,17 +18,9 @@ from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.records import Block
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.pushes import lifts_at_once
-from snake_sim_ros.stepping.pushes import PushTable
-from snake_sim_ros.stepping.state import History
-from snake_sim_ros.stepping.state import named_arrays
-from snake_sim_ros.stepping.state import State
-from snake_sim_ros.stepping.state import with_arrays
-from snake_sim_ros.stepping.steps import clear_report
-from snake_sim_ros.stepping.steps import make_steps
-from snake_sim_ros.stepping.steps import Record
-from snake_sim_ros.stepping.steps import report_of
-from snake_sim_ros.stepping.steps import Steps
+from snake_sim_ros.stepping.pushes import lifts_at_once, PushTable
+from snake_sim_ros.stepping.state import History, named_arrays, State, with_arrays
+from snake_sim_ros.stepping.steps import clear_report, make_steps, Record, report_of, Steps
 
 PITCH_ROUNDING = 1e-9  # pitch references up to this count as zero [rad], [rad/s]
 # Steps for which a loop is right: all, those that leave a flat robot flat, those with a pitch

@@ -7,27 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.model import make_model
-from snake_sim_ros.stepping.model import make_workspace
-from snake_sim_ros.stepping.pushes import NO_PUSHES
-from snake_sim_ros.stepping.pushes import PushTable
-from snake_sim_ros.stepping.samples import checked
-from snake_sim_ros.stepping.samples import make_samples
-from snake_sim_ros.stepping.samples import Samples
-from snake_sim_ros.stepping.single_steps import ANY_PITCH
-from snake_sim_ros.stepping.single_steps import End
-from snake_sim_ros.stepping.single_steps import SingleSteps
-from snake_sim_ros.stepping.state import copied
-from snake_sim_ros.stepping.state import empty_history
-from snake_sim_ros.stepping.state import History
-from snake_sim_ros.stepping.state import Returned
-from snake_sim_ros.stepping.state import State
-from snake_sim_ros.stepping.steps import make_steps
-from snake_sim_ros.stepping.steps import Record
-from snake_sim_ros.stepping.steps import report_of
+from snake_sim_ros.stepping.model import make_model, make_workspace
+from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
+from snake_sim_ros.stepping.samples import checked, make_samples, Samples
+from snake_sim_ros.stepping.single_steps import ANY_PITCH, End, SingleSteps
+from snake_sim_ros.stepping.state import copied, empty_history, History, Returned, State
+from snake_sim_ros.stepping.steps import make_steps, Record, report_of
 
 
 class SpatialStepper:

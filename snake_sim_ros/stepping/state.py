@@ -5,23 +5,16 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 import math
-from typing import Any
-from typing import cast
-from typing import NamedTuple
-from typing import TypeVar
+from typing import Any, cast, NamedTuple, TypeVar
 
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import merged
 from snake_sim_ros.dynamics.control_loop import make_control_memory
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.obstacles import contact_count
-from snake_sim_ros.scene.obstacles import same_contacts
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.posture import initial_coordinates
-from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.posture import joint_rates
+from snake_sim_ros.scene.obstacles import contact_count, same_contacts
+from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.posture import initial_coordinates, joint_angles, joint_rates
 
 
 @dataclass(frozen=True)

@@ -2,18 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The steps that a compiled loop takes, and its report."""
 
-from typing import Any
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import record_array
+from snake_sim_ros.dynamics.compilation import inlined, record_array
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.stepping.base import divergence
-from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.pushes import NO_PUSHES
-from snake_sim_ros.stepping.pushes import PushTable
+from snake_sim_ros.stepping.base import divergence, Report
+from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import row_after
 from snake_sim_ros.stepping.state import History
 

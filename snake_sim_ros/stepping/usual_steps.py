@@ -6,8 +6,7 @@ from collections.abc import Container
 
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping import bdf2
-from snake_sim_ros.stepping.accuracy import USUAL_ACCURACY
-from snake_sim_ros.stepping.accuracy import with_accuracy
+from snake_sim_ros.stepping.accuracy import USUAL_ACCURACY, with_accuracy
 
 STEPPING = ('dt', 'method', 'level')  # with one of these, a user decides how a scene is run
 USUAL_SCENE = Scene()

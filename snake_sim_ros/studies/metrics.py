@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is measured in a run: a number of its trajectory, by a name or a function of the user."""
 
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import hashlib
 from importlib import import_module
@@ -17,8 +16,7 @@ import numpy as np
 
 from snake_sim_ros.dynamics.energy import floor_contact_velocities
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.checked_records import nearest
-from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.checked_records import nearest, ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.stepping.trajectory import Trajectory

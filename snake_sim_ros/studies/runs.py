@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs of a study: a scene with the values of a row, and the row of the table that comes of it."""
 
-from collections.abc import Callable
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 import time
@@ -13,22 +11,17 @@ from typing import Any
 from snake_sim_ros.gaits.blending import check_reach
 from snake_sim_ros.recording import npz
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import Scene, with_settings
 from snake_sim_ros.scene.periods import samples_of
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import share_compiled
-from snake_sim_ros.stepping.portions import LEAST_STEPS
-from snake_sim_ros.stepping.portions import PORTION_SECONDS
+from snake_sim_ros.stepping.portions import LEAST_STEPS, PORTION_SECONDS
 from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.simulation import sample
-from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.stepping.usual_steps import with_usual_steps
-from snake_sim_ros.studies.keys import key_of
-from snake_sim_ros.studies.keys import physics_version
-from snake_sim_ros.studies.metrics import Metric
-from snake_sim_ros.studies.metrics import MetricError
+from snake_sim_ros.studies.keys import key_of, physics_version
+from snake_sim_ros.studies.metrics import Metric, MetricError
 
 REFUSED, FAILED = 'refused', 'failed'  # status of rows besides those of `base.Status`
 # How a run may have ended that is never run again; others may go better another time.

@@ -2,34 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """All runs of a study, and its table."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Mapping
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Any
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.studies import table
-from snake_sim_ros.studies.journal import Journal
-from snake_sim_ros.studies.journal import journal_of
+from snake_sim_ros.studies.journal import Journal, journal_of
 from snake_sim_ros.studies.metrics import USUAL_METRICS
-from snake_sim_ros.studies.runs import empty_result
-from snake_sim_ros.studies.runs import FINAL
-from snake_sim_ros.studies.runs import key_of_run
-from snake_sim_ros.studies.runs import Plan
-from snake_sim_ros.studies.runs import Row
-from snake_sim_ros.studies.runs import scene_of
-from snake_sim_ros.studies.runs import trajectory_file
-from snake_sim_ros.studies.study_file import Study
-from snake_sim_ros.studies.study_file import study_from
-from snake_sim_ros.studies.workers import results_of
-from snake_sim_ros.studies.workers import threads
-from snake_sim_ros.studies.workers import Workers
+from snake_sim_ros.studies.runs import (
+    empty_result,
+    FINAL,
+    key_of_run,
+    Plan,
+    Row,
+    scene_of,
+    trajectory_file,
+)
+from snake_sim_ros.studies.study_file import Study, study_from
+from snake_sim_ros.studies.workers import results_of, threads, Workers
 
 if TYPE_CHECKING:
     import polars

@@ -2,38 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a study is: a scene, what varies in it, what is measured; as a record and as a file."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Mapping
-from collections.abc import Sequence
-from dataclasses import dataclass
-from dataclasses import fields
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from snake_sim_ros.scene.checked_records import CheckedRecord
-from snake_sim_ros.scene.checked_records import from_mapping
-from snake_sim_ros.scene.checked_records import nearest
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.checked_records import quantity
-from snake_sim_ros.scene.parameters import CONFIG
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.checked_records import (
+    CheckedRecord,
+    from_mapping,
+    nearest,
+    ParameterError,
+    quantity,
+)
+from snake_sim_ros.scene.parameters import CONFIG, load_scene, Scene, with_settings
 from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.scene.scene_files import is_file
 from snake_sim_ros.scene.yaml_text import read_yaml
 from snake_sim_ros.studies.keys import physics_version
-from snake_sim_ros.studies.metrics import Metric
-from snake_sim_ros.studies.metrics import metrics_of
-from snake_sim_ros.studies.metrics import USUAL_METRICS
-from snake_sim_ros.studies.runs import Plan
-from snake_sim_ros.studies.runs import Row
-from snake_sim_ros.studies.variations import check_names
-from snake_sim_ros.studies.variations import SAMPLINGS
-from snake_sim_ros.studies.variations import variation_of
-from snake_sim_ros.studies.variations import Variations
+from snake_sim_ros.studies.metrics import Metric, metrics_of, USUAL_METRICS
+from snake_sim_ros.studies.runs import Plan, Row
+from snake_sim_ros.studies.variations import check_names, SAMPLINGS, variation_of, Variations
 
 KEEP = ('metrics', 'trajectories')
 T = TypeVar('T')

@@ -7,13 +7,11 @@ polars writes and reads both, sorts and selects, and needs no other package; a t
 data frames.
 """
 
-from collections.abc import Mapping
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from io import BytesIO
 import json
 from pathlib import Path
-from typing import Any
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.whole_files import write_whole

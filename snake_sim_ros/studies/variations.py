@@ -8,25 +8,23 @@ leave those before as they are. Only a Latin hypercube depends on the number of 
 divides the ranges into as many parts.
 """
 
-from collections.abc import Mapping
-from collections.abc import Sequence
-from dataclasses import dataclass
-from dataclasses import field
-from dataclasses import fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
 import math
 from typing import Any
 
 import numpy as np
 from scipy.special import ndtri
 
-from snake_sim_ros.scene.checked_records import CheckedRecord
-from snake_sim_ros.scene.checked_records import flat_fields
-from snake_sim_ros.scene.checked_records import from_mapping
-from snake_sim_ros.scene.checked_records import nearest
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.checked_records import quantity
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.checked_records import (
+    CheckedRecord,
+    flat_fields,
+    from_mapping,
+    nearest,
+    ParameterError,
+    quantity,
+)
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.quoting import quoted
 
 SCALES = ('linear', 'log')

@@ -7,16 +7,16 @@ All of them are executors of `concurrent.futures`. Compiled code gives the inter
 that threads run at the same time and share one compiler and its code.
 """
 
-from collections.abc import Callable
-from collections.abc import Iterator
-from collections.abc import Sequence
-from concurrent.futures import CancelledError
-from concurrent.futures import Executor
-from concurrent.futures import FIRST_COMPLETED
-from concurrent.futures import Future
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures import ThreadPoolExecutor
-from concurrent.futures import wait
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import (
+    CancelledError,
+    Executor,
+    FIRST_COMPLETED,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -26,16 +26,11 @@ import os
 import signal
 import sys
 import threading
-from typing import Any
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from snake_sim_ros.dynamics.code_cache import CodeCache
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.studies.runs import empty_result
-from snake_sim_ros.studies.runs import never
-from snake_sim_ros.studies.runs import Plan
-from snake_sim_ros.studies.runs import Row
-from snake_sim_ros.studies.runs import run_chunk
+from snake_sim_ros.studies.runs import empty_result, never, Plan, Row, run_chunk
 
 CHUNK_SECONDS = 1.0  # time that a chunk of runs is to take
 GROWTH = 4  # a chunk has at most so many times the runs of the one before

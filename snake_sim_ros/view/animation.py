@@ -7,8 +7,7 @@ The projection is parallel, so that a link looks like a thick line with round en
 an upright one. Nearer bodies are drawn later. The ground is drawn before everything on it.
 """
 
-from collections.abc import Callable
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 import math
 from pathlib import Path
 import shutil
@@ -18,8 +17,7 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.animation import FFMpegWriter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import LineCollection
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 import numpy as np
@@ -27,11 +25,9 @@ from PIL import Image
 from scipy.ndimage import uniform_filter1d
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.obstacles import cell_at
-from snake_sim_ros.scene.obstacles import cell_height
+from snake_sim_ros.scene.obstacles import cell_at, cell_height
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.robot_description import color_name
-from snake_sim_ros.scene.robot_description import COLORS
+from snake_sim_ros.scene.robot_description import color_name, COLORS
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.scene.surroundings import Ground
 from snake_sim_ros.scene.whole_files import whole_file

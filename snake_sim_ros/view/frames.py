@@ -13,14 +13,9 @@ import math
 
 import numpy as np
 
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.scene.posture import gaps
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import FLAT
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.parameters import Array, Robot
+from snake_sim_ros.scene.posture import chain_coordinates, gaps
+from snake_sim_ros.scene.rotations import about, FLAT, product, rotation_matrices
 
 PLOTTED_TIME = 10.0  # s, length of the time that plots show
 TRACE_PERIOD = 0.025  # s between two samples that are plotted

@@ -9,8 +9,7 @@ the name by which it found the server in `Host`. A script has no `Origin`: it is
 could claim any. No website may show the page in a frame, where a click could be meant for another.
 """
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http import HTTPStatus
 from ipaddress import ip_address

@@ -8,8 +8,7 @@ and `plot` now and then. viser makes its callbacks in other threads; in these, a
 what was chosen.
 """
 
-from collections.abc import Callable
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout
 from errno import EADDRINUSE
 from io import StringIO
@@ -21,14 +20,9 @@ import webbrowser
 import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.view.browser_messages import BrowserMessages
-from snake_sim_ros.view.frames import at_rest
-from snake_sim_ros.view.frames import curves
-from snake_sim_ros.view.frames import Frame
-from snake_sim_ros.view.frames import Trace
-from snake_sim_ros.view.frames import UPWARD_SCALE
+from snake_sim_ros.view.frames import at_rest, curves, Frame, Trace, UPWARD_SCALE
 from snake_sim_ros.view.own_pages import own_pages_only
 from snake_sim_ros.view.stage import Stage
 

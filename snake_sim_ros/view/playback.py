@@ -13,14 +13,8 @@ from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.trajectory import Trajectory
-from snake_sim_ros.view.frames import Frame
-from snake_sim_ros.view.frames import PATH_LENGTH
-from snake_sim_ros.view.frames import PLOTTED_TIME
-from snake_sim_ros.view.frames import Trace
-from snake_sim_ros.view.page import announce
-from snake_sim_ros.view.page import Page
-from snake_sim_ros.view.page import PLOT_PERIOD
-from snake_sim_ros.view.page import SHOW_PERIOD
+from snake_sim_ros.view.frames import Frame, PATH_LENGTH, PLOTTED_TIME, Trace
+from snake_sim_ros.view.page import announce, Page, PLOT_PERIOD, SHOW_PERIOD
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 SPEEDS = {'1/10': 0.1, '1/4': 0.25, '1/2': 0.5, '1': 1.0, '2': 2.0, '4': 4.0}

@@ -7,17 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from snake_sim_ros.scene.obstacles import cell_centers
-from snake_sim_ros.scene.obstacles import FOUNDATION
-from snake_sim_ros.scene.obstacles import PEG_HEIGHT
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.robot_description import color_name
-from snake_sim_ros.scene.robot_description import COLORS
-from snake_sim_ros.view.frames import arrows
-from snake_sim_ros.view.frames import capsule
-from snake_sim_ros.view.frames import force_scale
-from snake_sim_ros.view.frames import Frame
+from snake_sim_ros.scene.obstacles import cell_centers, FOUNDATION, PEG_HEIGHT
+from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.robot_description import color_name, COLORS
+from snake_sim_ros.view.frames import arrows, capsule, force_scale, Frame
 
 # Of Okabe and Ito, as in `charts`; red, green and blue.
 FRICTION, NORMAL, PATH, POINT = (213, 94, 0), (86, 180, 233), (0, 114, 178), (0, 158, 115)

@@ -6,8 +6,7 @@ from importlib.metadata import version
 import os
 from pathlib import Path
 
-from graph import Graph
-from graph import next_domain
+from graph import Graph, next_domain
 import pytest
 import rclpy
 

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A ROS domain of its own for a test: real node processes, and one client node."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import itertools
 import os

@@ -3,8 +3,7 @@
 """A clock that a test advances by hand, and the commands of a gait node that follows it."""
 
 from geometry_msgs.msg import Twist
-from offline import nanoseconds
-from offline import PERIOD
+from offline import nanoseconds, PERIOD
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock

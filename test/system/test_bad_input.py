@@ -12,18 +12,10 @@ import sys
 from builtin_interfaces.msg import Time
 from graph import Process
 import numpy as np
-from offline import held_then_commanded
-from offline import largest_difference
-from offline import NAMES
-from offline import nanoseconds
-from offline import Offline
-from offline import PERIOD
+from offline import held_then_commanded, largest_difference, NAMES, nanoseconds, Offline, PERIOD
 import pytest
-from rcl_interfaces.msg import Parameter
-from rcl_interfaces.msg import ParameterType
-from rcl_interfaces.msg import ParameterValue
-from rcl_interfaces.srv import GetParameters
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import GetParameters, SetParameters
 from sensor_msgs.msg import JointState
 from sim_client import SimClient
 from std_srvs.srv import Trigger

@@ -11,9 +11,7 @@ import sys
 import time
 from types import SimpleNamespace
 
-from graph import next_domain
-from graph import Process
-from graph import ROOT
+from graph import next_domain, Process, ROOT
 import pytest
 from tqdm import tqdm
 

@@ -8,9 +8,7 @@ import signal
 import sys
 
 from geometry_msgs.msg import Twist
-from graph import background
-from graph import Process
-from graph import ROOT
+from graph import background, Process, ROOT
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest

@@ -15,22 +15,15 @@ import pytest
 from rcl_interfaces.srv import GetParameters
 from sensor_msgs.msg import JointState
 from sim_client import SimClient
-from std_srvs.srv import SetBool
-from std_srvs.srv import Trigger
-from test_readme import blocks
-from test_readme import README
-from test_tour import run
-from test_tour import section
+from std_srvs.srv import SetBool, Trigger
+from test_readme import blocks, README
+from test_tour import run, section
 
 from snake_sim_ros.dynamics.code_cache import FOLDER
 from snake_sim_ros.nodes.compiling import Compiler
-from snake_sim_ros.nodes.sim_node import look_at_compiler
-from snake_sim_ros.nodes.sim_node import SimNode
-from snake_sim_ros.nodes.sim_node import TOLD
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.posture import initial_coordinates
-from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.nodes.sim_node import look_at_compiler, SimNode, TOLD
+from snake_sim_ros.scene.parameters import load_scene, Scene
+from snake_sim_ros.scene.posture import initial_coordinates, joint_angles
 
 WHOLE_CACHE = 300.0  # s for a level to be compiled on a busy machine
 PLANAR, SPATIAL = 'stepping.planar/moreau.advance', 'stepping/moreau.advance-'

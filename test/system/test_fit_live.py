@@ -6,8 +6,7 @@ import json
 import signal
 import sys
 
-from graph import background
-from graph import Process
+from graph import background, Process
 import pytest
 from sensor_msgs.msg import JointState
 

@@ -9,8 +9,7 @@ import pytest
 from rclpy.action import ActionClient
 from rclpy.duration import Duration
 from sim_client import SimClient
-from trajectory_msgs.msg import JointTrajectory
-from trajectory_msgs.msg import JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 JOINT = 'joint_1_yaw'
 

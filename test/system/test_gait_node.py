@@ -7,19 +7,12 @@ from itertools import pairwise
 import math
 import signal
 
-from geometry_msgs.msg import Twist
-from geometry_msgs.msg import Vector3
+from geometry_msgs.msg import Twist, Vector3
 from hand_clock import HandClock
 import numpy as np
-from offline import NAMES
-from offline import nanoseconds
-from offline import Offline
-from offline import PERIOD
-from offline import positions
+from offline import NAMES, nanoseconds, Offline, PERIOD, positions
 import pytest
-from rcl_interfaces.srv import DescribeParameters
-from rcl_interfaces.srv import GetParameters
-from rcl_interfaces.srv import SetParametersAtomically
+from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from sim_client import SimClient
@@ -27,12 +20,10 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from snake_sim_ros.gaits.blending import Blend
-from snake_sim_ros.gaits.blending import largest_values
+from snake_sim_ros.gaits.blending import Blend, largest_values
 from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import load_scene, Robot
 
 SCENES = ('lateral_undulation', 'sidewinding')
 BLEND_TIME = 0.5  # s

@@ -8,14 +8,10 @@ import re
 import signal
 import time
 
-from geometry_msgs.msg import Twist
-from geometry_msgs.msg import TwistStamped
-from geometry_msgs.msg import Vector3
+from geometry_msgs.msg import Twist, TwistStamped, Vector3
 from hand_clock import HandClock
 import numpy as np
-from offline import NAMES
-from offline import nanoseconds
-from offline import PERIOD
+from offline import NAMES, nanoseconds, PERIOD
 import pytest
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
@@ -26,8 +22,7 @@ from snake_sim_ros.gaits.blending import Blend
 from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.nodes.throttled_warnings import WARN_PERIOD
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import load_scene, Scene
 
 BLEND_TIME = 0.5  # s
 STRIDE = 0.546  # m, the default

@@ -7,12 +7,9 @@ import signal
 import sys
 
 from geometry_msgs.msg import Twist
-from graph import background
-from graph import Process
+from graph import background, Process
 import pytest
-from rclpy.qos import DurabilityPolicy
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 import yaml

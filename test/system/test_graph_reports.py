@@ -7,18 +7,14 @@ import sys
 
 from graph import Process
 import numpy as np
-from offline import HORIZON
-from offline import nanoseconds
+from offline import HORIZON, nanoseconds
 import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
-from sim_client import connected
-from sim_client import SimClient
-from sim_client import with_twin
-from trajectory_msgs.msg import JointTrajectory
-from trajectory_msgs.msg import JointTrajectoryPoint
+from sim_client import connected, SimClient, with_twin
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.received_trajectories import joint_trajectory

@@ -6,14 +6,12 @@ import time
 
 from geometry_msgs.msg import Twist
 import pytest
-from rcl_interfaces.msg import Parameter
-from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from sim_client import SimClient
-from visualization_msgs.msg import Marker
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
 UNKNOWN = 10  # no type of parameter
 

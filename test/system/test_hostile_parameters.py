@@ -2,14 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hostile parameters and their files: a node refuses them in one sentence, and stays."""
 
-from geometry_msgs.msg import Twist
-from geometry_msgs.msg import Vector3
-from graph import node_command
-from graph import Process
+from geometry_msgs.msg import Twist, Vector3
+from graph import node_command, Process
 import pytest
-from rcl_interfaces.msg import Parameter
-from rcl_interfaces.msg import ParameterType
-from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState

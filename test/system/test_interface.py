@@ -7,36 +7,24 @@ import time
 
 from builtin_interfaces.msg import Time
 import numpy as np
-from offline import bits
-from offline import HORIZON
-from offline import NAMES
-from offline import nanoseconds
+from offline import bits, HORIZON, NAMES, nanoseconds
 import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.srv import DescribeParameters
-from rcl_interfaces.srv import GetParameters
-from rcl_interfaces.srv import SetParametersAtomically
+from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParametersAtomically
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from sim_client import connected
-from sim_client import SimClient
-from sim_client import with_twin
-from std_msgs.msg import Float64MultiArray
-from std_msgs.msg import String
+from sim_client import connected, SimClient, with_twin
+from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory
-from trajectory_msgs.msg import JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros.nodes.received_commands import position_commands
 from snake_sim_ros.nodes.received_trajectories import joint_trajectory
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.robot_description import robot_description
 
 SCENE = load_scene('lateral_undulation')

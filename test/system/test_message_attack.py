@@ -15,11 +15,7 @@ from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.nodes.tools.attack_checks import SimCheck
 from snake_sim_ros.nodes.tools.attacked_node import on_own_domain
 from snake_sim_ros.nodes.tools.hostile_messages import NAMES
-from snake_sim_ros.reliability.messages import _growth
-from snake_sim_ros.reliability.messages import flooded
-from snake_sim_ros.reliability.messages import STARTED
-from snake_sim_ros.reliability.messages import started
-from snake_sim_ros.reliability.messages import SUBJECTS
+from snake_sim_ros.reliability.messages import _growth, flooded, STARTED, started, SUBJECTS
 from snake_sim_ros.reliability.states import sequences
 
 

@@ -6,14 +6,10 @@ import os
 import subprocess
 import sys
 
-from graph import environment
-from graph import next_domain
+from graph import environment, next_domain
 import pytest
 
-from snake_sim_ros.nodes.middleware import keep_no_buffers
-from snake_sim_ros.nodes.middleware import NO_BUFFERS
-from snake_sim_ros.nodes.middleware import OF_USER
-from snake_sim_ros.nodes.middleware import USE_PROFILES
+from snake_sim_ros.nodes.middleware import keep_no_buffers, NO_BUFFERS, OF_USER, USE_PROFILES
 from snake_sim_ros.reliability.messages import GIVEN_BACK
 
 MEGABYTES, MESSAGES = 4, 25  # of messages that a node sends to itself

@@ -6,8 +6,7 @@ import signal
 import sys
 import time
 
-from graph import next_domain
-from graph import Process
+from graph import next_domain, Process
 import pytest
 
 TIME_TO_END = 2.0  # s

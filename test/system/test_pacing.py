@@ -5,8 +5,7 @@
 import json
 import sys
 
-from graph import next_domain
-from graph import Process
+from graph import next_domain, Process
 import pytest
 
 from snake_sim_ros.commands import main as cli

@@ -8,9 +8,7 @@ import pytest
 from rclpy.node import Node
 from test_graph_commands import started as command
 
-from snake_sim_ros.nodes import gait_node
-from snake_sim_ros.nodes import sim_node
-from snake_sim_ros.nodes import viewer_node
+from snake_sim_ros.nodes import gait_node, sim_node, viewer_node
 from snake_sim_ros.nodes.graph.parameters import parameter_file
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import made

@@ -9,10 +9,7 @@ import sys
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from graph import background
-from graph import next_domain
-from graph import Process
-from graph import TIMEOUT
+from graph import background, next_domain, Process, TIMEOUT
 import numpy as np
 from offline import nanoseconds
 import pytest

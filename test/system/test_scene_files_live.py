@@ -9,9 +9,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from offline import nanoseconds
 import pytest
-from rcl_interfaces.srv import GetParameters
-from rcl_interfaces.srv import ListParameters
-from rcl_interfaces.srv import SetParametersAtomically
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 

@@ -3,27 +3,20 @@
 """Sensors, pushes and poses of a sim node, as other programs use them."""
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 import numpy as np
-from offline import bits
-from offline import nanoseconds
-from offline import PERIOD
-from offline import wire_axes
+from offline import bits, nanoseconds, PERIOD, wire_axes
 import pytest
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Imu
-from sim_client import connected
-from sim_client import SimClient
-from sim_client import with_twin
+from sim_client import connected, SimClient, with_twin
 
 from snake_sim_ros.recording.recorded_sensors import recorded_sensors
 from snake_sim_ros.recording.sensors import Sensors
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.simulation import run
 
 # A robot that is told nothing slides down a slope.

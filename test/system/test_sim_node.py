@@ -8,15 +8,17 @@ import signal
 import time
 
 import numpy as np
-from offline import bits
-from offline import held_then_commanded
-from offline import largest_difference
-from offline import NAMES
-from offline import nanoseconds
-from offline import Offline
-from offline import PERIOD
-from offline import positions
-from offline import wire_axes
+from offline import (
+    bits,
+    held_then_commanded,
+    largest_difference,
+    NAMES,
+    nanoseconds,
+    Offline,
+    PERIOD,
+    positions,
+    wire_axes,
+)
 import pytest
 from rclpy.parameter import Parameter
 from sim_client import SimClient

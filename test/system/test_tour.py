@@ -13,8 +13,7 @@ import shlex
 import subprocess
 import sys
 
-from graph import environment
-from graph import Process
+from graph import environment, Process
 from offline import nanoseconds
 import pytest
 from rcl_interfaces.srv import GetParameters

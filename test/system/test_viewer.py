@@ -8,15 +8,11 @@ import socket
 import sys
 
 from browser import Browser
-from graph import next_domain
-from graph import node_command
-from graph import Process
+from graph import next_domain, node_command, Process
 import pytest
-from rcl_interfaces.srv import GetParameters
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String

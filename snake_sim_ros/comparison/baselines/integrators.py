@@ -12,8 +12,7 @@ They are not among `methods.METHODS`, since they are meant for comparisons only,
 robot. The first two run in a `simulation.Simulation` that is given their stepper.
 """
 
-from dataclasses import astuple
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import partial
 import math
 import time
@@ -21,38 +20,27 @@ from typing import Any
 import warnings
 
 import numpy as np
-from scipy.integrate import BDF
-from scipy.integrate import LSODA
-from scipy.integrate import Radau
-from scipy.integrate import RK45
+from scipy.integrate import BDF, LSODA, Radau, RK45
 
-from snake_sim_ros.comparison.baselines import minimal_coordinates
-from snake_sim_ros.comparison.baselines import penalty as regularized
+from snake_sim_ros.comparison.baselines import minimal_coordinates, penalty as regularized
 from snake_sim_ros.comparison.baselines.pyramid import Pyramid
-from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
-from snake_sim_ros.comparison.timed_run import TimedRun
-from snake_sim_ros.comparison.timed_run import timing_of
-from snake_sim_ros.comparison.timed_run import trajectory_of_states
+from snake_sim_ros.comparison.timed_run import (
+    SAMPLING_PERIOD,
+    TimedRun,
+    timing_of,
+    trajectory_of_states,
+)
 from snake_sim_ros.contact.delassus import make_delassus
-from snake_sim_ros.dynamics.energy import imbalance
-from snake_sim_ros.dynamics.energy import mechanical_energy
-from snake_sim_ros.scene.checked_records import CheckedRecord
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.checked_records import quantity
+from snake_sim_ros.dynamics.energy import imbalance, mechanical_energy
+from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
 from snake_sim_ros.scene.obstacles import contact_count
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.posture import joint_rates
+from snake_sim_ros.scene.parameters import Array, Scene, with_settings
+from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.stepping import moreau
-from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import Stepper
-from snake_sim_ros.stepping.model import make_model
-from snake_sim_ros.stepping.model import make_workspace
+from snake_sim_ros.stepping.base import Report, Stepper
+from snake_sim_ros.stepping.model import make_model, make_workspace
 from snake_sim_ros.stepping.spatial import SpatialStepper
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import initial_state, State
 
 INTEGRATORS: dict[str, Any] = {'RK45': RK45, 'LSODA': LSODA, 'Radau': Radau, 'BDF': BDF}
 JACOBIAN_DIFFERENCE = 1e-8  # in the unit of each number; less than the sag of a link

@@ -20,21 +20,16 @@ from snake_sim_ros.contact.delassus import fill_wrenches
 from snake_sim_ros.contact.detection import find_contacts
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.penetration import penetration
-from snake_sim_ros.dynamics.articulated_body import factor_chain
-from snake_sim_ros.dynamics.articulated_body import reset_chain
-from snake_sim_ros.dynamics.articulated_body import row_of
-from snake_sim_ros.dynamics.articulated_body import solve_chain
-from snake_sim_ros.dynamics.balance import link_inertia
-from snake_sim_ros.dynamics.balance import smooth_momentum
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.dynamics.kinematics import chain_geometry
-from snake_sim_ros.dynamics.kinematics import end_velocities
-from snake_sim_ros.dynamics.kinematics import half_rotation
-from snake_sim_ros.dynamics.kinematics import link_frames
-from snake_sim_ros.scene.gait import soft_start
-from snake_sim_ros.scene.gait import wave
+from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain, row_of, solve_chain
+from snake_sim_ros.dynamics.balance import link_inertia, smooth_momentum
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.kinematics import (
+    chain_geometry,
+    end_velocities,
+    half_rotation,
+    link_frames,
+)
+from snake_sim_ros.scene.gait import soft_start, wave
 from snake_sim_ros.scene.parameters import Array
 
 fade_at = compiled(soft_start)

@@ -13,17 +13,11 @@ import math
 from typing import NamedTuple
 
 from snake_sim_ros.contact.delassus import end_twists
-from snake_sim_ros.contact.laws import grip
-from snake_sim_ros.contact.laws import link_of
-from snake_sim_ros.contact.laws import sliding_disc
+from snake_sim_ros.contact.laws import grip, link_of, sliding_disc
 from snake_sim_ros.contact.natural_map import natural_map
-from snake_sim_ros.contact.solver import Outcome
-from snake_sim_ros.contact.solver import solve
-from snake_sim_ros.dynamics.articulated_body import factor_chain
-from snake_sim_ros.dynamics.articulated_body import reset_chain
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.contact.solver import Outcome, solve
+from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 
 BOUND = 1e9  # natural_map may return bounds up to this, since no iteration stops by them [m/s]
 

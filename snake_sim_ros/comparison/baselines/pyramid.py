@@ -15,20 +15,14 @@ from typing import NamedTuple
 
 from snake_sim_ros.comparison.baselines.penalty import BOUND
 from snake_sim_ros.contact.condensing import condense
-from snake_sim_ros.contact.delassus import condensed_twists
-from snake_sim_ros.contact.delassus import condensed_velocities
-from snake_sim_ros.contact.delassus import Delassus
-from snake_sim_ros.contact.laws import grip
-from snake_sim_ros.contact.laws import sliding_disc
+from snake_sim_ros.contact.delassus import condensed_twists, condensed_velocities, Delassus
+from snake_sim_ros.contact.laws import grip, sliding_disc
 from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.projections import prox_half_line
 from snake_sim_ros.contact.prox_iteration import copy_impulses
-from snake_sim_ros.contact.solver import Outcome
-from snake_sim_ros.contact.solver import solve
-from snake_sim_ros.contact.sweeps import project_normal
-from snake_sim_ros.contact.sweeps import set_impulse
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.contact.solver import Outcome, solve
+from snake_sim_ros.contact.sweeps import project_normal, set_impulse
+from snake_sim_ros.dynamics.compilation import inlined, merged
 
 
 @inlined

@@ -18,13 +18,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 import numpy as np
 
-from snake_sim_ros.comparison.chart_style import CHART_STYLE
-from snake_sim_ros.comparison.chart_style import save
+from snake_sim_ros.comparison.chart_style import CHART_STYLE, save
 from snake_sim_ros.comparison.csv_tables import Table
 from snake_sim_ros.comparison.stability.maps import MAPS
-from snake_sim_ros.comparison.stability.runs import Cell
-from snake_sim_ros.comparison.stability.runs import cells_of
-from snake_sim_ros.comparison.stability.runs import StabilityMap
+from snake_sim_ros.comparison.stability.runs import Cell, cells_of, StabilityMap
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 

@@ -9,22 +9,22 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.comparison.stability.runs import Case
-from snake_sim_ros.comparison.stability.scenes import AIKO
-from snake_sim_ros.comparison.stability.scenes import CASE_A
-from snake_sim_ros.comparison.stability.scenes import CLOSED_DEPTH
-from snake_sim_ros.comparison.stability.scenes import G
-from snake_sim_ros.comparison.stability.scenes import LENGTH
-from snake_sim_ros.comparison.stability.scenes import MASS
-from snake_sim_ros.comparison.stability.scenes import operator
-from snake_sim_ros.comparison.stability.scenes import PRECISE_SOLVER
-from snake_sim_ros.comparison.stability.scenes import RADIUS
-from snake_sim_ros.comparison.stability.scenes import speed
-from snake_sim_ros.comparison.stability.scenes import stepper_of
-from snake_sim_ros.comparison.stability.scenes import with_method
+from snake_sim_ros.comparison.stability.scenes import (
+    AIKO,
+    CASE_A,
+    CLOSED_DEPTH,
+    G,
+    LENGTH,
+    MASS,
+    operator,
+    PRECISE_SOLVER,
+    RADIUS,
+    speed,
+    stepper_of,
+    with_method,
+)
 from snake_sim_ros.dynamics.force_directions import contact_directions
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.scene.parameters import Robot, Scene, with_settings
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.trajectory import Trajectory

@@ -10,25 +10,25 @@ import numpy as np
 from snake_sim_ros.comparison.baselines.integrators import Penalty
 from snake_sim_ros.comparison.stability.regularized import spring_limit
 from snake_sim_ros.comparison.stability.runs import Case
-from snake_sim_ros.comparison.stability.scenes import AIKO
-from snake_sim_ros.comparison.stability.scenes import CASE_A
-from snake_sim_ros.comparison.stability.scenes import FLYING_HEIGHT
-from snake_sim_ros.comparison.stability.scenes import G
-from snake_sim_ros.comparison.stability.scenes import kinetic_energy
-from snake_sim_ros.comparison.stability.scenes import MASS
-from snake_sim_ros.comparison.stability.scenes import OFFSET
-from snake_sim_ros.comparison.stability.scenes import PRECISE_SOLVER
-from snake_sim_ros.comparison.stability.scenes import RADIUS
-from snake_sim_ros.comparison.stability.scenes import stepper_of
-from snake_sim_ros.comparison.stability.scenes import THETA_1
-from snake_sim_ros.comparison.stability.scenes import THETA_3
-from snake_sim_ros.comparison.stability.scenes import turned
-from snake_sim_ros.comparison.stability.scenes import WEIGHTLESS
-from snake_sim_ros.comparison.stability.scenes import with_method
+from snake_sim_ros.comparison.stability.scenes import (
+    AIKO,
+    CASE_A,
+    FLYING_HEIGHT,
+    G,
+    kinetic_energy,
+    MASS,
+    OFFSET,
+    PRECISE_SOLVER,
+    RADIUS,
+    stepper_of,
+    THETA_1,
+    THETA_3,
+    turned,
+    WEIGHTLESS,
+    with_method,
+)
 from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros.scene.parameters import Robot, Scene, Solver
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.scene.surroundings import Friction

@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.comparison.stability.runs import Case
-from snake_sim_ros.comparison.stability.scenes import AIKO
-from snake_sim_ros.comparison.stability.scenes import CASE_A
-from snake_sim_ros.comparison.stability.scenes import FLYING_HEIGHT
-from snake_sim_ros.comparison.stability.scenes import kinetic_energy
-from snake_sim_ros.comparison.stability.scenes import operator
-from snake_sim_ros.comparison.stability.scenes import WEIGHTLESS
-from snake_sim_ros.comparison.stability.scenes import with_method
+from snake_sim_ros.comparison.stability.scenes import (
+    AIKO,
+    CASE_A,
+    FLYING_HEIGHT,
+    kinetic_energy,
+    operator,
+    WEIGHTLESS,
+    with_method,
+)
 from snake_sim_ros.dynamics.force_directions import torque_directions
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Robot, Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.state import initial_state, State
 
 
 def flying(scene: Scene) -> State:

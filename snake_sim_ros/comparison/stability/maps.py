@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The maps of `stability`: quantities, methods, scenes, limits of theory."""
 
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 import math
 from typing import Any
@@ -12,40 +11,46 @@ import numpy as np
 
 from snake_sim_ros.comparison.mujoco_model import MujocoSettings
 from snake_sim_ros.comparison.mujoco_runs import run_mujoco
-from snake_sim_ros.comparison.stability.contact_laws import heavy
-from snake_sim_ros.comparison.stability.contact_laws import prox_limit
-from snake_sim_ros.comparison.stability.contact_laws import sinking
-from snake_sim_ros.comparison.stability.contact_laws import sticking
-from snake_sim_ros.comparison.stability.contact_laws import undulating
-from snake_sim_ros.comparison.stability.impacts import dropped_flat
-from snake_sim_ros.comparison.stability.impacts import dropped_precisely
-from snake_sim_ros.comparison.stability.impacts import dropped_tilted
-from snake_sim_ros.comparison.stability.impacts import landing_error
-from snake_sim_ros.comparison.stability.impacts import landing_limit
-from snake_sim_ros.comparison.stability.impacts import rod
-from snake_sim_ros.comparison.stability.impacts import rod_error
-from snake_sim_ros.comparison.stability.impacts import rod_limit
-from snake_sim_ros.comparison.stability.impacts import spin_limit
-from snake_sim_ros.comparison.stability.impacts import spinning
-from snake_sim_ros.comparison.stability.impacts import transverse_gain
-from snake_sim_ros.comparison.stability.impacts import upright
-from snake_sim_ros.comparison.stability.joint_control import control_limit
-from snake_sim_ros.comparison.stability.joint_control import in_flight
-from snake_sim_ros.comparison.stability.joint_control import on_the_ground
-from snake_sim_ros.comparison.stability.regularized import pushed_along
-from snake_sim_ros.comparison.stability.regularized import pushed_down
-from snake_sim_ros.comparison.stability.regularized import smooth_limit
-from snake_sim_ros.comparison.stability.regularized import spring_limit
-from snake_sim_ros.comparison.stability.runs import Axis
-from snake_sim_ros.comparison.stability.runs import Case
-from snake_sim_ros.comparison.stability.runs import Run
-from snake_sim_ros.comparison.stability.runs import simulate
-from snake_sim_ros.comparison.stability.runs import StabilityMap
-from snake_sim_ros.comparison.stability.scenes import AIKO
-from snake_sim_ros.comparison.stability.scenes import angle_error
-from snake_sim_ros.comparison.stability.scenes import CASE_A
-from snake_sim_ros.comparison.stability.scenes import position_error
-from snake_sim_ros.comparison.stability.scenes import speed
+from snake_sim_ros.comparison.stability.contact_laws import (
+    heavy,
+    prox_limit,
+    sinking,
+    sticking,
+    undulating,
+)
+from snake_sim_ros.comparison.stability.impacts import (
+    dropped_flat,
+    dropped_precisely,
+    dropped_tilted,
+    landing_error,
+    landing_limit,
+    rod,
+    rod_error,
+    rod_limit,
+    spin_limit,
+    spinning,
+    transverse_gain,
+    upright,
+)
+from snake_sim_ros.comparison.stability.joint_control import (
+    control_limit,
+    in_flight,
+    on_the_ground,
+)
+from snake_sim_ros.comparison.stability.regularized import (
+    pushed_along,
+    pushed_down,
+    smooth_limit,
+    spring_limit,
+)
+from snake_sim_ros.comparison.stability.runs import Axis, Case, Run, simulate, StabilityMap
+from snake_sim_ros.comparison.stability.scenes import (
+    AIKO,
+    angle_error,
+    CASE_A,
+    position_error,
+    speed,
+)
 from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
 
 SCHEMES = ('newton start', 'newton midpoint', 'newton average', 'newton end', 'bdf2')

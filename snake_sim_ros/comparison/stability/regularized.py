@@ -11,18 +11,19 @@ import numpy as np
 
 from snake_sim_ros.comparison.baselines.integrators import Penalty
 from snake_sim_ros.comparison.stability.runs import Case
-from snake_sim_ros.comparison.stability.scenes import AIKO
-from snake_sim_ros.comparison.stability.scenes import CLOSED_DEPTH
-from snake_sim_ros.comparison.stability.scenes import G
-from snake_sim_ros.comparison.stability.scenes import kinetic_energy
-from snake_sim_ros.comparison.stability.scenes import MASS
-from snake_sim_ros.comparison.stability.scenes import operator
-from snake_sim_ros.comparison.stability.scenes import PRECISE_SOLVER
-from snake_sim_ros.comparison.stability.scenes import stepper_of
-from snake_sim_ros.comparison.stability.scenes import with_method
+from snake_sim_ros.comparison.stability.scenes import (
+    AIKO,
+    CLOSED_DEPTH,
+    G,
+    kinetic_energy,
+    MASS,
+    operator,
+    PRECISE_SOLVER,
+    stepper_of,
+    with_method,
+)
 from snake_sim_ros.dynamics.force_directions import contact_directions
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.state import initial_state

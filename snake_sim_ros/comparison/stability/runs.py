@@ -9,13 +9,8 @@ of theory if there is one. Cells are written to a CSV file one after the other, 
 file already has are not run again.
 """
 
-from collections.abc import Callable
-from collections.abc import Container
-from collections.abc import Iterator
-from collections.abc import Mapping
-from dataclasses import dataclass
-from dataclasses import fields
-from dataclasses import replace
+from collections.abc import Callable, Container, Iterator, Mapping
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from itertools import product
 import math
@@ -23,19 +18,15 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.comparison.csv_tables import records_of
-from snake_sim_ros.comparison.csv_tables import Table
+from snake_sim_ros.comparison.csv_tables import records_of, Table
 from snake_sim_ros.comparison.timed_run import SAMPLING_PERIOD
 from snake_sim_ros.dynamics.energy import mechanical_energy
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.periods import steps_in
-from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.base import Stepper
-from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.sampling import Limits
-from snake_sim_ros.stepping.simulation import sample
-from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.base import Report, Stepper
+from snake_sim_ros.stepping.sampling import Keep, Limits
+from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.trajectory import Trajectory
 

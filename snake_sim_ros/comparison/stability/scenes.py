@@ -9,19 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.comparison.baselines.integrators import make_semi_implicit
-from snake_sim_ros.comparison.baselines.integrators import Penalty
+from snake_sim_ros.comparison.baselines.integrators import make_semi_implicit, Penalty
 from snake_sim_ros.comparison.stability.runs import Case
-from snake_sim_ros.dynamics.force_directions import joint_directions
-from snake_sim_ros.dynamics.force_directions import mass_matrix
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Robot
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.dynamics.force_directions import joint_directions, mass_matrix
+from snake_sim_ros.scene.parameters import Array, load_scene, Robot, Scene
 from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.rotations import about
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.state import State

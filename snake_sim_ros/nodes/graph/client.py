@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node for the time of one command: it looks at the graph, waits, and is interrupted."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import os
 from threading import Event

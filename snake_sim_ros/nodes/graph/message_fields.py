@@ -3,8 +3,7 @@
 """Messages from and to YAML, as the `ros2` command line reads and prints them."""
 
 from array import array
-from collections.abc import Callable
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from importlib import import_module
 import math
 import re
@@ -17,8 +16,7 @@ import yaml
 from snake_sim_ros.nodes.graph.client import GraphError
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.quoting import quoted
-from snake_sim_ros.scene.yaml_text import NOT_READABLE
-from snake_sim_ros.scene.yaml_text import parse_yaml
+from snake_sim_ros.scene.yaml_text import NOT_READABLE, parse_yaml
 
 NUMBERS = 'float', 'double'
 

@@ -6,21 +6,16 @@ from collections.abc import Mapping
 import sys
 from typing import Any
 
-from rcl_interfaces.msg import Parameter
-from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.msg import Parameter, ParameterType
 from rclpy.exceptions import InvalidServiceNameException
-from rclpy.parameter import get_parameter_value
-from rclpy.parameter import parameter_value_to_python
+from rclpy.parameter import get_parameter_value, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 import yaml
 
-from snake_sim_ros.nodes.graph.client import absolute
-from snake_sim_ros.nodes.graph.client import Client
-from snake_sim_ros.nodes.graph.client import GraphError
+from snake_sim_ros.nodes.graph.client import absolute, Client, GraphError
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.quoting import quoted
-from snake_sim_ros.scene.yaml_text import NOT_READABLE
-from snake_sim_ros.scene.yaml_text import parse_yaml
+from snake_sim_ros.scene.yaml_text import NOT_READABLE, parse_yaml
 
 LABELS = {
     ParameterType.PARAMETER_BOOL: 'Boolean value is:',

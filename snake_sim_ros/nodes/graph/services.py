@@ -4,14 +4,9 @@
 
 from rclpy.exceptions import InvalidServiceNameException
 
-from snake_sim_ros.nodes.graph.client import absolute
-from snake_sim_ros.nodes.graph.client import Client
-from snake_sim_ros.nodes.graph.client import GraphError
-from snake_sim_ros.nodes.graph.client import QUIET
-from snake_sim_ros.nodes.graph.message_fields import filled
-from snake_sim_ros.nodes.graph.message_fields import interface
-from snake_sim_ros.nodes.graph.topics import full_name
-from snake_sim_ros.nodes.graph.topics import print_names
+from snake_sim_ros.nodes.graph.client import absolute, Client, GraphError, QUIET
+from snake_sim_ros.nodes.graph.message_fields import filled, interface
+from snake_sim_ros.nodes.graph.topics import full_name, print_names
 
 
 def list_services(client: Client, show_types: bool, count: bool, hidden: bool) -> None:

@@ -10,21 +10,17 @@ from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidTopicNameException
-from rclpy.qos import DurabilityPolicy
-from rclpy.qos import qos_profile_sensor_data
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data, QoSProfile, ReliabilityPolicy
 from rclpy.validate_full_topic_name import validate_full_topic_name
 
-from snake_sim_ros.nodes.graph.client import absolute
-from snake_sim_ros.nodes.graph.client import Client
-from snake_sim_ros.nodes.graph.client import GraphError
-from snake_sim_ros.nodes.graph.client import QUIET
-from snake_sim_ros.nodes.graph.message_fields import as_yaml
-from snake_sim_ros.nodes.graph.message_fields import field_of
-from snake_sim_ros.nodes.graph.message_fields import filled
-from snake_sim_ros.nodes.graph.message_fields import interface
-from snake_sim_ros.nodes.graph.message_fields import is_message
+from snake_sim_ros.nodes.graph.client import absolute, Client, GraphError, QUIET
+from snake_sim_ros.nodes.graph.message_fields import (
+    as_yaml,
+    field_of,
+    filled,
+    interface,
+    is_message,
+)
 
 SENT_TIMEOUT = 1.0  # s for readers to confirm the last message
 REPORT_PERIOD = 1.0  # s between two rates

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What must hold of a node after each second of an attack: sentences on what does not."""
 
-from collections.abc import Callable
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import math
 import time
 from typing import Any
@@ -15,15 +14,11 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from snake_sim_ros.nodes.stamps import seconds_from
-from snake_sim_ros.nodes.tools.hostile_messages import good_message
-from snake_sim_ros.nodes.tools.hostile_messages import NAMES
-from snake_sim_ros.nodes.tools.hostile_messages import TIME
-from snake_sim_ros.nodes.tools.message_attack import ANSWER
-from snake_sim_ros.nodes.tools.message_attack import MessageAttack
+from snake_sim_ros.nodes.tools.hostile_messages import good_message, NAMES, TIME
+from snake_sim_ros.nodes.tools.message_attack import ANSWER, MessageAttack
 from snake_sim_ros.scene.parameters import Robot
 
 PERIOD = 0.005  # s of a publish period

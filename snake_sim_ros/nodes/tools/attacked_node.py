@@ -3,8 +3,7 @@
 """A node in a process of its own that is to be attacked: its memory, and how much it prints."""
 
 from collections import deque
-from collections.abc import Iterator
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 import os
 from pathlib import Path

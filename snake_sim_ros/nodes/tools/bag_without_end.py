@@ -7,8 +7,7 @@ from pathlib import Path
 import struct
 
 from mcap.exceptions import McapError
-from mcap.records import Channel
-from mcap.records import Message
+from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
 

@@ -5,22 +5,19 @@
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 import re
 import signal
 import subprocess
 import sys
-from threading import Event
-from threading import Thread
+from threading import Event, Thread
 import time
 
 from snake_sim_ros.gaits.blending import check_reach
 from snake_sim_ros.nodes.signals import SIGNALS
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import load_scene, Scene
 
 LINES = 100  # of the output of a node that are kept
 LAST_WORDS = 5  # lines of its output that the report of a node's death shows

@@ -17,13 +17,15 @@ from tqdm import tqdm
 
 from snake_sim_ros.nodes.executors import make_executor
 from snake_sim_ros.nodes.stamps import seconds_from
-from snake_sim_ros.nodes.tools.child_nodes import Child
-from snake_sim_ros.nodes.tools.child_nodes import children
-from snake_sim_ros.nodes.tools.child_nodes import Interrupted
-from snake_sim_ros.nodes.tools.child_nodes import interruptible
-from snake_sim_ros.nodes.tools.child_nodes import NodeDied
-from snake_sim_ros.nodes.tools.child_nodes import scene_to_run
-from snake_sim_ros.nodes.tools.child_nodes import start
+from snake_sim_ros.nodes.tools.child_nodes import (
+    Child,
+    children,
+    Interrupted,
+    interruptible,
+    NodeDied,
+    scene_to_run,
+    start,
+)
 from snake_sim_ros.scene.checked_records import ParameterError
 
 START_TIMEOUT = 90.0  # s, for compiling and discovery

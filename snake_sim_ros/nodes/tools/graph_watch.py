@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A client that only listens: when messages of robots came last."""
 
-from collections.abc import Callable
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import time
 from typing import Any
 

@@ -13,28 +13,16 @@ import struct
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
-from geometry_msgs.msg import Point
-from geometry_msgs.msg import PoseArray
-from geometry_msgs.msg import PoseStamped
-from geometry_msgs.msg import Twist
-from geometry_msgs.msg import WrenchStamped
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Point, PoseArray, PoseStamped, Twist, WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
-from rosidl_parser.definition import AbstractNestedType
-from rosidl_parser.definition import AbstractString
-from rosidl_parser.definition import Array
-from rosidl_parser.definition import BasicType
+from rosidl_parser.definition import AbstractNestedType, AbstractString, Array, BasicType
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
-from std_msgs.msg import String
-from trajectory_msgs.msg import JointTrajectory
-from trajectory_msgs.msg import JointTrajectoryPoint
-from visualization_msgs.msg import Marker
-from visualization_msgs.msg import MarkerArray
+from std_msgs.msg import Float64MultiArray, String
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from visualization_msgs.msg import Marker, MarkerArray
 
 from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.stamps import stamp_from

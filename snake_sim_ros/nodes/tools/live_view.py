@@ -5,12 +5,14 @@
 import sys
 from threading import Event
 
-from snake_sim_ros.nodes.tools.child_nodes import Child
-from snake_sim_ros.nodes.tools.child_nodes import children
-from snake_sim_ros.nodes.tools.child_nodes import interruptible
-from snake_sim_ros.nodes.tools.child_nodes import NodeDied
-from snake_sim_ros.nodes.tools.child_nodes import scene_to_run
-from snake_sim_ros.nodes.tools.child_nodes import start
+from snake_sim_ros.nodes.tools.child_nodes import (
+    Child,
+    children,
+    interruptible,
+    NodeDied,
+    scene_to_run,
+    start,
+)
 from snake_sim_ros.view.page import check_address
 
 LOOK_PERIOD = 0.2  # s between two looks at the nodes

@@ -2,36 +2,34 @@
 # SPDX-License-Identifier: Apache-2.0
 """A flood of hostile messages, service calls and parameters at a node, and what it does then."""
 
-from collections.abc import Callable
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 import math
 import random
 import time
 from typing import Any
 
-from rcl_interfaces.msg import Parameter
-from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter as Setting
-from rclpy.qos import DurabilityPolicy
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
-from std_srvs.srv import SetBool
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from snake_sim_ros.nodes.executors import served_until
-from snake_sim_ros.nodes.tools.hostile_messages import damaged
-from snake_sim_ros.nodes.tools.hostile_messages import good_message
-from snake_sim_ros.nodes.tools.hostile_messages import hostile_message
-from snake_sim_ros.nodes.tools.hostile_messages import largest_message
-from snake_sim_ros.nodes.tools.hostile_messages import NUMBERS
-from snake_sim_ros.nodes.tools.hostile_messages import TIME
-from snake_sim_ros.nodes.tools.hostile_messages import Topic
-from snake_sim_ros.nodes.tools.hostile_messages import WORDS
+from snake_sim_ros.nodes.tools.hostile_messages import (
+    damaged,
+    good_message,
+    hostile_message,
+    largest_message,
+    NUMBERS,
+    TIME,
+    Topic,
+    WORDS,
+)
 
 RATE = 5000.0  # messages a second
 SLICE = 0.01  # s between two lots of messages

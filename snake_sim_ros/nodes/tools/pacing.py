@@ -10,8 +10,7 @@ published, so that delays of the probe do not count.
 
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import asdict
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 import json
 import random
 import sys
@@ -31,18 +30,17 @@ from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.state_messages import StateMessages
-from snake_sim_ros.nodes.tools.child_nodes import Child
-from snake_sim_ros.nodes.tools.child_nodes import children
-from snake_sim_ros.nodes.tools.child_nodes import Interrupted
-from snake_sim_ros.nodes.tools.child_nodes import interruptible
-from snake_sim_ros.nodes.tools.child_nodes import NodeDied
-from snake_sim_ros.nodes.tools.child_nodes import start
-from snake_sim_ros.nodes.tools.sim_probe import Noted
-from snake_sim_ros.nodes.tools.sim_probe import SimProbe
+from snake_sim_ros.nodes.tools.child_nodes import (
+    Child,
+    children,
+    Interrupted,
+    interruptible,
+    NodeDied,
+    start,
+)
+from snake_sim_ros.nodes.tools.sim_probe import Noted, SimProbe
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.scene.parameters import Array, load_scene, Scene
 from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.stepping.simulation import Simulation
 

@@ -17,22 +17,17 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.qos import DurabilityPolicy
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory
-from trajectory_msgs.msg import JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from snake_sim_ros.nodes.executors import make_executor
 from snake_sim_ros.nodes.joint_names import joint_names
-from snake_sim_ros.nodes.stamps import seconds_from
-from snake_sim_ros.nodes.stamps import stamp_from
-from snake_sim_ros.nodes.tools.child_nodes import Child
-from snake_sim_ros.nodes.tools.child_nodes import Interrupted
-from snake_sim_ros.nodes.tools.child_nodes import NodeDied
+from snake_sim_ros.nodes.stamps import seconds_from, stamp_from
+from snake_sim_ros.nodes.tools.child_nodes import Child, Interrupted, NodeDied
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene

@@ -4,25 +4,20 @@
 
 import random
 
-from hypothesis import HealthCheck
-from hypothesis import Phase
-from hypothesis import seed
-from hypothesis import settings
-from hypothesis import strategies as st
-from hypothesis.stateful import initialize
-from hypothesis.stateful import invariant
-from hypothesis.stateful import rule
-from hypothesis.stateful import RuleBasedStateMachine
-from hypothesis.stateful import run_state_machine_as_test
+from hypothesis import HealthCheck, Phase, seed, settings, strategies as st
+from hypothesis.stateful import (
+    initialize,
+    invariant,
+    rule,
+    RuleBasedStateMachine,
+    run_state_machine_as_test,
+)
 from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from snake_sim_ros.nodes.tools.attack_checks import SimCheck
 from snake_sim_ros.nodes.tools.attacked_node import AttackedNode
-from snake_sim_ros.nodes.tools.hostile_messages import hostile_message
-from snake_sim_ros.nodes.tools.hostile_messages import NAMES
-from snake_sim_ros.nodes.tools.hostile_messages import TOPICS
+from snake_sim_ros.nodes.tools.hostile_messages import hostile_message, NAMES, TOPICS
 from snake_sim_ros.nodes.tools.message_attack import MessageAttack
 
 OBEYED = 10.0  # s for a joint to reach an angle, and for time to go on

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import rclpy
 
 from snake_sim_ros.nodes.gait_node import GaitNode
-from snake_sim_ros.nodes.node_process import initialize
-from snake_sim_ros.nodes.node_process import made
+from snake_sim_ros.nodes.node_process import initialize, made
 
 
 def start_and_end(arguments: Sequence[str]) -> None:

@@ -12,55 +12,58 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import cycle_counter
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, merged
 from snake_sim_ros.dynamics.joint_control import implicit_pd_law
 from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.bdf2_memory import CONSISTENT_SPEED
-from snake_sim_ros.stepping.parts import AFTER_EVENT
-from snake_sim_ros.stepping.parts import aligned_size
-from snake_sim_ros.stepping.parts import ANEW
-from snake_sim_ros.stepping.parts import coefficients
-from snake_sim_ros.stepping.parts import end_references
-from snake_sim_ros.stepping.parts import first_size
-from snake_sim_ros.stepping.parts import judge_part
-from snake_sim_ros.stepping.parts import keep_history
-from snake_sim_ros.stepping.parts import keep_references
-from snake_sim_ros.stepping.parts import least_iterations
-from snake_sim_ros.stepping.parts import path_error
-from snake_sim_ros.stepping.parts import restore_history
-from snake_sim_ros.stepping.parts import SMOOTH
-from snake_sim_ros.stepping.parts import TICKS
-from snake_sim_ros.stepping.parts import UNKNOWN
-from snake_sim_ros.stepping.planar.axes import begin_planar_impact
-from snake_sim_ros.stepping.planar.axes import begin_predicted_yaw_axes
-from snake_sim_ros.stepping.planar.axes import joint_impulses_in_plane
-from snake_sim_ros.stepping.planar.axes import yaw_axes_change
-from snake_sim_ros.stepping.planar.equilibrium import fill_grips
-from snake_sim_ros.stepping.planar.equilibrium import fill_momentum
-from snake_sim_ros.stepping.planar.equilibrium import place_links_in_plane
-from snake_sim_ros.stepping.planar.moreau import end_planar_velocities
-from snake_sim_ros.stepping.planar.moreau import held_point
-from snake_sim_ros.stepping.planar.moreau import is_planar
-from snake_sim_ros.stepping.planar.moreau import keep_planar_sample
-from snake_sim_ros.stepping.planar.moreau import stop_impact
-from snake_sim_ros.stepping.planar.newton import PlanarNewton
-from snake_sim_ros.stepping.planar.newton import solve_planar_contacts
+from snake_sim_ros.stepping.parts import (
+    AFTER_EVENT,
+    aligned_size,
+    ANEW,
+    coefficients,
+    end_references,
+    first_size,
+    judge_part,
+    keep_history,
+    keep_references,
+    least_iterations,
+    path_error,
+    restore_history,
+    SMOOTH,
+    TICKS,
+    UNKNOWN,
+)
+from snake_sim_ros.stepping.planar.axes import (
+    begin_planar_impact,
+    begin_predicted_yaw_axes,
+    joint_impulses_in_plane,
+    yaw_axes_change,
+)
+from snake_sim_ros.stepping.planar.equilibrium import (
+    fill_grips,
+    fill_momentum,
+    place_links_in_plane,
+)
+from snake_sim_ros.stepping.planar.moreau import (
+    end_planar_velocities,
+    held_point,
+    is_planar,
+    keep_planar_sample,
+    stop_impact,
+)
+from snake_sim_ros.stepping.planar.newton import PlanarNewton, solve_planar_contacts
 from snake_sim_ros.stepping.planar.warm_start import SECOND_CHANGE
-from snake_sim_ros.stepping.pushes import add_pushes_in_plane
-from snake_sim_ros.stepping.pushes import first_stretch
-from snake_sim_ros.stepping.pushes import next_stretch
-from snake_sim_ros.stepping.pushes import part_of
+from snake_sim_ros.stepping.pushes import add_pushes_in_plane, first_stretch, next_stretch, part_of
 from snake_sim_ros.stepping.state import without_memory
-from snake_sim_ros.stepping.steps import count_steps
-from snake_sim_ros.stepping.steps import iterations_left
-from snake_sim_ros.stepping.steps import note_outcome
-from snake_sim_ros.stepping.steps import noted
-from snake_sim_ros.stepping.steps import sampled_row
-from snake_sim_ros.stepping.steps import take_back
+from snake_sim_ros.stepping.steps import (
+    count_steps,
+    iterations_left,
+    note_outcome,
+    noted,
+    sampled_row,
+    take_back,
+)
 
 
 class PlanarMotion(NamedTuple):

@@ -9,10 +9,8 @@ Functions take a `model.PlanarModel` as `model`, and fill a `model.PlanarWorkspa
 import math
 
 from snake_sim_ros.contact.patches import fill_grip
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.hinge_chain import factor_hinges
-from snake_sim_ros.dynamics.hinge_chain import solve_hinges
+from snake_sim_ros.dynamics.compilation import compiled, inlined
+from snake_sim_ros.dynamics.hinge_chain import factor_hinges, solve_hinges
 
 # Share of a contact's stiffness with which the floor holds the robot against rolling. A real floor
 # has none; this reveals a straight robot, which nothing else holds, by its large roll.

@@ -4,16 +4,14 @@
 
 from typing import NamedTuple
 
-from snake_sim_ros.contact.delassus import condensed_velocities
-from snake_sim_ros.contact.delassus import Delassus
+from snake_sim_ros.contact.delassus import condensed_velocities, Delassus
 from snake_sim_ros.contact.laws import grip
 from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.projections import prox_half_line
 from snake_sim_ros.contact.prox_iteration import copy_impulses
 from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.contact.sweeps import project_sliding
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.compilation import inlined, merged
 from snake_sim_ros.stepping.planar import equilibrium
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
 

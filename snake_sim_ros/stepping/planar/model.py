@@ -2,28 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The records of `stepping.model` for a step in the plane, and what it keeps of the last step."""
 
-from typing import Any
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from snake_sim_ros.contact.laws import Laws
-from snake_sim_ros.contact.patches import make_patches
-from snake_sim_ros.contact.patches import Patches
+from snake_sim_ros.contact.patches import make_patches, Patches
 from snake_sim_ros.contact.table import make_table
 from snake_sim_ros.dynamics.compilation import record_array
 from snake_sim_ros.dynamics.hinge_chain import HingeChain
 from snake_sim_ros.dynamics.joint_drift import CENTER_OF_MASS
-from snake_sim_ros.dynamics.joint_laws import AxisLaws
-from snake_sim_ros.dynamics.joint_laws import JointLaws
-from snake_sim_ros.dynamics.joint_laws import make_axis_laws
-from snake_sim_ros.scene.obstacles import contact_count
-from snake_sim_ros.scene.obstacles import first_peg
-from snake_sim_ros.scene.obstacles import is_flat
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
-from snake_sim_ros.scene.parameters import PD_SCHEMES
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.dynamics.joint_laws import AxisLaws, JointLaws, make_axis_laws
+from snake_sim_ros.scene.obstacles import contact_count, first_peg, is_flat
+from snake_sim_ros.scene.parameters import Array, DRIFT_CORRECTIONS, PD_SCHEMES, Scene
 from snake_sim_ros.stepping.model import make_model
 from snake_sim_ros.stepping.state import named_arrays
 

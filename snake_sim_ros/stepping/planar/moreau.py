@@ -27,32 +27,33 @@ mass.
 
 import math
 
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import cycle_counter
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, merged
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
-from snake_sim_ros.stepping.planar.axes import begin_yaw_axes
-from snake_sim_ros.stepping.planar.axes import is_overloaded
-from snake_sim_ros.stepping.planar.axes import joint_impulses_in_plane
-from snake_sim_ros.stepping.planar.axes import yaw_axes_change
-from snake_sim_ros.stepping.planar.equilibrium import fill_grips
-from snake_sim_ros.stepping.planar.equilibrium import fill_momentum
-from snake_sim_ros.stepping.planar.equilibrium import place_links_in_plane
+from snake_sim_ros.stepping.planar.axes import (
+    begin_yaw_axes,
+    is_overloaded,
+    joint_impulses_in_plane,
+    yaw_axes_change,
+)
+from snake_sim_ros.stepping.planar.equilibrium import (
+    fill_grips,
+    fill_momentum,
+    place_links_in_plane,
+)
 from snake_sim_ros.stepping.planar.model import ROLL_LIMIT
-from snake_sim_ros.stepping.planar.pegs import close_pegs
-from snake_sim_ros.stepping.planar.pegs import find_peg_contacts
+from snake_sim_ros.stepping.planar.pegs import close_pegs, find_peg_contacts
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
-from snake_sim_ros.stepping.pushes import add_pushes_in_plane
-from snake_sim_ros.stepping.pushes import whole_step
+from snake_sim_ros.stepping.pushes import add_pushes_in_plane, whole_step
 from snake_sim_ros.stepping.state import without_memory
-from snake_sim_ros.stepping.steps import count_steps
-from snake_sim_ros.stepping.steps import iterations_left
-from snake_sim_ros.stepping.steps import keep_forces
-from snake_sim_ros.stepping.steps import note_outcome
-from snake_sim_ros.stepping.steps import noted
-from snake_sim_ros.stepping.steps import sampled_row
+from snake_sim_ros.stepping.steps import (
+    count_steps,
+    iterations_left,
+    keep_forces,
+    note_outcome,
+    noted,
+    sampled_row,
+)
 
 SLIP_MEMORY = 3.0  # time constant with which slip and way are forgotten [s]
 

@@ -15,42 +15,33 @@ import math
 from typing import NamedTuple
 
 from snake_sim_ros.contact.admissible import anchor_disc
-from snake_sim_ros.contact.delassus import Delassus
-from snake_sim_ros.contact.delassus import solve_condensed
-from snake_sim_ros.contact.laws import anchored_disc
-from snake_sim_ros.contact.laws import anchored_side
-from snake_sim_ros.contact.laws import changes_side
-from snake_sim_ros.contact.laws import floor_disc
-from snake_sim_ros.contact.laws import grip
-from snake_sim_ros.contact.laws import sliding_disc
-from snake_sim_ros.contact.line_search import law_error
-from snake_sim_ros.contact.line_search import line_search
-from snake_sim_ros.contact.line_search import move_trial
-from snake_sim_ros.contact.linear_laws import disc_law
-from snake_sim_ros.contact.linear_laws import linearize_disc
-from snake_sim_ros.contact.linear_laws import normal_law
-from snake_sim_ros.contact.natural_map import natural_map
-from snake_sim_ros.contact.natural_map import sliding_bound
-from snake_sim_ros.contact.newton import find_radius_steps
-from snake_sim_ros.contact.newton import INEXACT_ROUNDS
-from snake_sim_ros.contact.newton import next_relaxation
+from snake_sim_ros.contact.delassus import Delassus, solve_condensed
+from snake_sim_ros.contact.laws import (
+    anchored_disc,
+    anchored_side,
+    changes_side,
+    floor_disc,
+    grip,
+    sliding_disc,
+)
+from snake_sim_ros.contact.line_search import law_error, line_search, move_trial
+from snake_sim_ros.contact.linear_laws import disc_law, linearize_disc, normal_law
+from snake_sim_ros.contact.natural_map import natural_map, sliding_bound
+from snake_sim_ros.contact.newton import find_radius_steps, INEXACT_ROUNDS, next_relaxation
 from snake_sim_ros.contact.solver import Outcome
 from snake_sim_ros.contact.table import SLIDING
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.dynamics.hinge_chain import factor_hinges
-from snake_sim_ros.dynamics.hinge_chain import solve_hinges
-from snake_sim_ros.stepping.planar.equilibrium import condense_sliding
-from snake_sim_ros.stepping.planar.equilibrium import factor_bare
-from snake_sim_ros.stepping.planar.equilibrium import find_loads
-from snake_sim_ros.stepping.planar.equilibrium import planar_contact_velocities
-from snake_sim_ros.stepping.planar.equilibrium import planar_twists
-from snake_sim_ros.stepping.planar.pegs import add_peg_law
-from snake_sim_ros.stepping.planar.pegs import peg_velocities
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.hinge_chain import factor_hinges, solve_hinges
+from snake_sim_ros.stepping.planar.equilibrium import (
+    condense_sliding,
+    factor_bare,
+    find_loads,
+    planar_contact_velocities,
+    planar_twists,
+)
+from snake_sim_ros.stepping.planar.pegs import add_peg_law, peg_velocities
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
-from snake_sim_ros.stepping.planar.warm_start import predict_sliding
-from snake_sim_ros.stepping.planar.warm_start import remember_sliding
+from snake_sim_ros.stepping.planar.warm_start import predict_sliding, remember_sliding
 
 COUPLED_ITERATIONS = 4  # iterations before the radii are held
 MOST_COUPLED_ITERATIONS = 20  # of these, while the residual falls

@@ -4,16 +4,10 @@
 
 import math
 
-from snake_sim_ros.contact.closing import gaps_to_close
-from snake_sim_ros.contact.closing import left_gap
-from snake_sim_ros.contact.closing import MOST_MOVES
-from snake_sim_ros.contact.closing import predict_gaps
-from snake_sim_ros.contact.detection import peg_contact
-from snake_sim_ros.contact.detection import reach_of_step
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.dynamics.hinge_chain import factor_hinges
-from snake_sim_ros.dynamics.hinge_chain import solve_hinges
+from snake_sim_ros.contact.closing import gaps_to_close, left_gap, MOST_MOVES, predict_gaps
+from snake_sim_ros.contact.detection import peg_contact, reach_of_step
+from snake_sim_ros.dynamics.compilation import inlined, merged
+from snake_sim_ros.dynamics.hinge_chain import factor_hinges, solve_hinges
 
 
 @merged

@@ -5,15 +5,12 @@
 import math
 from typing import NamedTuple
 
-from snake_sim_ros.contact.laws import grip
-from snake_sim_ros.contact.laws import sliding_disc
+from snake_sim_ros.contact.laws import grip, sliding_disc
 from snake_sim_ros.contact.natural_map import natural_map
-from snake_sim_ros.contact.projections import prox_ellipse
-from snake_sim_ros.contact.projections import prox_half_line
+from snake_sim_ros.contact.projections import prox_ellipse, prox_half_line
 from snake_sim_ros.contact.prox_iteration import copy_impulses
 from snake_sim_ros.contact.solver import Outcome
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.compilation import inlined, merged
 from snake_sim_ros.stepping.planar import equilibrium
 from snake_sim_ros.stepping.planar.solver import solve_in_plane
 

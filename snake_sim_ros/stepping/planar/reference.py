@@ -14,18 +14,16 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.projections import prox_half_ellipses
-from snake_sim_ros.dynamics.dense_joint_laws import dense_laws
-from snake_sim_ros.dynamics.dense_joint_laws import DenseLaws
-from snake_sim_ros.dynamics.dense_joint_laws import solve_laws_of_axes
+from snake_sim_ros.dynamics.dense_joint_laws import dense_laws, DenseLaws, solve_laws_of_axes
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.scene.obstacles import floor_friction
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import PD_SCHEMES
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.planar.model import PlanarMemory
-from snake_sim_ros.stepping.planar.model import PlanarModel
-from snake_sim_ros.stepping.planar.model import PlanarWorkspace
-from snake_sim_ros.stepping.planar.model import ROLL_LIMIT
+from snake_sim_ros.scene.parameters import Array, PD_SCHEMES, Scene
+from snake_sim_ros.stepping.planar.model import (
+    PlanarMemory,
+    PlanarModel,
+    PlanarWorkspace,
+    ROLL_LIMIT,
+)
 from snake_sim_ros.stepping.planar.moreau import SLIP_MEMORY
 from snake_sim_ros.stepping.pushes import PushTable
 from snake_sim_ros.stepping.samples import row_after

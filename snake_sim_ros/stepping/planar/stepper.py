@@ -9,36 +9,22 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.dynamics.bound_call import Loop
-from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.rotations import FLAT
-from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.dynamics.compilation import compiled, inlined
+from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.rotations import FLAT, product, rotation_matrices
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.planar.model import forget
-from snake_sim_ros.stepping.planar.model import make_planar_memory
-from snake_sim_ros.stepping.planar.model import make_planar_model
-from snake_sim_ros.stepping.planar.model import make_planar_workspace
-from snake_sim_ros.stepping.planar.model import PlanarMemory
-from snake_sim_ros.stepping.pushes import NO_PUSHES
-from snake_sim_ros.stepping.pushes import PushTable
-from snake_sim_ros.stepping.samples import checked
-from snake_sim_ros.stepping.samples import make_samples
-from snake_sim_ros.stepping.samples import Samples
-from snake_sim_ros.stepping.single_steps import End
-from snake_sim_ros.stepping.single_steps import NO_PITCH
-from snake_sim_ros.stepping.single_steps import SingleSteps
-from snake_sim_ros.stepping.state import copied
-from snake_sim_ros.stepping.state import empty_history
-from snake_sim_ros.stepping.state import History
-from snake_sim_ros.stepping.state import Returned
-from snake_sim_ros.stepping.state import State
-from snake_sim_ros.stepping.steps import make_steps
-from snake_sim_ros.stepping.steps import Record
-from snake_sim_ros.stepping.steps import report_of
-from snake_sim_ros.stepping.steps import Steps
+from snake_sim_ros.stepping.planar.model import (
+    forget,
+    make_planar_memory,
+    make_planar_model,
+    make_planar_workspace,
+    PlanarMemory,
+)
+from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
+from snake_sim_ros.stepping.samples import checked, make_samples, Samples
+from snake_sim_ros.stepping.single_steps import End, NO_PITCH, SingleSteps
+from snake_sim_ros.stepping.state import copied, empty_history, History, Returned, State
+from snake_sim_ros.stepping.steps import make_steps, Record, report_of, Steps
 
 ROUNDING = 1e-13  # tilts that differ from FLAT by less are FLAT
 

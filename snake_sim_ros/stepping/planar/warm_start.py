@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the contact solvers of Newton start in a step in the plane: as `contact.warm_start`."""
 
-from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.compilation import inlined, merged
 
 # Component of `change` in history for the change of the change of a load: nothing rolls here.
 SECOND_CHANGE = 3

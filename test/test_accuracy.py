@@ -9,9 +9,6 @@ import numpy as np
 import pytest
 
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.comparison import accuracies, bench
-from snake_sim_ros.comparison.bench_rows import rows_of
-from snake_sim_ros.comparison.csv_tables import read_table
 from snake_sim_ros.nodes.sim_parameters import as_it_runs, Settings
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
@@ -129,24 +126,6 @@ def test_tolerance_follows_the_accuracy_and_the_size_of_the_robot():
     assert path_tolerance(replace(CASE_A, accuracy=1e-2)) == pytest.approx(10**1.5 * usual)
     large = replace(CASE_A, robot=replace(CASE_A.robot, link_length=0.244, contact_offset=0.08))
     assert path_tolerance(replace(large, accuracy=1e-3)) == pytest.approx(2 * usual)
-
-
-def test_the_bench_measures_what_was_asked_for(monkeypatch, tmp_path):
-    monkeypatch.setattr(bench, 'QUICK_REFERENCE_STEPS', (1 / 1000, 1 / 2000))
-    path = tmp_path / 'bench.csv'
-    short = ['--set', 'gait.yaw.angular_frequency=6.0']
-    options = ['--quick', '--parts', 'accuracy', '--out', str(path), *short]
-    assert main(['bench', 'lateral_undulation', *options]) == 0
-    rows = rows_of(read_table(path))
-    assert [row.tolerance for row in rows] == list(accuracies.ASKED)
-    for row in rows:
-        assert (row.method, row.trials, row.status) == ('bdf2', 2, 'converged')
-        assert row.rms_low <= row.error_rms <= row.rms_high < row.tolerance + row.reference_error
-    assert main(['chart', str(path), '--out', str(tmp_path)]) == 0
-    head, _, *lines = (tmp_path / 'accuracy.md').read_text().splitlines()
-    assert head.startswith('| case | accuracy | RMS error |')
-    asked = [line.split(' | ')[1] for line in lines]
-    assert asked == ['1e-02', '1e-03', '1e-04']
 
 
 def test_auto_takes_the_method_that_divides_steps():

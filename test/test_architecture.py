@@ -37,20 +37,7 @@ MAY_USE = {
     'api': {*PHYSICS, 'gaits', 'recording', 'view', 'studies'},
     'optimization': {*PHYSICS, 'gaits', 'recording', 'studies'},
     'fitting': {*PHYSICS, 'gaits', 'recording', 'studies', 'optimization'},
-    'comparison': PHYSICS,
-    'paper': {*PHYSICS, 'comparison'},
-    'nodes': {*PHYSICS, 'gaits', 'recording', 'view', 'comparison'},
-    'reliability': {
-        *PHYSICS,
-        'gaits',
-        'recording',
-        'view',
-        'studies',
-        'optimization',
-        'fitting',
-        'comparison',
-        'nodes',
-    },
+    'nodes': {*PHYSICS, 'gaits', 'recording', 'view'},
     'commands': {
         *PHYSICS,
         'gaits',
@@ -59,10 +46,7 @@ MAY_USE = {
         'studies',
         'optimization',
         'fitting',
-        'comparison',
-        'paper',
         'nodes',
-        'reliability',
     },
     '': {*PHYSICS, 'gaits', 'recording', 'view', 'studies', 'api'},
 }
@@ -70,25 +54,20 @@ ROS = {'rclpy', 'std_srvs', 'tf2_ros', 'launch', 'launch_ros', 'ament_index_pyth
 # Packages that only some need, each where it is imported: at the top of these modules, or where
 # they say so inside of functions.
 OPTIONAL = {
-    'PIL': ('comparison/chart*', 'paper/*figure*', 'view/animation'),
+    'PIL': ('view/animation',),
     'cma': ('optimization/searches',),
     'distributed': ('studies/workers',),
-    'hypothesis': ('nodes/tools/sim_states',),
     'imageio_ffmpeg': ('view/animation',),
     'matplotlib': (
-        *('comparison/chart*', 'comparison/stability/chart', 'paper/*figure*', 'view/animation'),
         *('studies/chart', 'optimization/chart', 'fitting/chart', 'view/chart', 'commands/*'),
-        'nodes/tools/demo',
+        *('view/animation', 'nodes/tools/demo'),
     ),
     'mcap': ('recording/bag_reader', 'nodes/bag_writer', 'nodes/tools/*'),
     'mcap_ros2': ('recording/bag_reader', 'nodes/bag_writer', 'nodes/tools/*'),
-    'msgspec': ('view/browser_messages', 'reliability/pages'),
-    'mujoco': ('comparison/mujoco*',),
+    'msgspec': ('view/browser_messages',),
     'polars': ('studies/table', 'studies/study', 'studies/chart', 'optimization/optimize'),
-    'pydrake': ('comparison/drake_runs',),
-    'viser': ('view/page', 'reliability/pages'),
-    'websockets': ('view/own_pages', 'reliability/pages'),
-    'zstandard': ('reliability/pages',),
+    'viser': ('view/page',),
+    'websockets': ('view/own_pages',),
 }
 COMPILERS = ('compiled', 'inlined', 'merged', 'Dispatched')  # what makes a function compiled
 DRAWS = ('api/runs', 'nodes/tools/demo')
@@ -239,8 +218,7 @@ def test_physics_imports_without_ros_and_matplotlib():
     names = [
         f'snake_sim_ros.{module.name}'
         for module in MODULES
-        if module.room not in ('', 'nodes', 'reliability', 'commands')
-        and module.name not in drawing
+        if module.room not in ('', 'nodes', 'commands') and module.name not in drawing
     ]
     script = (
         'import importlib, sys\n'
@@ -427,8 +405,8 @@ def test_no_room_imports_the_public_interface(module):
 
 @each_module
 def test_outputs_are_written_as_a_whole(module):
-    # Bags grow, locks are empty, and attacks write their own inputs.
-    others = ('scene/whole_files', 'nodes/bag_writer', 'dynamics/code_cache', 'reliability/')
+    # Bags grow, and locks are empty.
+    others = ('scene/whole_files', 'nodes/bag_writer', 'dynamics/code_cache')
     way = re.compile(r"(\w+)\.(?:(?:write_text|write_bytes|savefig)\(|open\([^)\n]*'[wx])")
     written = {match[1] for match in way.finditer(module.text)}
     assert module.place.startswith(others) or written <= {'part'}

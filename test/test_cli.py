@@ -19,12 +19,11 @@ import pytest
 from snake_sim_ros.commands import compiling
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.commands.scene_options import scene_from
-from snake_sim_ros.comparison import timing
-from snake_sim_ros.comparison.charts import path_figure
 from snake_sim_ros.recording.bag_reader import read_bag
-from snake_sim_ros.scene.parameters import load_scene, Scene, scene_from_text
+from snake_sim_ros.scene.parameters import load_scene, scene_from_text
 from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping import simulation
+from snake_sim_ros.view.chart import path_figure
 
 ROOT = Path(__file__).parents[1]
 ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT)}
@@ -262,22 +261,6 @@ def test_ctrl_c_saves_what_was_recorded(tmp_path):
     assert set(json.loads(out.splitlines()[-1])) >= KEYS
     # The documentation of the command promises this status.
     assert process.returncode == 130
-
-
-@pytest.mark.parametrize('cold', [False, True])
-def test_bench_tells_the_start_up_of_new_processes(cold, monkeypatch):
-    # Without the compiler this tests that a process starts, steps and ends, not how long it takes.
-    monkeypatch.setenv('NUMBA_DISABLE_JIT', '1')
-    monkeypatch.setenv('NUMBA_CACHE_DIR', 'kept')
-    folders, start = [], subprocess.run
-
-    def noted(command, *, env, **options):
-        folders.append((env or os.environ)['NUMBA_CACHE_DIR'])
-        return start(command, env=env, **options)
-
-    monkeypatch.setattr(timing.subprocess, 'run', noted)
-    assert 0.1 < timing.start_up_seconds(Scene(), cold=cold) < 60
-    assert (folders != ['kept']) == cold and len(folders) == 1
 
 
 @pytest.mark.parametrize('samples', [1, 2, 50])

@@ -7,15 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from snake_sim_ros.comparison.timing import energy_error
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.dynamics.energy import (
     balance_error,
+    BALANCE_TIME,
     floor_contact_velocities,
     mechanical_energy,
 )
 from snake_sim_ros.scene.parameters import load_scene, Robot, Scene
+from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.stepping.sampling import Keep
+from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.state import initial_state
 
 RNG = np.random.default_rng(0)
@@ -51,6 +54,15 @@ def test_work_of_a_torque_is_no_error():
     rates = 0.5 * 0.2
     torque[0, 0, 0] = (mechanical_energy(scene, q[1], u[1]) - 0.0) / (scene.dt * rates)
     assert balance_error(scene, q, u, np.zeros((1, 22, 3)), torque) == pytest.approx(0, abs=1e-12)
+
+
+def energy_error(scene):
+    """Return `balance_error` of the first BALANCE_TIME seconds of a scene."""
+    steps = steps_in(BALANCE_TIME, scene.dt, 'duration')
+    run = sample(Simulation(scene), 1, steps, keep=Keep(impulses=True))
+    assert not run.report.failure
+    impulse, torque = run.impulse[1:, :, :3], run.joint_torque[1:]
+    return balance_error(scene, run.coordinates, run.velocity, impulse, torque)
 
 
 @pytest.mark.parametrize('case', ['lateral_undulation', 'sidewinding'])

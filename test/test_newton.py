@@ -14,13 +14,13 @@ import sys
 import tracemalloc
 
 from dense_step import dense_step, EPS, one_step
+from hard_contacts import load_problems
 from numba.core.errors import NumbaError
 import numpy as np
 import pytest
 from scenes import SWEEPING
 from schemes import of_two_states, span, step_of, undisturbed
 
-from snake_sim_ros.comparison.hard_contacts import load_problems
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import (

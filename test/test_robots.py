@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from scenes import EPS, every_method, G, references, run
 
-from snake_sim_ros.comparison import timing
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Gait, load_scene, Robot, Scene, Solver
 from snake_sim_ros.scene.posture import center_of_mass, joint_angles, joint_rates
@@ -212,20 +211,3 @@ def test_laws_that_are_not_there_are_not_worked_on():
     end, _, report = run(scene, lifted(scene), 50)
     assert report.iterations == report.steps
     assert (end.q == alone.q).all() and (end.u == alone.u).all()
-
-
-def test_unequal_links_are_repeated_in_a_longer_robot(unequal):
-    robot = timing.with_links(unequal.robot, 7)
-    assert robot.link_mass == (0.7, 0.4, 1.1, 0.5, 0.8, 0.7, 0.4)
-    assert robot.yaw_stiffness == (40.0, 20.0, 60.0, 30.0, 40.0, 20.0)
-
-
-def test_situations_take_turns(monkeypatch):
-    # What there is to pay for, not what it cost: the robot that is lifted has no contact.
-    monkeypatch.setattr(timing, 'ROUNDS', 1)
-    runs = timing.situations(0.01)
-    reports = {name: run.trajectory.report for name, run in runs.items()}
-    assert list(runs) == list(timing.SITUATIONS)
-    assert reports['all contacts'].contacts == 22
-    assert reports['flight'].contacts == 0
-    assert reports['flight'].iterations == reports['flight'].steps

@@ -7,18 +7,13 @@ from pathlib import Path
 import resource
 from types import SimpleNamespace
 
-from matplotlib.figure import Figure
 import pytest
 
 pytest.importorskip('polars')
 from test_animation import glide
 
-from snake_sim_ros.comparison import chart_style
-from snake_sim_ros.comparison.charts import path_figure
-from snake_sim_ros.comparison.csv_tables import mark_unknown, TableWriter
 from snake_sim_ros.fitting import chart as fit_chart, results as fit_results
 from snake_sim_ros.optimization import chart as optimization_chart, results as optimization_results
-from snake_sim_ros.paper.figures import save_small
 from snake_sim_ros.recording import checkpoint, csv_table, npz
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Robot, Scene
@@ -33,7 +28,6 @@ ROOM = 64  # bytes, fewer than any output has
 SCENE = Scene(robot=Robot(link_count=2))
 RUN = glide(samples=3)
 FRAME = table.library().DataFrame({'row': range(20), 'dt': range(20), 'speed': range(20)})
-ROW = {'case': 'a' * 2 * ROOM}
 
 
 def objectives(*names):
@@ -72,7 +66,7 @@ OUTPUTS = {
     'run.svg': lambda path: chart.draw(RUN, path),
     'run.pdf': lambda path: chart.draw(RUN, path),
     'checkpoint.npz': lambda path: checkpoint.write(Simulation(SCENE), path),
-    'path.png': lambda path: path_figure(path, '', RUN.time, RUN.position, 0),
+    'path.png': lambda path: chart.path_figure(path, '', RUN.time, RUN.position, 0),
     'study.csv': lambda path: table.write(FRAME, path),
     'study.parquet': lambda path: table.write(FRAME, path),
     'study.png': lambda path: study_chart.draw(FRAME, ['dt'], [METRICS['speed']], path),
@@ -80,8 +74,6 @@ OUTPUTS = {
     'gait.png': picture_of_optimization,
     'fit.yaml': lambda path: fit_results.write_scene(FIT, SCENE, Path('bag.mcap'), path),
     'fit.png': lambda path: fit_chart.draw(FIT, path),
-    'bench.svg': lambda path: chart_style.save(Figure(), path, {}),
-    'paper.png': lambda path: save_small(Figure(), path),
     'table.md': lambda path: write_whole(path, 'a' * 2 * ROOM),
 }
 
@@ -121,19 +113,6 @@ def test_what_was_there_survives_a_full_disk(name, tmp_path):
     assert {*tmp_path.iterdir()} == others
     write(path)
     assert len(path.read_bytes()) > ROOM
-
-
-@pytest.mark.parametrize('how', ['continued', 'sealed'])
-def test_rows_of_a_bench_survive_a_full_disk(how, tmp_path):
-    path = tmp_path / 'bench.csv'
-    TableWriter(path, 'bench', ['case']).append([ROW])
-    text = path.read_text(encoding='utf-8')
-    text = text.replace('aaa', 'bbb') if how == 'sealed' else text + 'a row that was cut short'
-    path.write_text(text, encoding='utf-8')
-    with no_room(), pytest.raises(OSError, match=r'bench\.csv cannot be written: File too large'):
-        mark_unknown(path) if how == 'sealed' else TableWriter(path, 'bench', ['case'])
-    assert path.read_text(encoding='utf-8') == text
-    assert [*tmp_path.iterdir()] == [path]
 
 
 def test_scenes_of_a_front_survive_a_full_disk(tmp_path):

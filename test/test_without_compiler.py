@@ -55,7 +55,7 @@ def test_physics_runs_without_nodes_and_without_compiler(tmp_path, method, level
         ('test_condensing.py', '100'),
         ('test_pegs.py test_ground.py', r'2\d\d'),
         ('test_soft_impacts.py test_events.py', r'4\d\d'),
-        ('test_friction.py test_found.py', r'2\d\d'),
+        ('test_friction.py', r'2\d\d'),
     ],
 )
 def test_what_is_tested_without_compiler(files, passed):

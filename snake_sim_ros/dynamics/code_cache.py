@@ -6,12 +6,14 @@ The cache of compiled functions on disk, which belongs to exactly these sources 
 Numba notices a change in the file of a function, but not in a function that it calls from another
 file, and it keeps the code of every installation apart. Here a folder is named after the contents
 of all modules in ROOMS and the versions of the compiler. Every installation of the same sources
-finds it, and whatever is in it is up to date.
+finds it, and whatever is in it is up to date. What comes from another package, such as the
+laboratory or a user's own method, is found by the contents of that package as well.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 import fcntl
+from functools import cache
 import hashlib
 import os
 from pathlib import Path
@@ -30,7 +32,7 @@ import numpy as np
 from snake_sim_ros.scene.about import PACKAGE
 
 # Folders of all modules with compiled functions, and of the modules that these import.
-ROOMS = ('scene', 'dynamics', 'gaits', 'contact', 'stepping', 'comparison')
+ROOMS = ('scene', 'dynamics', 'gaits', 'contact', 'stepping')
 COMPILERS = (numba, llvmlite, np)  # libraries that determine the code
 GENERATIONS = 4  # folders of other sources that are kept, those that were used last
 
@@ -57,6 +59,27 @@ def identity(places: Sequence[str] = ROOMS) -> str:
         content = hashlib.sha256(path.read_bytes()).hexdigest()
         digest.update(f'{path.relative_to(PACKAGE)} {content}\n'.encode())
     return digest.hexdigest()[:16]
+
+
+@cache
+def sources_of(package: str) -> str:
+    """Return a name for the contents of another package, or of the module with that name."""
+    module = sys.modules.get(package)
+    file = Path(getattr(module, '__file__', None) or '')
+    if not file.is_file():  # typed at a prompt
+        return ''
+    digest = hashlib.sha256()
+    for path in sorted(file.parent.rglob('*.py')) if hasattr(module, '__path__') else [file]:
+        digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()[:16]
+
+
+def modules_of(kind: Any) -> Iterator[str]:
+    """Yield the modules of all classes of tuples in a type of Numba."""
+    if hasattr(kind, 'instance_class'):
+        yield kind.instance_class.__module__
+    for part in (*getattr(kind, 'kinds', ()), *getattr(kind, 'types', ())):
+        yield from modules_of(part)
 
 
 def cache_folder() -> Path | None:
@@ -161,6 +184,12 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
         self._lock: IO[str] | None = None
+
+    def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
+        """Return the key of Numba, with the contents of other packages that take part."""
+        modules = {self._py_func.__module__, *(name for kind in sig for name in modules_of(kind))}
+        others = {name.partition('.')[0] for name in modules} - {PACKAGE.name}
+        return (*super()._index_key(sig, codegen), *map(sources_of, sorted(others)))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """

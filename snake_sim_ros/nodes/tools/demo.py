@@ -202,7 +202,7 @@ def _summarize(
     print(f'{"wait for compiler":20} {listener.waited:.1f} s')
     print(f'{"wall time in all":20} {seconds:.1f} s')
     try:
-        from snake_sim_ros.comparison.charts import path_figure
+        from snake_sim_ros.view.chart import path_figure
     except ImportError:
         print('no picture: matplotlib is not installed')
         return

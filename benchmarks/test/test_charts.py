@@ -32,7 +32,7 @@ FIGURES = (
     'where_time_goes',
 )
 TABLES = (
-    *('targets', 'robust', 'accuracy', 'agreement', 'throughput', 'user', 'soak'),
+    *('speeds', 'robust', 'accuracy', 'agreement', 'throughput', 'user', 'soak'),
     *('ensemble', 'cycle'),
 )
 

@@ -12,7 +12,7 @@ from snake_sim_benchmarks.__main__ import main
 from snake_sim_benchmarks.comparison import limits
 from snake_sim_benchmarks.comparison.csv_tables import read_table, records_of
 
-# Scenes of `snake-sim limits` whose limit is known: flat with and without pitch, pegs, folds.
+# Scenes of `./run limits` whose limit is known: flat with and without pitch, pegs, folds.
 KNOWN = (0, 5, 15, 32)
 
 

@@ -11,20 +11,24 @@ import numpy as np
 import pytest
 from scenes import G, slope
 
-from snake_sim_benchmarks.comparison.courses import Start
-from snake_sim_benchmarks.comparison.families import perturbed
-from snake_sim_benchmarks.comparison.mujoco_contacts import SEARCHED
+from snake_sim_benchmarks.comparison.ensembles import perturbed
 from snake_sim_benchmarks.comparison.mujoco_model import (
     CONTACTS,
     DRIVES,
     INTEGRATORS,
     mjcf,
     MujocoSettings,
+    SEARCHED,
     tree_order,
 )
-from snake_sim_benchmarks.comparison.mujoco_rollouts import rolled_course
-from snake_sim_benchmarks.comparison.mujoco_runs import mujoco_trajectory, MujocoRobot, run_mujoco
-from snake_sim_benchmarks.comparison.timed_run import SAMPLING_PERIOD
+from snake_sim_benchmarks.comparison.mujoco_runs import (
+    mujoco_trajectory,
+    MujocoRobot,
+    rolled_course,
+    run_mujoco,
+)
+from snake_sim_benchmarks.comparison.paths import Start
+from snake_sim_benchmarks.comparison.timing import SAMPLING_PERIOD
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Gait, load_scene, Robot, Scene, Wave, with_settings

@@ -24,11 +24,16 @@ from dataclasses import replace
 from functools import partial
 import math
 
-from snake_sim_benchmarks.comparison.accuracies import accuracies, QUICK_TRIALS, TRIALS
 from snake_sim_benchmarks.comparison.bench_rows import Entry, Row
 from snake_sim_benchmarks.comparison.contenders import Contender
-from snake_sim_benchmarks.comparison.converged_paths import ConvergedPaths
-from snake_sim_benchmarks.comparison.cycles import cycles, PHASES, QUICK_PHASES
+from snake_sim_benchmarks.comparison.cycles import (
+    accuracies,
+    cycles,
+    PHASES,
+    QUICK_PHASES,
+    QUICK_TRIALS,
+    TRIALS,
+)
 from snake_sim_benchmarks.comparison.ensembles import (
     ENSEMBLE,
     ensemble,
@@ -37,7 +42,8 @@ from snake_sim_benchmarks.comparison.ensembles import (
     robust,
 )
 from snake_sim_benchmarks.comparison.hard_contacts import load_problems, reports_by_limit
-from snake_sim_benchmarks.comparison.path_errors import (
+from snake_sim_benchmarks.comparison.paths import (
+    ConvergedPaths,
     extrapolated,
     largest_difference,
     Motion,
@@ -51,9 +57,7 @@ from snake_sim_benchmarks.comparison.soak import (
     soaked_scene,
     SOAKED_SCENES,
 )
-from snake_sim_benchmarks.comparison.stage_times import stage_times
 from snake_sim_benchmarks.comparison.throughput import throughput
-from snake_sim_benchmarks.comparison.timed_run import TimedRun
 from snake_sim_benchmarks.comparison.timing import (
     calibration,
     CASE_A_NAME,
@@ -61,8 +65,10 @@ from snake_sim_benchmarks.comparison.timing import (
     REFERENCE_STEPS,
     SITUATIONS,
     situations,
+    stage_times,
     start_up_seconds,
     timed,
+    TimedRun,
     with_links,
 )
 from snake_sim_benchmarks.comparison.user_times import user

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_benchmarks.comparison.courses import Course, least_seconds, Start
+from snake_sim_benchmarks.comparison.paths import Course, least_seconds, Start
 from snake_sim_ros.scene import gait, obstacles
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene

@@ -24,7 +24,7 @@ from scipy.integrate import BDF, LSODA, Radau, RK45
 
 from snake_sim_benchmarks.comparison.baselines import minimal_coordinates, penalty as regularized
 from snake_sim_benchmarks.comparison.baselines.pyramid import Pyramid
-from snake_sim_benchmarks.comparison.timed_run import (
+from snake_sim_benchmarks.comparison.timing import (
     SAMPLING_PERIOD,
     TimedRun,
     timing_of,

@@ -32,8 +32,9 @@ from snake_sim_benchmarks.comparison.paths import (
     largest_difference,
     motion,
     path_error,
+    SAMPLING_PERIOD,
 )
-from snake_sim_benchmarks.comparison.timing import SAMPLING_PERIOD, trajectory_of_states
+from snake_sim_benchmarks.comparison.timing import trajectory_of_states
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, Robot
 from snake_sim_ros.scene.rotations import about, product

@@ -27,8 +27,7 @@ from snake_sim_benchmarks.comparison.mujoco_runs import (
     rolled_course,
     run_mujoco,
 )
-from snake_sim_benchmarks.comparison.paths import Start
-from snake_sim_benchmarks.comparison.timing import SAMPLING_PERIOD
+from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD, Start
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Gait, load_scene, Robot, Scene, Wave, with_settings

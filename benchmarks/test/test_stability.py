@@ -17,6 +17,7 @@ import pytest
 
 from snake_sim_benchmarks.__main__ import main
 from snake_sim_benchmarks.comparison.csv_tables import plain, read_table, Table
+from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD
 from snake_sim_benchmarks.comparison.stability import maps as stability_maps, runs as stability
 from snake_sim_benchmarks.comparison.stability.chart import draw_stability
 from snake_sim_benchmarks.comparison.stability.maps import MAPS, run_case
@@ -28,7 +29,6 @@ from snake_sim_benchmarks.comparison.stability.runs import (
     OUTCOMES,
     simulate,
 )
-from snake_sim_benchmarks.comparison.timing import SAMPLING_PERIOD
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.stepping.base import Report, Status
 

@@ -24,15 +24,11 @@ from snake_sim_benchmarks.comparison.paths import (
     Course,
     least_seconds,
     portions,
+    SAMPLING_PERIOD,
     Start,
     step_count,
 )
-from snake_sim_benchmarks.comparison.timing import (
-    SAMPLING_PERIOD,
-    TimedRun,
-    timing_of,
-    trajectory_of_states,
-)
+from snake_sim_benchmarks.comparison.timing import TimedRun, timing_of, trajectory_of_states
 from snake_sim_ros.dynamics.energy import BALANCE_TIME, imbalance
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError

@@ -24,12 +24,8 @@ from scipy.integrate import BDF, LSODA, Radau, RK45
 
 from snake_sim_benchmarks.comparison.baselines import minimal_coordinates, penalty as regularized
 from snake_sim_benchmarks.comparison.baselines.pyramid import Pyramid
-from snake_sim_benchmarks.comparison.timing import (
-    SAMPLING_PERIOD,
-    TimedRun,
-    timing_of,
-    trajectory_of_states,
-)
+from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD
+from snake_sim_benchmarks.comparison.timing import TimedRun, timing_of, trajectory_of_states
 from snake_sim_ros.contact.delassus import make_delassus
 from snake_sim_ros.dynamics.energy import imbalance, mechanical_energy
 from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity

@@ -11,6 +11,7 @@ import numpy as np
 
 from snake_sim_benchmarks.comparison.mujoco_model import MujocoSettings
 from snake_sim_benchmarks.comparison.mujoco_runs import run_mujoco
+from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD
 from snake_sim_benchmarks.comparison.stability.problems import (
     AIKO,
     angle_error,
@@ -43,7 +44,6 @@ from snake_sim_benchmarks.comparison.stability.problems import (
     upright,
 )
 from snake_sim_benchmarks.comparison.stability.runs import Axis, Case, Run, simulate, StabilityMap
-from snake_sim_benchmarks.comparison.timing import SAMPLING_PERIOD
 
 SCHEMES = ('newton start', 'newton midpoint', 'newton average', 'newton end', 'bdf2')
 SOLVERS = ('newton', 'newton_dense', 'gauss_seidel', 'paper', 'bdf2')

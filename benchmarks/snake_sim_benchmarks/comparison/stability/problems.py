@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from snake_sim_benchmarks.comparison.baselines.integrators import make_semi_implicit, Penalty
+from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD
 from snake_sim_benchmarks.comparison.stability.runs import Case
-from snake_sim_benchmarks.comparison.timing import SAMPLING_PERIOD
 from snake_sim_ros.dynamics.force_directions import (
     contact_directions,
     joint_directions,

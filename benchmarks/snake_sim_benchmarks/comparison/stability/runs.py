@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from snake_sim_benchmarks.comparison.csv_tables import records_of, Table
-from snake_sim_benchmarks.comparison.timing import SAMPLING_PERIOD
+from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD
 from snake_sim_ros.dynamics.energy import mechanical_energy
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene

@@ -6,8 +6,8 @@ import argparse
 import sys
 
 from snake_sim_benchmarks import commands
+from snake_sim_ros import ParameterError
 from snake_sim_ros.commands.main import heed_ctrl_c
-from snake_sim_ros.scene.checked_records import ParameterError
 
 SUMMARY = 'Measurements of the simulator, comparisons with others, and attacks.'
 # In the order of the help text.

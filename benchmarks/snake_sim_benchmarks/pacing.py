@@ -36,6 +36,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import MarkerArray
 
+from snake_sim_ros import ParameterError, Scene, Simulation
 from snake_sim_ros.nodes.executors import make_executor
 from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.sim_parameters import Settings
@@ -50,10 +51,8 @@ from snake_sim_ros.nodes.tools.child_nodes import (
     start,
 )
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array, load_scene, Scene
+from snake_sim_ros.scene.parameters import Array, load_scene
 from snake_sim_ros.scene.periods import steps_in
-from snake_sim_ros.stepping.simulation import Simulation
 
 # ---- a client of sim ----------------------------------------------------------------------------
 

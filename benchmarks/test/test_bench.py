@@ -35,13 +35,11 @@ from snake_sim_benchmarks.comparison.paths import (
     SAMPLING_PERIOD,
 )
 from snake_sim_benchmarks.comparison.timing import trajectory_of_states
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene, Robot
+from snake_sim_ros import ParameterError, Report, Robot, Simulation, State
+from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.rotations import about, product
-from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import empty_history, State
+from snake_sim_ros.stepping.state import empty_history
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = replace(load_scene('lateral_undulation'), duration=0.3)

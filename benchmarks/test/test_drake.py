@@ -11,9 +11,8 @@ from snake_sim_benchmarks.comparison.bench_rows import Row
 from snake_sim_benchmarks.comparison.drake_runs import cenic_course, CenicSettings
 from snake_sim_benchmarks.comparison.ensembles import spread_rows, Trial
 from snake_sim_benchmarks.comparison.entrants import entrants
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene, Scene
-from snake_sim_ros.scene.surroundings import Friction, Pegs
+from snake_sim_ros import Friction, ParameterError, Pegs, Scene
+from snake_sim_ros.scene.parameters import load_scene
 
 SETTINGS = CenicSettings(1e-3)
 

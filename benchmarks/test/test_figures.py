@@ -15,11 +15,9 @@ import pytest
 from snake_sim_benchmarks.__main__ import main
 from snake_sim_benchmarks.paper import experiments, figures, tables as paper_tables
 from snake_sim_benchmarks.paper.experiments import case_scene, mean_velocity, record
+from snake_sim_ros import ParameterError, Scene, Simulation
 from snake_sim_ros.dynamics.energy import work_of_steps
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import initial_coordinates
-from snake_sim_ros.stepping.simulation import Simulation
 
 DOCS = Path(__file__).resolve().parents[2] / 'docs'
 PAGE = (DOCS / 'paper.md').read_text(encoding='utf-8')

@@ -44,12 +44,11 @@ from snake_sim_benchmarks.comparison.paths import (
     Start,
     step_count,
 )
+from snake_sim_ros import ParameterError, Report, State
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, with_settings
-from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.state import empty_history, initial_state, State
+from snake_sim_ros.stepping.state import empty_history, initial_state
 
 A, C = load_scene('lateral_undulation'), load_scene('sidewinding')
 PATHS = 'snake_sim_benchmarks.comparison.paths'

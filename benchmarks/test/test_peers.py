@@ -28,15 +28,24 @@ from snake_sim_benchmarks.comparison.mujoco_runs import (
     run_mujoco,
 )
 from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD, Start
+from snake_sim_ros import (
+    Friction,
+    Gait,
+    ParameterError,
+    Pegs,
+    Robot,
+    Scene,
+    Simulation,
+    State,
+    Wave,
+)
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Gait, load_scene, Robot, Scene, Wave, with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.surroundings import Friction, Pegs
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.simulation import sample, Simulation
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.simulation import sample
+from snake_sim_ros.stepping.state import initial_state
 
 mujoco = pytest.importorskip('mujoco')
 

@@ -18,10 +18,10 @@ from snake_sim_benchmarks.reliability.hostile_messages import (
     good_message,
     hostile_message,
 )
+from snake_sim_ros import Robot
 from snake_sim_ros.nodes.received_bytes import DamagedMessage, message_from
 from snake_sim_ros.nodes.received_commands import RejectedCommand
 from snake_sim_ros.nodes.received_trajectories import read_trajectory
-from snake_sim_ros.scene.parameters import Robot
 
 KINDS = (DiagnosticArray, Float64MultiArray, JointState, MarkerArray, PoseStamped, String)
 

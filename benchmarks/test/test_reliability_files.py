@@ -14,10 +14,10 @@ pytest.importorskip('mcap_ros2')  # the corpus has bags
 from snake_sim_benchmarks.reliability.file_corpus import corpus
 from snake_sim_benchmarks.reliability.file_readers import Answer, READERS
 from snake_sim_benchmarks.reliability.files import content_of, Reader
+from snake_sim_ros import ParameterError
 from snake_sim_ros.dynamics.code_cache import FOLDER
 from snake_sim_ros.recording import npz
 from snake_sim_ros.recording.npz import load_arrays
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.studies.journal import Journal
 
 # Prints the names of all files that the command opened to write, made, moved or removed.

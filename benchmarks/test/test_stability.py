@@ -29,8 +29,8 @@ from snake_sim_benchmarks.comparison.stability.runs import (
     OUTCOMES,
     simulate,
 )
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.stepping.base import Report, Status
+from snake_sim_ros import ParameterError, Report
+from snake_sim_ros.stepping.base import Status
 
 CHARTS = {chart.name: chart for chart in MAPS}
 

@@ -72,8 +72,8 @@ from snake_sim_benchmarks.comparison.timing import (
     with_links,
 )
 from snake_sim_benchmarks.comparison.user_times import user
-from snake_sim_ros.scene.parameters import Array, load_scene, Scene, with_settings
-from snake_sim_ros.stepping.base import Report
+from snake_sim_ros import Report, Scene
+from snake_sim_ros.scene.parameters import Array, load_scene, with_settings
 
 QUICK_REFERENCE_STEPS = (1 / 8000, 1 / 16000)  # s, see `timing.REFERENCE_STEPS`
 LINK_COUNTS = (5, 10, 20, 40, 80, 160, 200)

@@ -21,8 +21,8 @@ import platform
 import subprocess
 from typing import Any
 
+from snake_sim_ros import ParameterError
 from snake_sim_ros.scene.about import __version__, PACKAGE
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.whole_files import write_whole
 
 LABORATORY = Path(__file__).resolve().parents[1]

@@ -29,12 +29,12 @@ from snake_sim_benchmarks.comparison.ensembles import (
 )
 from snake_sim_benchmarks.comparison.entrants import Entrant
 from snake_sim_benchmarks.comparison.paths import compiled_course, Course, Start
+from snake_sim_ros import Scene, Simulation, State
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array, Scene, with_settings
+from snake_sim_ros.scene.parameters import Array, with_settings
 from snake_sim_ros.stepping.accuracy import with_accuracy
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.simulation import sample, Simulation
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.simulation import sample
 
 # ---- cycle --------------------------------------------------------------------------------------
 

@@ -29,8 +29,8 @@ from snake_sim_benchmarks.comparison.paths import (
     Start,
     step_count,
 )
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros import ParameterError, Scene
+from snake_sim_ros.scene.parameters import Array
 
 # ---- the spread of errors -----------------------------------------------------------------------
 

@@ -18,9 +18,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from snake_sim_ros import ParameterError, Robot, Scene
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
-from snake_sim_ros.scene.parameters import Array, Robot, Scene
+from snake_sim_ros.scene.checked_records import CheckedRecord, quantity
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.posture import initial_coordinates, joint_angles
 from snake_sim_ros.scene.robot_description import element
 

@@ -29,14 +29,12 @@ from snake_sim_benchmarks.comparison.paths import (
     step_count,
 )
 from snake_sim_benchmarks.comparison.timing import TimedRun, timing_of, trajectory_of_states
+from snake_sim_ros import ParameterError, Report, Scene, State
 from snake_sim_ros.dynamics.energy import BALANCE_TIME, imbalance
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.scene.posture import joint_angles, joint_rates
-from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 # ---- recorded like those of our own methods -----------------------------------------------------

@@ -16,13 +16,14 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from snake_sim_ros import Scene, Simulation, State
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.simulation import sample, Simulation
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.simulation import sample
+from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 SAMPLING_PERIOD = 0.1  # s between two samples of runs that are compared

@@ -27,8 +27,8 @@ from snake_sim_benchmarks.comparison.entrants import Entrant
 from snake_sim_benchmarks.comparison.mujoco_model import MujocoSettings, searched_for
 from snake_sim_benchmarks.comparison.mujoco_runs import rolled_course, Rollouts
 from snake_sim_benchmarks.comparison.paths import compiled_course, ConvergedPaths, step_count
+from snake_sim_ros import Scene
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.state import initial_state
 

@@ -36,8 +36,9 @@ from snake_sim_benchmarks.paper.experiments import (
     record,
 )
 from snake_sim_benchmarks.paper.tables import weight, write_tables
+from snake_sim_ros import Robot
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array, Robot
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.whole_files import whole_file
 from snake_sim_ros.stepping.trajectory import Trajectory
 

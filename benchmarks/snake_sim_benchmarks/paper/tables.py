@@ -19,6 +19,7 @@ from snake_sim_benchmarks.paper.experiments import (
     RATE,
     reversed_wave,
 )
+from snake_sim_ros import Scene, Solver, State
 from snake_sim_ros.dynamics.control_loop import make_control_memory
 from snake_sim_ros.dynamics.dense_joint_drift import without_drift
 from snake_sim_ros.dynamics.force_directions import (
@@ -28,11 +29,11 @@ from snake_sim_ros.dynamics.force_directions import (
     torque_directions,
 )
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array, Scene, Solver
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.scene.whole_files import write_whole
 from snake_sim_ros.stepping.reference import end_coordinates, joint_torque_law, middle_coordinates
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.state import initial_state
 
 # ---- printed errors: inertia from half the radius, sign in eq. (84) -----------------------------
 

@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 import yaml
 
+from snake_sim_ros import Robot, Simulation
 from snake_sim_ros.nodes.bag_writer import BagWriter, RunTopics
 from snake_sim_ros.recording import checkpoint, npz
-from snake_sim_ros.scene.parameters import Array, CONFIG, load_scene, Robot, with_settings
+from snake_sim_ros.scene.parameters import Array, CONFIG, load_scene, with_settings
 from snake_sim_ros.scene.robot_description import robot_description
-from snake_sim_ros.stepping.simulation import run, Simulation
+from snake_sim_ros.stepping.simulation import run
 
 # ---- random changes -----------------------------------------------------------------------------
 

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import rclpy
 
 from snake_sim_benchmarks.comparison.csv_tables import read_table
+from snake_sim_ros import ParameterError, Scene, Simulation
 from snake_sim_ros.fitting.recording import read_recording
 from snake_sim_ros.gaits.blending import check_reach
 from snake_sim_ros.nodes.gait_node import GaitNode
@@ -26,10 +27,8 @@ from snake_sim_ros.nodes.node_process import initialize, made
 from snake_sim_ros.optimization.problem import load_problem
 from snake_sim_ros.recording import checkpoint, csv_table, npz
 from snake_sim_ros.recording.recorded_runs import read_run, summary
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import (
     load_scene,
-    Scene,
     scene_from_text,
     scene_to_text,
     with_settings,
@@ -37,7 +36,6 @@ from snake_sim_ros.scene.parameters import (
 from snake_sim_ros.scene.periods import samples_of
 from snake_sim_ros.scene.robot_description import robot_of
 from snake_sim_ros.scene.yaml_text import parse_yaml
-from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.usual_steps import with_usual_steps
 from snake_sim_ros.studies.journal import Journal
 from snake_sim_ros.studies.study_file import load_study

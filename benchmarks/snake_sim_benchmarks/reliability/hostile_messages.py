@@ -24,9 +24,9 @@ from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
+from snake_sim_ros import Robot
 from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.stamps import stamp_from
-from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.robot_description import robot_description
 
 LINKS = 11

@@ -13,19 +13,19 @@ import numpy as np
 from snake_sim_benchmarks.comparison.baselines.integrators import make_semi_implicit, Penalty
 from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD
 from snake_sim_benchmarks.comparison.stability.runs import Case
+from snake_sim_ros import Friction, Robot, Scene, Solver, State
 from snake_sim_ros.dynamics.force_directions import (
     contact_directions,
     joint_directions,
     mass_matrix,
     torque_directions,
 )
-from snake_sim_ros.scene.parameters import Array, load_scene, Robot, Scene, Solver, with_settings
+from snake_sim_ros.scene.parameters import Array, load_scene, with_settings
 from snake_sim_ros.scene.posture import gaps, joint_angles
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
-from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 # ---- what several maps share --------------------------------------------------------------------

@@ -134,7 +134,7 @@ def test_auto_takes_the_method_that_divides_steps():
     assert method_of(replace(scene, accuracy=1e-3)) == 'bdf2'
 
 
-@pytest.mark.parametrize('method', ['newton', 'paper', 'reference'])
+@pytest.mark.parametrize('method', ['newton', 'paper'])
 def test_methods_that_do_not_divide_steps_are_refused(method):
     with pytest.raises(ParameterError) as caught:
         make_stepper(replace(CASE_A, method=method, accuracy=1e-3))

@@ -6,6 +6,7 @@ from dataclasses import astuple, fields, replace
 import math
 
 import numpy as np
+from oracle import moreau
 import pytest
 from random_states import EPS, jointed_links, random_parameters, random_robot, random_velocities
 from scenes import layout, PRINTED, same_bits
@@ -23,7 +24,6 @@ from snake_sim_ros.scene import gait, posture
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS, load_scene, PD_SCHEMES, Scene, Solver
 from snake_sim_ros.scene.rotations import about, FLAT, H_bar, product, rotation_matrices
 from snake_sim_ros.scene.surroundings import Friction
-from snake_sim_ros.stepping import reference
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import empty_history, METHODS
 from snake_sim_ros.stepping.model import PROXIMAL
@@ -113,11 +113,11 @@ def random_history(rng, scene):
 def both(scene, state, history, angle, rate):
     """Return what the dense and the compiled method make of the same step."""
     # No contact may be so nearly closed that rounding decides, eqs. (9), (72).
-    gap = posture.gaps(scene.robot, reference.middle_coordinates(state, scene.dt))
+    gap = posture.gaps(scene.robot, moreau.middle_coordinates(state, scene.dt))
     assert np.abs(gap - scene.solver.activation_tolerance).min() > 1e-9
     return (
-        METHODS[name].spatial(scene).advance(state, history, angle, rate)
-        for name in ('reference', 'paper')
+        stepper.advance(state, history, angle, rate)
+        for stepper in (moreau.DenseStepper(scene), METHODS['paper'].spatial(scene))
     )
 
 
@@ -235,7 +235,7 @@ def test_steps_agree_when_the_joints_open_in_the_step(link_count, pd_scheme):
     # step e_y^i . e_x^i+1 is up to dt/2 4 rad/s, and the axes of a joint are not quite orthogonal.
     friction = FRICTIONS['orthotropic']
     scene, state, *others = random_step(9, link_count, friction, pd_scheme, 'paper')
-    state = State(reference.middle_coordinates(state, scene.dt), state.u)
+    state = State(moreau.middle_coordinates(state, scene.dt), state.u)
     assert np.abs(force_directions.joint_gaps(scene.robot, state.q)).max() < 120 * EPS
     assert_agreement(scene, state, *others)
 
@@ -288,7 +288,7 @@ RESIDUAL = 1e-11  # m/s
 
 def contact_operator(scene, state):
     """Return M^-1 W and W^T M^-1 W of the closed contacts, joints eliminated."""
-    q_M = reference.middle_coordinates(state, scene.dt)
+    q_M = moreau.middle_coordinates(state, scene.dt)
     R = rotation_matrices(q_M[:, 3:])
     closed = posture.gaps(scene.robot, q_M) <= scene.solver.activation_tolerance
     W_N, W_T, W_V = force_directions.contact_directions(scene.robot, R)
@@ -308,7 +308,8 @@ def contact_operator(scene, state):
 @pytest.mark.parametrize('link_count', [1, 2, 11])
 def test_solvers_find_the_same_velocities_and_normal_impulses(method, speed, link_count):
     # The paper's iteration, converged, is the measure: the dense one itself for few links.
-    measure, slid, circled = 'reference' if link_count < 3 else 'paper', 0, 0
+    measure = moreau.DenseStepper if link_count < 3 else METHODS['paper'].spatial
+    slid = circled = 0
     for seed, friction in enumerate(FRICTIONS.values()):
         scene, state, history, *others = random_step(
             seed, link_count, friction, laws=RULE, speed=speed
@@ -319,9 +320,7 @@ def test_solvers_find_the_same_velocities_and_normal_impulses(method, speed, lin
         )
         scene = replace(scene, solver=solver)
         start = empty_history(scene)
-        expected, expected_history, exact = (
-            METHODS[measure].spatial(scene).advance(state, start, *others)
-        )
+        expected, expected_history, exact = measure(scene).advance(state, start, *others)
         end, history, report = METHODS[method].spatial(scene).advance(state, start, *others)
         assert not exact.unconverged
         if method == 'gauss_seidel' and report.unconverged:

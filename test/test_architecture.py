@@ -180,9 +180,9 @@ def strongly_connected(graph):
 @each_module
 def test_imports_stand_at_the_top(module):
     # Inside of functions are optional packages only; in `commands`, what takes long to import, as
-    # SciPy does for a dense step that hardly anybody takes, for designs of few studies, and for
-    # gaits from tables. Pictures are drawn where matplotlib is.
-    users = ('stepping/planar/reference', 'studies/variations', 'scene/gait_table')
+    # SciPy does for designs of few studies, and for gaits from tables. Pictures are drawn where
+    # matplotlib is.
+    users = ('studies/variations', 'scene/gait_table')
     rare = {'scipy'} if module.place in users else set()
     for function in module.functions():
         inside = module.packages(function) - set(OPTIONAL) - rare

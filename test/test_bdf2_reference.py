@@ -1,21 +1,20 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The compiled step of `bdf2` against the dense one of `bdf2_reference`."""
+"""The compiled step of `bdf2` against the dense one of `oracle.bdf2`."""
 
 from dataclasses import replace
 
 import numpy as np
 from obstacle_scenes import random_ground, random_patches
+from oracle import bdf2 as dense_bdf2, contact_laws
 import pytest
 from random_states import random_robot
 
-from snake_sim_ros.contact import dense_laws
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.parameters import Scene, Solver
 from snake_sim_ros.scene.posture import chain_coordinates, joint_angles
 from snake_sim_ros.scene.rotations import about, FLAT, product, rotation_matrices
 from snake_sim_ros.scene.surroundings import Friction, Pegs
-from snake_sim_ros.stepping import bdf2_reference_motion, bdf2_reference_parts
 from snake_sim_ros.stepping.bdf2_memory import Bdf2Memory, make_memory
 from snake_sim_ros.stepping.joint_motion import Motion
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
@@ -65,11 +64,11 @@ def lying(rng, scene, bend):
 def motion(rng, robot, q, speed):
     """Return a motion of a robot at q that its joints allow, with random velocities."""
     n = robot.link_count
-    rest = bdf2_reference_motion.motion_of(robot, State(q, np.zeros((n, 6))))
+    rest = dense_bdf2.motion_of(robot, State(q, np.zeros((n, 6))))
     u = np.tile(rng.uniform(-1.0, 1.0, 6) * speed, (n, 1))
     rate = rng.uniform(-3.0, 3.0, (n - 1, 2)) * [speed, 0.3 * speed]
     R = rotation_matrices(q[:, 3:])
-    u = bdf2_reference_motion.chain_velocities(robot, R, rest._replace(rate=rate, u=u))
+    u = dense_bdf2.chain_velocities(robot, R, rest._replace(rate=rate, u=u))
     return rest._replace(rate=rate, u=u)
 
 
@@ -79,7 +78,7 @@ def one_before(rng, robot, now, dt):
     def change(x):
         return x + dt * rng.uniform(-5.0, 5.0, x.shape)
 
-    pose = bdf2_reference_motion.moved(robot, now.pose, -dt, now.pose, now.u)
+    pose = dense_bdf2.moved(robot, now.pose, -dt, now.pose, now.u)
     return Motion(pose, now.angle - dt * now.rate, change(now.rate), change(now.u))
 
 
@@ -139,7 +138,7 @@ def both(case):
         end,
         after,
         report,
-        bdf2_reference_parts.step(*case, first_part(history.memory)),
+        dense_bdf2.step(*case, first_part(history.memory)),
     )
 
 
@@ -295,27 +294,29 @@ def test_a_given_state_is_recognized():
     # With velocities that the joints allow, and with others.
     for phase in (SMOOTH, UNKNOWN):
         scene, state, _, _, _ = random_case([1], 5, Friction(), phase, 1.0)
-        memory = bdf2_reference_motion.recognized(scene.robot, state, make_memory(5))
+        memory = dense_bdf2.recognized(scene.robot, state, make_memory(5))
         assert memory.phase[0] == (ANEW if phase == SMOOTH else UNKNOWN)
         assert np.abs(memory.end.angle - joint_angles(state.q)).max() == 0.0
 
 
 def test_coordinates_of_the_joints_are_those_of_the_links():
     scene, state, _, _, _ = random_case([2], 6, Friction(), SMOOTH, 1.0)
-    now = bdf2_reference_motion.motion_of(scene.robot, state)
-    q = bdf2_reference_motion.coordinates(scene.robot, now.pose, now.angle)
+    now = dense_bdf2.motion_of(scene.robot, state)
+    q = dense_bdf2.coordinates(scene.robot, now.pose, now.angle)
     assert np.abs(q - state.q).max() < 1e-15 * 20  # 6 rotations and lengths of up to 1 m
-    u = bdf2_reference_motion.chain_velocities(scene.robot, rotation_matrices(q[:, 3:]), now)
+    u = dense_bdf2.chain_velocities(scene.robot, rotation_matrices(q[:, 3:]), now)
     assert np.abs(u - state.u).max() < 1e-14
 
 
 def test_the_slope_of_the_projection_is_its_derivative():
     rng, step = np.random.default_rng(5), 1e-6
-    for share in (dense_laws.WHOLE, np.array([0.6, 1.0]), np.array([1.0, 0.3]), np.zeros(2)):
+    for share in (contact_laws.WHOLE, np.array([0.6, 1.0]), np.array([1.0, 0.3]), np.zeros(2)):
         for _ in range(200):
             x = rng.uniform(-1.0, 1.0, 5)
-            slope = dense_laws.prox_slope(x, share)
-            ends = [[dense_laws.prox(x + d * e, share) for d in (step, -step)] for e in np.eye(5)]
+            slope = contact_laws.prox_slope(x, share)
+            ends = [
+                [contact_laws.prox(x + d * e, share) for d in (step, -step)] for e in np.eye(5)
+            ]
             columns = [(after - before) / (2 * step) for after, before in ends]
             # Central differences: step^2 and rounding over the step, but for kinks within it.
             assert np.abs(np.column_stack(columns) - slope).max() < 1e-8

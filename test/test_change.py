@@ -493,7 +493,7 @@ def test_a_reset_after_a_change_is_that_of_the_new_scene():
     assert not simulation.advance(still, still).failure
 
 
-@pytest.mark.parametrize('method', [name for name in METHODS if name != 'reference'])
+@pytest.mark.parametrize('method', METHODS)
 def test_an_index_beyond_an_array_is_an_error(method):
     # Nobody looks at indices in compiled code. Here NumPy does, in all runs above.
     scene = scene_of('ground', method=method, level='spatial')

@@ -95,18 +95,6 @@ def test_run_chooses_steps_by_accuracy_unless_told_how(
     assert (scene.accuracy, scene.dt, scene.method) == (accuracy, pytest.approx(dt), method)
 
 
-def test_reference_method_takes_the_same_steps(capsys):
-    positions = {}
-    for method in ('paper', 'reference'):
-        arguments = ['--duration', '0.0005', '--rate', '2000', '--method', method]
-        assert main(['run', 'lateral_undulation', *arguments]) == 0
-        lines = capsys.readouterr().out.splitlines()
-        summary = json.loads(lines[-1])
-        assert (summary['method'], summary['steps']) == (method, 2)
-        positions[method] = lines[0]
-    assert positions['paper'] == positions['reference']
-
-
 def test_numbers_in_settings_are_written_as_usual(capsys):
     arguments = ['--duration', '0.001', '--rate', '1000', '--set', 'solver.tolerance=1e-8']
     assert main(['run', 'lateral_undulation', *arguments]) == 0, capsys.readouterr().err
@@ -171,7 +159,7 @@ def test_numbers_in_settings_are_written_as_usual(capsys):
         (
             ['lateral_undulation', '--method', 'magic'],
             "unknown method 'magic'; choose from: auto, bdf2, gauss_seidel, newton, newton_dense, "
-            'paper, reference',
+            'paper',
         ),
         (
             ['lateral_undulation', '--method', 'bdf2', '--set', 'pd_scheme=start'],

@@ -161,4 +161,3 @@ def test_functions_are_counted_in_all_that_they_are_in(level):
     assert loop == ('advance' if level == 'spatial' else 'advance_bdf2_in_plane')
     assert len(counts) <= counts[loop] < sum(counts.values())
     assert min(counts.values()) == 1
-    assert function_counts(Scene(method='reference'), level) == {}

@@ -30,7 +30,6 @@ STEPS = {
     'newton_dense': 500,
     'gauss_seidel': 500,
     'paper': 500,
-    'reference': 10,
 }
 
 

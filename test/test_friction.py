@@ -8,6 +8,7 @@ import math
 from flat_states import crooked, flat_robot, in_plane, lying_flat
 import numpy as np
 from obstacle_scenes import COARSE, every_here, HERE
+from oracle import empty_history, make_stepper, ORACLE
 import pytest
 from scenes import course, DT, EPS, G, kinetic_energy, late_stop, MASS, slope
 from schemes import span
@@ -25,7 +26,6 @@ from snake_sim_ros.scene.parameters import (
 )
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.surroundings import Friction, Patches
-from snake_sim_ros.stepping.methods import empty_history, make_stepper
 
 FORWARD, BACKWARD, ACROSS = 0.1, 0.25, 0.4
 SCALES = Friction(longitudinal=FORWARD, backward=BACKWARD, transversal=ACROSS)
@@ -218,13 +218,13 @@ def test_methods_take_the_dense_step_in_the_plane():
         angle = joint_angles(state.q)[None] + np.array([0.03, 0.0])
         settings = {'robot': robot, 'friction': friction, 'patches': patches, 'level': 'planar'}
         solver = replace(EXACT, tolerance=1e-12, normal_compliance=1e-2, iteration_limit=500)
-        scene = Scene(method='reference', solver=solver, dt=DT, **settings)
+        scene = Scene(method=ORACLE, solver=solver, dt=DT, **settings)
         ends = {}
-        for method in ['reference', *(name for name in HERE if name != 'bdf2')]:
+        for method in [ORACLE, *(name for name in HERE if name != 'bdf2')]:
             each = replace(scene, method=method)
             start = state, empty_history(each), angle, np.zeros(angle.shape)
             ends[method] = make_stepper(each).advance(*start)
-        end, history, report = ends.pop('reference')
+        end, history, report = ends.pop(ORACLE)
         if report.failure:
             assert all(news.failure for _, _, news in ends.values())
             continue

@@ -11,6 +11,8 @@ Methods that stop at a residual R leave P, which gave gamma, within r R of prox_
 import math
 
 import numpy as np
+from oracle import empty_history, make_stepper, ORACLE
+from oracle.moreau import middle_coordinates
 import pytest
 from scenes import (
     chain_rounding,
@@ -42,9 +44,8 @@ from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.bdf2 import IMPLICIT_SCHEMES
-from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
+from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.model import PROXIMAL
-from snake_sim_ros.stepping.reference import middle_coordinates
 from snake_sim_ros.stepping.state import initial_state, State
 
 
@@ -90,9 +91,9 @@ def contact_velocities(scene, q_mid, u):
         ('paper', 11, 100, SIDEWINDING, ORTHOTROPIC, PRINTED),
         ('paper', 3, 200, SIDEWINDING, ROLLING, PRINTED),
         ('paper', 11, 100, SIDEWINDING, ORTHOTROPIC, RULE),
-        ('reference', 3, 40, SIDEWINDING, ROLLING, PRINTED),
-        ('reference', 3, 40, UNDULATION, ORTHOTROPIC, PRINTED),
-        ('reference', 3, 40, SIDEWINDING, ROLLING, RULE),
+        (ORACLE, 3, 40, SIDEWINDING, ROLLING, PRINTED),
+        (ORACLE, 3, 40, UNDULATION, ORTHOTROPIC, PRINTED),
+        (ORACLE, 3, 40, SIDEWINDING, ROLLING, RULE),
     ],
 )
 def test_contacts_obey_their_laws_and_take_energy_in_every_step(
@@ -229,7 +230,6 @@ def test_velocities_are_those_that_the_impulses_give(method, links):
     # 1.4e5, as in test_agreement, of velocities around 1. The last sweep of those that stop at a
     # change of impulses adds what their tolerance makes of velocities.
     steps = 100 if links < 11 else 20
-    steps = 20 if method == 'reference' else steps
     scene = Scene(
         robot=Robot(link_count=links), gait=SIDEWINDING, friction=ROLLING, method=method,
         level='spatial', drift_correction='none',
@@ -321,7 +321,7 @@ symmetric_cases = pytest.mark.parametrize(
         ('newton_dense', 3, 400),
         ('gauss_seidel', 3, 60),
         ('paper', 11, 400),
-        ('reference', 3, 60),
+        (ORACLE, 3, 60),
     ],
 )
 waves_and_friction = pytest.mark.parametrize(
@@ -396,7 +396,6 @@ def same(one, other):
         ('newton_dense', 11, 5, 10),
         ('gauss_seidel', 11, 5, 10),
         ('paper', 11, 20, 50),
-        ('reference', 3, 5, 4),
     ],
 )
 @pytest.mark.parametrize('pd_scheme', PD_SCHEMES)

@@ -93,13 +93,6 @@ def test_steps_within_the_budget_keep_their_bits():
     assert bound.stepper.model.iteration_limit == scene.solver.iteration_limit
 
 
-def test_only_compiled_methods_have_a_budget():
-    scene = with_settings(load_scene('lateral_undulation'), {'method': 'reference'})
-    Settings().check(scene)
-    with pytest.raises(ParameterError, match='iteration_budget needs a method that is compiled'):
-        Settings(iteration_budget=100).check(scene)
-
-
 def test_a_budget_may_change_while_a_node_runs():
     scene, wanted = load_scene('lateral_undulation'), Parameter('iteration_budget', value=300)
     settings, _ = changed(Settings(), scene, [wanted])

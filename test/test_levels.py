@@ -104,16 +104,6 @@ def test_the_command_tells_the_level(capsys):
         assert (summary['level'], summary['planar_steps']) == (level, planar_steps)
 
 
-def test_the_reference_is_the_step_of_the_paper_unless_told_otherwise():
-    scene = replace(CASE_A, method='reference')
-    angle, rate = references(scene, 1)
-    for level, taken in (('auto', 'spatial'), ('planar', 'planar'), ('spatial', 'spatial')):
-        stepper = make_stepper(replace(scene, level=level))
-        start = initial_state(scene), stepper.empty_history()
-        report = stepper.advance(*start, angle, rate)[2]
-        assert report.level == taken
-
-
 # ---- from one to the other ----------------------------------------------------------------------
 
 

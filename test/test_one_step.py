@@ -19,6 +19,7 @@ from obstacle_scenes import (
     random_patches,
     random_pegs,
 )
+from oracle import moreau, ORACLE
 import pytest
 from random_states import EPS, jointed_links, random_robot
 from scenes import first_steps, isotropic, link_scene, lying, OFFSET, RADIUS, run, SPEED
@@ -41,14 +42,12 @@ from snake_sim_ros.dynamics.force_directions import joint_gaps
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS, PD_SCHEMES, Robot, Scene, Solver
 from snake_sim_ros.scene.posture import center_of_mass, chain_coordinates, joint_angles
 from snake_sim_ros.scene.surroundings import Friction
-from snake_sim_ros.stepping import reference
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.parts import ANEW, SMOOTH, UNKNOWN
 from snake_sim_ros.stepping.state import State
 
 FRICTION = Friction(longitudinal=0.2, transversal=0.4, backward=0.3, rolling=0.05)
-SOLVERS = [name for name in MIDDLE if name != 'reference']
-each_solver = pytest.mark.parametrize('method', SOLVERS)
+each_solver = pytest.mark.parametrize('method', MIDDLE)
 # The dense solve of the joints has a condition of 1.4e5 and velocities are below 10 m/s and rad/s.
 FREE_AGREEMENT = 10 * 1.4e5 * EPS
 
@@ -160,7 +159,7 @@ def test_laws_of_joints(method, flies):
             angle = joint_angles(state.q) + rng.uniform(-0.05, 0.05, angle.shape)
         scene = with_laws_of_joints(seed, scene, state)
         start = state, angle[None], rate[None]
-        expected, _, dense = first_steps(replace(scene, method='reference'), *start)
+        expected, _, dense = first_steps(replace(scene, method=ORACLE), *start)
         end, _, report = first_steps(replace(scene, method=method), *start)
         assert dense.unconverged == report.unconverged == 0
         # Rates that are held are rounded as in test_bdf2_reference.py.
@@ -177,8 +176,8 @@ def test_drift(method, rule):
         rng = np.random.default_rng(links)
         scene, state, angle, rate = in_flight(rng, links, drift_correction=rule, method=method)
         end, _, report = first_steps(scene, state, angle[None], rate[None])
-        q_M = reference.middle_coordinates(state, scene.dt)
-        drifted = reference.end_coordinates(state.q, q_M, state.u, end.u, scene.dt)
+        q_M = moreau.middle_coordinates(state, scene.dt)
+        drifted = moreau.end_coordinates(state.q, q_M, state.u, end.u, scene.dt)
         drifted[:, 3:] /= np.linalg.norm(drifted[:, 3:], axis=1)[:, None]
         left = joint_gaps(scene.robot, drifted)
         assert report.joint_gap_max == pytest.approx(np.abs(left[:, :3]).max(), abs=10 * EPS)
@@ -209,7 +208,7 @@ def test_in_the_plane(friction):
         angle = joint_angles(state.q)
         angle[:, 0] += rng.uniform(-0.05, 0.05, links - 1)
         start = state, angle[None], np.zeros((1, links - 1, 2))
-        expected, loads, _ = first_steps(replace(scene, method='reference'), *start)
+        expected, loads, _ = first_steps(replace(scene, method=ORACLE), *start)
         end, history, report = first_steps(scene, *start)
         assert not report.failure and report.planar_steps == 1
         # As in test_planar.py.

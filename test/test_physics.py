@@ -12,6 +12,7 @@ within the tolerance of the contact iteration, to the second within a power of d
 import math
 
 import numpy as np
+from oracle import ORACLE
 import pytest
 from scenes import (
     ACROSS,
@@ -266,7 +267,7 @@ def bdf2_spin(omega, rate, dt, steps):
     Return a perpendicular spin after some steps of BDF2, the gyroscopic torque at its prediction.
 
     ``w_E = w + c (w - w') + i rate h (w + r (w - w'))`` with the ratio r of the steps, c and h as
-    in `bdf2_reference`. The first step is explicit for a quarter, and BDF2 for a quarter and a
+    in `oracle.bdf2`. The first step is explicit for a quarter, and BDF2 for a quarter and a
     half.
     """
 
@@ -288,7 +289,7 @@ def test_free_spin_gains_what_the_explicit_gyroscopic_term_gives_it(method, dt, 
     # grows by sqrt(1 + W^2 dt^2), which is exp(W^2 dt t/2) in time: 1.902 after 10 s at 30 rad/s
     # and dt = 1/4000 s, +5.83 % of energy. This is an error of the method, of first order. That of
     # BDF2 is of third order in the amount of W.
-    steps = 400 if method == 'reference' else 40000
+    steps = 400 if method == ORACLE else 40000
     rate = (ALONG - ACROSS) / ACROSS * spin
     scene = link_scene(method, dt, gravity=(0.0, 0.0, 0.0))
     state = lying(omega=(1.0, 2.0, spin))

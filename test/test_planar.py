@@ -8,6 +8,7 @@ import math
 
 from flat_states import crooked, flat_robot, headings, in_plane, lying_flat
 import numpy as np
+from oracle import empty_history, make_stepper, ORACLE
 import pytest
 from scenes import course, EPS, G, kinetic_energy, MASS, OFFSET, RADIUS, references
 from schemes import span
@@ -19,7 +20,7 @@ from snake_sim_ros.scene.posture import center_of_mass, joint_angles
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import last_span
-from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
+from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.planar.equilibrium import ROOT_HOLD
 from snake_sim_ros.stepping.planar.model import HOLD
 from snake_sim_ros.stepping.state import initial_state
@@ -27,8 +28,8 @@ from snake_sim_ros.stepping.state import initial_state
 RESIDUAL = 1e-12  # m/s
 # Impulses are some 1e-3 N s, rounded through the chain of joints: 1e5 EPS of it at most.
 EXACT = Solver(tolerance=1e-12, residual_tolerance=RESIDUAL, r_sliding=0.03)
-COMPILED = [name for name in METHODS if name != 'reference']
-each_method = pytest.mark.parametrize('method', METHODS)
+COMPILED = list(METHODS)
+each_method = pytest.mark.parametrize('method', [*METHODS, ORACLE])
 # So little that a robot that slides at will in all directions does not roll over.
 FRICTIONS = {
     'orthotropic': Friction(longitudinal=0.02, transversal=0.1),
@@ -111,7 +112,7 @@ def test_steps_agree_with_the_dense_step(rule, pd_scheme):
         for seed, friction in enumerate(FRICTIONS.values()):
             robot, *start = random_problem(seed, link_count)
             settings = {'robot': robot, 'friction': friction, 'drift_correction': rule}
-            scene = flat_scene('reference', pd_scheme=pd_scheme, **settings)
+            scene = flat_scene(ORACLE, pd_scheme=pd_scheme, **settings)
             taken += check_with_dense_step(scene, *start)
     assert taken >= 40
 
@@ -123,7 +124,7 @@ def test_a_robot_with_both_spheres_at_the_center_of_each_link_agrees_with_the_de
     # Nothing but the pitch joints keeps its links from pitching to and fro.
     robot, *start = random_problem(1, link_count)
     robot = replace(robot, contact_offset=0.0)
-    scene = flat_scene('reference', robot=robot, friction=FRICTIONS['isotropic'])
+    scene = flat_scene(ORACLE, robot=robot, friction=FRICTIONS['isotropic'])
     assert check_with_dense_step(scene, *start) == len(COMPILED) - 1
 
 
@@ -138,12 +139,12 @@ def test_bdf2_goes_to_the_path_of_the_dense_step(link_count, rule):
         dt, steps = 1 / 1000 / 2**k, 10 * 2**k
         settings = {'robot': robot, 'friction': FRICTIONS['isotropic'], 'drift_correction': rule}
         ends = {}
-        for method in ('reference', 'bdf2'):
+        for method in (ORACLE, 'bdf2'):
             scene = flat_scene(method, dt=dt, **settings)
             references = np.tile(angle, (steps, 1, 1)), np.zeros((steps, link_count - 1, 2))
             ends[method], _, report = advance(scene, state, *references)
             assert not report.failure
-        apart.append(np.abs(ends['bdf2'].q - ends['reference'].q)[:, :3].max())
+        apart.append(np.abs(ends['bdf2'].q - ends[ORACLE].q)[:, :3].max())
     ratios = np.divide(apart[:-1], apart[1:])
     assert ratios.min() > 1.6, apart
 
@@ -162,7 +163,7 @@ def test_one_link_that_stopped_stands_in_any_direction(method, angle):
     friction = Friction(longitudinal=0.3, transversal=0.5)
     scene = flat_scene(method, robot=ONE, friction=friction, dt=1 / 1000)
     start = in_plane(ONE, lying_flat(ONE, np.zeros(0), angle), 0.03 * heading(angle), np.zeros(1))
-    steps = 30 if method == 'reference' else 300
+    steps = 30 if method == ORACLE else 300
     _, _, report = advance(scene, start, *held(start, steps))
     assert (report.failure, report.steps) == ('', steps)
 
@@ -185,7 +186,7 @@ def test_one_link_agrees_with_the_dense_step(method):
         way = (end.q - state.q)[0, :2] - (0.3 * dt - mu * G * dt**2 / 2) * heading(0.7)
         assert np.abs(way).max() < 10 * EPS
         return
-    end, history, _ = advance(flat_scene('reference', robot=ONE), state, *held(state, 1))
+    end, history, _ = advance(flat_scene(ORACLE, robot=ONE), state, *held(state, 1))
     other, memory, report = advance(flat_scene(method, robot=ONE), state, *held(state, 1))
     assert report.status is Status.CONVERGED
     assert np.abs(other.u - end.u).max() < 1e-11
@@ -284,7 +285,7 @@ def test_loads_are_those_of_least_norm(method):
         free = null_space(spring.T)
         expected = np.linalg.pinv(free.T @ vertical.T, rcond=1e-9) @ (-free.T @ forces)
         P_N = history.impulse[:, 0]
-        share = 1e-9 if method == 'reference' else HELD
+        share = 1e-9 if method == ORACLE else HELD
         assert np.abs(P_N - expected).max() <= share * P_N.max()
         # Of the whole robot, whatever joints do: but for a share of the moments of friction.
         whole = (vertical.T @ P_N + forces)[:3]

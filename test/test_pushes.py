@@ -5,6 +5,7 @@
 from dataclasses import replace
 
 import numpy as np
+from oracle import bdf2 as dense_bdf2, empty_history, make_stepper, ORACLE
 import pytest
 from scenes import (
     EPS,
@@ -25,9 +26,7 @@ from snake_sim_ros.scene.parameters import Gait, load_scene, Robot, Scene, Solve
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.scene.start import Push
-from snake_sim_ros.stepping import bdf2_reference_parts
 from snake_sim_ros.stepping.accuracy import with_accuracy
-from snake_sim_ros.stepping.methods import empty_history, make_stepper
 from snake_sim_ros.stepping.parts import AT_START
 from snake_sim_ros.stepping.pushes import make_push, make_table, Pushes, STEP
 from snake_sim_ros.stepping.simulation import Simulation
@@ -287,7 +286,7 @@ def test_steps_with_pushes_are_the_dense_ones(links):
         )  # fmt: skip
         references = np.tile(angle, (3, 1, 1)), np.zeros((3, links - 1, 2))
         ends = []
-        for method in ('newton', 'reference'):
+        for method in ('newton', ORACLE):
             stepper = make_stepper(replace(scene, method=method))
             history = stepper.empty_history()
             end, _, report = stepper.advance(state, history, *references, None, pushes)
@@ -311,7 +310,7 @@ def test_steps_of_bdf2_with_pushes_are_the_dense_ones(links):
         end, _, report = stepper.advance(*start, None, pushes)
         assert not report.failure
         start = state, empty_history(scene)._replace(memory=stepper.empty_history().memory)
-        parts = bdf2_reference_parts.step(scene, *start, *references, AT_START, pushes)
+        parts = dense_bdf2.step(scene, *start, *references, AT_START, pushes)
         assert len(parts) >= 3 + 2 * 2
         part = parts[-1]
         assert np.abs(end.q - part.state.q).max() < 1e-12

@@ -12,6 +12,7 @@ from dataclasses import replace
 import math
 
 import numpy as np
+from oracle import empty_history, ORACLE
 import pytest
 from scenes import (
     ACROSS,
@@ -59,7 +60,7 @@ from snake_sim_ros.scene.posture import center_of_mass, chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import last_span
-from snake_sim_ros.stepping.methods import empty_history, METHODS
+from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.state import initial_state, named_arrays, State
 
 
@@ -93,7 +94,7 @@ def test_gait_in_the_air_leaves_the_center_of_mass_on_its_parabola(method, rule)
     # g t^2/2; both are exact at the ends of steps. Rounding: each step adds a few EPS of the
     # velocities and coordinates involved.
     dt = 1 / 4000
-    links, steps = (3, 200) if method == 'reference' else (11, 8000)
+    links, steps = 11, 8000
     scene, start, end = free_flight(method, dt, links, steps, rule)
     mass, t = scene.robot.per_link('link_mass'), steps * dt
     momentum = mass @ end.u[:, :3]
@@ -129,7 +130,7 @@ def test_two_links_that_spin_lose_what_the_frozen_joint_takes(method, dt):
     half, spin = 0.061, 10.0
     k = MASS * half**2 / (MASS * half**2 + ACROSS)
     assert k == pytest.approx(0.72486, abs=5e-6)
-    steps = 200 if method == 'reference' else round(2.0 / dt)
+    steps = round(2.0 / dt)
     scene = Scene(
         robot=Robot(link_count=2), gravity=(0.0, 0.0, 0.0), drift_correction='none',
         method=method, dt=dt,
@@ -211,7 +212,7 @@ def test_robot_at_rest_stays_there(method, delta):
     # would. With the selection rule gamma = -c (P - z), all alike, where z is the last impulse, 0
     # in the first step, and m (gamma - gamma_before) = 2 P - m g dt. The robot sinks in the first
     # step, by 1e-11 m; everything else stays.
-    steps = 20 if method == 'reference' else 4000
+    steps = 4000
     # A sweep of Gauss-Seidel takes c/G of the error in the null space of G away, 5e-5.
     residual = 1e-9 if method == 'gauss_seidel' and delta else 1e-11
     solver = replace(
@@ -267,7 +268,7 @@ def test_selection_rule_picks_the_normal_impulses_of_least_norm(method):
     c = delta * mean_delassus(scene.robot)
     P = gravity * span(scene) / (2 / MASS + c)
     assert 2 * c * P < press_of(scene)
-    for seed in range(1 if method == 'reference' else 5):
+    for seed in range(5):
         start = straight(scene.robot)
         start.u[:, 0] = 10 * REST_SPEED
         history = undisturbed(scene, start)
@@ -293,7 +294,7 @@ def heavy_middle(ratio):
 
 @pytest.mark.parametrize(
     ('method', 'ratio', 'condition', 'iterations'),
-    [('paper', *case) for case in HEAVY] + [('reference', *case) for case in HEAVY[:2]],
+    [('paper', *case) for case in HEAVY] + [(ORACLE, *case) for case in HEAVY[:2]],
 )
 def test_heavy_link_costs_iterations_but_no_force(method, ratio, condition, iterations):
     # sum N = (10 + ratio) m g with the middle link heavier; a sweep with r = 1/lambda_max takes
@@ -443,9 +444,8 @@ def test_a_link_that_turns_further_than_resolved_is_divergence(method):
 
 @every_method
 def test_a_limit_of_one_iteration_leaves_every_step_unconverged(method):
-    # A tolerance that rounding keeps out of reach. After some steps of `reference` the wrong
-    # impulses have lifted the robot, and a step without contact forces converges.
-    steps = 5 if method == 'reference' else 100
+    # A tolerance that rounding keeps out of reach.
+    steps = 100
     scene = with_settings(
         load_scene('lateral_undulation'),
         {
@@ -485,7 +485,7 @@ def test_prox_parameter_that_is_too_large_is_reported(method):
     # cannot settle where contacts stick. The forces stay in their ellipses: nothing blows up, only
     # the report tells. A step is either counted or ends with the natural map within eps/r.
     solver = Solver(r_sliding=0.2, iteration_limit=200, **PRINTED)
-    reports = steps_on_a_slope(method, solver, 10 if method == 'reference' else 100)
+    reports = steps_on_a_slope(method, solver, 10 if method == ORACLE else 100)
     for report in reports:
         if report.unconverged:
             assert report.status is Status.MAX_ITERATIONS

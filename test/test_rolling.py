@@ -6,6 +6,7 @@ from dataclasses import replace
 import math
 
 import numpy as np
+from oracle import empty_history, make_stepper, ORACLE
 import pytest
 from scenes import first_steps, references, same_bits
 
@@ -25,7 +26,6 @@ from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping import levels
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.methods import empty_history, make_stepper
 from snake_sim_ros.stepping.planar.model import ROLL_LIMIT, SLIP_SHARE
 from snake_sim_ros.stepping.state import initial_state, State
 
@@ -152,7 +152,7 @@ def test_slip_and_way_are_summed_up():
     assert same_bits(whole, history)
 
 
-@pytest.mark.parametrize('method', ['newton', 'reference'])
+@pytest.mark.parametrize('method', ['newton', ORACLE])
 def test_the_planar_level_says_when_it_slips_too_far(method):
     # The history of a robot that has slipped nearly as far as is left out, or more, and rests.
     scene = on_ice(3, level='planar', method=method)

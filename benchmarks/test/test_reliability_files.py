@@ -100,7 +100,7 @@ def test_a_command_writes_its_outputs_and_the_cache_only(tmp_path, monkeypatch):
     monkeypatch.setenv('PYTHONDONTWRITEBYTECODE', '1')
     run = [
         *('run', 'lateral_undulation', '--out', str(out / 'run.npz'), '--duration', '0.05'),
-        *('--set', 'method=reference', '--set', 'robot.link_count=3', '--set', 'dt=0.0025'),
+        *('--set', 'method=newton', '--set', 'robot.link_count=3', '--set', 'dt=0.0025'),
         *('--accuracy', '0'),
     ]
     for arguments in (run, ['export', str(out / 'run.npz'), '--csv', str(out / 'run.csv')]):

@@ -123,7 +123,7 @@ def find_floor_contacts(tolerance, offset, radius, height, R, center, closed, co
 
     Deviation: contacts up to a gap of `tolerance` [m], not of 0, take part; see `closing`.
 
-    Deviation: a vertical link has no heading; e_x^I replaces it, as in `stepping.reference`.
+    Deviation: a vertical link has no heading; e_x^I replaces it.
 
     Parameters
     ----------

@@ -199,36 +199,3 @@ def held_torque(loop, memory, j, k, stiffness, rate):
     if loop.period > 0:
         return torque + stiffness * memory.error[j, k], 0.0, memory.rate[j, k]
     return torque, stiffness, rate
-
-
-def dense_control(
-    scene: Scene, memory: ControlMemory, measured: Array, angle: Array, rate: Array
-) -> tuple[Array, Array, ControlLoop]:
-    """
-    Return what `read_by_controllers` does, in NumPy, for measured angles (n-1, 2), and the loop.
-
-    The memory is changed in place.
-    """
-    loop, dt = make_control_loop(scene), scene.dt
-    if not loop.present:
-        return angle, rate, loop
-    if loop.delay > 0:
-        if memory.next[0] == 0.0:
-            memory.queue[:, 0], memory.queue[:, 1] = angle - dt / 2 * rate, 0.0
-            memory.next[0] = 1.0
-        oldest = int(memory.next[0]) - 1
-        newest, (angle, rate) = (angle, rate), memory.queue[oldest].copy()
-        memory.queue[oldest] = newest
-        memory.next[0] = 1 + (oldest + 1) % loop.delay
-    if loop.hold > 0:
-        if memory.wait[1] == 0.0:
-            memory.wait[1], memory.told[0] = loop.hold, angle - dt / 2 * rate
-        memory.wait[1] -= 1.0
-        angle, rate = memory.told
-    if loop.period > 0:
-        if memory.wait[0] == 0.0:
-            memory.wait[0], step = loop.period, loop.resolution
-            read = step * np.floor(measured / step + 0.5) if step > 0.0 else measured
-            memory.error[:], memory.rate[:] = angle - dt / 2 * rate - read, rate
-        memory.wait[0] -= 1.0
-    return angle, rate, loop

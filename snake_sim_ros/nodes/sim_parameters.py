@@ -10,10 +10,9 @@ from typing import Any
 from rclpy.parameter import Parameter
 
 from snake_sim_ros.recording.sensors import link_index, Sensors
-from snake_sim_ros.scene.checked_records import flat_fields, ParameterError, quantity
+from snake_sim_ros.scene.checked_records import flat_fields, quantity
 from snake_sim_ros.scene.parameters import Robot, Scene, with_settings
 from snake_sim_ros.stepping.accuracy import with_accuracy
-from snake_sim_ros.stepping.methods import method_of, METHODS
 
 CHANGEABLE = (
     *('real_time_factor', 'iteration_budget', 'command_horizon', 'command_timeout'),
@@ -73,10 +72,6 @@ class Settings(Sensors):
     def check(self, scene: Scene) -> None:
         """Raise ParameterError if the node cannot run a scene with these settings."""
         self.pushed_link(scene.robot)
-        if self.iteration_budget and not METHODS[method_of(scene)].compiled:
-            raise ParameterError(
-                f'iteration_budget needs a method that is compiled, got {method_of(scene)}'
-            )
 
 
 def as_it_runs(settings: Settings, scene: Scene, given: Container[str]) -> Scene:

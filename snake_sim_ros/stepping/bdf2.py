@@ -30,7 +30,7 @@ which is exact for constant forces; for other forces each event adds an error of
 velocities of a given state violate the joints, the first part is the impact that corrects them:
 backward Euler, ``x_hat = x_A`` and h = dt for both. The next part then starts anew.
 
-The same in NumPy, to be read beside these equations, is `bdf2_reference`.
+The same step in dense NumPy is in `test/oracle/bdf2.py`, to read beside these equations.
 
 .. [1] E. Hairer, G. Wanner, "Solving Ordinary Differential Equations II", 1996, ch. V; for steps
    of any ratio "... I", 1993, ch. III.5.

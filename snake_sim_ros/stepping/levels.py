@@ -364,9 +364,7 @@ def stepper_of_level(scene: Scene, method: Method) -> Stepper:
         if reason:
             raise ParameterError(f'level planar: {reason}; choose level spatial or auto')
         return FlatStepper(scene, method.planar(scene))
-    # A method that is not compiled, the reference, is planar only if the scene asks for that.
-    spatial = scene.level == 'spatial' or not method.compiled
-    if spatial or reason:
+    if scene.level == 'spatial' or reason:
         stepper: Stepper = method.spatial(scene)
         return stepper
     return LevelStepper(scene, method.planar(scene), method.spatial(scene))

@@ -22,9 +22,7 @@ from snake_sim_ros.stepping.planar import bdf2 as planar_bdf2, moreau as planar_
 from snake_sim_ros.stepping.planar.gauss_seidel import PlanarGaussSeidel
 from snake_sim_ros.stepping.planar.newton import PlanarNewton
 from snake_sim_ros.stepping.planar.prox_iteration import PlanarProxIteration
-from snake_sim_ros.stepping.planar.reference import DenseLoop
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
-from snake_sim_ros.stepping.reference import ReferenceStepper
 from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.state import History
 
@@ -96,13 +94,6 @@ METHODS: dict[str, Method] = {
         spatial=_spatial(lambda scene: ProxIteration(_small_delassus(scene))),
         planar=_planar(lambda scene: PlanarProxIteration()),
         where_impulses_acted=moreau.where_impulses_acted,
-    ),
-    # The same in dense NumPy, to read beside the paper.
-    'reference': Method(
-        spatial=ReferenceStepper,
-        planar=lambda scene: PlanarStepper(scene, DenseLoop(scene)),
-        where_impulses_acted=moreau.where_impulses_acted,
-        compiled=False,
     ),
 }
 

@@ -3,11 +3,11 @@
 """
 The time step of the paper [1] compiled, with the joints eliminated in one sweep over the links.
 
-The step is that of `reference`, whose docstrings name the equations. Only the algebra differs: W_J
-and P_J never appear. The velocities that satisfy ``W_J^T u_E = 0`` are those of a chain of links
-with two hinge axes per joint. The articulated-body algorithm [2] solves the balance (75) for them
-in one sweep from both ends to the middle link and one back, with work that is linear in the number
-of links.
+The step in dense NumPy is in `test/oracle/moreau.py`, whose docstrings name the equations. Only
+the algebra differs: W_J and P_J never appear here. The velocities that satisfy ``W_J^T u_E = 0``
+are those of a chain of links with two hinge axes per joint. The articulated-body algorithm [2]
+solves the balance (75) for them in one sweep from both ends to the middle link and one back, with
+work that is linear in the number of links.
 
 A twist is (angular velocity, velocity of the body point at O), and an impulse wrench is (moment
 about O, impulse), both in axes of I. All links share the point O, so that the sweeps transform

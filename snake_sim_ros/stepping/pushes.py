@@ -279,7 +279,7 @@ def make_table(pushes: Sequence[Push], step: int = 0) -> PushTable:
 
 
 NO_PUSHES = make_table(())
-# What `bdf2_reference` takes: a function that returns forces (6n,) for link frames R (n, 3, 3).
+# What a dense step takes: a function that returns forces (6n,) for link frames R (n, 3, 3).
 Pushed = Callable[[Array], Array]
 not_pushed: Pushed = partial(NO_PUSHES.generalized, Stretch(0, STEP, STEP))
 

@@ -27,8 +27,8 @@ from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping.simulation import run, Simulation
 
 Change = Callable[[Random], bytes]
-SHORT = {  # a scene that needs no compiler
-    **{'robot.link_count': 3, 'method': 'reference', 'level': 'spatial'},
+SHORT = {
+    **{'robot.link_count': 3, 'method': 'newton', 'level': 'spatial'},
     **{'dt': 1 / 400, 'duration': 0.05},
 }
 STUDY = """

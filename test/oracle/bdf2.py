@@ -1,17 +1,18 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-A step of method `bdf2` in dense NumPy, to read beside its equations, as `reference` is for [1].
+A step of method `bdf2` in dense NumPy, to read beside its equations, as `moreau` is for [1].
 
 The compiled step of `bdf2` is tested against this definition, which is slow and shares no algebra
 with it: W_J and P_J are eliminated in a dense system, not in sweeps over links, and contacts are
-solved on the dense Delassus operator. A step of the scene has one part or several; this is a part.
-It takes a time dt from ``_A`` (its start) to ``_E`` (its end); the part before took dt_before,
-from ``_B`` to ``_A``.
+solved on the dense Delassus operator. A step of the scene has one part or several, see `step`; a
+`part` takes a time dt from ``_A`` (its start) to ``_E`` (its end), and the part before took
+dt_before, from ``_B`` to ``_A``.
 
-Coordinates x are the center of mass, the Euler parameters p of the middle link and the joint
-angles, so that joints are closed whatever x is. Velocities u are those of all links, as in [1];
-they satisfy ``W_J^T u = 0``. With ``w = dt/dt_before`` the formula BDF2 with variable steps is
+Coordinates x are the pose, shape (7,), and the joint angles, so that joints are closed whatever x
+is. The pose is the center of mass [m, frame I] and the Euler parameters p of the middle link.
+Velocities u are those of all links, as in [1]; they satisfy ``W_J^T u = 0``. With
+``w = dt/dt_before`` the formula BDF2 with variable steps is
 
     x_hat = x_A + c (x_A - x_B),  u_hat = u_A + c (u_A - u_B),  c = w^2/(1 + 2w),            (i)
     h = dt (1 + w)/(1 + 2w),                                                                (ii)
@@ -44,12 +45,14 @@ that impulses nu on the normals give, ``G_NN nu = -gap/h_q`` (x), added to u_E i
    nonsmooth modeling, simulations, and experiments", IEEE T-RO 24(2), 2008.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
+from oracle.contact_laws import solve_laws
+from oracle.joint_laws import dense_laws, DenseLaws, solve_laws_of_axes
 from snake_sim_ros.contact.closing import closed_gap, COMPLIANCE, left_gap, MOST_CLOSED
-from snake_sim_ros.contact.dense_laws import solve_laws
 from snake_sim_ros.contact.detection import LANDING_SPEED
 from snake_sim_ros.contact.selection import (
     IMPACT_WEIGHTS,
@@ -57,7 +60,6 @@ from snake_sim_ros.contact.selection import (
     selection_center,
     selection_compliance,
 )
-from snake_sim_ros.dynamics.dense_joint_laws import dense_laws, DenseLaws, solve_laws_of_axes
 from snake_sim_ros.dynamics.force_directions import (
     joint_directions,
     mass_matrix,
@@ -68,24 +70,109 @@ from snake_sim_ros.dynamics.force_directions import (
     torque_directions,
 )
 from snake_sim_ros.dynamics.joint_laws import make_joint_laws
-from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene import obstacles, posture
+from snake_sim_ros.scene.parameters import Array, Robot, Scene
+from snake_sim_ros.scene.rotations import cross, H_bar, product, rotation_matrices
 from snake_sim_ros.stepping.bdf2 import PRESS_SPEED
 from snake_sim_ros.stepping.bdf2_end import DEEP, MOST_CLOSINGS
-from snake_sim_ros.stepping.bdf2_reference_motion import (
-    chain_velocities,
-    coordinates,
-    end_of,
-    Formula,
-    formula,
-)
+from snake_sim_ros.stepping.bdf2_memory import Bdf2Memory, CONSISTENT_SPEED
 from snake_sim_ros.stepping.events import RESTING_GAP
 from snake_sim_ros.stepping.joint_motion import Motion
 from snake_sim_ros.stepping.model import MOST_CONDENSED, PROXIMAL
-from snake_sim_ros.stepping.parts import UNKNOWN
-from snake_sim_ros.stepping.pushes import not_pushed, Pushed
+from snake_sim_ros.stepping.parts import AFTER_EVENT, ANEW, SMOOTH, TICKS, UNKNOWN
+from snake_sim_ros.stepping.pushes import NO_PUSHES, not_pushed, Pushed, PushTable, STEP, Stretch
 from snake_sim_ros.stepping.state import History, State
+
+
+def motion_of(robot: Robot, state: State) -> Motion:
+    """Return a state in joint coordinates."""
+    pose = np.append(posture.center_of_mass(robot, state.q), state.q[robot.link_count // 2, 3:])
+    rate = posture.joint_rates(state.q, state.u)
+    return Motion(pose, posture.joint_angles(state.q), rate, state.u)
+
+
+def recognized(robot: Robot, state: State, memory: Bdf2Memory) -> Bdf2Memory:
+    """Return the memory to go on with from a given state: UNKNOWN if u violates W_J^T u = 0."""
+    half, n = robot.per_link('link_length')[:-1] / 2, robot.link_count
+    W_J = joint_directions(robot, rotation_matrices(state.q[:, 3:]))
+    rate = (W_J.T @ state.u.ravel()).reshape(n - 1, 4) * np.column_stack(
+        [np.ones((n - 1, 3)), half]
+    )
+    agrees = float(np.abs(rate).max(initial=0.0)) <= CONSISTENT_SPEED
+    phase = np.array([ANEW if agrees else UNKNOWN])
+    return memory._replace(end=motion_of(robot, state), q=state.q, phase=phase)
+
+
+def coordinates(robot: Robot, pose: Array, angle: Array) -> Array:
+    """Return q (n, 7) of links with a pose (7,), as in `Motion`, and joint angles (n-1, 2)."""
+    q, root = posture.chain_coordinates(robot, angle), robot.link_count // 2
+    turn = product(pose[3:], q[root, 3:] * [1.0, -1.0, -1.0, -1.0])
+    q[:, 3:] = product(turn, q[:, 3:])
+    q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
+    q[:, :3] += pose[:3] - posture.center_of_mass(robot, q)
+    return q
+
+
+def moved(robot: Robot, pose: Array, h: float, at: Array, u: Array) -> Array:
+    """Return ``pose + h F(at) u``, where `at` is the pose whose middle link turns, eq. (74)."""
+    mass = robot.per_link('link_mass')
+    turn = H_bar(at[3:]).T @ u[robot.link_count // 2, 3:] / 2
+    return pose + h * np.append(mass @ u[:, :3] / mass.sum(), turn)
+
+
+def end_of(robot: Robot, hat: Motion, h_q: float, at: Array, rate: Array, u: Array) -> Motion:
+    """Return ``x_hat + h_q F(at) u``, eqs. (iii), (v), with Euler parameters of length 1."""
+    pose = moved(robot, hat.pose, h_q, at, u)
+    pose[3:] /= np.linalg.norm(pose[3:])
+    return Motion(pose, hat.angle + h_q * rate, rate, u)
+
+
+def chain_velocities(robot: Robot, R: Array, motion: Motion) -> Array:
+    """
+    Return the velocities (n, 6) that the joints allow, with the rates and the middle link of u*.
+
+    The u* of other links fit the joints at the predicted end up to the error of prediction only.
+    """
+    n, root = robot.link_count, robot.link_count // 2
+    arm = robot.per_link('link_length')[:, None] / 2 * R[:, :, 2]  # center to front joint
+    turn = motion.rate[:, :1] * R[:-1, :, 1] + motion.rate[:, 1:] * R[1:, :, 0]
+    omega = np.tile(R[root] @ motion.u[root, 3:], (n, 1))
+    v = np.tile(motion.u[root, :3], (n, 1))
+    for i in range(root + 1, n):
+        omega[i] = omega[i - 1] + turn[i - 1]
+        v[i] = v[i - 1] + cross(omega[i - 1], arm[i - 1]) + cross(omega[i], arm[i])
+    for i in range(root - 1, -1, -1):
+        omega[i] = omega[i + 1] - turn[i]
+        v[i] = v[i + 1] - cross(omega[i + 1], arm[i + 1]) - cross(omega[i], arm[i])
+    return np.hstack([v, np.einsum('iab,ia->ib', R, omega)])
+
+
+def same(memory: Bdf2Memory, state: State) -> bool:
+    """Return whether a state is the end of the last step."""
+    return bool((memory.q == state.q).all() and (memory.end.u == state.u).all())
+
+
+class Formula(NamedTuple):
+    """What the states before say about a part, eqs. (i), (ii), (v), (vi)."""
+
+    h: float  # time for which forces act on velocities [s]
+    h_q: float  # time for which velocities act on coordinates [s]
+    hat: Motion  # its rates are those of the start, and are not used
+    star: Motion  # predicted end
+
+
+def formula(robot: Robot, memory: Bdf2Memory, dt: float) -> Formula:
+    """Return what the states before say about a part, eqs. (i), (ii), (v), (vi)."""
+    A, B, phase = memory.end, memory.start, memory.phase[0]
+    w = dt / memory.dt[0] if phase == SMOOTH else 0.0
+    c, h = w**2 / (1 + 2 * w), dt * (1 + w) / (1 + 2 * w)
+    hat = Motion(*(a + c * (a - b) for a, b in zip(A, B, strict=True)))
+    half = dt / 2 if phase == ANEW else 0.0
+    if phase == ANEW:
+        pose = moved(robot, A.pose, half, A.pose, A.u)
+        hat = hat._replace(pose=pose, angle=A.angle + half * A.rate)
+    rate, u = A.rate + w * (A.rate - B.rate), A.u + w * (A.u - B.u)
+    return Formula(h, h - half, hat, end_of(robot, hat, h - half, A.pose, rate, u))
 
 
 class Contacts(NamedTuple):
@@ -395,3 +482,97 @@ def part(
     impulse = np.zeros(history.impulse.shape)
     impulse[contacts.active] = np.where(P[:, :1] > 0.0, P, 0.0)
     return PartEnd(State(q_E, u_E), end, impulse, terms.h, lands, anew, settled, took_part)
+
+
+def remembered(history: History, dt: float, end: PartEnd) -> Bdf2Memory:
+    """Return the memory after a part of length dt."""
+    memory = history.memory
+    unsure = end.jumps or memory.phase[0] == UNKNOWN
+    return Bdf2Memory(
+        end=end.motion,
+        start=memory.end,
+        q=end.state.q,
+        reference_rate=memory.reference_rate,
+        dt=np.array([dt]),
+        span=np.array([end.h]),
+        phase=np.array([ANEW if unsure else SMOOTH]),
+        ticks=memory.ticks,
+        depth=memory.depth,
+    )
+
+
+def depth_of(scene: Scene, state: State) -> float:
+    """Return how deep the robot is inside of something [m], 0 if it is not."""
+    return max(0.0, -float(scene_gaps(scene, state.q).min()))
+
+
+def references(
+    scene: Scene, known: Bdf2Memory, angle: Array, rate: Array, late: float
+) -> tuple[Array, Array]:
+    """
+    Return the joint references a time `late` [s] after the middle of a step, from those there.
+
+    They have the mean acceleration since the step before, if the memory of it is known.
+    """
+    acceleration = 0.0 * rate
+    if known.span[0] > 0.0:
+        acceleration = (rate - known.reference_rate) / scene.dt
+    return angle + late * (rate + late / 2 * acceleration), rate + late * acceleration
+
+
+def after_change(history: History, pushes: PushTable, stretch: Stretch) -> History:
+    """Return the history to go on with in a stretch, anew if a push begins or ends there."""
+    smooth = history.memory.phase[0] == SMOOTH
+    if not (smooth and stretch.begin in (*pushes.begin, *pushes.end)):
+        return history
+    return history._replace(memory=history.memory._replace(phase=np.array([ANEW])))
+
+
+def step(
+    scene: Scene, state: State, history: History, angle: Array, rate: Array, first: int,
+    pushes: PushTable = NO_PUSHES,
+) -> list[PartEnd]:  # fmt: skip
+    """
+    Return the ends of the parts of a step of the scene, with references (n-1, 2) of its middle.
+
+    Its first part is ``1/first`` of it. Parts double where they fit. A part with an end inside the
+    floor is repeated with the contacts that are deep there and, if all of them took part, with
+    half of its length. Where a push begins or ends, the step is divided first.
+    """
+    memory, ends, done, size = history.memory, [], 0, TICKS // first
+    nobody = takes_part = np.zeros(len(history.impulse), dtype=bool)
+    known = memory
+    if not (memory.phase[0] != UNKNOWN and same(memory, state)):
+        history = history._replace(memory=recognized(scene.robot, state, memory))
+        inside = np.array([depth_of(scene, state)])
+        history = history._replace(memory=history.memory._replace(depth=inside))
+    stretches = pushes.stretches()
+    history = after_change(history, pushes, stretches[0])
+    while done < TICKS:
+        while done % size:
+            size //= 2
+        stretch = stretches[0]
+        length = (stretch.end - stretch.begin) / STEP
+        late = (stretch.begin - stretch.step_end) / STEP + length * (done + size) / TICKS
+        dt, late = scene.dt * length * size / TICKS, scene.dt * (late + 0.5)
+        told, pushed = references(scene, known, angle, rate, late), pushes.generalized
+        end = part(scene, history, dt, *told, takes_part, partial(pushed, stretch))
+        takes_part = takes_part | end.took_part
+        depth, before = depth_of(scene, end.state), history.memory.depth[0]
+        closed = closed_gap(scene.solver.activation_tolerance, scene.dt)
+        deep = depth > (before + closed if before > DEEP else DEEP)
+        deep_ones = scene_gaps(scene, end.state.q) <= -DEEP
+        if deep and (deep_ones & ~takes_part).any():
+            takes_part = takes_part | deep_ones
+        elif deep and size > 1:
+            size //= 2
+        else:
+            ends.append(end)
+            memory = remembered(history, dt, end)._replace(depth=np.array([depth]))
+            history = history._replace(impulse=end.impulse, memory=memory)
+            done, size, takes_part = done + size, min(2 * size, TICKS), nobody
+            if done == TICKS and len(stretches) > 1:
+                del stretches[0]
+                history = after_change(history, pushes, stretches[0])
+                done, size = 0, TICKS // AFTER_EVENT
+    return ends

@@ -17,8 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from oracle.closing import Closing, with_closed_gaps
+from oracle.joint_drift import furthest_angles, without_drift
+from oracle.joint_laws import dense_laws, solve_laws_of_axes
 from snake_sim_ros.contact.closing import closed_gap, DEEP
-from snake_sim_ros.contact.dense_closing import Closing, with_closed_gaps
 from snake_sim_ros.contact.detection import reach_of_step
 from snake_sim_ros.contact.projections import prox_disc, prox_half_ellipses, prox_half_line
 from snake_sim_ros.contact.selection import (
@@ -26,9 +28,12 @@ from snake_sim_ros.contact.selection import (
     selection_center,
     selection_compliance,
 )
-from snake_sim_ros.dynamics.control_loop import ControlMemory, dense_control, held_torque
-from snake_sim_ros.dynamics.dense_joint_drift import furthest_angles, without_drift
-from snake_sim_ros.dynamics.dense_joint_laws import dense_laws, solve_laws_of_axes
+from snake_sim_ros.dynamics.control_loop import (
+    ControlLoop,
+    ControlMemory,
+    held_torque,
+    make_control_loop,
+)
 from snake_sim_ros.dynamics.force_directions import (
     joint_directions,
     joint_gaps,
@@ -49,6 +54,39 @@ from snake_sim_ros.stepping.model import PROXIMAL
 from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.state import check_arguments, copied, empty_history, History, State
+
+
+def dense_control(
+    scene: Scene, memory: ControlMemory, measured: Array, angle: Array, rate: Array
+) -> tuple[Array, Array, ControlLoop]:
+    """
+    Return what `read_by_controllers` does, in NumPy, for measured angles (n-1, 2), and the loop.
+
+    The memory is changed in place.
+    """
+    loop, dt = make_control_loop(scene), scene.dt
+    if not loop.present:
+        return angle, rate, loop
+    if loop.delay > 0:
+        if memory.next[0] == 0.0:
+            memory.queue[:, 0], memory.queue[:, 1] = angle - dt / 2 * rate, 0.0
+            memory.next[0] = 1.0
+        oldest = int(memory.next[0]) - 1
+        newest, (angle, rate) = (angle, rate), memory.queue[oldest].copy()
+        memory.queue[oldest] = newest
+        memory.next[0] = 1 + (oldest + 1) % loop.delay
+    if loop.hold > 0:
+        if memory.wait[1] == 0.0:
+            memory.wait[1], memory.told[0] = loop.hold, angle - dt / 2 * rate
+        memory.wait[1] -= 1.0
+        angle, rate = memory.told
+    if loop.period > 0:
+        if memory.wait[0] == 0.0:
+            memory.wait[0], step = loop.period, loop.resolution
+            read = step * np.floor(measured / step + 0.5) if step > 0.0 else measured
+            memory.error[:], memory.rate[:] = angle - dt / 2 * rate - read, rate
+        memory.wait[0] -= 1.0
+    return angle, rate, loop
 
 
 def joint_torque_law(
@@ -172,7 +210,7 @@ class Solution(NamedTuple):
     converged: bool
 
 
-class ReferenceStepper:
+class DenseStepper:
     """The time step (72)-(93) of the paper for a scene; see `base.Stepper`."""
 
     level = 'spatial'

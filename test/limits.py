@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from scenes import references
 
-from snake_sim_ros.scene.parameters import Array, Gait, Robot, Scene, Solver, Wave
-from snake_sim_ros.scene.surroundings import Friction, Pegs
+from snake_sim_ros.scene.gait import Gait, Wave
+from snake_sim_ros.scene.parameters import Array, Friction, Pegs, Robot, Scene, Solver
 from snake_sim_ros.stepping import simulation
 from snake_sim_ros.stepping.state import State
 

@@ -203,7 +203,7 @@ def test_imports_stand_at_the_top(module):
     # Inside of functions are optional packages only; in `commands`, what takes long to import, as
     # SciPy does for a dense step that hardly anybody takes, for designs of few studies, and for
     # gaits from tables. Pictures are drawn where matplotlib is.
-    users = ('stepping/planar/reference', 'studies/variations', 'scene/gait_table')
+    users = ('stepping/planar/reference', 'studies/variations', 'scene/gait')
     rare = {'scipy'} if module.place in users else set()
     for function in module.functions():
         inside = module.packages(function) - set(OPTIONAL) - rare
@@ -428,7 +428,7 @@ def test_no_room_imports_the_public_interface(module):
 @each_module
 def test_outputs_are_written_as_a_whole(module):
     # Bags grow, locks are empty, and attacks write their own inputs.
-    others = ('scene/whole_files', 'nodes/bag_writer', 'dynamics/code_cache', 'reliability/')
+    others = ('scene/files', 'nodes/bag_writer', 'dynamics/code_cache', 'reliability/')
     way = re.compile(r"(\w+)\.(?:(?:write_text|write_bytes|savefig)\(|open\([^)\n]*'[wx])")
     written = {match[1] for match in way.finditer(module.text)}
     assert module.place.startswith(others) or written <= {'part'}

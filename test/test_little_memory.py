@@ -16,8 +16,8 @@ from snake_sim_ros.nodes.bag_writer import BagWriter, STATES
 from snake_sim_ros.nodes.received_commands import axes_of, RejectedCommand
 from snake_sim_ros.nodes.tools.bag_without_end import what_is_wrong_with_stamps
 from snake_sim_ros.reliability.clock_steps import WallClock
+from snake_sim_ros.scene.checked_records import cut
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.quoting import cut
 
 
 def test_a_node_with_too_little_memory_names_the_limit():

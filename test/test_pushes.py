@@ -21,10 +21,10 @@ from scenes import (
 
 from snake_sim_ros.dynamics.force_directions import joint_gaps
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Gait, load_scene, Robot, Scene, Solver
+from snake_sim_ros.scene.gait import Gait
+from snake_sim_ros.scene.parameters import load_scene, Push, Robot, Scene, Solver
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.start import Push
 from snake_sim_ros.stepping import bdf2_reference_parts
 from snake_sim_ros.stepping.accuracy import with_accuracy
 from snake_sim_ros.stepping.methods import empty_history, make_stepper

@@ -16,9 +16,9 @@ from scenes import EPS, every_method, G, references, run
 
 from snake_sim_ros.comparison import timing
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Gait, load_scene, Robot, Scene, Solver
+from snake_sim_ros.scene.gait import Gait
+from snake_sim_ros.scene.parameters import Friction, load_scene, Robot, Scene, Solver
 from snake_sim_ros.scene.posture import center_of_mass, joint_angles, joint_rates
-from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
 from snake_sim_ros.stepping.state import initial_state
 

@@ -19,10 +19,11 @@ from snake_sim_ros.comparison.csv_tables import mark_unknown, TableWriter
 from snake_sim_ros.fitting import chart as fit_chart, results as fit_results
 from snake_sim_ros.optimization import chart as optimization_chart, results as optimization_results
 from snake_sim_ros.paper.figures import save_small
-from snake_sim_ros.recording import checkpoint, csv_table, npz
+from snake_sim_ros.recording import checkpoint
+from snake_sim_ros.recording.recorded_runs import write_csv, write_npz
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.files import whole_file, write_whole
 from snake_sim_ros.scene.parameters import Robot, Scene
-from snake_sim_ros.scene.whole_files import whole_file, write_whole
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.studies import chart as study_chart, table
 from snake_sim_ros.studies.metrics import METRICS
@@ -64,8 +65,8 @@ def picture_of_optimization(path):
 
 
 OUTPUTS = {
-    'run.npz': lambda path: npz.write(RUN, path),
-    'run.csv': lambda path: csv_table.write(RUN, path),
+    'run.npz': lambda path: write_npz(RUN, path),
+    'run.csv': lambda path: write_csv(RUN, path),
     'run.gif': lambda path: animate(RUN, path),
     'run.mp4': lambda path: animate(RUN, path),
     'run.png': lambda path: chart.draw(RUN, path),

@@ -39,8 +39,8 @@ from snake_sim_ros.comparison.chart_style import (
 from snake_sim_ros.comparison.csv_tables import records_of, Table
 from snake_sim_ros.comparison.pareto import fitted_order, fitted_power
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.files import write_figure, write_whole
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.whole_files import write_figure, write_whole
 
 POSTURE_COLORS = ('#999999', '#56b4e9', '#009e73', '#e69f00', '#d55e00')
 MAIN_SETTINGS = {  # setting that represents a method; the other settings are drawn thin

@@ -19,7 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.dynamics.control_loop import make_control_memory
-from snake_sim_ros.scene.parameters import Array, CONFIG, Scene, scene_from_text, with_settings
+from snake_sim_ros.scene.files import CONFIG
+from snake_sim_ros.scene.parameters import Array, Scene, scene_from_text, with_settings
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.state import History, State

@@ -15,7 +15,7 @@ those of the robot Aiko and its surroundings in the paper.
 from importlib import import_module
 from typing import Any, TYPE_CHECKING
 
-from snake_sim_ros.scene.about import __version__ as __version__
+from snake_sim_ros.scene import __version__ as __version__
 
 __all__ = [
     'Friction',

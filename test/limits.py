@@ -8,8 +8,8 @@ import numpy as np
 from oracle import make_stepper, ORACLE
 from scenes import references
 
-from snake_sim_ros.scene.parameters import Array, Gait, Robot, Scene, Solver, Wave
-from snake_sim_ros.scene.surroundings import Friction, Pegs
+from snake_sim_ros.scene.gait import Gait, Wave
+from snake_sim_ros.scene.parameters import Array, Friction, Pegs, Robot, Scene, Solver
 from snake_sim_ros.stepping import simulation
 from snake_sim_ros.stepping.state import State
 

@@ -15,11 +15,18 @@ from scenes import DT, first_steps, references
 from snake_sim_ros.contact.selection import PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import scene_contacts
 from snake_sim_ros.scene import gait, obstacles
-from snake_sim_ros.scene.parameters import Array, Scene, Solver
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import (
+    Array,
+    Friction,
+    Ground,
+    Patches,
+    Pegs,
+    Scene,
+    Solver,
+    steps_in,
+)
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
-from snake_sim_ros.scene.surroundings import Friction, Ground, Patches, Pegs
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS

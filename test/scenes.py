@@ -11,10 +11,9 @@ from oracle import empty_history, make_stepper, ORACLE
 import pytest
 
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array, Robot, Scene, Solver
+from snake_sim_ros.scene.parameters import Array, Friction, Robot, Scene, Solver
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import about, FLAT, product
-from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.model import PROXIMAL

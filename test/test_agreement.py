@@ -21,9 +21,15 @@ from snake_sim_ros.dynamics.articulated_body import (
 )
 from snake_sim_ros.dynamics.kinematics import chain_geometry
 from snake_sim_ros.scene import gait, posture
-from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS, load_scene, PD_SCHEMES, Scene, Solver
+from snake_sim_ros.scene.parameters import (
+    DRIFT_CORRECTIONS,
+    Friction,
+    load_scene,
+    PD_SCHEMES,
+    Scene,
+    Solver,
+)
 from snake_sim_ros.scene.rotations import about, FLAT, H_bar, product, rotation_matrices
-from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import empty_history, METHODS
 from snake_sim_ros.stepping.model import PROXIMAL

@@ -12,9 +12,8 @@ from PIL import Image, ImageSequence
 import pytest
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Robot, Scene
+from snake_sim_ros.scene.parameters import Ground, Pegs, Robot, Scene
 from snake_sim_ros.scene.rotations import FLAT
-from snake_sim_ros.scene.surroundings import Ground, Pegs
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.view import animation

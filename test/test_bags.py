@@ -23,8 +23,7 @@ from snake_sim_ros.nodes.sensor_topics import SensorTopics
 from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.recording.bag_reader import read_bag
-from snake_sim_ros.recording.recorded_sensors import recorded_sensors
-from snake_sim_ros.recording.sensors import Sensors
+from snake_sim_ros.recording.sensors import recorded_sensors, Sensors
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, Robot
 from snake_sim_ros.scene.posture import gaps, joint_angles

@@ -11,10 +11,9 @@ import pytest
 from random_states import random_robot
 
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.parameters import Scene, Solver
+from snake_sim_ros.scene.parameters import Friction, Pegs, Scene, Solver
 from snake_sim_ros.scene.posture import chain_coordinates, joint_angles
 from snake_sim_ros.scene.rotations import about, FLAT, product, rotation_matrices
-from snake_sim_ros.scene.surroundings import Friction, Pegs
 from snake_sim_ros.stepping.bdf2_memory import Bdf2Memory, make_memory
 from snake_sim_ros.stepping.joint_motion import Motion
 from snake_sim_ros.stepping.methods import empty_history, make_stepper

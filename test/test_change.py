@@ -19,8 +19,7 @@ from scenes import isotropic, layout, same_bits
 
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import LEVELS, Robot, Scene, Solver
-from snake_sim_ros.scene.surroundings import Ground, Pegs
+from snake_sim_ros.scene.parameters import Ground, LEVELS, Pegs, Robot, Scene, Solver
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS

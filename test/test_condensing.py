@@ -18,9 +18,8 @@ from snake_sim_ros.contact.solver import Problem
 from snake_sim_ros.contact.warm_start import predict
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain, solve_chain
 from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.scene.parameters import Scene, Solver
+from snake_sim_ros.scene.parameters import Friction, Scene, Solver
 from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.model import make_model, make_workspace, whole_operator
 from snake_sim_ros.stepping.moreau import begin_step

@@ -11,7 +11,8 @@ from random_states import moved
 from scenes import DT, isotropic, slope
 
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.parameters import Gait, load_scene, Scene
+from snake_sim_ros.scene.gait import Gait
+from snake_sim_ros.scene.parameters import load_scene, Scene
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.simulation import Simulation

@@ -12,9 +12,16 @@ from schemes import press_of, span, step_of, undisturbed
 
 from snake_sim_ros.contact.projections import prox_disc, prox_ellipse, prox_half_line
 from snake_sim_ros.dynamics import force_directions
-from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, Solver, with_settings
+from snake_sim_ros.scene.parameters import (
+    Friction,
+    load_scene,
+    Robot,
+    Scene,
+    Solver,
+    STICKY,
+    with_settings,
+)
 from snake_sim_ros.scene.posture import chain_coordinates
-from snake_sim_ros.scene.surroundings import Friction, STICKY
 from snake_sim_ros.stepping.methods import make_stepper, METHODS
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import State

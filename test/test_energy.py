@@ -14,8 +14,7 @@ from snake_sim_ros.dynamics.energy import (
     floor_contact_velocities,
     mechanical_energy,
 )
-from snake_sim_ros.scene.parameters import load_scene, Robot, Scene
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, steps_in
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.simulation import sample, Simulation

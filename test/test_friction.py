@@ -17,6 +17,8 @@ from snake_sim_ros.contact.projections import prox_ellipse, prox_half_ellipses
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.parameters import (
+    Friction,
+    Patches,
     Robot,
     Scene,
     scene_from_text,
@@ -25,7 +27,6 @@ from snake_sim_ros.scene.parameters import (
     with_settings,
 )
 from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.surroundings import Friction, Patches
 
 FORWARD, BACKWARD, ACROSS = 0.1, 0.25, 0.4
 SCALES = Friction(longitudinal=FORWARD, backward=BACKWARD, transversal=ACROSS)

@@ -38,10 +38,10 @@ from snake_sim_ros.contact.selection import (
 )
 from snake_sim_ros.dynamics.force_directions import contact_directions, mean_delassus
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Gait, PD_SCHEMES, Robot, Scene, Solver, Wave
+from snake_sim_ros.scene.gait import Gait, Wave
+from snake_sim_ros.scene.parameters import Friction, PD_SCHEMES, Robot, Scene, Solver
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
-from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.bdf2 import IMPLICIT_SCHEMES
 from snake_sim_ros.stepping.methods import METHODS

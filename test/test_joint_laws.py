@@ -13,15 +13,8 @@ import pytest
 
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import (
-    Gait,
-    load_scene,
-    Robot,
-    Scene,
-    Solver,
-    Wave,
-    with_settings,
-)
+from snake_sim_ros.scene.gait import Gait, Wave
+from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, Solver, with_settings
 from snake_sim_ros.scene.posture import chain_coordinates, joint_angles, joint_rates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Stepper

@@ -13,12 +13,11 @@ from scenes import G, kinetic_energy, references, same_bits, slope
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.dynamics.kinematics import FLAT_GAP, FLAT_TILT, STILL_SPEED
 from snake_sim_ros.gaits.joint_reference import start_posture
-from snake_sim_ros.recording import npz
+from snake_sim_ros.recording.recorded_runs import write_npz
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, with_settings
+from snake_sim_ros.scene.parameters import Friction, load_scene, Robot, Scene, with_settings
 from snake_sim_ros.scene.posture import center_of_mass, gaps, joint_angles
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
-from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Report, Status
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
 from snake_sim_ros.stepping.simulation import run, Simulation
@@ -88,7 +87,7 @@ def test_auto_takes_the_smallest_level(name, level, tmp_path):
     assert (report.level, trajectory.level.tolist()) == (level, [level] * 6)
     assert report.planar_steps == (report.steps if level == 'planar' else 0)
     assert bool(report.left) == (level == 'spatial')
-    npz.write(trajectory, tmp_path / 'run.npz')
+    write_npz(trajectory, tmp_path / 'run.npz')
     with np.load(tmp_path / 'run.npz') as data:
         assert data['level'].tolist() == [level] * 6
 

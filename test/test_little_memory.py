@@ -12,8 +12,8 @@ from std_msgs.msg import Header
 
 from snake_sim_ros.nodes import received_bytes
 from snake_sim_ros.nodes.received_commands import axes_of, RejectedCommand
+from snake_sim_ros.scene.checked_records import cut
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.quoting import cut
 
 
 def test_a_node_with_too_little_memory_names_the_limit():

@@ -10,8 +10,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from snake_sim_ros.nodes.markers import SceneMarkers
 from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.recording.from_messages import FORCE_SCALE
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.surroundings import Ground, Patches, Pegs
+from snake_sim_ros.scene.parameters import Ground, Patches, Pegs, Scene
 
 STAMP = stamp_from(5_000_000)
 NOTHING = np.zeros((0, 3))

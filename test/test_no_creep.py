@@ -10,9 +10,8 @@ import pytest
 
 from snake_sim_ros.contact.selection import PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import joint_gaps
-from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, with_settings
+from snake_sim_ros.scene.parameters import Friction, load_scene, Robot, Scene, with_settings
 from snake_sim_ros.scene.posture import gaps, joint_angles
-from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
 from snake_sim_ros.stepping.state import initial_state, State

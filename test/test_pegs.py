@@ -41,10 +41,9 @@ from scenes import (
 
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, Solver
+from snake_sim_ros.scene.parameters import load_scene, Pegs, Robot, Scene, Solver
 from snake_sim_ros.scene.posture import chain_coordinates, initial_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.surroundings import Pegs
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
 from snake_sim_ros.stepping.state import initial_state, State
 

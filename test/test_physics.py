@@ -45,10 +45,9 @@ from scenes import (
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Friction, Robot
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import about, FLAT, product
-from snake_sim_ros.scene.surroundings import Friction
 
 ELLIPSE = (0.1, 0.5)  # mu along and across the link
 CYLINDER = MASS * RADIUS**2 / 2  # Theta_3 of a cylinder with the radius of the contacts

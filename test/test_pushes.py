@@ -22,10 +22,10 @@ from scenes import (
 
 from snake_sim_ros.dynamics.force_directions import joint_gaps
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Gait, load_scene, Robot, Scene, Solver
+from snake_sim_ros.scene.gait import Gait
+from snake_sim_ros.scene.parameters import load_scene, Push, Robot, Scene, Solver
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.start import Push
 from snake_sim_ros.stepping.accuracy import with_accuracy
 from snake_sim_ros.stepping.parts import AT_START
 from snake_sim_ros.stepping.pushes import make_push, make_table, Pushes, STEP

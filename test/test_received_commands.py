@@ -16,8 +16,14 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from snake_sim_ros.gaits.interpolation import hold_at_limit, sample_command, sample_motion
-from snake_sim_ros.gaits.joint_reference import compile_sampling, JointReference, start_posture
+from snake_sim_ros.gaits.joint_reference import (
+    compile_sampling,
+    hold_at_limit,
+    JointReference,
+    sample_command,
+    sample_motion,
+    start_posture,
+)
 from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.received_commands import (
     extrapolated,

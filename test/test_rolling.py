@@ -12,18 +12,17 @@ from scenes import first_steps, references, same_bits
 
 from snake_sim_ros.dynamics.kinematics import STILL_SPEED
 from snake_sim_ros.gaits.joint_reference import start_posture
+from snake_sim_ros.scene.gait import Gait, Wave
 from snake_sim_ros.scene.parameters import (
-    Gait,
+    Friction,
     load_scene,
     Robot,
     Scene,
     Solver,
-    Wave,
     with_settings,
 )
 from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping import levels
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.planar.model import ROLL_LIMIT, SLIP_SHARE

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene, Scene, Solver, with_settings
-from snake_sim_ros.scene.surroundings import Pegs
+from snake_sim_ros.scene.parameters import load_scene, Pegs, Scene, Solver, with_settings
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.samples import make_samples, Samples

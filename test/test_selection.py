@@ -14,9 +14,16 @@ from scipy.optimize import nnls
 from snake_sim_ros.contact.selection import LEAST_COMPLIANCE, PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Gait, load_scene, Robot, Scene, Solver, with_settings
+from snake_sim_ros.scene.gait import Gait
+from snake_sim_ros.scene.parameters import (
+    Friction,
+    load_scene,
+    Robot,
+    Scene,
+    Solver,
+    with_settings,
+)
 from snake_sim_ros.scene.posture import gaps, joint_angles
-from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.model import PROXIMAL

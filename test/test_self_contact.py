@@ -17,10 +17,10 @@ from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
 from snake_sim_ros.dynamics.force_directions import mean_delassus, scene_contacts
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Gait, Robot, Scene, Solver, Wave
+from snake_sim_ros.scene.gait import Gait, Wave
+from snake_sim_ros.scene.parameters import Friction, Pegs, Robot, Scene, Solver
 from snake_sim_ros.scene.posture import chain_coordinates, initial_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.surroundings import Friction, Pegs
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import State

@@ -9,10 +9,9 @@ import pytest
 from random_states import random_parameters
 
 from snake_sim_ros.gaits.joint_reference import JointReference, start_posture
-from snake_sim_ros.recording import npz
+from snake_sim_ros.recording.recorded_runs import write_npz
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene, scene_from_text, with_settings
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import load_scene, scene_from_text, steps_in, with_settings
 from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.portions import LEAST_STEPS
@@ -86,7 +85,7 @@ def test_steps_in_a_period():
 def test_recording_has_all_samples_and_its_scene(scene, tmp_path):
     trajectory = run(scene)
     path = tmp_path / 'run.npz'
-    npz.write(trajectory, path)
+    write_npz(trajectory, path)
     with np.load(path) as data:
         shapes = {name: data[name].shape for name in data.files}
         text = str(data['scene'])

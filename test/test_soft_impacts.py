@@ -16,10 +16,9 @@ from scenes import course, G, isotropic, link_scene, lying, OFFSET, RADIUS, SPEE
 
 from snake_sim_ros.dynamics.force_directions import scene_contacts
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.parameters import Robot, Scene, Solver
+from snake_sim_ros.scene.parameters import Ground, Pegs, Robot, Scene, Solver
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.surroundings import Ground, Pegs
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.state import State
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.recording import npz
+from snake_sim_ros.recording.recorded_runs import read_npz
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
@@ -399,7 +399,7 @@ def test_trajectories_are_kept(tmp_path):
     keep = {'set': SHORT, 'out': out, 'trajectories': folder}
     frame = study('lateral_undulation', FRICTION, ['distance'], **keep)
     for name, friction, way in frame.select('trajectory', *FRICTION, 'distance').iter_rows():
-        trajectory = npz.read(folder / name)
+        trajectory = read_npz(folder / name)
         assert trajectory.scene.friction.transversal == friction
         assert measured('distance', trajectory) == way
     (folder / frame['trajectory'][1]).unlink()

@@ -8,21 +8,23 @@ import resource
 from types import SimpleNamespace
 
 import pytest
-
-pytest.importorskip('polars')
 from test_animation import glide
 
 from snake_sim_ros.fitting import chart as fit_chart, results as fit_results
 from snake_sim_ros.optimization import chart as optimization_chart, results as optimization_results
-from snake_sim_ros.recording import checkpoint, csv_table, npz
+from snake_sim_ros.recording import checkpoint
+from snake_sim_ros.recording.recorded_runs import write_csv, write_npz
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.files import whole_file, write_whole
 from snake_sim_ros.scene.parameters import Robot, Scene
-from snake_sim_ros.scene.whole_files import whole_file, write_whole
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.studies import chart as study_chart, table
 from snake_sim_ros.studies.metrics import METRICS
 from snake_sim_ros.view import chart
 from snake_sim_ros.view.animation import animate
+
+pytest.importorskip('polars')
+
 
 ROOM = 64  # bytes, fewer than any output has
 SCENE = Scene(robot=Robot(link_count=2))
@@ -58,8 +60,8 @@ def picture_of_optimization(path):
 
 
 OUTPUTS = {
-    'run.npz': lambda path: npz.write(RUN, path),
-    'run.csv': lambda path: csv_table.write(RUN, path),
+    'run.npz': lambda path: write_npz(RUN, path),
+    'run.csv': lambda path: write_csv(RUN, path),
     'run.gif': lambda path: animate(RUN, path),
     'run.mp4': lambda path: animate(RUN, path),
     'run.png': lambda path: chart.draw(RUN, path),

@@ -13,7 +13,7 @@ from processes import python
 import pytest
 from short_run import short_run
 
-from snake_sim_ros.scene.about import PACKAGE
+from snake_sim_ros.scene import PACKAGE
 from snake_sim_ros.stepping.state import named_arrays
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -40,8 +40,7 @@ from snake_sim_ros.nodes.tools.child_nodes import (
     start,
 )
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array, load_scene, Scene
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import Array, load_scene, Scene, steps_in
 from snake_sim_ros.stepping.simulation import Simulation
 
 SCENE = 'lateral_undulation'

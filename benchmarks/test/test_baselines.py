@@ -33,7 +33,8 @@ from snake_sim_benchmarks.comparison.baselines.integrators import (
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Gait, load_scene, Scene, Wave, with_settings
+from snake_sim_ros.scene.gait import Gait, Wave
+from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
 from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.methods import empty_history, make_stepper

@@ -12,8 +12,7 @@ from snake_sim_benchmarks.comparison.drake_runs import cenic_course, CenicSettin
 from snake_sim_benchmarks.comparison.entrants import entrants
 from snake_sim_benchmarks.comparison.judges import spread_rows, Trial
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene, Scene
-from snake_sim_ros.scene.surroundings import Friction, Pegs
+from snake_sim_ros.scene.parameters import Friction, load_scene, Pegs, Scene
 
 SETTINGS = CenicSettings(1e-3)
 

@@ -27,10 +27,10 @@ from snake_sim_benchmarks.comparison.mujoco_runs import mujoco_trajectory, Mujoc
 from snake_sim_benchmarks.comparison.timed_run import SAMPLING_PERIOD
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Gait, load_scene, Robot, Scene, Wave, with_settings
+from snake_sim_ros.scene.gait import Gait, Wave
+from snake_sim_ros.scene.parameters import Friction, load_scene, Pegs, Robot, Scene, with_settings
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.surroundings import Friction, Pegs
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.state import initial_state, State

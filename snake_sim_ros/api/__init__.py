@@ -2,13 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """What `import snake_sim_ros` offers: scenes, runs and simulations in Python, without ROS."""
 
-from snake_sim_ros.api.gaits import table_of
-from snake_sim_ros.api.runs import load_scene, read_run, Run, run
+from snake_sim_ros.api.runs import load_scene, read_run, Run, run, table_of
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.gait_table import Table
-from snake_sim_ros.scene.parameters import Gait, Robot, Scene, Solver, Wave
-from snake_sim_ros.scene.start import Push, Start
-from snake_sim_ros.scene.surroundings import Friction, Ground, Patches, Pegs
+from snake_sim_ros.scene.gait import Gait, Table, Wave
+from snake_sim_ros.scene.parameters import (
+    Friction,
+    Ground,
+    Patches,
+    Pegs,
+    Push,
+    Robot,
+    Scene,
+    Solver,
+    Start,
+)
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import State

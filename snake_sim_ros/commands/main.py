@@ -7,7 +7,7 @@ from importlib import import_module
 import signal
 import sys
 
-from snake_sim_ros.scene.about import __version__
+from snake_sim_ros.scene import __version__
 from snake_sim_ros.scene.checked_records import ParameterError
 
 # In the order of the help text: the module of each command, where its function `add_...` is, and

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from snake_sim_ros.recording import csv_table, npz
+from snake_sim_ros.recording.recorded_runs import write_csv, write_npz
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.trajectory import Trajectory
@@ -90,9 +90,9 @@ def write(
 
     """
     if 'out' in files:
-        npz.write(trajectory, files['out'], sensors)
+        write_npz(trajectory, files['out'], sensors)
     if 'csv' in files:
-        csv_table.write(trajectory, files['csv'], sensors)
+        write_csv(trajectory, files['csv'], sensors)
     for name in ('gif', 'mp4'):
         if name in files:
             frames = partial(tqdm, desc=files[name].name, unit=' frames', leave=False)

@@ -29,11 +29,9 @@ from snake_sim_ros.commands.scene_options import (
 )
 from snake_sim_ros.commands.sensor_options import add_sensors, sensors_of
 from snake_sim_ros.recording.recorded_runs import summary
-from snake_sim_ros.recording.recorded_sensors import recorded_sensors
-from snake_sim_ros.recording.sensors import Sensors
+from snake_sim_ros.recording.sensors import recorded_sensors, Sensors
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.periods import samples_of
+from snake_sim_ros.scene.parameters import samples_of, Scene
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.samples import make_samples

@@ -7,12 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from snake_sim_ros.gaits.blending import check_reach
-from snake_sim_ros.scene.checked_records import from_mapping, ParameterError
-from snake_sim_ros.scene.dotted_names import by_dotted_names
-from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, with_settings
-from snake_sim_ros.scene.quoting import quoted
-from snake_sim_ros.scene.scene_files import find_file, read_mapping
-from snake_sim_ros.scene.yaml_text import parse_yaml
+from snake_sim_ros.scene.checked_records import from_mapping, ParameterError, quoted
+from snake_sim_ros.scene.files import find_file, parse_yaml, read_mapping
+from snake_sim_ros.scene.parameters import by_dotted_names, load_scene, Robot, Scene, with_settings
 from snake_sim_ros.stepping.accuracy import USUAL_ACCURACY
 from snake_sim_ros.stepping.methods import AUTO, METHODS
 from snake_sim_ros.stepping.usual_steps import STEPPING, with_usual_steps

@@ -7,7 +7,7 @@ import argparse
 from snake_sim_ros.commands.scene_options import given_values
 from snake_sim_ros.recording.sensors import Sensors
 from snake_sim_ros.scene.checked_records import from_mapping, ParameterError
-from snake_sim_ros.scene.yaml_text import parse_yaml
+from snake_sim_ros.scene.files import parse_yaml
 
 OF_LINKS = {'imu': 'imu_links', 'contact_forces': 'contact_force_links'}
 

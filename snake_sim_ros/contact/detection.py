@@ -24,7 +24,7 @@ LANDING_SPEED = 0.1  # a contact takes part if this speed could close its gap in
 
 
 class Obstacles(NamedTuple):
-    """Ground and pegs of a scene; see `surroundings.Ground` and `surroundings.Pegs`."""
+    """Ground and pegs of a scene; see `parameters.Ground` and `parameters.Pegs`."""
 
     heights: Array  # (rows, columns) [m]
     cell: float  # side of a cell [m]

@@ -18,7 +18,7 @@ from snake_sim_ros.scene.parameters import Array, Scene
 
 
 class Patches(NamedTuple):
-    """Patches of friction of a scene; see `surroundings.Patches`."""
+    """Patches of friction of a scene; see `parameters.Patches`."""
 
     factors: Array  # (rows, columns)
     cell: float  # side of a cell [m]

@@ -29,7 +29,7 @@ from numba.core import config
 from numba.core.caching import _CacheLocator, CompileResultCacheImpl, FunctionCache
 import numpy as np
 
-from snake_sim_ros.scene.about import PACKAGE
+from snake_sim_ros.scene import PACKAGE
 
 # Folders of all modules with compiled functions, and of the modules that these import.
 ROOMS = ('scene', 'dynamics', 'gaits', 'contact', 'stepping')

@@ -19,8 +19,7 @@ import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import Array, Scene, steps_in
 
 
 class ControlLoop(NamedTuple):

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from snake_sim_ros.fitting.fit import Fit
+from snake_sim_ros.scene.files import write_figure
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.whole_files import write_figure
 
 COLORS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9')
 BINS = np.linspace(-5.0, 5.0, 61)  # in units of the noise

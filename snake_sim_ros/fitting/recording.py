@@ -17,9 +17,8 @@ import numpy as np
 
 from snake_sim_ros.recording import from_messages
 from snake_sim_ros.recording.bag_reader import NOT_OF_ONE, Raw, read_messages
-from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.checked_records import cut, LONGEST_REASON, ParameterError
 from snake_sim_ros.scene.parameters import Array, Robot, Scene, scene_from_text
-from snake_sim_ros.scene.quoting import cut, LONGEST_REASON
 
 COMMANDS = {  # last part of the name of a topic: its type
     'joint_command': 'sensor_msgs/msg/JointState',

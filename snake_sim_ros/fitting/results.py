@@ -11,8 +11,8 @@ import numpy as np
 from snake_sim_ros.fitting.fit import Fit
 from snake_sim_ros.fitting.judgement import Judgement, what_is_not_told
 from snake_sim_ros.fitting.unknowns import scene_at
+from snake_sim_ros.scene.files import write_whole
 from snake_sim_ros.scene.parameters import Scene, scene_to_text
-from snake_sim_ros.scene.whole_files import write_whole
 
 NOT_EXPLAINED = 'the model does not explain the recording, so the intervals do not hold: '
 

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
-from snake_sim_ros.scene.checked_records import flat_fields, nearest, ParameterError
+from snake_sim_ros.scene.checked_records import flat_fields, nearest, ParameterError, quoted
 from snake_sim_ros.scene.parameters import Array, Scene, with_settings
-from snake_sim_ros.scene.quoting import quoted
 
 ROOMS = ('robot.', 'friction.', 'pegs.', 'self_contact_friction')  # whose numbers are physics
 FIXED = ('robot.link_count', 'robot.joint_limit', 'robot.joint_rate_limit')

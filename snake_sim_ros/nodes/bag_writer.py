@@ -36,8 +36,7 @@ from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.nodes.transforms import LATCHED, TransformMessages
 from snake_sim_ros.recording.bag_reader import METADATA
-from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.about import __version__
+from snake_sim_ros.scene import __version__, gait
 from snake_sim_ros.scene.parameters import Scene, scene_to_text
 from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping.contact_forces import contact_forces

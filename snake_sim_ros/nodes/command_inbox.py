@@ -19,8 +19,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-from snake_sim_ros.gaits.joint_reference import JointReference, Motion, start_posture
-from snake_sim_ros.gaits.limited_reference import LimitedReference
+from snake_sim_ros.gaits.joint_reference import (
+    JointReference,
+    LimitedReference,
+    Motion,
+    start_posture,
+)
 from snake_sim_ros.nodes.goal_tolerances import Tracked
 from snake_sim_ros.nodes.other_publishers import OtherPublishers
 from snake_sim_ros.nodes.received_bytes import DamagedMessage, message_from

@@ -16,8 +16,7 @@ from snake_sim_ros.nodes.handling import base_of_link, Handling
 from snake_sim_ros.nodes.state_messages import WORLD
 from snake_sim_ros.recording.from_messages import TO_WIRE
 from snake_sim_ros.recording.sensors import link_index
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.quoting import quoted
+from snake_sim_ros.scene.checked_records import ParameterError, quoted
 from snake_sim_ros.scene.robot_description import ROBOT_NAME
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.simulation import Simulation

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from snake_sim_ros.nodes.received_commands import RejectedCommand
+from snake_sim_ros.scene.checked_records import quoted
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.quoting import quoted
 
 
 class Tracked(NamedTuple):

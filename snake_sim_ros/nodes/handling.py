@@ -24,9 +24,8 @@ from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.state_messages import BASE, ODOM, WORLD
 from snake_sim_ros.recording.from_messages import WIRE_AXES
 from snake_sim_ros.recording.sensors import link_index
-from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.checked_records import ParameterError, quoted
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.scene.rotations import FLAT, product
 from snake_sim_ros.stepping.placing import place
 from snake_sim_ros.stepping.simulation import Simulation

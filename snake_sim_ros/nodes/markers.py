@@ -21,8 +21,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from snake_sim_ros.nodes.state_messages import WORLD
 from snake_sim_ros.recording.from_messages import FORCE_SCALE
 from snake_sim_ros.scene.obstacles import cell_centers, FOUNDATION, PEG_HEIGHT
-from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.scene.surroundings import Ground, Patches
+from snake_sim_ros.scene.parameters import Array, Ground, Patches, Scene
 
 POINT_SIZE = 0.012  # m
 LINE_WIDTH = 0.004  # m

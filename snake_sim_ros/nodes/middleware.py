@@ -5,7 +5,7 @@
 from importlib.metadata import version
 import os
 
-from snake_sim_ros.scene.parameters import CONFIG
+from snake_sim_ros.scene.files import CONFIG
 
 PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 USE_PROFILES = 'RMW_FASTRTPS_USE_QOS_FROM_XML'

@@ -18,10 +18,10 @@ from snake_sim_ros.scene.checked_records import (
     nearest,
     ParameterError,
     plain,
+    quoted,
 )
+from snake_sim_ros.scene.files import parse_yaml
 from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
-from snake_sim_ros.scene.quoting import quoted
-from snake_sim_ros.scene.yaml_text import parse_yaml
 
 S = TypeVar('S')
 

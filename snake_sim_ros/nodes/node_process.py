@@ -22,8 +22,7 @@ from rclpy.utilities import remove_ros_args
 
 from snake_sim_ros.nodes.middleware import keep_no_buffers
 from snake_sim_ros.nodes.signals import on_signals
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.quoting import cut, LONGEST_REASON
+from snake_sim_ros.scene.checked_records import cut, LONGEST_REASON, ParameterError
 
 N = TypeVar('N', bound=Node)
 LONGEST_END = 1.5  # s from a signal to the end of the process, whatever the middleware does

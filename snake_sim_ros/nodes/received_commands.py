@@ -19,8 +19,8 @@ from std_msgs.msg import Float64MultiArray
 from snake_sim_ros.gaits.joint_reference import JointReference, Motion, NONE
 from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.stamps import seconds_from
+from snake_sim_ros.scene.checked_records import cut, quoted
 from snake_sim_ros.scene.parameters import Array, Robot
-from snake_sim_ros.scene.quoting import cut, quoted
 
 ROUNDING = 1e-9  # rad, rad/s; a motion may exceed limits at its points by so much
 STREAM = 0.5  # s; commands for a joint that come more often are a stream

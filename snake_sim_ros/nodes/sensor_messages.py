@@ -7,8 +7,13 @@ import numpy as np
 from sensor_msgs.msg import Imu
 
 from snake_sim_ros.nodes.state_messages import MARK, SerializedMessage
-from snake_sim_ros.recording.sensor_reader import SensorReader
-from snake_sim_ros.recording.sensors import ACCELERATION, ANGULAR_VELOCITY, ORIENTATION, Sensors
+from snake_sim_ros.recording.sensors import (
+    ACCELERATION,
+    ANGULAR_VELOCITY,
+    ORIENTATION,
+    SensorReader,
+    Sensors,
+)
 from snake_sim_ros.scene.parameters import Array
 
 

@@ -11,8 +11,8 @@ from sensor_msgs.msg import Imu
 
 from snake_sim_ros.nodes.sensor_messages import SensorMessages
 from snake_sim_ros.nodes.sim_parameters import Settings
-from snake_sim_ros.recording.sensor_reader import SensorReader
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.recording.sensors import SensorReader
+from snake_sim_ros.scene.parameters import steps_in
 from snake_sim_ros.stepping.simulation import Simulation
 
 LOOK = 0.03  # s of wall time between two looks for readers of contact forces

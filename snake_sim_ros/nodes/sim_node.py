@@ -36,7 +36,7 @@ from snake_sim_ros.nodes.state_publishers import StatePublishers
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
 from snake_sim_ros.nodes.trajectory_action import serve_trajectories
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import steps_in
 from snake_sim_ros.stepping.methods import make_stepper, what_is_not_planar
 from snake_sim_ros.stepping.simulation import Simulation
 

@@ -22,7 +22,8 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import CONFIG, load_scene
+from snake_sim_ros.scene.files import CONFIG
+from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.view.page import Page
 
 FREQUENCY = 'gait.yaw.angular_frequency', 'gait.pitch.angular_frequency'

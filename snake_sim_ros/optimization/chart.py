@@ -14,8 +14,8 @@ import numpy as np
 
 from snake_sim_ros.optimization.evaluations import Evaluation
 from snake_sim_ros.optimization.optimize import Outcome
+from snake_sim_ros.scene.files import write_figure
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.whole_files import write_figure
 
 GOOD, BAD, OTHER, CHECKED = '#0072b2', '#d55e00', '#999999', '#009e73'
 SPAN = 1.5  # of the axes of a front, in lengths of the front

@@ -16,8 +16,7 @@ import operator
 from typing import Any
 import warnings
 
-from snake_sim_ros.scene.checked_records import nearest, ParameterError
-from snake_sim_ros.scene.quoting import quoted
+from snake_sim_ros.scene.checked_records import nearest, ParameterError, quoted
 
 Numbers = Mapping[str, float]
 Term = Callable[[Numbers], float]

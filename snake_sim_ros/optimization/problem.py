@@ -23,9 +23,9 @@ from snake_sim_ros.scene.checked_records import (
     from_mapping,
     ParameterError,
     quantity,
+    quoted,
 )
 from snake_sim_ros.scene.parameters import Array, Scene, with_settings
-from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.studies.keys import physics_version
 from snake_sim_ros.studies.metrics import Metric, METRICS, metrics_of, USUAL_METRICS
 from snake_sim_ros.studies.runs import Plan

@@ -10,8 +10,8 @@ from typing import Any
 
 from snake_sim_ros.optimization.evaluations import Evaluation
 from snake_sim_ros.optimization.optimize import objective_names, Outcome
+from snake_sim_ros.scene.files import write_whole
 from snake_sim_ros.scene.parameters import scene_to_text
-from snake_sim_ros.scene.whole_files import write_whole
 
 
 def write_scenes(outcome: Outcome, out: Path) -> list[Path]:

@@ -8,9 +8,8 @@ import itertools
 import math
 from typing import Any
 
-from snake_sim_ros.scene.checked_records import flat_fields, nearest, ParameterError
+from snake_sim_ros.scene.checked_records import flat_fields, nearest, ParameterError, quoted
 from snake_sim_ros.scene.parameters import Scene, with_settings
-from snake_sim_ros.scene.quoting import quoted
 
 MEASURES = ('worst', 'mean')
 EXAMPLE = '{over: {friction: 0.3}, measure: worst}'

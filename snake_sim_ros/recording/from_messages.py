@@ -17,10 +17,9 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.parameters import Array, Ground, Pegs, Scene
 from snake_sim_ros.scene.robot_description import robot_of
 from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.surroundings import Ground, Pegs
 
 B_TO_WIRE = np.array(
     [0.5, -0.5, -0.5, -0.5]

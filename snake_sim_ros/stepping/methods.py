@@ -11,10 +11,9 @@ from snake_sim_ros.contact.gauss_seidel import GaussSeidel
 from snake_sim_ros.contact.newton import Newton
 from snake_sim_ros.contact.prox_iteration import MOST_CONDENSED_ROWS, ProxIteration
 from snake_sim_ros.dynamics.bound_call import Loop
-from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.checked_records import ParameterError, quoted
 from snake_sim_ros.scene.obstacles import contact_count, is_flat
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.stepping import bdf2, bdf2_memory, levels, moreau
 from snake_sim_ros.stepping.base import Method, Stepper
 from snake_sim_ros.stepping.model import whole_operator

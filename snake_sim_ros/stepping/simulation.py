@@ -15,8 +15,8 @@ import numpy as np
 
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array, Gait, load_scene, Scene
-from snake_sim_ros.scene.periods import samples_of
+from snake_sim_ros.scene.gait import Gait
+from snake_sim_ros.scene.parameters import Array, load_scene, samples_of, Scene
 from snake_sim_ros.stepping.base import OneByOne, Report, Stepper
 from snake_sim_ros.stepping.contact_forces import contact_forces, last_span
 from snake_sim_ros.stepping.gait_ahead import GaitAhead

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.whole_files import write_figure
+from snake_sim_ros.scene.files import write_figure
 from snake_sim_ros.studies.metrics import Metric
 
 if TYPE_CHECKING:

@@ -9,10 +9,9 @@ import time
 from typing import Any
 
 from snake_sim_ros.gaits.blending import check_reach
-from snake_sim_ros.recording import npz
+from snake_sim_ros.recording.recorded_runs import write_npz
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Scene, with_settings
-from snake_sim_ros.scene.periods import samples_of
+from snake_sim_ros.scene.parameters import samples_of, Scene, with_settings
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import share_compiled
 from snake_sim_ros.stepping.portions import LEAST_STEPS, PORTION_SECONDS
@@ -199,7 +198,7 @@ class _Runner:
         result['failure'] = report.failure
         if path := trajectory_file(self.plan, result['key']):
             path.parent.mkdir(parents=True, exist_ok=True)
-            npz.write(trajectory, path)
+            write_npz(trajectory, path)
             result['trajectory'] = path.name
         if not report.failure:
             result |= {metric.name: metric(trajectory) for metric in self.plan.metrics}

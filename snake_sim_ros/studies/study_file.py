@@ -13,11 +13,10 @@ from snake_sim_ros.scene.checked_records import (
     nearest,
     ParameterError,
     quantity,
+    quoted,
 )
-from snake_sim_ros.scene.parameters import CONFIG, load_scene, Scene, with_settings
-from snake_sim_ros.scene.quoting import quoted
-from snake_sim_ros.scene.scene_files import is_file
-from snake_sim_ros.scene.yaml_text import read_yaml
+from snake_sim_ros.scene.files import CONFIG, is_file, read_yaml
+from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
 from snake_sim_ros.studies.keys import physics_version
 from snake_sim_ros.studies.metrics import Metric, metrics_of, USUAL_METRICS
 from snake_sim_ros.studies.runs import Plan, Row

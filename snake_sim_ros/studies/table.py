@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.whole_files import write_whole
+from snake_sim_ros.scene.files import write_whole
 
 if TYPE_CHECKING:
     import polars

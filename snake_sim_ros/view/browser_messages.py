@@ -14,7 +14,7 @@ import sys
 import time
 from typing import Any
 
-from snake_sim_ros.scene.quoting import quoted
+from snake_sim_ros.scene.checked_records import quoted
 
 LONGEST_MESSAGE = 4096  # bytes; those of the page have less than 1000
 SAY_PERIOD = 1.0  # s, the shortest between two lines about messages that are ignored

@@ -14,7 +14,7 @@ from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import made
 from snake_sim_ros.nodes.sim_parameters import as_it_runs
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.scene_files import files_of_package
+from snake_sim_ros.scene.files import files_of_package
 
 OF_SIM = {'kind': sim_node.Settings, 'complete': as_it_runs}
 NODES = {

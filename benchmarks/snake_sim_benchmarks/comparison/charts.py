@@ -37,7 +37,7 @@ from snake_sim_benchmarks.comparison.chart_style import (
 from snake_sim_benchmarks.comparison.csv_tables import records_of, Table
 from snake_sim_benchmarks.comparison.pareto import fitted_order, fitted_power
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.whole_files import write_whole
+from snake_sim_ros.scene.files import write_whole
 
 MAIN_SETTINGS = {  # setting that represents a method; the other settings are drawn thin
     'newton': 'default',

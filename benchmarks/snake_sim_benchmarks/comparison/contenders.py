@@ -18,8 +18,7 @@ from snake_sim_benchmarks.comparison.mujoco_runs import run_mujoco
 from snake_sim_benchmarks.comparison.timed_run import SAMPLING_PERIOD, TimedRun
 from snake_sim_benchmarks.comparison.timing import energy_error, timed
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Scene, with_settings
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import Scene, steps_in, with_settings
 from snake_sim_ros.stepping.base import Stepper
 
 # Steps a second.

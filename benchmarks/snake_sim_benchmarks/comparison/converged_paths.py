@@ -10,8 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from snake_sim_benchmarks.comparison.courses import Course
-from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import Array, Scene, steps_in
 from snake_sim_ros.stepping.simulation import sample, Simulation
 
 # Between two points of a converged path [s]. Courses have samples at times of their own, between

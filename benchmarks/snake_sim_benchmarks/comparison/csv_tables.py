@@ -22,9 +22,9 @@ import subprocess
 from typing import Any
 
 from snake_sim_benchmarks.comparison.seals import check, SEAL_NAME, SealChain, sealed, unsealed
-from snake_sim_ros.scene.about import __version__, PACKAGE
+from snake_sim_ros.scene import __version__, PACKAGE
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.whole_files import write_whole
+from snake_sim_ros.scene.files import write_whole
 
 LIBRARIES = ('numpy', 'scipy', 'numba', 'mujoco-core', 'drake')
 HEAD_OF_ALL_ROWS = ('table', 'provenance', 'processor', 'settings')  # equal in all heads

@@ -33,8 +33,8 @@ import numpy as np
 
 from snake_sim_benchmarks.comparison.csv_tables import records_of, Table
 from snake_sim_ros.scene.checked_records import from_mapping, ParameterError
+from snake_sim_ros.scene.files import write_whole
 from snake_sim_ros.scene.parameters import Array, Scene, with_settings
-from snake_sim_ros.scene.whole_files import write_whole
 from snake_sim_ros.stepping.accuracy import with_accuracy
 from snake_sim_ros.stepping.simulation import sample, Simulation
 

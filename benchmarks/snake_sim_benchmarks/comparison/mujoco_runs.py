@@ -28,8 +28,7 @@ from snake_sim_benchmarks.comparison.timed_run import (
 )
 from snake_sim_ros.dynamics.energy import BALANCE_TIME, imbalance
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import Array, Scene, steps_in
 from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.state import State

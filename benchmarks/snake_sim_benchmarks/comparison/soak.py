@@ -14,8 +14,7 @@ from pathlib import Path
 import time
 from typing import Any
 
-from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import load_scene, Scene, steps_in, with_settings
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.simulation import Simulation

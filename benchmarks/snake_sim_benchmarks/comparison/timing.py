@@ -34,9 +34,9 @@ from snake_sim_ros.scene.parameters import (
     Robot,
     Scene,
     scene_to_text,
+    steps_in,
     with_settings,
 )
-from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import method_of, METHODS, what_is_not_planar
 from snake_sim_ros.stepping.sampling import Keep, Limits

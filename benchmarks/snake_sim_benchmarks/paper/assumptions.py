@@ -4,7 +4,8 @@
 
 import numpy as np
 
-from snake_sim_ros.scene.parameters import Scene, Wave
+from snake_sim_ros.scene.gait import Wave
+from snake_sim_ros.scene.parameters import Scene
 
 SOLVER_WORDS = (
     'of several possible normal forces those of least norm; '

@@ -15,10 +15,8 @@ import numpy as np
 
 from snake_sim_ros.dynamics.energy import mechanical_energy, work_of_steps
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array, load_scene, Scene
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import Array, Friction, load_scene, Scene, steps_in
 from snake_sim_ros.scene.posture import joint_angles
-from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.simulation import run, sample, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory

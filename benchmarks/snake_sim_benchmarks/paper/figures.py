@@ -32,8 +32,8 @@ from snake_sim_benchmarks.paper.time_figures import (
     torque_figure,
     tracking_figure,
 )
+from snake_sim_ros.scene.files import whole_file
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.whole_files import whole_file
 
 DPI = 100
 PALETTE_SIZE = 96  # number of colors of a picture

@@ -21,8 +21,8 @@ from snake_sim_benchmarks.paper.experiments import (
 )
 from snake_sim_benchmarks.paper.printed_errors import consistent, step_in_the_air
 from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.files import write_whole
 from snake_sim_ros.scene.parameters import Array, Scene, Solver
-from snake_sim_ros.scene.whole_files import write_whole
 from snake_sim_ros.stepping.state import initial_state
 
 SHOWN_STEPS = (1, 2, 3, 5, 10, 20, 30, 40)  # steps in the table of the sign in eq. (84)

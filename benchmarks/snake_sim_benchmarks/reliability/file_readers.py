@@ -21,19 +21,19 @@ from snake_sim_benchmarks.reliability.trial_start import start_and_end
 from snake_sim_ros.fitting.recording import read_recording
 from snake_sim_ros.gaits.blending import check_reach
 from snake_sim_ros.optimization.problem import load_problem
-from snake_sim_ros.recording import checkpoint, csv_table, npz
-from snake_sim_ros.recording.recorded_runs import read_run, summary
+from snake_sim_ros.recording import checkpoint
+from snake_sim_ros.recording.recorded_runs import read_npz, read_run, summary, write_csv, write_npz
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.files import parse_yaml
 from snake_sim_ros.scene.parameters import (
     load_scene,
+    samples_of,
     Scene,
     scene_from_text,
     scene_to_text,
     with_settings,
 )
-from snake_sim_ros.scene.periods import samples_of
 from snake_sim_ros.scene.robot_description import robot_of
-from snake_sim_ros.scene.yaml_text import parse_yaml
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.usual_steps import with_usual_steps
 from snake_sim_ros.studies.journal import Journal
@@ -95,10 +95,10 @@ def _urdf(path: Path) -> None:
 
 
 def _run(path: Path) -> None:
-    trajectory = npz.read(path)
+    trajectory = read_npz(path)
     summary(trajectory)
-    csv_table.write(trajectory.every(2), path.with_suffix('.csv'))
-    npz.write(trajectory, path.with_name('again.npz'))
+    write_csv(trajectory.every(2), path.with_suffix('.csv'))
+    write_npz(trajectory, path.with_name('again.npz'))
     trajectory.contacts(0)
 
 

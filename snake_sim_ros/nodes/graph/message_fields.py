@@ -14,9 +14,8 @@ import numpy as np
 import yaml
 
 from snake_sim_ros.nodes.graph.client import GraphError
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.quoting import quoted
-from snake_sim_ros.scene.yaml_text import NOT_READABLE, parse_yaml
+from snake_sim_ros.scene.checked_records import ParameterError, quoted
+from snake_sim_ros.scene.files import NOT_READABLE, parse_yaml
 
 NUMBERS = 'float', 'double'
 

@@ -13,9 +13,8 @@ from rclpy.parameter_client import AsyncParameterClient
 import yaml
 
 from snake_sim_ros.nodes.graph.client import absolute, Client, GraphError
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.quoting import quoted
-from snake_sim_ros.scene.yaml_text import NOT_READABLE, parse_yaml
+from snake_sim_ros.scene.checked_records import ParameterError, quoted
+from snake_sim_ros.scene.files import NOT_READABLE, parse_yaml
 
 LABELS = {
     ParameterType.PARAMETER_BOOL: 'Boolean value is:',

@@ -28,10 +28,9 @@ from snake_sim_benchmarks.comparison.stability.scenes import (
     with_method,
 )
 from snake_sim_benchmarks.comparison.timed_run import SAMPLING_PERIOD
-from snake_sim_ros.scene.parameters import Robot, Scene, Solver
+from snake_sim_ros.scene.parameters import Friction, Robot, Scene, Solver
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.trajectory import Trajectory
 

@@ -23,9 +23,8 @@ from snake_sim_benchmarks.comparison.stability.scenes import (
     with_method,
 )
 from snake_sim_ros.dynamics.force_directions import contact_directions
-from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.parameters import Array, Friction, Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.surroundings import Friction
 from snake_sim_ros.stepping.state import initial_state
 
 

@@ -104,6 +104,25 @@ def is_far(closed, contacts):
 
 
 @inlined
+def list_pairs_last(closed, contacts, pairs):
+    """
+    Move the contacts of two links behind all others, as `solve_linear` needs them.
+
+    The order within either kind stays. `pairs` is that of `couple_pairs`.
+    """
+    if pairs is None:
+        return
+    count = 0
+    for k in range(len(closed)):
+        a = closed[k]
+        if contacts.other_link[a] < 0:
+            for j in range(k, count, -1):
+                closed[j] = closed[j - 1]
+            closed[count] = a
+            count += 1
+
+
+@inlined
 def count_single(closed, contacts, pairs):
     """Return the number of contacts that are not of two links; these are listed last."""
     if pairs is None:

@@ -28,7 +28,7 @@ from snake_sim_ros.contact.admissible import anchor_at_iterate, without_gain
 from snake_sim_ros.contact.condensing import condense
 from snake_sim_ros.contact.delassus import condensed_twists, Delassus, make_delassus
 from snake_sim_ros.contact.line_search import law_error, line_search, move_trial
-from snake_sim_ros.contact.linear_problem import linear_step
+from snake_sim_ros.contact.linear_problem import linear_step, list_pairs_last
 from snake_sim_ros.contact.natural_map import natural_map
 from snake_sim_ros.contact.reduced_problem import make_reduced, Reduced
 from snake_sim_ros.contact.settling import loads_are_accurate, refines
@@ -324,6 +324,7 @@ def prepare_contacts(operator, problem):
     The closed contacts of these calls may be some of those here, and may have other shifts.
     """
     laws, closed, contacts, chain = problem
+    list_pairs_last(closed, contacts, chain.pair_delassus)
     if operator is not None:
         operator.is_condensed[0] = 1 if len(closed) <= operator.most else 0
         if operator.is_condensed[0]:

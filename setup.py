@@ -95,6 +95,7 @@ setup(
             'pytest>=7',
             'pytest-xdist',
             'hypothesis',
+            'import-linter>=2.5',
             'ruff',
             'mypy',
             'types-PyYAML',

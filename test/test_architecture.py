@@ -38,7 +38,7 @@ def test_physics_imports_without_ros_and_matplotlib():
     script = (
         'import importlib, sys\n'
         'sys.modules["rclpy"] = sys.modules["matplotlib"] = sys.modules["viser"] = None\n'
-        'for name in ("stepping.simulation", "studies.study", "recording.npz"):\n'
+        'for name in ("stepping.simulation", "studies.study", "recording.recorded_runs"):\n'
         '    importlib.import_module(f"snake_sim_ros.{name}")\n'
         'from snake_sim_ros import *\n'
         'print("imported")'

@@ -32,7 +32,7 @@ OPTIONAL = {'bags', 'peers', 'studies', 'video', 'viewer'}
 BENCH = {'drake'}  # only takes part in the bench
 SITE = {'docs'}  # only builds the site
 # Checks of style and what only the tests of bags and of the speed of tests need.
-DEVELOPMENT = {'pytest-xdist', 'ruff', 'mypy', 'types-PyYAML', 'wheel', 'rosbags'}
+DEVELOPMENT = {'pytest-xdist', 'import-linter', 'ruff', 'mypy', 'types-PyYAML', 'wheel', 'rosbags'}
 
 
 @pytest.fixture

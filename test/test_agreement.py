@@ -11,7 +11,7 @@ import pytest
 from random_states import EPS, jointed_links, random_parameters, random_robot, random_velocities
 from scenes import layout, PRINTED, same_bits
 
-from snake_sim_ros.contact.selection import PRESS_SPEED
+from snake_sim_ros.contact.laws import PRESS_SPEED
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.dynamics.articulated_body import (
     articulated_inertia,

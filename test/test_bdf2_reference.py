@@ -15,10 +15,9 @@ from snake_sim_ros.scene.parameters import Scene, Solver
 from snake_sim_ros.scene.posture import chain_coordinates, joint_angles
 from snake_sim_ros.scene.rotations import about, FLAT, product, rotation_matrices
 from snake_sim_ros.scene.surroundings import Friction, Pegs
-from snake_sim_ros.stepping.bdf2_memory import Bdf2Memory, make_memory
-from snake_sim_ros.stepping.joint_motion import Motion
+from snake_sim_ros.stepping.bdf2.formula import AFTER_EVENT, ANEW, AT_START, SMOOTH, TICKS, UNKNOWN
+from snake_sim_ros.stepping.bdf2.motion import Bdf2Memory, make_memory, Motion
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
-from snake_sim_ros.stepping.parts import AFTER_EVENT, ANEW, AT_START, SMOOTH, TICKS, UNKNOWN
 from snake_sim_ros.stepping.state import State
 
 FRICTIONS = {

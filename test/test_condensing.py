@@ -14,8 +14,8 @@ from snake_sim_ros.contact.delassus import end_twists
 from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities
 from snake_sim_ros.contact.linear_problem import linear_step
 from snake_sim_ros.contact.newton import prepare_contacts, solve_prepared
-from snake_sim_ros.contact.solver import Problem
-from snake_sim_ros.contact.warm_start import predict
+from snake_sim_ros.contact.problem import Problem
+from snake_sim_ros.contact.sweeps import predict
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain, solve_chain
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.scene.parameters import Scene, Solver

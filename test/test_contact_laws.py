@@ -10,7 +10,7 @@ from random_states import EPS
 from scenes import MASS
 from schemes import press_of, span, step_of, undisturbed
 
-from snake_sim_ros.contact.projections import prox_disc, prox_ellipse, prox_half_line
+from snake_sim_ros.contact.laws import prox_disc, prox_ellipse, prox_half_line
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, Solver, with_settings
 from snake_sim_ros.scene.posture import chain_coordinates

@@ -10,7 +10,7 @@ from test_joint_laws import AXES, DT, EVERY, floating, hinge, of_joint
 
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, Robot, with_settings
-from snake_sim_ros.stepping.efforts import command_effort, commanded_effort
+from snake_sim_ros.stepping.controlled import command_effort, commanded_effort
 from snake_sim_ros.stepping.methods import make_stepper, METHODS
 from snake_sim_ros.stepping.simulation import run, Simulation
 from snake_sim_ros.stepping.state import initial_state

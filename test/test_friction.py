@@ -13,7 +13,7 @@ import pytest
 from scenes import course, DT, EPS, G, kinetic_energy, late_stop, MASS, slope
 from schemes import span
 
-from snake_sim_ros.contact.projections import prox_ellipse, prox_half_ellipses
+from snake_sim_ros.contact.laws import prox_ellipse, prox_half_ellipses
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.parameters import (

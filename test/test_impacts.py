@@ -34,12 +34,7 @@ from scenes import (
     TIGHT,
 )
 
-from snake_sim_ros.contact.selection import (
-    IMPACT_WEIGHTS,
-    LEAST_COMPLIANCE,
-    PRESS_SPEED,
-    REST_SPEED,
-)
+from snake_sim_ros.contact.laws import IMPACT_WEIGHTS, LEAST_COMPLIANCE, PRESS_SPEED, REST_SPEED
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene.parameters import Robot, Scene, Solver
 

@@ -10,9 +10,8 @@ from snake_sim_ros.nodes.sim_parameters import changed, Settings
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.iteration_budget import FLOOR, IterationBudget, TOGETHER
-from snake_sim_ros.stepping.parts import LEAST_ITERATIONS, TICKS
-from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.bdf2.formula import LEAST_ITERATIONS, TICKS
+from snake_sim_ros.stepping.simulation import FLOOR, IterationBudget, Simulation, TOGETHER
 
 STEPS, MOST = 20, 5000
 ANGLE = np.zeros((STEPS, 10, 2))

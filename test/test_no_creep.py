@@ -8,7 +8,7 @@ from dense_step import EPS
 import numpy as np
 import pytest
 
-from snake_sim_ros.contact.selection import PRESS_SPEED
+from snake_sim_ros.contact.laws import PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import joint_gaps
 from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, with_settings
 from snake_sim_ros.scene.posture import gaps, joint_angles

@@ -27,7 +27,7 @@ from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.scene.start import Push
 from snake_sim_ros.stepping.accuracy import with_accuracy
-from snake_sim_ros.stepping.parts import AT_START
+from snake_sim_ros.stepping.bdf2.formula import AT_START
 from snake_sim_ros.stepping.pushes import make_push, make_table, Pushes, STEP
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import State

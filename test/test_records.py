@@ -7,9 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from snake_sim_ros.dynamics.bound_call import BoundCall
 from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.records import Block, type_of, type_of_made
+from snake_sim_ros.dynamics.records import Block, BoundCall, type_of, type_of_made
 
 
 class Inner(NamedTuple):

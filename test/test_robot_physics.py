@@ -39,7 +39,7 @@ from scenes import (
 from schemes import press_of, span, undisturbed
 from scipy.linalg import null_space
 
-from snake_sim_ros.contact.selection import LEAST_COMPLIANCE, PRESS_SPEED, REST_SPEED
+from snake_sim_ros.contact.laws import LEAST_COMPLIANCE, PRESS_SPEED, REST_SPEED
 from snake_sim_ros.dynamics.force_directions import (
     contact_directions,
     joint_directions,

@@ -11,7 +11,7 @@ import pytest
 from random_states import random_robot
 from scipy.optimize import nnls
 
-from snake_sim_ros.contact.selection import LEAST_COMPLIANCE, PRESS_SPEED
+from snake_sim_ros.contact.laws import LEAST_COMPLIANCE, PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Gait, load_scene, Robot, Scene, Solver, with_settings

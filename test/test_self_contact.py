@@ -13,7 +13,7 @@ import pytest
 from random_states import EPS, rate_of
 from scenes import course, isotropic, kinetic_energy, RADIUS
 
-from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
+from snake_sim_ros.contact.laws import LEAST_COMPLIANCE
 from snake_sim_ros.dynamics.force_directions import mean_delassus, scene_contacts
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.checked_records import ParameterError

@@ -15,8 +15,7 @@ from snake_sim_ros.scene.parameters import load_scene, scene_from_text, with_set
 from snake_sim_ros.scene.periods import steps_in
 from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.portions import LEAST_STEPS
-from snake_sim_ros.stepping.sampling import joint_motion, Keep, Limits
+from snake_sim_ros.stepping.sampling import joint_motion, Keep, LEAST_STEPS, Limits
 from snake_sim_ros.stepping.simulation import run, sample, Simulation
 from snake_sim_ros.stepping.state import initial_state
 

@@ -11,9 +11,8 @@ from scenes import references, same_bits
 from snake_sim_ros.dynamics.compilation import watched
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, with_settings
-from snake_sim_ros.stepping.gait_ahead import GaitAhead
 from snake_sim_ros.stepping.methods import make_stepper, METHODS
-from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.simulation import GaitAhead, Simulation
 from snake_sim_ros.stepping.state import State
 
 CASE_A, CASE_C = load_scene('lateral_undulation'), load_scene('sidewinding')

@@ -21,9 +21,10 @@ from snake_sim_ros.scene.parameters import (
     Solver,
     with_settings,
 )
-from snake_sim_ros.stepping import bdf2_memory, levels
+from snake_sim_ros.stepping import levels
 from snake_sim_ros.stepping.base import Report, Status
-from snake_sim_ros.stepping.bdf2 import IMPLICIT_SCHEMES
+from snake_sim_ros.stepping.bdf2.motion import Bdf2Memory
+from snake_sim_ros.stepping.bdf2.step import IMPLICIT_SCHEMES
 from snake_sim_ros.stepping.methods import empty_history, make_stepper, method_of, METHODS
 from snake_sim_ros.stepping.planar import bdf2 as planar_bdf2
 from snake_sim_ros.stepping.planar.model import PlanarMemory
@@ -180,9 +181,9 @@ MEMORIES = {
     **{(name, 'spatial'): None for name in METHODS},
     **{(name, 'planar'): IN_PLANE[0] for name in METHODS},
     **{(name, 'auto'): (levels.LevelMemory, IN_PLANE[0], None) for name in METHODS},
-    ('bdf2', 'spatial'): bdf2_memory.Bdf2Memory,
+    ('bdf2', 'spatial'): Bdf2Memory,
     ('bdf2', 'planar'): IN_PLANE[1],
-    ('bdf2', 'auto'): (levels.LevelMemory, IN_PLANE[1], bdf2_memory.Bdf2Memory),
+    ('bdf2', 'auto'): (levels.LevelMemory, IN_PLANE[1], Bdf2Memory),
 }
 each_memory = pytest.mark.parametrize(('method', 'level'), MEMORIES)
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.control_loop import make_control_memory
+from snake_sim_ros.dynamics.joint_control import make_control_memory
 from snake_sim_ros.scene.parameters import Array, CONFIG, Scene, scene_from_text, with_settings
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import make_stepper

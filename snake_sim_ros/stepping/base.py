@@ -128,7 +128,7 @@ def divergence(link: int, turn: float, dt: float) -> str:
 
 
 class OneByOne(Protocol):
-    """What a stepper goes on with by single steps; see `single_steps.SingleSteps`."""
+    """What a stepper goes on with by single steps; see `steps.SingleSteps`."""
 
     steps: Any  # the `steps.Steps` that go on in place
 

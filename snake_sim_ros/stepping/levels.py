@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.control_loop import make_control_loop
+from snake_sim_ros.dynamics.joint_control import make_control_loop
 from snake_sim_ros.dynamics.kinematics import FLAT_GAP, FLAT_TILT, STILL_SPEED
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene
@@ -26,10 +26,9 @@ from snake_sim_ros.stepping.planar.model import forget, PlanarMemory
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
 from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import checked, Samples
-from snake_sim_ros.stepping.single_steps import NO_PITCH, PITCH, PITCH_ROUNDING, SingleSteps
 from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.state import copied, History, is_finite, Returned, State
-from snake_sim_ros.stepping.steps import Steps
+from snake_sim_ros.stepping.steps import NO_PITCH, PITCH, PITCH_ROUNDING, SingleSteps, Steps
 
 AUTO_ROLL = 3e-4  # largest roll that `auto` neglects [rad]
 AUTO_SLIP_SHARE = 2e-3  # largest slip by rolling that `auto` neglects, as a share of the way
@@ -338,7 +337,7 @@ class FlatStepper:
     def single_steps(
         self, state: State, history: History, pushes: PushTable
     ) -> SingleSteps | None:
-        """Return what goes on from a state and its history; see `single_steps.SingleSteps`."""
+        """Return what goes on from a state and its history; see `steps.SingleSteps`."""
         return self.planar.single_steps(state, history, pushes)
 
 

@@ -10,14 +10,13 @@ import numpy as np
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.delassus import make_delassus
 from snake_sim_ros.contact.detection import make_obstacles, make_other_friction, Obstacles
-from snake_sim_ros.contact.laws import Laws, make_disc
+from snake_sim_ros.contact.laws import Laws, LEAST_COMPLIANCE, make_disc
 from snake_sim_ros.contact.newton import make_operator, Operator
-from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
-from snake_sim_ros.contact.table import make_table
+from snake_sim_ros.contact.problem import make_table
 from snake_sim_ros.dynamics.articulated_body import Chain
-from snake_sim_ros.dynamics.control_loop import ControlLoop, make_control_loop
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.dynamics.free_chain import make_free_chain
+from snake_sim_ros.dynamics.joint_control import ControlLoop, make_control_loop
 from snake_sim_ros.dynamics.joint_laws import AxisLaws, JointLaws, make_axis_laws, make_joint_laws
 from snake_sim_ros.scene.obstacles import contact_count, is_flat, pair_contacts
 from snake_sim_ros.scene.parameters import Array, DRIFT_CORRECTIONS, PD_SCHEMES, Robot, Scene
@@ -79,7 +78,7 @@ class Workspace(NamedTuple):
     chain: Chain
     closed: Array  # (c,) begins with the numbers of the closed contacts
     operator: Operator  # of the contacts, for `bdf2`
-    contacts: Any  # (c,) table of all contacts, see `contact.table`
+    contacts: Any  # (c,) table of all contacts, see `contact.problem`
 
 
 @lru_cache(maxsize=64)

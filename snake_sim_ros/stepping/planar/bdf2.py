@@ -16,8 +16,7 @@ from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined,
 from snake_sim_ros.dynamics.joint_control import implicit_pd_law
 from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.stepping.bdf2_memory import CONSISTENT_SPEED
-from snake_sim_ros.stepping.parts import (
+from snake_sim_ros.stepping.bdf2.formula import (
     AFTER_EVENT,
     aligned_size,
     ANEW,
@@ -34,26 +33,28 @@ from snake_sim_ros.stepping.parts import (
     TICKS,
     UNKNOWN,
 )
-from snake_sim_ros.stepping.planar.axes import (
-    begin_planar_impact,
-    begin_predicted_yaw_axes,
-    joint_impulses_in_plane,
-    yaw_axes_change,
-)
+from snake_sim_ros.stepping.bdf2.motion import CONSISTENT_SPEED
 from snake_sim_ros.stepping.planar.equilibrium import (
     fill_grips,
     fill_momentum,
     place_links_in_plane,
 )
 from snake_sim_ros.stepping.planar.moreau import (
+    begin_planar_impact,
+    begin_predicted_yaw_axes,
     end_planar_velocities,
     held_point,
     is_planar,
+    joint_impulses_in_plane,
     keep_planar_sample,
     stop_impact,
+    yaw_axes_change,
 )
-from snake_sim_ros.stepping.planar.newton import PlanarNewton, solve_planar_contacts
-from snake_sim_ros.stepping.planar.warm_start import SECOND_CHANGE
+from snake_sim_ros.stepping.planar.solvers import (
+    PlanarNewton,
+    SECOND_CHANGE,
+    solve_planar_contacts,
+)
 from snake_sim_ros.stepping.pushes import add_pushes_in_plane, first_stretch, next_stretch, part_of
 from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import (
@@ -67,7 +68,7 @@ from snake_sim_ros.stepping.steps import (
 
 
 class PlanarMotion(NamedTuple):
-    """A state in the plane, as `bdf2_memory.Motion`."""
+    """A state in the plane, as `bdf2.motion.Motion`."""
 
     pose: Array  # (2,) x and y of the center of mass [m]
     heading: Array  # (n,) headings of the links [rad]
@@ -146,7 +147,7 @@ def keep_planar(motion, to):
 
 @merged
 def recognize_in_plane(model, work, q, u, memory):
-    """Take q and u as the state to go on from, as `bdf2_memory.recognize`."""
+    """Take q and u as the state to go on from, as `bdf2.motion.recognize`."""
     end = memory.end
     held_x, held_y = held_point(model, q)
     end.pose[0], end.pose[1] = q[0] + held_x, q[1] + held_y

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.contact.detection import make_patches, Patches
 from snake_sim_ros.contact.laws import Laws
-from snake_sim_ros.contact.patches import make_patches, Patches
-from snake_sim_ros.contact.table import make_table
+from snake_sim_ros.contact.problem import make_table
 from snake_sim_ros.dynamics.compilation import record_array
 from snake_sim_ros.dynamics.hinge_chain import HingeChain
 from snake_sim_ros.dynamics.joint_drift import CENTER_OF_MASS

@@ -5,13 +5,13 @@ A method of second order: two-step differences in place of the paper's midpoint.
 
 Deviation: the step of the paper takes its geometry at the middle, but friction, joint rates and
 constraints at the velocity of the end. It is therefore of first order. Here all are taken at the
-end, by BDF2 [1]_ with the steps of `parts`:
+end, by BDF2 [1]_ with the steps of `formula`:
 
     M u_E = M u_hat + h(q*, u*) h + W(q*) P,    x_E = x_hat + h x'(q*, u_E).
 
-The star marks the predicted end. The coordinates x are those of `joint_motion`, with which joints
-are closed exactly, so that nothing drifts. The contact laws are unchanged. They hold for u_E and
-are solved by Newton's method. Contacts that may close in the step take part with their gaps; see
+The star marks the predicted end. The coordinates x are those of `motion`, with which joints are
+closed exactly, so that nothing drifts. The contact laws are unchanged. They hold for u_E and are
+solved by Newton's method. Contacts that may close in the step take part with their gaps; see
 `events`. Those that neither carried load nor are closed at the predicted end are left out at
 first, and join where the solution without them would close them: a contact that does not push
 changes nothing. What a step leaves of the gaps of loaded contacts is closed by a move of the
@@ -20,8 +20,8 @@ repeated, first with the contacts that are in it, then with half of its length.
 
 The formula never differentiates across an event, which is any jump of the velocity: a contact that
 lands, however softly; a normal impulse beyond what forces make in a step (an impact without
-collision); the begin or the end of a push, where parts of a step end (see `pushes`); a sample of
-the control loop or a command that changes a held torque; or a state that is not the end of the
+collision); the beginning or the end of a push, where parts of a step end (see `pushes`); a sample
+of the control loop or a command that changes a held torque; or a state that is not the end of the
 step before (an impulse, another scene). The step after an event starts anew with
 
     u_hat = u_A, h = dt for velocities;    x_hat = x_A + dt/2 x'_A, h = dt/2 for coordinates,
@@ -30,50 +30,53 @@ which is exact for constant forces; for other forces each event adds an error of
 velocities of a given state violate the joints, the first part is the impact that corrects them:
 backward Euler, ``x_hat = x_A`` and h = dt for both. The next part then starts anew.
 
+Joint angles are coordinates of this method, so that a stop is exact: the rate of the end leads to
+the stop at most, ``w <= (limit - angle_hat)/h_q``; see `dynamics.joint_laws`. A joint that meets
+its stop lands as a contact does. The rate after the impact is that of a second solution, in which
+the impulses of controllers and friction stay what they are, and the stop holds with the bound 0.
+
 The same step in dense NumPy is in `test/oracle/bdf2.py`, to read beside these equations.
 
 .. [1] E. Hairer, G. Wanner, "Solving Ordinary Differential Equations II", 1996, ch. V; for steps
    of any ratio "... I", 1993, ch. III.5.
 """
 
+import math
 from typing import NamedTuple
 
-from snake_sim_ros.contact.detection import find_contacts, LANDING_SPEED
+from snake_sim_ros.contact.detection import find_contacts, LANDING_SPEED, penetration
 from snake_sim_ros.contact.directions import contact_velocities
+from snake_sim_ros.contact.laws import apply_selection_rule
 from snake_sim_ros.contact.newton import prepare_contacts, solve_prepared
-from snake_sim_ros.contact.penetration import penetration
-from snake_sim_ros.contact.selection import apply_selection_rule
-from snake_sim_ros.contact.solver import Problem
-from snake_sim_ros.dynamics.balance import link_inertia, smooth_momentum
+from snake_sim_ros.contact.problem import Problem
+from snake_sim_ros.dynamics.balance import joint_rates, link_inertia, smooth_momentum
 from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, merged
-from snake_sim_ros.dynamics.control_loop import held_torque, read_by_controllers, torques_jump
-from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
+from snake_sim_ros.dynamics.joint_control import held_torque, read_by_controllers, torques_jump
+from snake_sim_ros.dynamics.joint_laws import (
+    begin_axis,
+    begin_axis_impact,
+    controller_impulse,
+    first_law,
+    is_at_stop,
+    joint_laws_change,
+    MOST_CHANGES,
+    stop_axis,
+)
 from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.stepping.bdf2_axes import (
-    axes_change,
-    begin_axes,
-    begin_impact,
-    joints_meet_stops,
-)
-from snake_sim_ros.stepping.bdf2_end import (
-    DEEP,
-    deep_contacts_take_part,
-    forget_who_took_part,
-    place_end,
-)
-from snake_sim_ros.stepping.bdf2_memory import keep_state, recognize
-from snake_sim_ros.stepping.events import (
+from snake_sim_ros.stepping.bdf2.events import (
     add_approaching,
     closed_at_end,
+    DEEP,
+    deep_contacts_take_part,
     Events,
     events,
     find_end_gaps,
+    forget_who_took_part,
     leave_gaps,
     likely_to_push,
+    place_end,
 )
-from snake_sim_ros.stepping.joint_motion import formula, keep, keep_velocities, predict_end
-from snake_sim_ros.stepping.moreau import finish, turns_are_small
-from snake_sim_ros.stepping.parts import (
+from snake_sim_ros.stepping.bdf2.formula import (
     AFTER_EVENT,
     aligned_size,
     ANEW,
@@ -89,6 +92,15 @@ from snake_sim_ros.stepping.parts import (
     TICKS,
     UNKNOWN,
 )
+from snake_sim_ros.stepping.bdf2.motion import (
+    formula,
+    keep,
+    keep_state,
+    keep_velocities,
+    predict_end,
+    recognize,
+)
+from snake_sim_ros.stepping.moreau import finish, turns_are_small
 from snake_sim_ros.stepping.pushes import add_pushes, first_stretch, next_stretch, part_of
 from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import (
@@ -99,12 +111,77 @@ from snake_sim_ros.stepping.steps import (
     noted,
 )
 
-# Replaces `selection.PRESS_SPEED`, which is not small beside errors of second order: loads of a
+# Replaces `laws.PRESS_SPEED`, which is not small beside errors of second order: loads of a
 # flat robot follow the heights of its links through the stiff joints, so that these must not sink.
 PRESS_SPEED = 3e-8  # [m/s]
 
 # Where the controller may act. For both the method takes it at the end of the step.
 IMPLICIT_SCHEMES = ('average', 'end')
+
+
+@merged
+def begin_axes(laws, own, work, angle, h, h_q):
+    """
+    Begin a part with the laws of the joints; the chain has the controllers of its predicted end.
+
+    `angle`, shape (n-1, 2), are the joint angles at the start [rad]. A joint beyond its stop there
+    goes no further.
+    """
+    axes, chain = work.axes, work.chain
+    for j in range(len(axes.rate)):
+        for k in range(2):
+            axes.torque[j, k], axes.damping[j, k] = chain.torque[j, k], chain.damping[j, 2 * k]
+            axes.rate[j, k] = own.star.rate[j, k]
+            begin_axis(laws, axes, h, j, k)
+            if laws.stop < math.inf:
+                hat = own.hat.angle[j, k]
+                low = (min(-laws.stop, angle[j, k]) - hat) / h_q
+                high = (max(laws.stop, angle[j, k]) - hat) / h_q
+                stop_axis(laws, axes, j, k, low, high)
+            chain.torque[j, k], chain.damping[j, 2 * k] = first_law(laws.inertia, axes, j, k)
+
+
+@inlined
+def axes_change(laws, work, outcome, attempt, left, report):
+    """Return whether the laws of the joints ask for another solution, and prepare it."""
+    if not laws.present:
+        return False
+    chain = work.chain
+    joint_rates(work.R, chain.twist, work.axes.rate)
+    return joint_laws_change(
+        laws, work.axes, chain.torque, chain.damping[:, ::2], outcome, attempt, left, report
+    )
+
+
+@inlined
+def joints_meet_stops(laws, rate, work):
+    """
+    Return whether joints with rates (n-1, 2) meet their stops, and fill work.applied.
+
+    These are the impulses of the controllers in a part.
+    """
+    meets, axes, chain = False, work.axes, work.chain
+    for j in range(len(rate)):
+        for k in range(2):
+            work.applied[j, k] = chain.torque[j, k] - chain.damping[j, 2 * k] * rate[j, k]
+            if laws.present:
+                work.applied[j, k] = controller_impulse(axes, j, k)
+                meets = meets or is_at_stop(laws, axes, j, k)
+    return meets
+
+
+@inlined
+def begin_impact(laws, work):
+    """Fill the laws of the joints in an impact: the torques stay what they are."""
+    axes, chain = work.axes, work.chain
+    for j in range(len(work.applied)):
+        for k in range(2):
+            if laws.present:
+                chain.torque[j, k], chain.damping[j, 2 * k] = begin_axis_impact(
+                    laws, axes, j, k, chain.torque[j, k], chain.damping[j, 2 * k]
+                )
+            else:
+                chain.torque[j, k], chain.damping[j, 2 * k] = work.applied[j, k], 0.0
 
 
 @merged

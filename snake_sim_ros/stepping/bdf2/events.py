@@ -1,7 +1,7 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Contacts that close in a step, and jumps of the velocities that their impulses reveal.
+Contacts that close in a part of a step of `bdf2`, jumps of velocities, and the end of a part.
 
 Deviation: a contact with a gap takes part when it may close in the step, with the law
 ``gamma_N + (g - h gamma_N*)/h + compliance P_N >= 0``: the step ends with the gap closed, neither
@@ -11,17 +11,28 @@ lands is taken to stick for the whole step, which is off by dt times the jump of
 velocity. An impact gives the velocity afterwards: the contacts that closed are solved once more
 without their gaps, with joints that are free, since no spring or damper acts in no time. With
 forces of a whole step instead, its stiff controller would stop a robot with the link that lands.
+
+At the end of a part the gaps of loaded contacts are closed, and a part that ends with contacts
+deep in an obstacle is repeated with them.
 """
 
 from typing import NamedTuple
 
-from snake_sim_ros.contact.selection import IMPACT_WEIGHTS
-from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.contact.closing import close_gaps, gaps_to_close, left_gap
+from snake_sim_ros.contact.detection import find_contacts, gap_at
+from snake_sim_ros.contact.laws import IMPACT_WEIGHTS
+from snake_sim_ros.contact.newton import condense_anew
+from snake_sim_ros.contact.problem import Problem
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.kinematics import chain_coordinates, link_frames
+from snake_sim_ros.stepping.bdf2.motion import add_velocities, keep_velocities, reach_end
 
 # By its law a contact that carries load has no gap. Its gap is the error of integration, of third
 # order in dt. Up to RESTING_GAP its law is that of velocities alone, so that the error does not
 # become a velocity. Beyond, the contact is open, and may land.
 RESTING_GAP = 1e-4  # [m]
+DEEP = 1e-6  # penetration at the end of a step with which it is repeated [m]
+MOST_CLOSINGS = 3  # moves of the configuration in a step that close gaps
 
 
 @inlined
@@ -158,3 +169,62 @@ def add_closing(closed, count, contacts):
             closed[k], closed[count] = closed[count], a
             count += 1
     return count
+
+
+@merged
+def place_end(model, own, work, problem, count, h_q, was_deep, q_start):
+    """
+    Fill the coordinates at the end, with the gaps of the contacts closed that carry load.
+
+    The solver knows the first `count` contacts of the problem, and gets to know all that close.
+    If a contact is deep in an obstacle at the start, at q_start, all return to their depths there:
+    the step undoes no more than it did.
+    """
+    laws, closed, contacts, chain = problem
+    offset, radius, move = model.contact_offset, model.contact_radius, own.closing
+    for a in closed:
+        contacts.is_loaded[a] = contacts.impulse[a, 0] > 0.0
+        contacts.start_gap[a] = 0.0
+        if was_deep:
+            gap = gap_at(model.obstacles, offset, radius, q_start, contacts, a)
+            contacts.start_gap[a] = min(gap, 0.0)
+    for attempt in range(MOST_CLOSINGS + 1):
+        largest = gaps_to_close(closed, contacts)
+        if largest > left_gap(model.closed_gap) and attempt < MOST_CLOSINGS:
+            more = add_closing(closed, count, contacts)
+            closing = Problem(laws, closed[:more], contacts, chain)
+            if more > count:
+                count = more
+                condense_anew(work.operator, closing)
+            close_gaps(work.operator, closing, h_q)
+            keep_velocities(work, move)
+            add_velocities(move, own.moving)
+        elif attempt > 0:
+            break
+        reach_end(h_q, model.mass, own.star.pose, own.hat, own.moving)
+        chain_coordinates(model.half_length, model.mass, own.moving.pose, own.moving.angle, own.q)
+        for a in closed:
+            contacts.end_gap[a] = gap_at(model.obstacles, offset, radius, own.q, contacts, a)
+
+
+@compiled
+def deep_contacts_take_part(model, work, q):
+    """
+    Let contacts take part in a step that ends too deep at q, shape (n, 7).
+
+    Return whether any of those that are deep did not take part before.
+    """
+    found, contacts = False, work.contacts
+    link_frames(q[:, 3:], work.R)
+    count = find_contacts(model.obstacles, -DEEP, model, work, q)
+    for a in work.closed[:count]:
+        if contacts.takes_part[a] == 0:
+            contacts.takes_part[a], found = 1, True
+    return found
+
+
+@inlined
+def forget_who_took_part(contacts):
+    """Let contacts take part in the next part of a step by their gaps alone."""
+    for a in range(len(contacts)):
+        contacts.takes_part[a] = 0

@@ -1,53 +1,138 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-The algorithm of `contact.newton` for a robot that lies flat, with loads that follow from friction.
+The contact solvers of a robot that lies flat, with loads that follow from friction.
 
-For given loads, friction is a convex problem: its laws, linear about a trial velocity
-(`linear_laws`), join the inertia of the links, and one sweep over the chain solves them. Loads
-follow from friction and friction from loads. Both are iterated together, the loads one iteration
-behind. This converges if friction shifts loads by less than itself, as under long robots. A short
-or nearly straight robot may tip or roll first, and its step then does not converge.
-`natural_map.natural_map` judges the result, as for any other solver.
+**Newton's method**, as in `contact.newton`. For given loads, friction is a convex problem: its
+laws, linear about a trial velocity (`contact.linear_problem`), join the inertia of the links, and
+one sweep over the chain solves them. Loads follow from friction and friction from loads. Both are
+iterated together, the loads one iteration behind. This converges if friction shifts loads by less
+than itself, as under long robots. A short or nearly straight robot may tip or roll first, and its
+step then does not converge. `laws.natural_map` judges the result, as for any other solver. A step
+starts from the history of the last one, as in `contact.sweeps`.
+
+**Projections**: one contact after the other, as in `contact.gauss_seidel`, and all at once, the
+paper's iteration, as in `contact.prox_iteration`.
 """
 
 import math
 from typing import NamedTuple
 
 from snake_sim_ros.contact.admissible import anchor_disc
-from snake_sim_ros.contact.delassus import Delassus, solve_condensed
+from snake_sim_ros.contact.delassus import condensed_velocities, Delassus, solve_condensed
 from snake_sim_ros.contact.laws import (
     anchored_disc,
     anchored_side,
     changes_side,
     floor_disc,
     grip,
+    natural_map,
+    prox_ellipse,
+    prox_half_line,
+    sliding_bound,
     sliding_disc,
 )
-from snake_sim_ros.contact.line_search import law_error, line_search, move_trial
-from snake_sim_ros.contact.linear_laws import disc_law, linearize_disc, normal_law
-from snake_sim_ros.contact.natural_map import natural_map, sliding_bound
-from snake_sim_ros.contact.newton import find_radius_steps, INEXACT_ROUNDS, next_relaxation
-from snake_sim_ros.contact.solver import Outcome
-from snake_sim_ros.contact.table import SLIDING
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.contact.linear_problem import disc_law, linearize_disc, normal_law
+from snake_sim_ros.contact.newton import (
+    find_radius_steps,
+    INEXACT_ROUNDS,
+    law_error,
+    line_search,
+    move_trial,
+    next_relaxation,
+)
+from snake_sim_ros.contact.problem import Outcome, SLIDING
+from snake_sim_ros.contact.prox_iteration import copy_impulses
+from snake_sim_ros.contact.sweeps import project_sliding
+from snake_sim_ros.dynamics.compilation import compiled, Dispatched, inlined, merged
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges, solve_hinges
 from snake_sim_ros.stepping.planar.equilibrium import (
+    add_peg_law,
     condense_sliding,
     factor_bare,
     find_loads,
+    peg_velocities,
     planar_contact_velocities,
     planar_twists,
 )
-from snake_sim_ros.stepping.planar.pegs import add_peg_law, peg_velocities
-from snake_sim_ros.stepping.planar.solver import solve_in_plane
-from snake_sim_ros.stepping.planar.warm_start import predict_sliding, remember_sliding
 
+# Component of `change` in history for the change of the change of a load: nothing rolls here.
+SECOND_CHANGE = 3
 COUPLED_ITERATIONS = 4  # iterations before the radii are held
 MOST_COUPLED_ITERATIONS = 20  # of these, while the residual falls
 HELD_ITERATIONS = 30  # iterations with held radii, at most
 SLIDING_SHARE = 0.98  # share of the square of the radius beyond which friction slides
 STILL_SHARE = 0.1  # share of the tolerance up to which the velocity of a contact counts as zero
+
+
+@Dispatched
+def solve_in_plane(solver, model, work, closed, history, limit):
+    """
+    Solve the contacts of a step in the plane with the method of the type of `solver`.
+
+    This is `contact.problem.solve` for the plane, where the normal loads follow from the friction:
+    a method fills impulses and velocities in `work.contacts`, and `work.twist`; see `equilibrium`.
+
+    Parameters
+    ----------
+    solver : NamedTuple
+    model : PlanarModel
+    work : PlanarWorkspace
+    closed : ndarray, shape (k,)
+        Numbers of the closed contacts.
+    history : History
+        That of the last step; it is replaced by that of this step.
+    limit : int
+        Most iterations that it may take, at least 1.
+
+    Returns
+    -------
+    Outcome
+
+    """
+
+
+@inlined
+def predict_sliding(closed, contacts, history):
+    """Fill disc radii, trial and anchor: loads and velocities continue to change as they did."""
+    last, velocity, change = history.impulse, history.velocity, history.change
+    for a in closed:
+        P_N = last[a, 0]
+        contacts.disc_radius[a] = max(0.0, P_N + change[a, 0] + change[a, SECOND_CHANGE])
+        for k in range(3):
+            contacts.anchor[a, k] = last[a, k]
+        x, y = velocity[a, 1], velocity[a, 2]
+        next_x, next_y = x + change[a, 1], y + change[a, 2]
+        ahead = x * next_x + y * next_y > 0.0
+        x, y = (next_x, next_y) if ahead else (x, y)
+        known = P_N > 0.0
+        contacts.trial[a, 0] = 0.0 if known else contacts.gamma[a, 0]
+        contacts.trial[a, 1] = x if known else contacts.gamma[a, 1]
+        contacts.trial[a, 2] = y if known else contacts.gamma[a, 2]
+
+
+@merged
+def remember_sliding(closed, contacts, history):
+    """Fill the history with impulses, velocities and changes, 0 for open contacts."""
+    last, velocity, change = history.impulse, history.velocity, history.change
+    for a in closed:
+        contacts.is_closed[a] = 1
+        P_N = contacts.impulse[a, 0]
+        before = last[a, 0] > 0.0
+        difference = P_N - last[a, 0] if before else 0.0
+        change[a, SECOND_CHANGE] = difference - change[a, 0] if before else 0.0
+        change[a, 0] = difference
+        last[a, 0] = P_N
+        for k in range(1, 3):
+            gamma = contacts.gamma[a, k]
+            change[a, k] = gamma - velocity[a, k] if before else 0.0
+            velocity[a, k] = gamma
+            last[a, k] = contacts.impulse[a, k]
+    for a in range(len(contacts) if len(contacts) > len(closed) else 0):
+        if contacts.is_closed[a] == 0 and last[a, 0] > 0.0:
+            for j in range(5):
+                last[a, j] = velocity[a, j] = change[a, j] = 0.0
+        contacts.is_closed[a] = 0
 
 
 @inlined
@@ -294,7 +379,7 @@ class PlanarNewton(NamedTuple):
 @solve_in_plane.register(PlanarNewton)
 @inlined
 def solve_planar_contacts(solver, model, work, closed, history, limit):
-    """Solve the contacts of a step; see `solver.solve_in_plane`."""
+    """Solve the contacts of a step; see `solve_in_plane`."""
     laws, contacts, delassus = model.laws, work.contacts, solver.delassus
     predict_sliding(closed, contacts, history)
     begin_condensed_in_plane(model, work, delassus)
@@ -342,3 +427,95 @@ def end_condensed_in_plane(model, work, delassus):
     if delassus is not None:
         planar_twists(model, work)
         find_loads(model, work)
+
+
+@merged
+def sweep_in_plane(model, work, delassus, impulse, limit):
+    """
+    Sweep until the friction laws hold, with loads that follow from the friction.
+
+    They follow by half of their change: the load of a nearly straight robot changes by more than
+    its friction, and both would oscillate.
+    """
+    closed, contacts = work.closed, work.contacts
+    tolerance, rows = model.residual_tolerance, 3 * len(closed)
+    factor_bare(work)
+    condense_sliding(model, work, delassus)
+    iterations = 0
+    while True:
+        copy_impulses(closed, impulse, contacts)
+        condensed_velocities(closed, 3, contacts, delassus)
+        find_loads(model, work)
+        residual, printed = natural_map(model.laws, closed, contacts, tolerance)
+        if residual <= tolerance or iterations >= limit:
+            break
+        for k, a in enumerate(closed):
+            last = impulse[a, 0] if impulse[a, 0] > 0.0 else contacts.impulse[a, 0]
+            impulse[a, 0] = 0.5 * (last + contacts.impulse[a, 0])
+            radius = prox_half_line(impulse[a, 0]) * grip(model.laws.other, contacts, a)
+            G, gamma = delassus.operator, delassus.packed
+            project_sliding(model.laws, G, gamma, rows, 3 * k, impulse, a, radius)
+        iterations += 1
+    planar_twists(model, work)
+    for a in closed:
+        impulse[a, 0] = contacts.impulse[a, 0]
+    return Outcome(iterations, residual <= tolerance, residual, printed, False)
+
+
+class PlanarGaussSeidel(NamedTuple):
+    """Projected Gauss-Seidel iteration on the Delassus operator, with its arrays."""
+
+    delassus: Delassus
+
+
+@solve_in_plane.register(PlanarGaussSeidel)
+@inlined
+def solve_plane_with_sweeps(solver, model, work, closed, history, limit):
+    """Solve the contacts of a step; see `solve_in_plane`."""
+    return sweep_in_plane(model, work, solver.delassus, history.impulse, limit)
+
+
+@merged
+def prox_friction(model, work, impulse):
+    """Fill impulse as `contact.prox_iteration.prox_sweep` does, for known loads."""
+    laws, contacts = model.laws, work.contacts
+    normal = sliding = 0.0
+    for a in work.closed:
+        P_N, P_x, P_y = contacts.impulse[a, 0], contacts.impulse[a, 1], contacts.impulse[a, 2]
+        radius = prox_half_line(P_N)
+        radius *= grip(laws.other, contacts, a)
+        x, y = P_x - laws.r_T * contacts.gamma[a, 1], P_y - laws.r_T * contacts.gamma[a, 2]
+        disc = sliding_disc(laws, laws.other, a, x)
+        new_x, new_y = prox_ellipse(x, y, disc.mu_x * radius, disc.mu_y * radius)
+        normal += (P_N - impulse[a, 0]) ** 2
+        sliding += (new_x - P_x) ** 2 + (new_y - P_y) ** 2
+        impulse[a, 0], impulse[a, 1], impulse[a, 2] = P_N, new_x, new_y
+    return math.sqrt(normal) + math.sqrt(sliding)
+
+
+@merged
+def project_in_plane(model, work, impulse, limit):
+    """Iterate until the friction laws hold, with loads that follow from the friction."""
+    factor_bare(work)
+    iterations, change = 0, math.inf
+    while not change < model.tolerance and iterations < limit:
+        copy_impulses(work.closed, impulse, work.contacts)
+        planar_twists(model, work)
+        find_loads(model, work)
+        change = prox_friction(model, work, impulse)
+        iterations += 1
+    residual, printed = natural_map(model.laws, work.closed, work.contacts, 0.0)
+    return Outcome(iterations, change < model.tolerance, residual, printed, False)
+
+
+class PlanarProxIteration(NamedTuple):
+    """The paper's iteration; it needs no arrays of its own."""
+
+    no_arrays: None = None
+
+
+@solve_in_plane.register(PlanarProxIteration)
+@inlined
+def solve_plane_with_projections(solver, model, work, closed, history, limit):
+    """Solve the contacts of a step; see `solve_in_plane`."""
+    return project_in_plane(model, work, history.impulse, limit)

@@ -18,9 +18,9 @@ from snake_sim_ros.dynamics.code_cache import CodeCache
 # that are here twice: with it they are longer, for the methods that are most used.
 collect_ignore = []
 if not os.environ.get('NUMBA_DISABLE_JIT'):
-    collect_ignore += ['test_change.py', 'test_condensing.py', 'test_found.py']
-    collect_ignore += ['test_friction.py', 'test_one_step.py', 'test_self_contact.py']
-    collect_ignore += ['test_soft_impacts.py']
+    collect_ignore += ['contact/test_condensing.py', 'contact/test_friction.py']
+    collect_ignore += ['contact/test_self_contact.py', 'contact/test_soft_impacts.py']
+    collect_ignore += ['stepping/test_change.py', 'stepping/test_one_step.py', 'test_found.py']
 if find_spec('pydrake') is None:  # Drake needs Python 3.12
     collect_ignore.append('test_drake_runs.py')
 if find_spec('control_msgs') is None:  # it is not on PyPI; test_trajectory_action.py stands in

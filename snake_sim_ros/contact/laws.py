@@ -37,8 +37,8 @@ class Disc(NamedTuple):
     """Friction coefficients of one kind of friction, scaled to a disc; see `linear_problem`."""
 
     column: int  # of the first component in an impulse
-    mu_x: float
-    mu_y: float
+    mu_x: float  # coefficient along the link [1]
+    mu_y: float  # coefficient across it [1]
     over_x: float  # 1/mu_x and 1/mu_y; 0 where there is no friction
     over_y: float
     stiffness: float  # of the proximal point method, scaled; 0 without friction [kg]

@@ -737,7 +737,7 @@ def couple_pairs(again, closed, width, contacts, chain, pairs):
     Instead the chain is solved for a unit of every component of their impulses, which leaves a
     small dense problem. The impulses are corrected whenever the twists are. If they were solved
     for only once, they would keep what rounding left of the twists, 1e-7 m/s and more, and
-    Newton's method would circle there.
+    Newton's method would cycle there.
 
     Parameters
     ----------

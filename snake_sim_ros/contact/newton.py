@@ -50,7 +50,7 @@ from snake_sim_ros.scene.parameters import Array
 
 # Of normal impulses, relative to the largest one of a step. Estimates may be five times off.
 LOAD_ACCURACY = 2e-7
-USUAL_TOLERANCE = 1e-9  # a larger one of the residual asks for less accurate loads, too [m/s]
+USUAL_TOLERANCE = 1e-9  # a larger one relaxes the accuracy of the loads, too [m/s]
 # Contacts that stick without holding links against each other. On a flat floor two are as few: no
 # friction acts along a normal there, as it does where a link is wedged.
 FEW = 1
@@ -212,7 +212,7 @@ def is_negligible(laws, closed, contacts, residual, tolerance):
     Return whether any velocities up to a residual [m/s] leave the loads accurate.
 
     `laws`, `closed` and `contacts` are those of a `problem.Problem`. Without the selection rule
-    the loads are not unique, and every residual will do.
+    the loads are not unique, and any residual is enough.
     """
     if laws.compliance <= 1e-2 * laws.proximal_compliance:
         return True
@@ -293,7 +293,7 @@ def corrections_end(correction, before, wrong):
 @inlined
 def refines(laws, closed, contacts, residual, tolerance, best, before):
     """
-    Return whether an iteration of Newton goes on although its residual is within the tolerance.
+    Return whether Newton's method continues although its residual is within the tolerance.
 
     Parameters
     ----------
@@ -471,7 +471,7 @@ def begin_held(rounds, closed, contacts):
 @inlined
 def restart_radii(rounds, closed, contacts, pairs):
     """
-    Hold other radii if the rounds go in a circle: no friction, and later much of it everywhere.
+    Hold other radii if the rounds cycle: no friction, and later much of it everywhere.
 
     The rounds have a solution to converge to, but reach it only from some starts. Robots that fold
     onto themselves with friction of 0.6 and more reach it from one of these. Other robots have no

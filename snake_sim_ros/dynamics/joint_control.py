@@ -106,7 +106,7 @@ def implicit_pd_law(dt, angle, rate, reference, stiffness, damping):
 class ControlLoop(NamedTuple):
     """The numbers of the loop of a scene."""
 
-    present: bool  # whether controllers know less than everything, or follow torques
+    present: bool  # whether controllers have sampled or late inputs, or take torques as commands
     period: int  # steps from one reading of the encoders to the next; 0: they are read always
     hold: int  # steps from one reference that is taken to the next; 0: all are taken
     delay: int  # steps after which a reference counts

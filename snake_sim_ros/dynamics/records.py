@@ -203,7 +203,7 @@ def _array(context: Any, builder: Any, kind: Any, place: Any) -> Any:
 
 class BoundCall:
     """
-    A call of a compiled function with records that stay. The interpreter goes on beside it.
+    A call of a compiled function with records that stay. It releases the GIL.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ def path_tolerance(scene: Scene) -> float:
 
 
 def longest_step(scene: Scene, accuracy: float) -> float:
-    """Return the longest time for which one joint reference of the gait will do [s]."""
+    """Return the longest time for which one joint reference of the gait is enough [s]."""
     yaw, pitch = scene.gait.yaw.angular_frequency, scene.gait.pitch.angular_frequency
     fastest = max(abs(yaw), abs(pitch))
     if scene.gait.table:
@@ -92,7 +92,7 @@ def with_accuracy(
 
 def with_usual_steps(scene: Scene, given: Container[str], period: float) -> Scene:
     """
-    Return a scene with the steps that its accuracy asks for, if it has one.
+    Return a scene with the steps that its accuracy needs, if it has one.
 
     It has the usual accuracy if neither an accuracy nor one of STEPPING is given or differs from
     its default, and if the method for it can run the scene.

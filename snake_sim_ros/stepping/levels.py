@@ -117,7 +117,7 @@ class LevelMemory(NamedTuple):
 
 class LevelStepper:
     """
-    A stepper of the planar level while that is exact, else of the spatial one.
+    A stepper of the planar level while that is exact, and of the spatial one otherwise.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ class LevelStepper:
     def single_steps(
         self, state: State, history: History, pushes: PushTable
     ) -> SingleSteps | None:
-        """Return what goes on from the last call; None in a pause at the spatial level."""
+        """Return steps that continue the last call; None in a pause at the spatial level."""
         memory, is_planar = history.memory, history.settling[0] <= 0
         if history.settling[0] > self.settle_steps:
             return None
@@ -289,7 +289,7 @@ def what_is_told(angle: Array, rate: Array, pushes: PushTable = NO_PUSHES) -> st
     told = np.abs([angle[:, 1], rate[:, 1]])
     kind, j = np.unravel_index(int(told.argmax()), told.shape)
     value, unit = ((angle, 'rad'), (rate, 'rad/s'))[kind]
-    return f'joint_{j + 1}_pitch is told {value[j, 1]:.3g} {unit}'
+    return f'joint_{j + 1}_pitch is commanded to {value[j, 1]:.3g} {unit}'
 
 
 class FlatStepper:
@@ -337,7 +337,7 @@ class FlatStepper:
     def single_steps(
         self, state: State, history: History, pushes: PushTable
     ) -> SingleSteps | None:
-        """Return what goes on from a state and its history; see `steps.SingleSteps`."""
+        """Return steps that continue from a state and its history; see `steps.SingleSteps`."""
         return self.planar.single_steps(state, history, pushes)
 
 

@@ -47,17 +47,17 @@ class Model(NamedTuple):
     contact_radius: Array  # (n,) [m]
     stiffness: Array  # (n-1, 2) of the joints (yaw, pitch) [N m/rad]
     damping: Array  # (n-1, 2) [N m s/rad]
-    joint_laws: JointLaws
-    control: ControlLoop
+    joint_laws: JointLaws  # of all axes
+    control: ControlLoop  # of the robot
     gravity: Array  # (3,) in I [m/s^2]
-    laws: Laws
+    laws: Laws  # of the contacts
     closed_gap: float  # gap up to which a contact counts as closed [m]
     dt: float  # [s]
     tolerance: float  # [N s]
     residual_tolerance: float  # [m/s]
-    iteration_limit: int
+    iteration_limit: int  # of a step
     pd_scheme: int  # index in PD_SCHEMES
-    path_tolerance: float  # error that a step may make in the path [m]; 0: steps are not chosen
+    path_tolerance: float  # error that a step may make in the path [m]; 0: steps are not divided
     drift_correction: int  # index in DRIFT_CORRECTIONS
     settle_steps: int  # steps to lie flat and still before the loop ends; 0: it does not end so
     obstacles: Obstacles | None  # None: a flat floor
@@ -70,12 +70,12 @@ class Workspace(NamedTuple):
     R: Array  # (n, 3, 3) link frames in I
     omega: Array  # (n, 3) angular velocities at the start of the step, in I [rad/s]
     center: Array  # (n, 3) link centers from O, the center of the middle link, in I [m]
-    coordinate: Array  # (2, n-1, 2, 2) joint (yaw, pitch) x (angle, rate), at start and middle
+    coordinate: Array  # (2, n-1, 2, 2) start and middle x joint x (yaw, pitch) x (angle, rate)
     torque: Array  # (n-1, 2) impulse of the controller, without its implicit part [N m s]
     damping: Array  # (n-1, 2) implicit part of the controller, times dt [N m s^2]
     applied: Array  # (n-1, 2) impulse of the controller with its implicit part [N m s]
-    axes: AxisLaws
-    chain: Chain
+    axes: AxisLaws  # laws of the joint axes in this step
+    chain: Chain  # the links as a tree, about O
     closed: Array  # (c,) begins with the numbers of the closed contacts
     operator: Operator  # of the contacts, for `bdf2`
     contacts: Any  # (c,) table of all contacts, see `contact.problem`

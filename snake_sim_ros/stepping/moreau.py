@@ -108,7 +108,7 @@ def begin_step(model, work, steps, k):
 
 @inlined
 def solve_again(model, work, outcome, attempt, left, report):
-    """Return whether the laws of the joints ask for another solution, and prepare it."""
+    """Return whether the laws of the joints need another solution, and prepare it."""
     chain = work.chain
     joint_rates(work.R, chain.twist, work.axes.rate)
     if not model.joint_laws.present or not joint_laws_change(

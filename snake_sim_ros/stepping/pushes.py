@@ -350,7 +350,7 @@ class Pushes:
         self._waiting.append(make_push(link, force, torque, turns, 0.0, duration / self._dt))
 
     def clear(self) -> None:
-        """End the pushes that began meanwhile; those of the scene go on."""
+        """End the pushes that began since; those of the scene continue."""
         self._waiting = [
             make_push(link, NOTHING, NOTHING, False, 0.0, 1.0) for link in self._begun
         ]

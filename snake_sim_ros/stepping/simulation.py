@@ -194,7 +194,7 @@ class Simulation:
         self.reset()
 
     def reset(self) -> None:
-        """Return the robot to the start of the scene; time goes on."""
+        """Return the robot to the start of the scene; time continues."""
         self._go_on_from(initial_state(self.scene), self.stepper.empty_history())
         axes = (self.scene.robot.link_count - 1, 2)
         self.report = self.last = Report(joint_torque=np.zeros(axes))
@@ -212,7 +212,7 @@ class Simulation:
         levels : sequence of str, optional
             Those that are compiled, if the scene may have them.
         single : bool, optional
-            Whether calls with one step are compiled as well, or else at the second such call.
+            Whether calls with one step are compiled as well, otherwise at the second such call.
 
         """
         begin = time.perf_counter()

@@ -82,7 +82,7 @@ class SpatialStepper:
     def single_steps(
         self, state: State, history: History, pushes: PushTable, pitch: int = ANY_PITCH
     ) -> SingleSteps:
-        """Return what goes on from a state and its history; see `steps.SingleSteps`."""
+        """Return steps that continue from a state and its history; see `steps.SingleSteps`."""
         end = End(
             state=lambda steps: State(steps.q.copy(), steps.u.copy()),
             history=lambda steps: copied(steps.history),

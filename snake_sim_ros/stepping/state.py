@@ -167,7 +167,7 @@ def check_state(links: int, contacts: int, state: State, history: History) -> No
 
 def check_history(links: int, empty: History, state: State, history: History) -> None:
     """
-    Check what a stepper goes on from; `links` and `empty` are those of the stepper.
+    Check what a stepper continues from; `links` and `empty` are those of the stepper.
 
     Raises
     ------

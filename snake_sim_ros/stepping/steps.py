@@ -5,8 +5,8 @@ The steps that a compiled loop takes, its report, and steps that are taken one a
 
 `SingleSteps` are those of `base.Stepper.advance`, to the bit, as a controller in Python takes
 them. `advance` checks and copies what it is given, chooses a level, and makes a new state. Single
-steps stay in memory: the compiled loop goes on from where it ended, as long as nothing but a step
-like the last one is asked for.
+steps stay in memory: the compiled loop continues from where it ended, as long as nothing but a
+step like the last one is requested.
 """
 
 from collections.abc import Callable, Iterable
@@ -30,11 +30,11 @@ REPORT = np.dtype(
         ('iterations_max', np.int64),
         ('unconverged', np.int64),
         ('fallbacks', np.int64),
-        ('residual_max', float),
-        ('printed_residual_max', float),
-        ('penetration_max', float),
-        ('joint_gap_max', float),
-        ('joint_twist_max', float),
+        ('residual_max', float),  # [m/s]
+        ('printed_residual_max', float),  # [m/s]
+        ('penetration_max', float),  # [m]
+        ('joint_gap_max', float),  # [m]
+        ('joint_twist_max', float),  # [1]
         ('further_parts', np.int64),
         ('contacts', np.int64),
         ('failed_link', np.int64),  # link, from 1, that would turn too far; 0 for none
@@ -60,8 +60,8 @@ class Record(NamedTuple):
 
     every: int  # steps from one sample to the next; 0: nothing is kept
     first: int  # steps up to the first sample
-    q: Array
-    u: Array
+    q: Array  # (m, *q.shape)
+    u: Array  # (m, *u.shape)
     torque: Array  # (m, n-1, 2) of the step before a sample [N m]
     impulse: Array  # (m, contacts, 5) of the step before a sample [N s]
     span: Array  # (m,) time for which these acted [s]
@@ -76,14 +76,14 @@ class Steps(NamedTuple):
     """
 
     q: Array  # (n, 7) as in `state.State`; in the plane (n+2,) as in `planar.model.PlanarMemory`
-    u: Array  # (n, 6), in the plane (n, 3)
+    u: Array  # (n, 6) as in `state.State`; in the plane (n, 3)
     history: History
     angle: Array  # (steps, n-1, 2) joint references at the middle of every step [rad]
     rate: Array  # (steps, n-1, 2) [rad/s]
     report: Any  # (1,) a record of REPORT
     cycles: Array  # (steps+1,) time stamps before and after every step
-    record: Record
-    pushes: PushTable
+    record: Record  # samples that the loop keeps
+    pushes: PushTable  # forces from outside in these steps
 
 
 def make_steps(
@@ -206,20 +206,20 @@ class End(NamedTuple):
 
 
 class Next(NamedTuple):
-    """The step that is asked for, and for which a loop is right."""
+    """The requested step, and the kind of steps that a loop takes."""
 
-    pitch: int  # the steps for which it is: ANY_PITCH, NO_PITCH or PITCH
+    pitch: int  # steps that the loop takes: ANY_PITCH, NO_PITCH or PITCH
     settles: bool  # whether the robot must yet lie flat before it is planar; see `state.History`
-    angle: Array  # (1, n-1, 2) as in `steps.Steps`
-    rate: Array  # (1, n-1, 2)
-    settling: Array  # (1,)
-    report: Any  # (1,)
-    pushes: PushTable
+    angle: Array  # (1, n-1, 2) as in `Steps` [rad]
+    rate: Array  # (1, n-1, 2) [rad/s]
+    settling: Array  # (1,) as in `state.History`
+    report: Any  # (1,) a record of REPORT
+    pushes: PushTable  # as in `Steps`
 
 
 @compiled
 def begin_one(following):
-    """Empty the report for the `Next` step; return 1 if the loop is right for it, or 0."""
+    """Empty the report for the `Next` step; return 1 if the loop can take it, or 0."""
     if following.pitch != ANY_PITCH:
         angle, rate, largest = following.angle, following.rate, 0.0
         for j in range(angle.shape[1]):
@@ -234,7 +234,7 @@ def begin_one(following):
 
 
 class Given:
-    """A record that was given away, and what its arrays were then."""
+    """A record that was returned to the caller, and what its arrays were then."""
 
     def __init__(self, record: State | History, arrays: Iterable[Array]) -> None:
         self.record, self.arrays = record, tuple(arrays)
@@ -251,7 +251,7 @@ class Given:
 
 class SingleSteps:
     """
-    The loop of one level, which goes on from its last step by one step at a time.
+    The loop of one level, which continues from its last step one step at a time.
 
     Parameters
     ----------

@@ -37,10 +37,10 @@ CONSISTENT_SPEED = 1e-9  # largest speed of joint gaps at which velocities fit t
 class Motion(NamedTuple):
     """A state in joint coordinates, and the velocities of all links that belong to it."""
 
-    pose: Array  # (7,) center of mass, and Euler parameters of the middle link
+    pose: Array  # (7,) center of mass [m, frame I], and Euler parameters of the middle link
     angle: Array  # (n-1, 2) joint angles (yaw, pitch) [rad]
     rate: Array  # (n-1, 2) their rates [rad/s]
-    u: Array  # (n, 6) velocities of the links
+    u: Array  # (n, 6) velocities of the links [m/s, frame I], [rad/s, frame B]
 
 
 def make_motion(n: int) -> Motion:
@@ -187,7 +187,7 @@ class Bdf2Memory(NamedTuple):
 
     end: Motion  # state at its end
     start: Motion  # state at its start
-    q: Array  # (n, 7) coordinates at its end
+    q: Array  # (n, 7) coordinates at its end [m, frame I], [1]
     reference_rate: Array  # (n-1, 2) rates of the joint references [rad/s]
     dt: Array  # (1,) its length [s]
     span: Array  # (1,) time for which its impulses acted [s], 0 before the first step
@@ -218,7 +218,7 @@ class Bdf2Arrays(NamedTuple):
     end_rate: Array  # (n-1, 2) [rad/s]
     kept: Array  # (3, contacts, 5) history before a part of the step
     q_start: Array  # (n, 7) state at the start of the step of the scene
-    u_start: Array  # (n, 6)
+    u_start: Array  # (n, 6) and its velocities [m/s, frame I], [rad/s, frame B]
 
 
 def make_memory(n: int) -> Bdf2Memory:
@@ -252,7 +252,7 @@ def keep_state(q, u, q_to, u_to):
 @compiled
 def recognize(model, work, q, u, memory):
     """
-    Take q (n, 7) and u (n, 6) as the state to go on from, if it is not the end of the last step.
+    Take q (n, 7) and u (n, 6) as the state to continue from, unless the last step ended in it.
 
     The phase is then UNKNOWN if the velocities do not fit the joints, else ANEW.
     """

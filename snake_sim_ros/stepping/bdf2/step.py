@@ -143,7 +143,7 @@ def begin_axes(laws, own, work, angle, h, h_q):
 
 @inlined
 def axes_change(laws, work, outcome, attempt, left, report):
-    """Return whether the laws of the joints ask for another solution, and prepare it."""
+    """Return whether the laws of the joints need another solution, and prepare it."""
     if not laws.present:
         return False
     chain = work.chain

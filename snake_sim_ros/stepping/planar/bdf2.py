@@ -78,13 +78,13 @@ class PlanarMotion(NamedTuple):
 class PlanarBdf2Memory(NamedTuple):
     """What the method keeps of the last step, besides `model.PlanarMemory`; as `Bdf2Memory`."""
 
-    end: PlanarMotion
-    start: PlanarMotion
-    reference_rate: Array  # (n-1, 2)
-    dt: Array  # (1,)
-    span: Array  # (1,)
-    phase: Array  # (1,)
-    ticks: Array  # (1,)
+    end: PlanarMotion  # state at its end
+    start: PlanarMotion  # state at its start
+    reference_rate: Array  # (n-1, 2) rates of the joint references [rad/s]
+    dt: Array  # (1,) its length [s]
+    span: Array  # (1,) time for which its impulses acted [s], 0 before the first step
+    phase: Array  # (1,) UNKNOWN, ANEW or SMOOTH
+    ticks: Array  # (1,) length of the next step, in parts of a step of the scene
 
     def last_span(self) -> float:
         """Return the time for which the last impulses acted [s], 0 before the first step."""
@@ -94,14 +94,14 @@ class PlanarBdf2Memory(NamedTuple):
 class PlanarBdf2Arrays(NamedTuple):
     """Arrays that a step fills besides `model.PlanarWorkspace`, as `Bdf2Arrays`."""
 
-    hat: PlanarMotion
+    hat: PlanarMotion  # what the formula combines of the states before
     star: PlanarMotion  # velocities at the predicted end; the rest is not used
-    end: PlanarMotion
+    end: PlanarMotion  # end of the step
     before: PlanarMotion  # start of the step of the scene, for one that is not taken
     moving: Array  # (n, 3) velocities that move the coordinates: those of end before an impact
-    end_angle: Array  # (n-1, 2)
-    end_rate: Array  # (n-1, 2)
-    kept: Array  # (3, contacts, 5)
+    end_angle: Array  # (n-1, 2) joint references at the end [rad]
+    end_rate: Array  # (n-1, 2) [rad/s]
+    kept: Array  # (3, contacts, 5) history before a part of the step
     solver: PlanarNewton
 
 
@@ -147,7 +147,7 @@ def keep_planar(motion, to):
 
 @merged
 def recognize_in_plane(model, work, q, u, memory):
-    """Take q and u as the state to go on from, as `bdf2.motion.recognize`."""
+    """Take q and u as the state to continue from, as `bdf2.motion.recognize`."""
     end = memory.end
     held_x, held_y = held_point(model, q)
     end.pose[0], end.pose[1] = q[0] + held_x, q[1] + held_y

@@ -110,14 +110,14 @@ def begin_yaw_axis(model, work, j, h, rate):
 
 @inlined
 def first_yaw_law(model, work, j):
-    """Fill torque and damping of yaw joint j to begin with."""
+    """Fill the first torque and damping of yaw joint j."""
     laws = model.joint_laws
     work.torque[j], work.chain.damping[j] = first_law(laws.inertia, work.axes, j, 0)
 
 
 @inlined
 def yaw_axes_change(model, work, outcome, attempt, left, report):
-    """Return whether the laws of the joints ask for another solution, and prepare it."""
+    """Return whether the laws of the joints need another solution, and prepare it."""
     n, laws = len(work.twist), model.joint_laws
     if not laws.present:
         return False

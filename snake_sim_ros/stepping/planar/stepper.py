@@ -216,7 +216,7 @@ class PlanarStepper:
         self, state: State, history: History, pushes: PushTable
     ) -> SingleSteps | None:
         """
-        Return what goes on from a state and its history; see `steps.SingleSteps`.
+        Return single steps that continue from a state and its history; see `steps.SingleSteps`.
 
         It is None if the step before was not planar, or if the loop is not compiled.
         """
@@ -228,7 +228,7 @@ class PlanarStepper:
     def going_on(
         self, state: State, history: History, pushes: PushTable, q: Array, u: Array, tilt: Array
     ) -> SingleSteps:
-        """Return what goes on from planar coordinates, at the heights of a state."""
+        """Return single steps that continue from planar coordinates, at the heights of a state."""
         n, height = len(u), state.q[:, 2].copy()
 
         def remembered(steps: Steps) -> History:
@@ -241,7 +241,7 @@ class PlanarStepper:
         return SingleSteps(self, q, u, history, none, pushes, NO_PITCH, end)
 
     def prepare(self, state: State, *, single: bool) -> None:
-        """Compile what is around the loop, and single steps if they are asked for."""
+        """Compile what is around the loop, and single steps if requested."""
         half, height = self.model.half_length, state.q[:, 2]
         history = self.empty_history()
         memory = history.memory

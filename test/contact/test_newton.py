@@ -36,7 +36,7 @@ from snake_sim_ros.stepping.state import initial_state, named_arrays
 RESIDUAL = 1e-9  # m/s, the tolerance of all scenes
 # Steps that do not converge, far beyond Painleve's threshold (0.978 for one link and lower with
 # impulses from the joints) or with rolling friction, and where it is said with what residual.
-DOCS = Path(__file__).parents[1] / 'docs' / 'hard_steps.md'
+DOCS = Path(__file__).parents[2] / 'docs' / 'hard_steps.md'
 ROW = re.compile(r'\| `(.*?)` *\| `(.*?)` *\| (\S+) *\| (\S+) *\|')
 LEFT_OPEN = {
     (name, method): float(most) for name, method, _, most in ROW.findall(DOCS.read_text('utf-8'))

@@ -126,7 +126,7 @@ def level_by_level(scene, state, history, angle, rate):
 
 
 def burst(scene, start, steps, told, size):
-    """Return references of a gait whose first pitch joint is told an angle for a few steps."""
+    """Return references of a gait whose first pitch joint is commanded for a few steps."""
     angle, rate = references(scene, steps, start)
     for first, last in told:
         angle[first:last, 0, 1] = size
@@ -143,7 +143,7 @@ def test_a_pitch_reference_takes_the_step_to_space(method):
     assert before[2].level == 'planar'
     after = make_stepper(scene).advance(state, history, angle, rate)
     assert (after[2].level, after[2].planar_steps, after[2].steps) == ('spatial', 2, 4)
-    assert after[2].left == 'joint_1_pitch is told 0.02 rad'
+    assert after[2].left == 'joint_1_pitch is commanded to 0.02 rad'
     spatial = make_stepper(replace(scene, level='spatial'))
     contacts = before[1]._replace(settling=np.zeros(1), memory=spatial.empty_history().memory)
     end, _, _ = spatial.advance(before[0], contacts, angle[2:], rate[2:])
@@ -416,7 +416,7 @@ FALLING[1, 2] = -2e-3
         (raised(FLAT_Q, -2e-4), REST, 0.0, 'link 1 has a gap of -0.0002 m to the floor'),
         (rolled(FLAT_Q, 0.01), REST, 0.0, 'link 1 is rolled by 0.01 rad'),
         (FLAT_Q, FALLING, 0.0, 'link 2 moves vertically at 0.002 m/s'),
-        (FLAT_Q, REST, 0.1, 'joint_2_pitch is told 0.1 rad'),
+        (FLAT_Q, REST, 0.1, 'joint_2_pitch is commanded to 0.1 rad'),
     ],
     ids=['in the air', 'in the floor', 'rolled', 'falling', 'told'],
 )

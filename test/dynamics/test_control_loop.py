@@ -4,9 +4,9 @@
 
 from dataclasses import replace
 
+from hinges import AXES, DT, EVERY, floating, hinge, of_joint
 import numpy as np
 import pytest
-from test_joint_laws import AXES, DT, EVERY, floating, hinge, of_joint
 
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, Robot, with_settings

@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 import re
 
+from hinges import AXES, DT, EVERY, floating, hinge, of_joint
 import numpy as np
 from processes import python
 import pytest
@@ -22,45 +23,16 @@ from snake_sim_ros.scene.parameters import (
     Wave,
     with_settings,
 )
-from snake_sim_ros.scene.posture import chain_coordinates, joint_angles, joint_rates
+from snake_sim_ros.scene.posture import chain_coordinates, joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import make_stepper, METHODS, what_is_not_planar
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.state import State
 
-ROOT = Path(__file__).resolve().parent.parent
-AXES = {'yaw': 0, 'pitch': 1}
-EVERY = [(method, axis) for method in METHODS for axis in AXES]
-DT = 1e-3
+ROOT = Path(__file__).resolve().parents[2]
 # The rate of a joint that is held is rounded in sweeps over links, or in dense matrices.
 HELD = 1e-10  # rad/s
-
-
-def floating(method: str, **robot: object) -> Scene:
-    """Return two links without gravity, whose joints no controller holds unless it is given."""
-    free = dict.fromkeys(('yaw_stiffness', 'yaw_damping', 'pitch_stiffness', 'pitch_damping'), 0.0)
-    return Scene(
-        robot=Robot(link_count=2, joint_limit=0.5, **free | robot),
-        gravity=(0.0, 0.0, 0.0), method=method, dt=DT, level='spatial',
-        solver=Solver(tolerance=1e-13),
-    )  # fmt: skip
-
-
-def hinge(scene: Scene, axis: str, rate: float) -> State:
-    """
-    Return a straight robot of two links whose links turn against each other, 1 m above the floor.
-
-    The centers of the links do not move across it: each link turns about its own center.
-    """
-    q = chain_coordinates(scene.robot, np.zeros((1, 2)))
-    q[:, 2] += 1.0
-    u = np.zeros((2, 6))
-    column = 4 if axis == 'yaw' else 3  # e_y is up, and e_x across
-    u[:, column] = -rate / 2, rate / 2
-    if joint_rates(q, u)[0, AXES[axis]] * rate < 0.0:
-        u[:, column] *= -1.0
-    return State(q, u)
 
 
 def steps(
@@ -73,12 +45,6 @@ def steps(
     state, _, report = stepper.advance(state, stepper.empty_history(), references, zeros)
     assert report.unconverged == 0 and not report.failure
     return state, report
-
-
-def of_joint(state: State, axis: str) -> tuple[float, float]:
-    """Return angle and rate of the joint."""
-    k = AXES[axis]
-    return joint_angles(state.q)[0, k], joint_rates(state.q, state.u)[0, k]
 
 
 @pytest.mark.parametrize(('method', 'axis'), EVERY)

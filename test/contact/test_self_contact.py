@@ -42,7 +42,7 @@ def folded():
     earlier solver gave up: it solved once for impulses of links on each other, and corrected only
     what these left of the balance of momentum.
     """
-    with np.load(Path(__file__).parent / 'data' / 'folded.npz') as file:
+    with np.load(Path(__file__).parents[1] / 'data' / 'folded.npz') as file:
         links, settings, numbers = (file[key] for key in ('links', 'settings', 'numbers'))
     steps, start = [], 0
     for n, (along, across, rolling, mu, stiffness, damping, dt) in zip(

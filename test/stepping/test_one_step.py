@@ -3,13 +3,16 @@
 """
 One step of two or three links against the dense step: the first verdict on an edit of the physics.
 
-It takes some seconds without the compiler: NUMBA_DISABLE_JIT=1 ./run test test/test_one_step.py
+It takes some seconds without the compiler:
+
+    NUMBA_DISABLE_JIT=1 ./run test test/stepping/test_one_step.py
 """
 
 from dataclasses import replace
 
 from dense_step import dense_step
 from flat_states import crooked, flat_robot
+from hinges import AXES, floating, hinge, of_joint
 import numpy as np
 from obstacle_scenes import (
     check_agreement,
@@ -33,7 +36,6 @@ from test_bdf2_reference import (
     random_case,
     with_laws_of_joints,
 )
-from test_joint_laws import AXES, floating, hinge, of_joint
 from test_planar import EXACT, HELD
 
 from snake_sim_ros.contact.closing import gaps_to_close, MOST_CLOSED

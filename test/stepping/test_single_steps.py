@@ -48,7 +48,7 @@ def both(scene, angle, rate):
 
 
 def lifted(scene, steps, lifts):
-    """Return joint references in which a pitch joint is told to lift in some steps."""
+    """Return joint references in which a pitch joint is commanded to lift in some steps."""
     angle, rate = references(scene, steps)
     for first, last in lifts:
         angle[first:last, 4, 1] = 0.003

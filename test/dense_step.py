@@ -9,13 +9,9 @@ from oracle import moreau
 
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.detection import reach_of_step
-from snake_sim_ros.contact.selection import (
-    LEAST_COMPLIANCE,
-    selection_center,
-    selection_compliance,
-)
+from snake_sim_ros.contact.laws import LEAST_COMPLIANCE, selection_center, selection_compliance
 from snake_sim_ros.dynamics import force_directions
-from snake_sim_ros.dynamics.control_loop import make_control_memory
+from snake_sim_ros.dynamics.joint_control import make_control_memory
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import rotation_matrices

@@ -12,7 +12,7 @@ import pytest
 from random_states import free_links, random_robot, rate_of
 from scenes import DT, first_steps, references
 
-from snake_sim_ros.contact.selection import PRESS_SPEED
+from snake_sim_ros.contact.laws import PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import scene_contacts
 from snake_sim_ros.scene import gait, obstacles
 from snake_sim_ros.scene.parameters import (

@@ -16,10 +16,10 @@ from oracle.bdf2 import motion_of, moved
 from scenes import whole_steps
 
 from snake_sim_ros.contact.closing import closed_gap
-from snake_sim_ros.contact.selection import PRESS_SPEED
+from snake_sim_ros.contact.laws import PRESS_SPEED
 from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.stepping import bdf2, bdf2_memory, parts
-from snake_sim_ros.stepping.joint_motion import Motion
+from snake_sim_ros.stepping.bdf2 import formula, motion, step as bdf2
+from snake_sim_ros.stepping.bdf2.motion import Motion
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.state import History, State
 
@@ -31,20 +31,20 @@ def span(scene: Scene) -> float:
 
 def of_two_states(history: History) -> bool:
     """Return whether the next step of `bdf2` uses the formula of two states."""
-    return bool(history.memory.phase[0] == parts.SMOOTH)
+    return bool(history.memory.phase[0] == formula.SMOOTH)
 
 
 def in_motion(scene: Scene, before: Motion, state: State) -> History:
     """Return a history without contacts, of a robot that came from a motion to a state."""
-    memory = bdf2_memory.Bdf2Memory(
+    memory = motion.Bdf2Memory(
         end=motion_of(scene.robot, state),
         start=before,
         q=state.q.copy(),
         reference_rate=np.zeros((scene.robot.link_count - 1, 2)),
         dt=np.array([scene.dt]),
         span=np.array([span(scene)]),
-        phase=np.array([parts.SMOOTH]),
-        ticks=np.array([float(parts.TICKS)]),
+        phase=np.array([formula.SMOOTH]),
+        ticks=np.array([float(formula.TICKS)]),
         depth=np.array([dense_bdf2.depth_of(scene, state)]),
     )
     return empty_history(scene)._replace(memory=memory)

@@ -16,10 +16,10 @@ from snake_sim_ros.recording.recorded_runs import read_npz
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
+from snake_sim_ros.stepping.accuracy import with_usual_steps
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.trajectory import Trajectory
-from snake_sim_ros.stepping.usual_steps import with_usual_steps
 from snake_sim_ros.studies import workers
 from snake_sim_ros.studies.journal import Journal, journal_of
 from snake_sim_ros.studies.metrics import METRICS, USUAL_METRICS

@@ -21,7 +21,7 @@ from snake_sim_benchmarks.comparison.artefacts import (
 )
 from snake_sim_benchmarks.comparison.csv_tables import read_table
 from snake_sim_benchmarks.comparison.timed_run import trajectory_of_states
-from snake_sim_ros.contact.selection import PRESS_SPEED
+from snake_sim_ros.contact.laws import PRESS_SPEED
 from snake_sim_ros.stepping.base import Report
 
 OURS, REGULARIZED, PYRAMID = ('newton', ''), 'semi_implicit_euler', ('pyramid', '')

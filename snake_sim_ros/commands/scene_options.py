@@ -10,9 +10,8 @@ from snake_sim_ros.gaits.blending import check_reach
 from snake_sim_ros.scene.checked_records import from_mapping, ParameterError, quoted
 from snake_sim_ros.scene.files import find_file, parse_yaml, read_mapping
 from snake_sim_ros.scene.parameters import by_dotted_names, load_scene, Robot, Scene, with_settings
-from snake_sim_ros.stepping.accuracy import USUAL_ACCURACY
+from snake_sim_ros.stepping.accuracy import STEPPING, USUAL_ACCURACY, with_usual_steps
 from snake_sim_ros.stepping.methods import AUTO, METHODS
-from snake_sim_ros.stepping.usual_steps import STEPPING, with_usual_steps
 
 # The cases A to D of the paper.
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')

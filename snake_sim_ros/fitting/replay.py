@@ -28,9 +28,9 @@ from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, q
 from snake_sim_ros.scene.parameters import Array, Scene, with_settings
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
-from snake_sim_ros.stepping import bdf2
 from snake_sim_ros.stepping.accuracy import RESIDUAL
 from snake_sim_ros.stepping.base import Stepper
+from snake_sim_ros.stepping.bdf2 import step as bdf2
 from snake_sim_ros.stepping.levels import is_vertical
 from snake_sim_ros.stepping.methods import make_stepper, share_compiled, what_is_not_planar
 from snake_sim_ros.stepping.samples import make_samples

@@ -47,7 +47,7 @@ from snake_sim_ros.nodes.stamps import seconds_from
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
 from snake_sim_ros.nodes.turns import Turns
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.stepping.efforts import command_effort, commanded_effort
+from snake_sim_ros.stepping.controlled import command_effort, commanded_effort
 from snake_sim_ros.stepping.levels import is_vertical, what_is_told
 from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.simulation import Simulation

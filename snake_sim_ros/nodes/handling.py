@@ -27,7 +27,7 @@ from snake_sim_ros.recording.sensors import link_index
 from snake_sim_ros.scene.checked_records import ParameterError, quoted
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.rotations import FLAT, product
-from snake_sim_ros.stepping.placing import place
+from snake_sim_ros.stepping.controlled import place
 from snake_sim_ros.stepping.simulation import Simulation
 
 TURN = np.array([0.0, 0.0, 0.0, 1.0])  # half a turn about z, from the middle link to the base

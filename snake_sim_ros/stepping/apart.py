@@ -11,20 +11,19 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.contact.admissible import without_gain
-from snake_sim_ros.contact.line_search import line_search
+from snake_sim_ros.contact.laws import natural_map
 from snake_sim_ros.contact.linear_problem import linear_step
-from snake_sim_ros.contact.natural_map import natural_map
-from snake_sim_ros.contact.newton import Newton
-from snake_sim_ros.contact.solver import Outcome, Problem, solve
-from snake_sim_ros.dynamics.bound_call import compile_call
+from snake_sim_ros.contact.newton import line_search, Newton
+from snake_sim_ros.contact.problem import Outcome, Problem, solve
 from snake_sim_ros.dynamics.compilation import Dispatched
-from snake_sim_ros.dynamics.records import made_type, type_of, type_of_made
+from snake_sim_ros.dynamics.records import compile_call, made_type, type_of, type_of_made
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping import bdf2, moreau
+from snake_sim_ros.stepping import moreau
+from snake_sim_ros.stepping.bdf2 import step as bdf2
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.planar import moreau as planar_moreau
-from snake_sim_ros.stepping.planar.axes import yaw_axes_change
-from snake_sim_ros.stepping.planar.solver import solve_in_plane
+from snake_sim_ros.stepping.planar.moreau import yaw_axes_change
+from snake_sim_ros.stepping.planar.solvers import solve_in_plane
 from snake_sim_ros.stepping.pushes import NO_PUSHES
 from snake_sim_ros.stepping.state import initial_state, without_memory
 from snake_sim_ros.stepping.steps import REPORT

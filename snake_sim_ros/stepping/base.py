@@ -128,9 +128,9 @@ def divergence(link: int, turn: float, dt: float) -> str:
 
 
 class OneByOne(Protocol):
-    """What a stepper goes on with by single steps; see `single_steps.SingleSteps`."""
+    """Single steps that continue a run in place; see `steps.SingleSteps`."""
 
-    steps: Any  # the `steps.Steps` that go on in place
+    steps: Any  # the `steps.Steps`, which change in place
 
     @property
     def state(self) -> State: ...  # noqa: D102
@@ -210,7 +210,7 @@ class Stepper(Protocol):
         ...
 
     def single_steps(self, state: State, history: History, pushes: PushTable) -> OneByOne | None:
-        """Return what goes on by single steps from the last call, None if there is no such way."""
+        """Return single steps that continue the last call; None if there are none."""
         ...
 
 

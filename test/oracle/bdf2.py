@@ -54,7 +54,7 @@ from oracle.contact_laws import solve_laws
 from oracle.joint_laws import dense_laws, DenseLaws, solve_laws_of_axes
 from snake_sim_ros.contact.closing import closed_gap, COMPLIANCE, left_gap, MOST_CLOSED
 from snake_sim_ros.contact.detection import LANDING_SPEED
-from snake_sim_ros.contact.selection import (
+from snake_sim_ros.contact.laws import (
     IMPACT_WEIGHTS,
     LEAST_COMPLIANCE,
     selection_center,
@@ -73,13 +73,11 @@ from snake_sim_ros.dynamics.joint_laws import make_joint_laws
 from snake_sim_ros.scene import obstacles, posture
 from snake_sim_ros.scene.parameters import Array, Robot, Scene
 from snake_sim_ros.scene.rotations import cross, H_bar, product, rotation_matrices
-from snake_sim_ros.stepping.bdf2 import PRESS_SPEED
-from snake_sim_ros.stepping.bdf2_end import DEEP, MOST_CLOSINGS
-from snake_sim_ros.stepping.bdf2_memory import Bdf2Memory, CONSISTENT_SPEED
-from snake_sim_ros.stepping.events import RESTING_GAP
-from snake_sim_ros.stepping.joint_motion import Motion
+from snake_sim_ros.stepping.bdf2.events import DEEP, MOST_CLOSINGS, RESTING_GAP
+from snake_sim_ros.stepping.bdf2.formula import AFTER_EVENT, ANEW, SMOOTH, TICKS, UNKNOWN
+from snake_sim_ros.stepping.bdf2.motion import Bdf2Memory, CONSISTENT_SPEED, Motion
+from snake_sim_ros.stepping.bdf2.step import PRESS_SPEED
 from snake_sim_ros.stepping.model import MOST_CONDENSED, PROXIMAL
-from snake_sim_ros.stepping.parts import AFTER_EVENT, ANEW, SMOOTH, TICKS, UNKNOWN
 from snake_sim_ros.stepping.pushes import NO_PUSHES, not_pushed, Pushed, PushTable, STEP, Stretch
 from snake_sim_ros.stepping.state import History, State
 
@@ -310,7 +308,7 @@ def contacts_of(
 def selection_rule(
     scene: Scene, active: Array, h: float, gamma: Array, last: Array
 ) -> tuple[float, Array]:
-    """Return compliance and centers (k,) of the selection rule, see `contact.selection`."""
+    """Return compliance and centers (k,) of the selection rule, see `contact.laws`."""
     mass, size = scene.robot.per_link('link_mass'), mean_delassus(scene.robot)
     fall = -h * scene.gravity[2]
     stops = mass[obstacles.contact_links(scene)[active, 0]] * (fall / 2 - 2 * gamma[:, 0])

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from snake_sim_ros.contact.projections import prox_ellipse
+from snake_sim_ros.contact.laws import prox_ellipse
 from snake_sim_ros.scene.parameters import Array
 
 EPS = float(np.finfo(float).eps)

@@ -22,17 +22,13 @@ from oracle.joint_drift import furthest_angles, without_drift
 from oracle.joint_laws import dense_laws, solve_laws_of_axes
 from snake_sim_ros.contact.closing import closed_gap, DEEP
 from snake_sim_ros.contact.detection import reach_of_step
-from snake_sim_ros.contact.projections import prox_disc, prox_half_ellipses, prox_half_line
-from snake_sim_ros.contact.selection import (
+from snake_sim_ros.contact.laws import (
     LEAST_COMPLIANCE,
+    prox_disc,
+    prox_half_ellipses,
+    prox_half_line,
     selection_center,
     selection_compliance,
-)
-from snake_sim_ros.dynamics.control_loop import (
-    ControlLoop,
-    ControlMemory,
-    held_torque,
-    make_control_loop,
 )
 from snake_sim_ros.dynamics.force_directions import (
     joint_directions,
@@ -44,7 +40,13 @@ from snake_sim_ros.dynamics.force_directions import (
     smooth_forces,
     torque_directions,
 )
-from snake_sim_ros.dynamics.joint_control import pd_law
+from snake_sim_ros.dynamics.joint_control import (
+    ControlLoop,
+    ControlMemory,
+    held_torque,
+    make_control_loop,
+    pd_law,
+)
 from snake_sim_ros.dynamics.joint_laws import make_joint_laws
 from snake_sim_ros.scene import obstacles, posture
 from snake_sim_ros.scene.parameters import Array, PD_SCHEMES, Scene, Solver
@@ -193,7 +195,7 @@ class Terms(NamedTuple):
 
 
 class SelectionRule(NamedTuple):
-    """Which normal impulses a step takes where they are not unique, see `selection`."""
+    """Which normal impulses a step takes where they are not unique, see `contact.laws`."""
 
     compliance: float  # [1/kg]
     center: Array  # (k,) normal impulses about which it is compliant [N s]

@@ -12,7 +12,7 @@ from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain, s
 from snake_sim_ros.dynamics.compilation import compiled, cycle_counter
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.moreau import begin_step, end_step
-from snake_sim_ros.stepping.planar import moreau as planar, newton as planar_newton
+from snake_sim_ros.stepping.planar import moreau as planar, solvers as planar_newton
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.spatial import SpatialStepper

@@ -34,8 +34,8 @@ from snake_sim_ros.scene.parameters import (
     with_settings,
 )
 from snake_sim_ros.scene.robot_description import robot_of
+from snake_sim_ros.stepping.accuracy import with_usual_steps
 from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.usual_steps import with_usual_steps
 from snake_sim_ros.studies.journal import Journal
 from snake_sim_ros.studies.study_file import load_study
 

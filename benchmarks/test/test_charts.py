@@ -5,18 +5,16 @@
 from pathlib import Path
 import re
 
-from matplotlib.figure import Figure
 import pytest
 
 from snake_sim_benchmarks.__main__ import main
 from snake_sim_benchmarks.comparison import artefacts
 from snake_sim_benchmarks.comparison.bench_rows import COLUMNS, rows_of
 from snake_sim_benchmarks.comparison.bench_tables import LOOP, RUN
-from snake_sim_benchmarks.comparison.chart_style import METHOD_STYLES, save
+from snake_sim_benchmarks.comparison.chart_style import METHOD_STYLES
 from snake_sim_benchmarks.comparison.charts import draw_artefacts
 from snake_sim_benchmarks.comparison.contenders import all_contenders
 from snake_sim_benchmarks.comparison.csv_tables import read_table
-from snake_sim_benchmarks.comparison.seals import sealed
 from snake_sim_benchmarks.comparison.stability import runs as stability
 from snake_sim_benchmarks.comparison.user_times import METHODS_OF_USERS, USER_CASES
 from snake_sim_ros.stepping.methods import LARGE_STEP
@@ -34,7 +32,7 @@ FIGURES = (
     'where_time_goes',
 )
 TABLES = (
-    *('targets', 'robust', 'accuracy', 'agreement', 'throughput', 'user', 'soak'),
+    *('speeds', 'robust', 'accuracy', 'agreement', 'throughput', 'user', 'soak'),
     *('ensemble', 'cycle'),
 )
 
@@ -75,16 +73,6 @@ def test_axes_have_units_and_figures_say_where_they_are_from(drawn):
         text = (drawn / f'{name}.svg').read_text(encoding='utf-8')
         assert header['commit'] in text and header['processor'] in text
         assert '[s]' in text or '[us]' in text or '[m/s]' in text or 'simulated time' in text
-
-
-def test_figures_say_what_is_not_known_of_their_numbers(tmp_path):
-    header = {'commit': 'a and b', 'processor': 'abacus', 'provenance': 'unknown; found'}
-    for known in (False, True):
-        file, _ = save(Figure(), tmp_path / 'x', header)
-        text = file.read_text(encoding='utf-8')
-        assert 'commit a and b, abacus' in text
-        assert ('provenance unknown' in text) != known
-        header.pop('provenance', None)
 
 
 def test_every_method_has_a_style_of_its_own():
@@ -143,7 +131,7 @@ def test_soaks_of_the_page_are_as_long_as_it_says(rows):
 def test_files_of_the_page_say_what_is_known_of_them():
     for name in ('bench', 'stability', 'artefacts', 'drake/bench'):
         header = read_table(STORED / f'{name}.csv').header
-        assert 'sources' in header and 'provenance' not in header, name
+        assert {'commit', 'sources', 'processor'} <= set(header), name
 
 
 def test_artefacts_are_a_table_in_markdown(tmp_path):
@@ -169,10 +157,6 @@ def table(kind, columns, **texts):
     return f'# table: {kind}\n{",".join(columns)}\n' + row * bool(texts)
 
 
-def write(path, text):
-    path.write_text(''.join(f'{line}\n' for line in sealed(text.splitlines())))
-
-
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
@@ -193,7 +177,7 @@ def write(path, text):
 )
 def test_chart_refuses_other_files(tmp_path, capsys, text, message):
     path = tmp_path / 'x.csv'
-    write(path, text)
+    path.write_text(text)
     assert main(['chart', str(path), '--out', str(tmp_path)]) == 2
     assert re.search(message, capsys.readouterr().err)
     assert list(tmp_path.iterdir()) == [path]
@@ -209,7 +193,7 @@ def test_runs_without_errors_are_left_out(tmp_path):
         table('bench', COLUMNS, **runs, case='mixed'),
         table('bench', COLUMNS, **runs, case='mixed', **good),
     ]
-    write(path, texts[0] + ''.join(text.splitlines(keepends=True)[-1] for text in texts[1:]))
+    path.write_text(texts[0] + ''.join(text.splitlines(keepends=True)[-1] for text in texts[1:]))
     assert main(['chart', str(path), '--out', str(tmp_path)]) == 0
     drawing = (tmp_path / 'error_over_dt.svg').read_text(encoding='utf-8')
     assert '>mixed<' in drawing and '>refused<' not in drawing

@@ -12,7 +12,7 @@ import pytest
 from snake_sim_benchmarks.__main__ import main
 from snake_sim_benchmarks.comparison import bench_rows, converged_paths, courses, cycles, ensembles
 from snake_sim_benchmarks.comparison.bench_rows import Row
-from snake_sim_benchmarks.comparison.bench_tables import robust_table, spread_table, targets_table
+from snake_sim_benchmarks.comparison.bench_tables import robust_table, speeds_table, spread_table
 from snake_sim_benchmarks.comparison.chart_of_spreads import spreads_figure
 from snake_sim_benchmarks.comparison.chart_style import METHOD_STYLES
 from snake_sim_benchmarks.comparison.converged_paths import (
@@ -452,13 +452,13 @@ def test_table_of_an_ensemble_has_the_fronts_of_both_sides():
     ]
 
 
-def test_table_of_targets_compares_speeds_at_one_error():
-    _, _, first, second, third, *rest = targets_table(ROWS).splitlines()
+def test_table_of_speeds_compares_them_at_one_error():
+    _, _, first, second, third, *rest = speeds_table(ROWS).splitlines()
     # MuJoCo: from 2000 at 5 % to 100 at 1 %, a power of ln 20/ln 5 of the error.
     power = math.log(20) / math.log(5)
     theirs = 100 * 2.2**power
     assert first == (
-        f'| ensemble | `sidewinding` | 2.2 % | 4000 | {theirs:.0f} | {4000 / theirs:.1f} | 4 |'
+        f'| ensemble | `sidewinding` | 2.2 % | 4000 | {theirs:.0f} | {4000 / theirs:.1f} |'
     )
     assert second.startswith('| ensemble | `sidewinding` | 1.3 % | 2364 | ')
     assert third.startswith('| ensemble | `sidewinding` | 1.05 % | none | ')
@@ -508,7 +508,7 @@ def test_a_small_bench_is_measured_and_drawn(tmp_path):
         assert row.reference_error < error < 1.0
     assert main(['chart', str(path), '--out', str(tmp_path)]) == 0
     written = {file.name for file in tmp_path.iterdir()}
-    names = {'ensemble', 'cycle', 'robust', 'targets'}
+    names = {'ensemble', 'cycle', 'robust', 'speeds'}
     assert {f'{name}.md' for name in names} < written
     assert {
         f'{name}.{kind}' for name in ('ensemble', 'cycle') for kind in ('svg', 'png')

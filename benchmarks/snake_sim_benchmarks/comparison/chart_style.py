@@ -47,10 +47,7 @@ def save(figure: Figure, path: Path, header: Mapping[str, str]) -> list[Path]:
     """Write a figure as SVG and PNG, with processor, date and commit of the data at its top."""
     where = ', '.join(header[key] for key in ('processor', 'date') if key in header)
     commit = header.get('commit', 'unknown')
-    doubt = 'provenance unknown; says of itself: ' * ('provenance' in header)
-    figure.suptitle(
-        f'{doubt}commit {commit}, {where}', fontsize=6.5, x=0.99, ha='right', color='#555555'
-    )
+    figure.suptitle(f'commit {commit}, {where}', fontsize=6.5, x=0.99, ha='right', color='#555555')
     FigureCanvasAgg(figure)
     files = [path.with_suffix(suffix) for suffix in ('.svg', '.png')]
     write_figure(figure, files[0], dpi=220, metadata={'Date': None})

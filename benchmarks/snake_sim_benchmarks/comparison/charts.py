@@ -20,8 +20,8 @@ from snake_sim_benchmarks.comparison.bench_tables import (
     agreement_table,
     robust_table,
     soak_table,
+    speeds_table,
     spread_table,
-    targets_table,
     throughput_table,
     user_table,
 )
@@ -54,7 +54,7 @@ Write = Callable[[Sequence[Row]], str]
 TABLES: dict[str, tuple[set[str], Write]] = {
     'ensemble': ({'ensemble'}, partial(spread_table, part='ensemble')),
     'cycle': ({'cycle'}, partial(spread_table, part='cycle')),
-    'targets': ({'ensemble', 'cycle'}, targets_table),
+    'speeds': ({'ensemble', 'cycle'}, speeds_table),
     'robust': ({'robust'}, robust_table),
     'accuracy': ({'accuracy'}, accuracy_table),
     'agreement': ({'agreement'}, agreement_table),

@@ -5,7 +5,7 @@ CSV files of measurements: a head that says what was measured where, then a row 
 
 A head consists of lines ``# name: value``, which readers of CSV skip with ``comment='#'``. A file
 that is continued later gets another head above its new rows, so that nobody has a reason to edit a
-head. The program seals heads and rows; `seals` detects changes by hand.
+head. Together with git, the head says where a file comes from.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,13 +21,13 @@ import platform
 import subprocess
 from typing import Any
 
-from snake_sim_benchmarks.comparison.seals import check, SEAL_NAME, SealChain, sealed, unsealed
 from snake_sim_ros.scene import __version__, PACKAGE
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.files import write_whole
 
+LABORATORY = Path(__file__).resolve().parents[1]
 LIBRARIES = ('numpy', 'scipy', 'numba', 'mujoco-core', 'drake')
-HEAD_OF_ALL_ROWS = ('table', 'provenance', 'processor', 'settings')  # equal in all heads
+HEAD_OF_ALL_ROWS = ('table', 'processor', 'settings')  # equal in all heads
 HEAD_OF_SOURCES = ('commit', 'sources')  # equal as well, unless other sources are allowed
 
 
@@ -58,7 +58,7 @@ def _version(name: str) -> str:
 
 def _commit() -> str:
     """Return the last commit of the sources, with a mark if they were changed, or the version."""
-    sources = [str(PACKAGE), str((PACKAGE / 'config').resolve())]
+    sources = [str(PACKAGE), str((PACKAGE / 'config').resolve()), str(LABORATORY)]
     commit = _git('log', '-1', '--format=%h', '--abbrev=12', '--', *sources)
     if not commit:
         return f'version {__version__}'
@@ -68,10 +68,10 @@ def _commit() -> str:
 def _sources() -> str:
     """Return a digest of the sources, which also distinguishes changes since a commit."""
     digest = sha256()
-    for path in sorted([*PACKAGE.rglob('*.py'), *(PACKAGE / 'config').iterdir()]):
-        if path.is_file():
+    for folder in (PACKAGE, LABORATORY):
+        for path in sorted([*folder.rglob('*.py'), *folder.glob('config/*')]):
             content = sha256(path.read_bytes()).hexdigest()
-            digest.update(f'{path.relative_to(PACKAGE)} {content}\n'.encode())
+            digest.update(f'{path.relative_to(folder.parent)} {content}\n'.encode())
     return digest.hexdigest()[:12]
 
 
@@ -118,25 +118,16 @@ def read_table(path: Path) -> Table:
     Raises
     ------
     ParameterError
-        If there is no such file, if it has no head or no columns, or if a seal does not fit.
+        If there is no such file, or if it has no head or no columns.
 
     """
-    lines, heads, columns = _read(path)
-    if SEAL_NAME not in columns:
-        raise ParameterError(
-            f'{path}: the rows have no seals: mark the file as one of unknown provenance with '
-            'snake-sim seal'
-        )
-    try:
-        check(lines)
-    except ParameterError as error:
-        raise ParameterError(f'{path}: {error}') from None
+    lines, heads, _ = _read(path)
     names = list(dict.fromkeys(name for head in heads for name in head))
     header = {
         name: ' and '.join(dict.fromkeys(head[name] for head in heads if name in head))
         for name in names
     }
-    reader = csv.DictReader(line for line in unsealed(lines) if not line.startswith('#'))
+    reader = csv.DictReader(line for line in lines if not line.startswith('#'))
     return Table(header, [row for row in reader if None not in row.values() and None not in row])
 
 
@@ -149,9 +140,9 @@ def _read(path: Path) -> tuple[list[str], list[dict[str, str]], list[str]]:
     lines = text.split('\n')[:-1]  # without a row that was cut short
     heads: list[dict[str, str]] = []
     for line in lines:
-        name, _, value = (part.strip() for part in line[1:].partition(':'))
-        if not line.startswith('#') or name == SEAL_NAME:
+        if not line.startswith('#'):
             continue
+        name, _, value = (part.strip() for part in line[1:].partition(':'))
         if name == 'table':
             heads.append({})
         if not heads:
@@ -166,42 +157,6 @@ def _read(path: Path) -> tuple[list[str], list[dict[str, str]], list[str]]:
     if not columns:
         raise ParameterError(f'{path}: a line with the names of columns must follow the header')
     return lines, heads, columns.split(',')
-
-
-def mark_unknown(path: Path) -> bool:
-    """
-    Seal a file without seals, or with seals that do not fit, as one of unknown provenance.
-
-    Its heads and rows stay as they are, but every head, and every chart of the file, says from
-    then on that the provenance is unknown. A file whose seals fit is not changed.
-
-    Returns
-    -------
-    bool
-        Whether the file was changed.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such file, or it has no head or no columns.
-
-    """
-    lines, _, columns = _read(path)
-    if SEAL_NAME in columns:
-        try:
-            check(lines)
-        except ParameterError:
-            pass
-        else:
-            return False
-    said = f'# provenance: unknown; found as it is and sealed on {_now()}'
-    marked: list[str] = []
-    for line in unsealed(lines):
-        if line.startswith('# provenance:'):
-            continue
-        marked += [line, said] if line.startswith('# table:') else [line]
-    write_whole(path, _text(sealed(marked)))
-    return True
 
 
 def _text(lines: Iterable[str]) -> str:
@@ -277,8 +232,8 @@ class TableWriter:
     settings : sequence of str, optional
         Settings that all rows share and that are in no column, such as ``['dt=0.001']``.
     other_sources : bool, optional
-        Whether a file may be continued whose rows are of other sources or of unknown provenance.
-        The new rows have a head of their own.
+        Whether a file may be continued whose rows are of other sources. The new rows have a head
+        of their own.
 
     Attributes
     ----------
@@ -289,8 +244,8 @@ class TableWriter:
     ------
     ParameterError
         If the folder does not exist, or the file holds rows of another kind, of other columns, of
-        other sources, of another processor or other settings, or if its seals do not fit, or it
-        is no table. The file is then not changed.
+        other sources, of another processor or other settings, or if it is no table. The file is
+        then not changed.
 
     """
 
@@ -312,37 +267,32 @@ class TableWriter:
             raise ParameterError(f'no folder {path.absolute().parent} for {path.name}')
         head = [f'# {name}: {value}' for name, value in header.items()]
         if not path.exists() or path.stat().st_size == 0:
-            self._chain, self._head = SealChain(), list[str]()
-            lines = [*self._chain.head(head), self._chain.columns(','.join(self.columns))]
-            write_whole(path, _text(lines))
+            self._head = list[str]()
+            write_whole(path, _text([*head, ','.join(self.columns)]))
             return
         self.rows = read_table(path).rows
         lines, heads, found = _read(path)
-        names = [name for name in HEAD_OF_ALL_ROWS if name != 'provenance' or not other_sources]
-        for name in names + list(HEAD_OF_SOURCES) * (not other_sources):
+        for name in HEAD_OF_ALL_ROWS + HEAD_OF_SOURCES * (not other_sources):
             for old in (there.get(name, '') for there in heads):
                 if old != header.get(name, ''):
                     raise ParameterError(
                         f'{path} holds rows of {name} {old!r}, these would be of '
                         f'{header.get(name, "")!r}: name another file, or remove that one'
                         + ', or go on with --other-sources'
-                        * (name in ('provenance', *HEAD_OF_SOURCES))
+                        * (name in HEAD_OF_SOURCES)
                     )
-        if found != [*self.columns, SEAL_NAME]:
+        if found != self.columns:
             raise ParameterError(
                 f'{path} has other columns: name another file, or remove that one'
             )
-        self._chain, self._head = check(lines), head  # written above the first new row
+        self._head = head  # written above the first new row
         write_whole(path, _text(lines))  # without a row that was cut short
 
     def append(self, rows: Iterable[Mapping[str, Any]]) -> None:
         """Add rows; None is written as empty, floats so that reading gives the same numbers."""
-        lines: list[str] = []
-        for row in rows:
-            if self._head:
-                lines += self._chain.head(self._head)
-                self._head = []
-            lines.append(self._chain.row(self._line(row)))
+        lines = [self._line(row) for row in rows]
+        if lines:
+            lines, self._head = [*self._head, *lines], []
         with self.path.open('a', encoding='utf-8', newline='') as file:
             file.write(_text(lines))
 

@@ -16,7 +16,7 @@ import sys
 import time
 from typing import NamedTuple
 
-from snake_sim_benchmarks.comparison.csv_tables import mark_unknown, read_table
+from snake_sim_benchmarks.comparison.csv_tables import read_table
 from snake_sim_benchmarks.reliability.trial_start import start_and_end
 from snake_sim_ros.fitting.recording import read_recording
 from snake_sim_ros.gaits.blending import check_reach
@@ -119,13 +119,6 @@ def _bag(path: Path) -> None:
         raise max(refused, key=lambda error: len(str(error)))
 
 
-def _table(path: Path) -> None:
-    try:
-        read_table(path)
-    finally:
-        mark_unknown(path)
-
-
 def _journal(path: Path) -> None:
     journal = Journal(path)
     journal.rows()
@@ -137,7 +130,7 @@ def _parameters(path: Path) -> None:
     start_and_end(['--params-file', str(path), '--disable-rosout-logs'])
 
 
-READERS: dict[str, Callable[[Path], None]] = {
+READERS: dict[str, Callable[[Path], object]] = {
     'scene.yaml': _scene,
     'robot.yaml': _robot,
     'settings.txt': _settings,
@@ -147,7 +140,7 @@ READERS: dict[str, Callable[[Path], None]] = {
     'run.npz': _run,
     'checkpoint.npz': _checkpoint,
     'bag.mcap': _bag,
-    'table.csv': _table,
+    'table.csv': read_table,
     'study.journal': _journal,
     'parameters.yaml': _parameters,
 }

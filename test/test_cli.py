@@ -16,9 +16,9 @@ import time
 import numpy as np
 import pytest
 
-from snake_sim_ros.commands import compiling
+from snake_sim_ros.commands import scenes
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.commands.scene_options import scene_from
+from snake_sim_ros.commands.options import scene_from
 from snake_sim_ros.recording.bag_reader import read_bag
 from snake_sim_ros.scene.parameters import load_scene, scene_from_text
 from snake_sim_ros.scene.robot_description import robot_description
@@ -170,7 +170,7 @@ def test_numbers_in_settings_are_written_as_usual(capsys):
 )
 def test_unusable_arguments_of_run(arguments, sentence, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(compiling, 'compile_first', lambda scene: pytest.fail('it compiled'))
+    monkeypatch.setattr(scenes, 'compile_first', lambda scene: pytest.fail('it compiled'))
     assert main(['run', *arguments]) == 2
     told = [line for line in capsys.readouterr().err.splitlines() if 'snake-sim: ' in line]
     assert len(told) == 1

@@ -11,7 +11,7 @@ from typing import Any, TYPE_CHECKING
 
 from tqdm import tqdm
 
-from snake_sim_ros.commands.scene_options import add_method, given_settings
+from snake_sim_ros.commands.options import add_method, given_settings
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
 

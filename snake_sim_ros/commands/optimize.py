@@ -86,7 +86,7 @@ def _plotter(path: Path | None, out: Path) -> 'Callable[[Outcome], Path] | None'
 
 def _compile(problem: 'Problem') -> None:
     """Compile what the scene needs, and its check, with a bar."""
-    from snake_sim_ros.commands.compiling import compile_first
+    from snake_sim_ros.commands.scenes import compile_first
     from snake_sim_ros.studies.runs import scene_of
 
     for plan in [problem.plan(), problem.check_plan()][: 2 if problem.check else 1]:

@@ -123,7 +123,7 @@ def _plotter(path: Path, study: 'Study') -> Callable[[Any], object]:
 
 def _compile(study: 'Study') -> None:
     """Compile what the first row needs that can be run, with a bar."""
-    from snake_sim_ros.commands.compiling import compile_first
+    from snake_sim_ros.commands.scenes import compile_first
     from snake_sim_ros.studies.runs import scene_of
 
     plan = study.plan()

@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from snake_sim_benchmarks.commands.table_options import add_other_sources, add_table_file
 from snake_sim_benchmarks.comparison.csv_tables import plain, TableWriter
-from snake_sim_ros.commands.scene_options import add_scene_options, CASES, scene_from
+from snake_sim_ros.commands.options import add_scene_options, CASES, scene_from
 from snake_sim_ros.scene.checked_records import ParameterError
 
 if TYPE_CHECKING:

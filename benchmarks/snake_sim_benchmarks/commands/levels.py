@@ -8,7 +8,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from snake_sim_ros.commands.scene_options import add_method, add_scene_options, CASES, scene_from
+from snake_sim_ros.commands.options import add_method, add_scene_options, CASES, scene_from
 
 SCENES = (*CASES, 'slender_undulation', 'obstacle_aided', 'step')
 

@@ -1,6 +1,6 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The command `snake-sim run`: a scene without ROS, and files of what it did."""
+"""The commands on a scene: `snake-sim run`, `demo` and `urdf`."""
 
 import argparse
 from collections.abc import Callable, Iterator
@@ -10,39 +10,47 @@ import math
 from pathlib import Path
 import signal
 import sys
-from typing import Any, TYPE_CHECKING
+import time
+from typing import Any
 
 from tqdm import tqdm
 
-from snake_sim_ros.commands.output_files import (
-    add_outputs,
-    outputs,
-    print_outputs,
-    title_of,
-    write,
-)
-from snake_sim_ros.commands.scene_options import (
+from snake_sim_ros.commands.options import (
     add_accuracy,
     add_method,
+    add_outputs,
     add_scene_options,
+    add_scene_or_default,
+    add_sensors,
+    outputs,
+    print_outputs,
+    scene_from,
     scene_with_accuracy,
+    sensors_of,
+    title_of,
+    write_outputs,
 )
-from snake_sim_ros.commands.sensor_options import add_sensors, sensors_of
+from snake_sim_ros.nodes.compiling import Compiler, is_loaded, levels_of
+from snake_sim_ros.nodes.missing_ros import missing_ros
 from snake_sim_ros.recording.recorded_runs import summary
 from snake_sim_ros.recording.sensors import recorded_sensors, Sensors
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import samples_of, Scene
+from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.samples import make_samples
+from snake_sim_ros.stepping.simulation import run, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.studies.metrics import metrics_of_run
-
-if TYPE_CHECKING:
-    from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.view.compile_bar import LAYOUT
 
 RATE = 100.0  # samples a second [Hz]
+LOOK = 0.1  # s between two looks at the compiler
 BAG_RATE = 200.0  # samples a second with a bag, as `sim` publishes [Hz]
+
+
+# ---- run ----------------------------------------------------------------------------------------
 
 
 def add_run(subparsers: Any) -> None:
@@ -72,7 +80,7 @@ def _run(options: argparse.Namespace) -> int:
     sensors = sensors_of(options, scene.robot.link_count, rate)
     trajectory = _recorded(scene, rate, files.get('bag'), sensors)
     measured = recorded_sensors(trajectory, sensors)
-    write(trajectory, files, title_of(options.scene), options.speed, measured)
+    write_outputs(trajectory, files, title_of(options.scene), options.speed, measured)
     report, link = trajectory.report, scene.robot.middle_link
     x, y, z = trajectory.position[-1, link]
     print(f'link {link + 1} at ({x:.4f}, {y:.4f}, {z:.4f}) m after {trajectory.time[-1]:g} s')
@@ -87,16 +95,13 @@ def _run(options: argparse.Namespace) -> int:
 
 def _recorded(scene: Scene, rate: float, bag: Path | None, sensors: Sensors) -> Trajectory:
     """Return what a scene does, sampled at a rate [Hz]; show its progress, and write a bag."""
-    from snake_sim_ros.commands.compiling import compile_first
-    from snake_sim_ros.stepping.simulation import run
-
     compile_first(scene)
     layout = '{percentage:3.0f} %|{bar}| {n:.2f} of {total:g} s, {remaining} left'
     with ExitStack() as stack:
         keep = _bag(stack, bag, scene, sensors, rate) if bag else None
         bar = stack.enter_context(tqdm(total=scene.duration, bar_format=layout))
 
-        def observe(simulation: 'Simulation') -> None:
+        def observe(simulation: Simulation) -> None:
             if keep:
                 with _later_interruption():
                     keep(simulation)
@@ -110,7 +115,7 @@ def _recorded(scene: Scene, rate: float, bag: Path | None, sensors: Sensors) -> 
 
 def _bag(
     stack: ExitStack, path: Path, scene: Scene, sensors: Sensors, rate: float
-) -> Callable[['Simulation'], None]:
+) -> Callable[[Simulation], None]:
     """Open a bag for a run; return what writes a sample to it."""
     try:
         from snake_sim_ros.nodes.bag_writer import BagWriter, RunTopics
@@ -136,3 +141,62 @@ def _later_interruption() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
     if waiting:
         raise KeyboardInterrupt
+
+
+def compile_first(scene: Scene) -> None:
+    """Compile the level that the gait of a scene begins with, with a bar unless it is there."""
+    simulation = Simulation(scene)
+    if is_loaded(lambda: simulation.compile(scene.gait)):
+        return
+    levels = levels_of(scene)[:1]
+    compiler = Compiler(scene, lambda _: simulation.compile(scene.gait), levels)
+    with tqdm(total=compiler.most[0], bar_format=LAYOUT, leave=False) as bar:
+        try:
+            compiler.start()
+            while not compiler.is_done:
+                time.sleep(LOOK)
+                bar.update(min(compiler.functions, bar.total) - bar.n)
+        finally:
+            compiler.end()
+    if compiler.error:
+        raise compiler.error
+
+
+# ---- demo ---------------------------------------------------------------------------------------
+
+
+def add_demo(subparsers: Any) -> None:
+    """Add the command."""
+    command = subparsers.add_parser('demo')
+    command.set_defaults(command=_demo)
+    add_scene_or_default(command)
+    command.add_argument(
+        '--duration', type=float, default=15.0, help='of the gait [s], default 15'
+    )
+    command.add_argument(
+        '--out', type=Path, default=Path('demo.png'), metavar='FILE.png', help='default: demo.png'
+    )
+
+
+def _demo(options: argparse.Namespace) -> int:
+    try:
+        from snake_sim_ros.nodes.tools.demo import demo
+    except ImportError as error:
+        raise missing_ros('the demo', 'demo', error) from None
+    return demo(options.scene, options.duration, options.out)
+
+
+# ---- urdf ---------------------------------------------------------------------------------------
+
+
+def add_urdf(subparsers: Any) -> None:
+    """Add the command."""
+    command = subparsers.add_parser('urdf')
+    command.set_defaults(command=_urdf)
+    add_scene_or_default(command)
+    add_scene_options(command)
+
+
+def _urdf(options: argparse.Namespace) -> int:
+    print(robot_description(scene_from(options, options.scene).robot))
+    return 0

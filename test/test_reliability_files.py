@@ -18,7 +18,7 @@ from snake_sim_ros.reliability.file_corpus import corpus
 from snake_sim_ros.reliability.file_readers import Answer, READERS
 from snake_sim_ros.reliability.files import content_of, Reader
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.studies.journal import Journal
+from snake_sim_ros.studies.table import Journal
 
 # Prints the names of all files that the command opened to write, made, moved or removed.
 WATCHED = """

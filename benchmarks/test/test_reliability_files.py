@@ -17,7 +17,7 @@ from snake_sim_ros.dynamics.code_cache import FOLDER
 from snake_sim_ros.recording import recorded_runs
 from snake_sim_ros.recording.recorded_runs import load_arrays
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.studies.journal import Journal
+from snake_sim_ros.studies.table import Journal
 
 pytest.importorskip('mcap_ros2')  # the corpus has bags
 

@@ -18,9 +18,7 @@ from typing import NamedTuple
 
 from snake_sim_benchmarks.comparison.csv_tables import read_table
 from snake_sim_benchmarks.reliability.trial_start import start_and_end
-from snake_sim_ros.fitting.recording import read_recording
 from snake_sim_ros.gaits.blending import check_reach
-from snake_sim_ros.optimization.problem import load_problem
 from snake_sim_ros.recording import checkpoint
 from snake_sim_ros.recording.recorded_runs import read_npz, read_run, summary, write_csv, write_npz
 from snake_sim_ros.scene.checked_records import ParameterError
@@ -36,8 +34,10 @@ from snake_sim_ros.scene.parameters import (
 from snake_sim_ros.scene.robot_description import robot_of
 from snake_sim_ros.stepping.accuracy import with_usual_steps
 from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.studies.journal import Journal
-from snake_sim_ros.studies.study_file import load_study
+from snake_sim_ros.studies.problem import load_problem
+from snake_sim_ros.studies.recorded_motion import read_recording
+from snake_sim_ros.studies.study import load_study
+from snake_sim_ros.studies.table import Journal
 
 LONGEST_SENTENCE = 2000  # characters; names of all keys or parameters may be in it
 ADDRESS_SPACE = 4_000_000_000  # bytes beyond those that the process has, where a bomb ends

@@ -1,10 +1,15 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-What a fit needs of a bag: the commands of the joints, their angles, and poses of links over time.
+What a fit needs of a bag: the references of the joints, their angles, and poses of links.
 
 A bag may be that of a run, of a live simulator or of a real robot. Times are those of the stamps;
 a message without one has the time of its recording, moved to the clock of the stamps.
+
+References follow from the recorded commands by one of two laws. `held` is that of `sim`: a command
+acts from its stamp on and is extrapolated with its velocity for a while; a trajectory begins at
+the present reference. `interpolated` takes the commands of the bag of a run, which are samples of
+its gait, as points of a smooth curve.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,9 +19,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
+from snake_sim_ros.gaits.joint_reference import JointReference, motion_through
 from snake_sim_ros.recording import from_messages
 from snake_sim_ros.recording.bag_reader import NOT_OF_ONE, Raw, read_messages
+from snake_sim_ros.recording.from_messages import joint_axes
 from snake_sim_ros.scene.checked_records import cut, LONGEST_REASON, ParameterError
 from snake_sim_ros.scene.parameters import Array, Robot, Scene, scene_from_text
 
@@ -40,6 +48,8 @@ POSE_TYPES = {
     'geometry_msgs/msg/PoseWithCovarianceStamped',
     'geometry_msgs/msg/TransformStamped',
 }
+LAWS = ('held', 'interpolated')
+HORIZON = 0.05  # s for which `sim` extrapolates a command with its velocity by default
 BACKWARD = 1.0  # s by which stamps may go back, as where messages overtake each other
 FOREIGN = 10.0  # s from the time of recording beyond which a stamp belongs to another clock
 
@@ -338,3 +348,121 @@ def _half_turned(quaternion: Array) -> Array:
     """Return quaternions x y z w turned by half a turn about their own z axes, shape (k, 4)."""
     x, y, z, w = quaternion.T
     return np.stack([y, -x, w, -z], axis=-1)
+
+
+def references(
+    recording: Recording, robot: Robot, times: Array, law: str, horizon: float = HORIZON
+) -> tuple[Array, Array]:
+    """
+    Return the references of the joints.
+
+    Parameters
+    ----------
+    recording : Recording
+    robot : Robot
+    times : ndarray, shape (k,)
+        Increasing [s].
+    law : str
+        One of LAWS.
+    horizon : float, optional
+        Time for which a command is extrapolated with its velocity [s].
+
+    Returns
+    -------
+    angle, rate : ndarray, shape (k, n-1, 2)
+        (yaw, pitch) [rad], [rad/s]
+
+    """
+    commands = recording.commands
+    if law == 'interpolated' and len(commands) > 1 and _are_points(commands, robot):
+        return _curve(commands, robot, times)
+    first = recording.joint_angle[0].copy()
+    reference = JointReference(
+        np.full(first.shape, -np.inf), np.nan_to_num(first), np.zeros(first.shape)
+    )
+    moments = np.array([command.time for command in commands])
+    places = np.searchsorted(times, moments)
+    ends = np.append(places[1:], len(times))
+    parts = [reference.sample(times[: places[0]], horizon, robot.joint_limit)]
+    for command, begin, end in zip(commands, places, ends, strict=True):
+        reference = _after(command, reference, robot, horizon)
+        if end > begin:
+            parts.append(reference.sample(times[begin:end], horizon, robot.joint_limit))
+            reference = reference.settled(float(times[end - 1]))
+    angle, rate = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return angle, rate
+
+
+def _after(command: Command, last: JointReference, robot: Robot, horizon: float) -> JointReference:
+    """Return the reference after a command; one that is not usable changes nothing."""
+    message, limit = command.message, robot.joint_limit
+    count = robot.link_count - 1
+    if command.topic == 'position_commands':
+        angle = np.array(message.data, dtype=float)
+        if len(angle) != 2 * count or not np.isfinite(angle).all():
+            return last
+        still = np.zeros(len(angle))
+        axes = np.arange(len(angle))
+        return last.commanded(axes, command.time, np.clip(angle, -limit, limit), still)
+    if command.topic == 'joint_trajectory':
+        return _with_trajectory(command, last, robot, horizon)
+    angle = joint_axes(message.name, message.position, count).ravel()
+    rate = joint_axes(message.name, message.velocity, count).ravel()
+    axes = np.flatnonzero(np.isfinite(angle))
+    if not len(axes) or command.time < last.stamp.flat[axes].max():
+        return last
+    limited = np.clip(angle[axes], -limit, limit)
+    return last.commanded(axes, command.time, limited, np.nan_to_num(rate[axes]))
+
+
+def _with_trajectory(
+    command: Command, last: JointReference, robot: Robot, horizon: float
+) -> JointReference:
+    """Return the reference with a trajectory that begins where the joints are commanded to be."""
+    message, begin, count = command.message, command.time, robot.link_count - 1
+    order = joint_axes(message.joint_names, range(len(message.joint_names)), count).ravel()
+    axes = np.flatnonzero(np.isfinite(order))
+    columns = order[axes].astype(int)
+    spans = [point.time_from_start for point in message.points]
+    times = begin + np.array([span.sec + 1e-9 * span.nanosec for span in spans])
+    rows = [point for point, time in zip(message.points, times, strict=True) if time > begin]
+    if not len(axes) or not rows:
+        return last
+    angle = np.array([point.positions for point in rows])[:, columns]
+    with_rates = all(len(point.velocities) for point in rows)
+    rate = np.array([point.velocities for point in rows])[:, columns] if with_rates else None
+    if not np.isfinite(angle).all() or (np.diff(times) <= 0.0).any():
+        return last
+    start = last.sample(np.array([begin]), horizon, robot.joint_limit)
+    here, speed = (part.reshape(1, -1)[:, axes] for part in start)
+    limited = np.clip(angle, -robot.joint_limit, robot.joint_limit)
+    return last.moved(motion_through(
+        axes, np.insert(times[times > begin], 0, begin), np.concatenate([here, limited]),
+        None if rate is None else np.concatenate([speed, rate]),
+    ))  # fmt: skip
+
+
+def _are_points(commands: Sequence[Command], robot: Robot) -> bool:
+    """Return whether all commands are angles and velocities of all joints."""
+    count = 2 * (robot.link_count - 1)
+    return all(
+        item.topic == 'joint_command'
+        and len(item.message.position) == len(item.message.velocity) == count
+        for item in commands
+    )
+
+
+def _curve(commands: Sequence[Command], robot: Robot, times: Array) -> tuple[Array, Array]:
+    """Return angles and rates on the curve through commands with velocities."""
+    moments, first = np.unique([item.time for item in commands], return_index=True)
+    count = robot.link_count - 1
+    angle, rate = (
+        np.array([
+            joint_axes(commands[k].message.name, getattr(commands[k].message, part), count)
+            for k in first
+        ])
+        for part in ('position', 'velocity')
+    )  # fmt: skip
+    curve = CubicHermiteSpline(moments, angle, rate)
+    within = np.clip(times, moments[0], moments[-1])
+    return curve(within), curve.derivative()(within)

@@ -14,12 +14,11 @@ import pytest
 
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.studies import workers
-from snake_sim_ros.studies.journal import journal_of
-from snake_sim_ros.studies.study import run_study
-from snake_sim_ros.studies.study_file import load_study
+from snake_sim_ros.studies.study import load_study, run_study
+from snake_sim_ros.studies.table import journal_of
 
 polars = pytest.importorskip('polars')
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT)}
 DEADLINE = 60.0  # s for what a test waits for
 # Rows of some 20 ms, enough for chunks of several sizes.

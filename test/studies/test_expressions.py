@@ -7,8 +7,8 @@ import warnings
 
 import pytest
 
-from snake_sim_ros.optimization.expressions import constraint_of, expression_of
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.studies.expressions import constraint_of, expression_of
 
 NUMBERS = {'speed': 0.5, 'cost': 2.0, 'gait.yaw.phase': -3.0, 'void': math.nan}
 
@@ -18,7 +18,7 @@ def value(text):
 
 
 def excess(text):
-    return constraint_of(text, NUMBERS, 'constraints').excess(NUMBERS)
+    return constraint_of(text, NUMBERS, 'constraints').value(NUMBERS)
 
 
 @pytest.mark.parametrize(

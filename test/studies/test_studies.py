@@ -21,14 +21,13 @@ from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.studies import workers
-from snake_sim_ros.studies.journal import Journal, journal_of
 from snake_sim_ros.studies.metrics import METRICS, USUAL_METRICS
-from snake_sim_ros.studies.study import study
-from snake_sim_ros.studies.study_file import load_study, PARTS, Settings, study_from
+from snake_sim_ros.studies.study import load_study, study, study_from, STUDY_KEYS, StudySettings
+from snake_sim_ros.studies.table import Journal, journal_of
 from snake_sim_ros.studies.variations import Listed, Normal, Range, Variations
 
 polars = pytest.importorskip('polars')
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / 'docs' / 'studies.md').read_text(encoding='utf-8')
 EXAMPLE = ROOT / 'examples' / 'friction_and_amplitude.yaml'
 SHORT = {'duration': 0.5}
@@ -368,7 +367,7 @@ def own_metric(trajectory):
 def test_a_journal_is_whole_whatever_was_cut_off(tmp_path):
     path = tmp_path / 'table.parquet.journal'
     journal = Journal(path)
-    with pytest.raises(ParameterError, match='is written by another study now'):
+    with pytest.raises(ParameterError, match='is being written by another study'):
         Journal(path)
     journal.add([{'key': 'a', 'x': math.inf}, {'key': 'b', 'x': 0.1 + 0.2}])
     journal.close(remove=False)
@@ -466,7 +465,7 @@ def test_the_command_ends_with_a_line_of_json(tmp_path, monkeypatch, capsys):
         (['my.yaml', '--threads', '0'], '--threads must be at least 1, got 0'),
         (['my.yaml', '--out', 'a.txt'], '--out must end in .parquet or .csv, got a.txt'),
         (['my.yaml', '--out', 'no/a.csv'], '--out: no folder '),
-        (['my.yaml', '--plot', 'a.txt'], '--plot must end in .png, .svg, .pdf; got a.txt'),
+        (['my.yaml', '--plot', 'a.txt'], '--plot must end in .png, .svg or .pdf, got a.txt'),
         (['my.yaml', '--plot', 'a.png'], '--plot draws one or two values that vary, this study'),
     ],
 )
@@ -488,10 +487,10 @@ def test_the_page_has_every_metric_with_its_unit_and_every_key():
     table = dict(re.findall(r'^\| `(\w+)` \|\s*([^|]*?)\s*\|', PAGE, re.MULTILINE))
     assert {name: metric.unit for name, metric in METRICS.items()}.items() <= table.items()
     defaults = study_from({'scene': 'step', 'vary': FRICTION}).settings
-    for item in fields(Settings):
+    for item in fields(StudySettings):
         shown = table[item.name].strip('`')
         assert shown == str(getattr(defaults, item.name)) or item.name == 'samples', item.name
-    assert set(PARTS) <= table.keys()
+    assert set(STUDY_KEYS) <= table.keys()
     assert table['metrics'].split(', ') == list(USUAL_METRICS)
 
 

@@ -4,8 +4,9 @@
 Expressions of named numbers, such as ``speed - 0.1 * abs(sideways)``.
 
 They consist of numbers, names, ``+ - * / **``, ``abs``, ``min`` and ``max``, and nothing else:
-what a text says is looked up in tables, never run by Python. A result that is no finite number,
-such as that of a division by 0, is NaN.
+their syntax tree is looked up in tables, never run by Python. A result that is no finite number,
+such as that of a division by 0, is NaN. asteval 1.0 does not serve: its smallest interpreter opens
+files, fills the memory with ``[0] * 10**9``, and knows no names with dots.
 """
 
 import ast
@@ -19,20 +20,21 @@ import warnings
 from snake_sim_ros.scene.checked_records import nearest, ParameterError, quoted
 
 Numbers = Mapping[str, float]
-Term = Callable[[Numbers], float]
-LONGEST = 400  # characters
-OPERATORS: dict[type, Callable[[Any, Any], Any]] = {
+Term = Callable[[Numbers], Any]
+Value = Callable[[Numbers], float]  # NaN if it is not finite
+LONGEST = 400  # characters; Python's parser is recursive
+OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
-    ast.Div: operator.truediv, ast.Pow: operator.pow,
+    ast.Div: operator.truediv, ast.Pow: operator.pow, ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
 }  # fmt: skip
-SIGNS: dict[type, Callable[[Any], Any]] = {ast.UAdd: operator.pos, ast.USub: operator.neg}
 FUNCTIONS: dict[str, Callable[..., Any]] = {'abs': abs, 'min': min, 'max': max}
 # Comparisons, each with the sign of left - right where it does not hold.
 COMPARISONS: dict[type, tuple[Callable[[float, float], bool], float]] = {
     ast.Lt: (operator.lt, 1.0), ast.LtE: (operator.le, 1.0),
     ast.Gt: (operator.gt, -1.0), ast.GtE: (operator.ge, -1.0),
 }  # fmt: skip
-PARTS = 'numbers, names, + - * / **, abs, min and max'
+SYNTAX = 'numbers, names, + - * / **, abs, min and max'
 LEAST_EXCESS = 1e-12  # of a strict comparison of equal numbers
 
 
@@ -47,34 +49,15 @@ class Expression:
     names : frozenset of str
         Of the numbers on which it depends.
     value : callable
-        ``value(numbers)`` returns it, NaN if it is not finite.
+        ``value(numbers)`` returns it, NaN if it is not finite. That of a constraint is its excess:
+        0 if it holds, otherwise by how much it does not, as a share of the bound unless that is 0;
+        inf if a number is NaN.
 
     """
 
     text: str
     names: frozenset[str]
-    value: Term
-
-
-@dataclass(frozen=True)
-class Constraint:
-    """
-    What must hold between numbers.
-
-    Attributes
-    ----------
-    text : str
-    names : frozenset of str
-        Of the numbers on which it depends.
-    excess : callable
-        ``excess(numbers)`` returns 0 if it holds, or else by how much it does not, as a share of
-        the bound unless that is 0; inf if a number is NaN.
-
-    """
-
-    text: str
-    names: frozenset[str]
-    excess: Term
+    value: Value
 
 
 def expression_of(text: Any, known: Iterable[str], where: str) -> Expression:
@@ -101,14 +84,14 @@ def expression_of(text: Any, known: Iterable[str], where: str) -> Expression:
             f'{where} must be a number such as speed, got the comparison {quoted(text)}; '
             f'what must hold belongs to constraints'
         )
-    term = _Reader(text, tuple(known), where)
-    value = term.of(body)
-    return Expression(text, term.named(), lambda numbers: _finite(value, numbers))
+    reader = _Reader(text, tuple(known), where)
+    value = _finite(reader.term(body))
+    return Expression(text, reader.found(), value)
 
 
-def constraint_of(text: Any, known: Iterable[str], where: str) -> Constraint:
+def constraint_of(text: Any, known: Iterable[str], where: str) -> Expression:
     """
-    Return a constraint: ``left <= right`` or with ``<``, ``>=``, ``>``, or several in a row.
+    Return the excess of a constraint: ``left <= right`` or ``<``, ``>=``, ``>``, or several.
 
     Raises
     ------
@@ -121,23 +104,23 @@ def constraint_of(text: Any, known: Iterable[str], where: str) -> Constraint:
         raise ParameterError(
             f'{where} must be a comparison such as speed >= 0.1, got {quoted(text)}'
         )
-    term = _Reader(text, tuple(known), where)
+    reader, parts = _Reader(text, tuple(known), where), list[Value]()
     sides = [body.left, *body.comparators]
-    terms = [term.of(side) for side in sides]
-    parts: list[Term] = []
+    values = [_finite(reader.term(side)) for side in sides]
     for k, kind in enumerate(body.ops):
         if type(kind) not in COMPARISONS:
             raise ParameterError(
                 f'{where} must compare by <=, <, >= or >, got {quoted(text)}; for numbers that '
                 f'are to be equal say abs(a - b) <= 0.01'
             )
-        bound = terms[k] if _is_constant(sides[k]) else terms[k + 1]
-        parts.append(_excess(terms[k], terms[k + 1], bound, *COMPARISONS[type(kind)]))
-    return Constraint(text, term.named(), lambda numbers: sum(part(numbers) for part in parts))
+        names = {item.id for item in ast.walk(sides[k]) if isinstance(item, ast.Name)}
+        bound = values[k] if names <= FUNCTIONS.keys() else values[k + 1]
+        parts.append(_excess(values[k], values[k + 1], bound, *COMPARISONS[type(kind)]))
+    return Expression(text, reader.found(), lambda numbers: sum(part(numbers) for part in parts))
 
 
 def _parsed(text: Any, where: str) -> ast.expr:
-    """Return the tree of a text."""
+    """Return the syntax tree of a text."""
     if not isinstance(text, str) or not text.strip():
         raise ParameterError(f'{where} must be an expression such as speed, got {quoted(text)}')
     if len(text) > LONGEST:
@@ -151,45 +134,44 @@ def _parsed(text: Any, where: str) -> ast.expr:
         raise ParameterError(f'{where}: {quoted(text)} is not readable: {reason}') from None
 
 
-def _finite(term: Term, numbers: Numbers) -> float:
-    """Return the value of a term, NaN if it is not finite."""
-    try:
-        value = term(numbers)
-    except (ArithmeticError, ValueError):
-        return math.nan
-    return float(value) if not isinstance(value, complex) and math.isfinite(value) else math.nan
+def _finite(term: Term) -> Value:
+    """Return the function that gives the value of a term, NaN if it is not finite."""
 
+    def value(numbers: Numbers) -> float:
+        try:
+            found = term(numbers)
+        except (ArithmeticError, ValueError):
+            return math.nan
+        is_number = not isinstance(found, complex) and math.isfinite(found)
+        return float(found) if is_number else math.nan
 
-def _is_constant(node: ast.expr) -> bool:
-    """Return whether nothing is named in a tree but functions."""
-    names = {item.id for item in ast.walk(node) if isinstance(item, ast.Name)}
-    return names <= FUNCTIONS.keys()
+    return value
 
 
 def _excess(
-    left: Term, right: Term, bound: Term, holds: Callable[[float, float], bool], sign: float
-) -> Term:
-    """Return the term that says by how much a comparison does not hold."""
+    left: Value, right: Value, bound: Value, holds: Callable[[float, float], bool], sign: float
+) -> Value:
+    """Return the function that says by how much a comparison does not hold."""
 
     def excess(numbers: Numbers) -> float:
-        a, b = _finite(left, numbers), _finite(right, numbers)
+        a, b = left(numbers), right(numbers)
         if holds(a, b):
             return 0.0
         if math.isnan(a) or math.isnan(b):
             return math.inf
-        return max(sign * (a - b) / (abs(_finite(bound, numbers)) or 1.0), LEAST_EXCESS)
+        return max(sign * (a - b) / (abs(bound(numbers)) or 1.0), LEAST_EXCESS)
 
     return excess
 
 
 class _Reader:
-    """Turns a tree into a term, and notes its names."""
+    """Turns syntax trees into terms, and collects their names."""
 
     def __init__(self, text: str, known: tuple[str, ...], where: str) -> None:
         self.text, self.known, self.where = text, known, where
         self.names: set[str] = set()
 
-    def named(self) -> frozenset[str]:
+    def found(self) -> frozenset[str]:
         """Return the names that were found, one at least."""
         if not self.names:
             raise ParameterError(
@@ -198,46 +180,40 @@ class _Reader:
             )
         return frozenset(self.names)
 
-    def of(self, node: ast.expr) -> Term:
-        """Return the term of a node."""
-        if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-            return self._number(node)
-        if isinstance(node, (ast.Name, ast.Attribute)):
-            return self._name(node)
-        if isinstance(node, ast.UnaryOp) and type(node.op) in SIGNS:
-            sign, term = SIGNS[type(node.op)], self.of(node.operand)
-            return lambda numbers: sign(term(numbers))
-        if isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
-            combine, left, right = (
-                OPERATORS[type(node.op)],
-                self.of(node.left),
-                self.of(node.right),
-            )
-            return lambda numbers: combine(left(numbers), right(numbers))
-        if isinstance(node, ast.Call):
-            return self._call(node)
+    def term(self, node: ast.expr) -> Term:
+        """Return the term of a tree."""
+        match node:
+            case ast.Constant(value=int() | float() as number) if type(number) is not bool:
+                return self._constant(number)
+            case ast.Name() | ast.Attribute():
+                return self._name(ast.unparse(node))
+            case ast.UnaryOp(op=op, operand=operand) if type(op) in OPERATORS:
+                return _applied(OPERATORS[type(op)], self.term(operand))
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATORS:
+                return _applied(OPERATORS[type(op)], self.term(left), self.term(right))
+            case ast.Call():
+                return self._call(node)
         raise ParameterError(
             f'{self.where}: {quoted(ast.unparse(node))} is not possible in {quoted(self.text)}; '
-            f'an expression has {PARTS}'
+            f'an expression has {SYNTAX}'
         )
 
-    def _number(self, node: ast.Constant) -> Term:
+    def _constant(self, value: float) -> Term:
         try:
-            number = float(node.value)  # type: ignore[arg-type]
-        except OverflowError:
+            number = float(value)
+        except OverflowError:  # of an int
             number = math.inf
         if not math.isfinite(number):
             raise ParameterError(f'{self.where}: numbers must be finite, got {quoted(self.text)}')
         return lambda numbers: number
 
-    def _name(self, node: ast.expr) -> Term:
-        name = ast.unparse(node)
+    def _name(self, name: str) -> Term:
         if name not in self.known:
             raise ParameterError(
                 f'{self.where}: unknown name {quoted(name)}; {nearest(name, self.known)}'
             )
         self.names.add(name)
-        return lambda numbers: numbers[name]
+        return operator.itemgetter(name)
 
     def _call(self, node: ast.Call) -> Term:
         name = ast.unparse(node.func)
@@ -245,16 +221,20 @@ class _Reader:
             raise ParameterError(
                 f'{self.where}: unknown function {quoted(name)}; {nearest(name, FUNCTIONS)}'
             )
-        terms, function = [self.of(item) for item in node.args], FUNCTIONS[name]
+        terms = [self.term(item) for item in node.args]
         if node.keywords or (len(terms) != 1 if name == 'abs' else len(terms) < 2):
             count = 'one number' if name == 'abs' else 'two numbers or more'
             raise ParameterError(
                 f'{self.where}: {name} takes {count}, got {quoted(ast.unparse(node))}'
             )
+        return _applied(FUNCTIONS[name], *terms)
 
-        def value(numbers: Numbers) -> Any:
-            found = [term(numbers) for term in terms]
-            # min and max of Python depend on the place of a NaN among the others.
-            return math.nan if any(item != item for item in found) else function(*found)
 
-        return value
+def _applied(function: Callable[..., Any], *terms: Term) -> Term:
+    """Return the term of a function of terms; NaN if one is NaN, which min and max may miss."""
+
+    def value(numbers: Numbers) -> Any:
+        found = [term(numbers) for term in terms]
+        return math.nan if any(item != item for item in found) else function(*found)
+
+    return value

@@ -18,21 +18,26 @@ import pytest
 import yaml
 
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.optimization.evaluations import NO_VALUE
-from snake_sim_ros.optimization.fronts import front_of, scalar_losses
-from snake_sim_ros.optimization.optimize import optimize
-from snake_sim_ros.optimization.problem import load_problem, PARTS, problem_from, Settings, Stop
-from snake_sim_ros.optimization.robust import robust_of
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.accuracy import with_usual_steps
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.studies import workers
 from snake_sim_ros.studies.metrics import METRICS
+from snake_sim_ros.studies.optimization import NO_VALUE, optimize
+from snake_sim_ros.studies.problem import (
+    load_problem,
+    problem_from,
+    PROBLEM_KEYS,
+    robust_of,
+    SearchSettings,
+    Stop,
+)
+from snake_sim_ros.studies.searches import front_of, scalar_losses
 
 pytest.importorskip('polars')
 pytest.importorskip('cma')
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / 'docs' / 'optimization.md').read_text(encoding='utf-8')
 EXAMPLE = ROOT / 'examples' / 'faster_sidewinding.yaml'
 # A scene of one sample; what is measured in it are functions of its friction, see `valley`.
@@ -486,7 +491,10 @@ def test_goals_are_one_or_two():
 
 
 def test_the_page_names_all_keys():
-    for name in (*PARTS, *(item.name for kind in (Settings, Stop) for item in fields(kind))):
+    for name in (
+        *PROBLEM_KEYS,
+        *(item.name for kind in (SearchSettings, Stop) for item in fields(kind)),
+    ):
         assert re.search(rf'^\| `{name}`', PAGE, re.MULTILINE), name
 
 

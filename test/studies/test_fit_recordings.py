@@ -9,8 +9,6 @@ import pytest
 from recorded_messages import gait_commands, state_messages, write_messages
 from std_msgs.msg import Float64MultiArray
 
-from snake_sim_ros.fitting.recording import read_recording, Recording
-from snake_sim_ros.fitting.replay import Replay, Settings
 from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.received_commands import joint_command, position_commands
@@ -23,10 +21,12 @@ from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.studies.recorded_motion import read_recording, Recording
+from snake_sim_ros.studies.replay import Replay, ReplaySettings
 
 PERIOD = 0.01  # of the simulated node, and between the states of a replay [s]
 DURATION = 3.3  # s
-EXACT = Settings(noise_position=1.0, noise_angle=1.0, segment=0.5, burn_in=2.0)
+EXACT = ReplaySettings(noise_position=1.0, noise_angle=1.0, segment=0.5, burn_in=2.0)
 # The start is off by the third derivative of the waves over half a window of 0.12 s, 2e-4 rad,
 # which 2 s reduce by exp(-2 s/0.3 s) to 2e-7 rad. In the first segment, which is left
 # out, the robot starts from rest with a jump. In space, jumps of commands would tilt the robot by
@@ -48,7 +48,7 @@ def scene():
     return replace(load_scene('lateral_undulation'), duration=DURATION, level='planar')
 
 
-def told(scene, form):
+def commands_of(scene, form):
     """Return commands in a form that robots take, each with the time at which it comes [s]."""
     times = np.arange(0.0, DURATION, PERIOD)
     names, count = joint_names(scene.robot.link_count), scene.robot.link_count - 1
@@ -87,12 +87,12 @@ def simulated(scene, commands):
 
 @pytest.fixture(scope='module')
 def measured(scene):
-    return simulated(scene, told(scene, 'joint_command'))
+    return simulated(scene, commands_of(scene, 'joint_command'))
 
 
 @pytest.mark.parametrize('form', list(READ))
 def test_references_are_those_of_the_simulator(scene, form, tmp_path):
-    commands = told(scene, form)
+    commands = commands_of(scene, form)
     motion = simulated(scene, commands)
     path = write_messages(tmp_path / 'run.mcap', [*commands, *state_messages(motion)])
     replay = Replay(read_recording(path, scene), scene, EXACT, 'held')
@@ -103,7 +103,7 @@ def test_references_are_those_of_the_simulator(scene, form, tmp_path):
 
 @pytest.mark.parametrize('pose', ['link_poses', 'odom', 'head'])
 def test_poses_of_any_topic_and_link(scene, measured, pose, tmp_path):
-    messages = [*told(scene, 'joint_command'), *state_messages(measured, pose)]
+    messages = [*commands_of(scene, 'joint_command'), *state_messages(measured, pose)]
     path = write_messages(tmp_path / 'run.mcap', messages, prefix='/aiko/')
     options = {'head': {'pose': 'aiko/head', 'link': 1}}.get(pose, {})
     found = read_recording(path, scene, namespace='aiko', **options)
@@ -125,7 +125,9 @@ def test_missing_and_repeated_samples_are_left_out(scene, measured, tmp_path):
     motion.position[9, 2, 1] = np.nan
     states = state_messages(motion)
     again = [item for item in states if item[1] == 0.05]
-    path = write_messages(tmp_path / 'run.mcap', [*told(scene, 'joint_command'), *states, *again])
+    path = write_messages(
+        tmp_path / 'run.mcap', [*commands_of(scene, 'joint_command'), *states, *again]
+    )
     found = read_recording(path, scene)
     assert found.dropped == 4
     count = len(measured.joint_time)
@@ -138,7 +140,10 @@ def test_missing_and_repeated_samples_are_left_out(scene, measured, tmp_path):
 def test_a_message_without_stamp_has_the_time_of_its_recording(scene, measured, tmp_path):
     # The recorder has a clock of its own, which is 1000 s ahead.
     messages = [
-        *((topic, t + 1000.0, message) for topic, t, message in told(scene, 'position_commands')),
+        *(
+            (topic, t + 1000.0, message)
+            for topic, t, message in commands_of(scene, 'position_commands')
+        ),
         *state_messages(measured, lag=1000.0),
     ]
     found = read_recording(write_messages(tmp_path / 'run.mcap', messages), scene)
@@ -150,7 +155,7 @@ def test_a_message_without_stamp_has_the_time_of_its_recording(scene, measured, 
 
 
 def test_what_a_bag_lacks_is_one_sentence(scene, measured, tmp_path):
-    commands, states = told(scene, 'joint_command'), state_messages(measured)
+    commands, states = commands_of(scene, 'joint_command'), state_messages(measured)
     angles = [item for item in states if item[0] == 'joint_states']
 
     def refusal(messages, **options):
@@ -191,18 +196,20 @@ def test_time_must_not_go_back(scene, measured, tmp_path):
         for topic, t, message in state_messages(measured)
         if topic == 'joint_states'
     ]
-    path = write_messages(tmp_path / 'run.mcap', [*told(scene, 'joint_command'), *states, *late])
+    path = write_messages(
+        tmp_path / 'run.mcap', [*commands_of(scene, 'joint_command'), *states, *late]
+    )
     with pytest.raises(ParameterError, match='time goes back from 3'):
         read_recording(path, scene)
 
 
 def test_a_recording_must_be_long_enough(scene, measured, tmp_path):
     path = write_messages(
-        tmp_path / 'run.mcap', [*told(scene, 'joint_command'), *state_messages(measured)]
+        tmp_path / 'run.mcap', [*commands_of(scene, 'joint_command'), *state_messages(measured)]
     )
     recording = read_recording(path, scene)
     with pytest.raises(ParameterError, match=r'at least 10\.12 s with commands'):
-        Replay(recording, scene, Settings(), 'held')
+        Replay(recording, scene, ReplaySettings(), 'held')
     rare = replace(recording, pose_time=recording.pose_time[::110],
                    position=recording.position[::110],
                    orientation=recording.orientation[::110])  # fmt: skip
@@ -211,7 +218,7 @@ def test_a_recording_must_be_long_enough(scene, measured, tmp_path):
 
 
 def test_a_stamp_that_is_far_off_is_of_another_clock(scene, measured, tmp_path):
-    commands = told(scene, 'joint_command')
+    commands = commands_of(scene, 'joint_command')
     for _, _, message in commands:
         message.header.stamp = stamp_from(1_700_000_000_000_000_000)
     path = write_messages(tmp_path / 'run.mcap', [*commands, *state_messages(measured)])

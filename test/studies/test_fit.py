@@ -16,30 +16,30 @@ from random_states import random_parameters
 from recorded_messages import gait_commands, state_messages, write_messages
 
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.fitting.fit import Fit, fit
-from snake_sim_ros.fitting.judgement import judge, what_is_not_told
-from snake_sim_ros.fitting.recording import read_recording
-from snake_sim_ros.fitting.replay import (
-    ALIGNED,
-    aligned,
-    between,
-    Replay,
-    Residual,
-    Settings,
-    with_fit_steps,
-)
-from snake_sim_ros.fitting.start_states import Measured, start_state
-from snake_sim_ros.fitting.synthetic import with_noise
-from snake_sim_ros.fitting.unknowns import scene_at, Unknown, unknowns_of
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import flat_fields, ParameterError
 from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, with_settings
 from snake_sim_ros.scene.posture import chain_coordinates, joint_angles, joint_rates
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.stepping.simulation import run, Simulation
+from snake_sim_ros.studies.fit import Fit, fit, scene_at, Unknown, unknowns_of
+from snake_sim_ros.studies.judgement import judge, what_is_not_determined
+from snake_sim_ros.studies.recorded_motion import read_recording
+from snake_sim_ros.studies.replay import (
+    ALIGNED,
+    aligned,
+    between,
+    Measured,
+    Replay,
+    ReplaySettings,
+    Residual,
+    start_state,
+    with_fit_steps,
+    with_noise,
+)
 
-PAGE = (Path(__file__).parent.parent / 'docs' / 'fit.md').read_text(encoding='utf-8')
-SETTINGS = Settings(segment=2.0, burn_in=1.5)
+PAGE = (Path(__file__).resolve().parents[2] / 'docs' / 'fit.md').read_text(encoding='utf-8')
+SETTINGS = ReplaySettings(segment=2.0, burn_in=1.5)
 DURATION, RATE = 7.7, 50.0  # s, Hz
 BOTH = ['friction.longitudinal', 'friction.transversal']
 ALL = [*BOTH, 'robot.yaw_stiffness']
@@ -102,7 +102,7 @@ def test_it_finds_the_truth_within_its_intervals(recording, found):
     # Four standard deviations are exceeded in 6 of 100 000 recordings; this one has a fixed seed.
     off = np.log(np.array(found.values) / truth)
     assert (np.abs(off) < 4 * judgement.deviation).all()
-    # The ratio of the coefficients is told much better than each.
+    # The ratio of the coefficients is determined much better than each.
     assert abs(off[1] - off[0]) < 0.2 * judgement.deviation.max()
     assert judgement.failures == ()
     for name, size in judgement.size.items():
@@ -133,7 +133,7 @@ def test_threads_and_repetitions_give_the_same_bits(recording):
 
 
 def test_what_hardly_matters_is_said(found):
-    sentences = what_is_not_told(found, judge(found))
+    sentences = what_is_not_determined(found, judge(found))
     assert sentences[-1].startswith(
         'a common change of friction.longitudinal, friction.transversal and robot.yaw_stiffness '
         'hardly matters: 10 % change the motion by'
@@ -146,8 +146,8 @@ def test_friction_hardly_matters_in_case_b(tmp_path):
     replay = replay_of(recording, seed=2)
     names = ['friction.longitudinal=friction.transversal', 'robot.yaw_damping']
     result = fit(replay, unknowns_of(replay.scene, names))
-    damping, friction = sorted(what_is_not_told(result, judge(result)), reverse=True)
-    assert damping.startswith('the recording does not tell robot.yaw_damping: its standard')
+    damping, friction = sorted(what_is_not_determined(result, judge(result)), reverse=True)
+    assert damping.startswith('the recording does not determine robot.yaw_damping: its standard')
     assert friction.startswith(f'{names[0]} hardly matters: 10 % change the motion by')
 
 
@@ -298,7 +298,7 @@ def test_the_bootstrap_of_two_segments_is_known_by_hand():
     # two numbers, whose distribution is Student's with one degree of freedom, Cauchy's, they are
     # wider by tan(0.475 pi)/1.96 and sqrt(2/1).
     J, g = np.array([2.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.5]), 0.3
-    residuals = np.outer([g + 0.1, 0.1 - g], J / (J @ J))  # of which the mean, 0.1, tells nothing
+    residuals = np.outer([g + 0.1, 0.1 - g], J / (J @ J))  # of which the mean, 0.1, says nothing
     judgement = judge(fit_of_one_value(residuals, [J, J]))
     wider = math.tan(0.475 * math.pi) / 1.959963984540054 * math.sqrt(2.0)
     reach = wider * g / (J @ J)
@@ -312,11 +312,11 @@ def test_the_bootstrap_of_two_segments_is_known_by_hand():
         (['friction.longitudnal'], "did you mean 'friction.longitudinal'?"),
         (
             ['dt'],
-            '--free dt: a fit finds numbers of the robot and of friction, this one is chosen',
+            '--free dt: a fit finds only numbers of the robot and of friction; choose from: ',
         ),
-        (['gait.yaw.amplitude'], 'this one is chosen'),
-        (['robot.link_count'], 'this one is chosen'),
-        (['robot.joint_limit'], 'this one is chosen'),
+        (['gait.yaw.amplitude'], 'a fit finds only numbers of the robot and of friction'),
+        (['robot.link_count'], 'a fit finds only numbers of the robot and of friction'),
+        (['robot.joint_limit'], 'a fit finds only numbers of the robot and of friction'),
         (['method'], "--free method: a fit finds numbers, this is 'newton'"),
         (['robot.yaw_torque_limit'], 'has no value in the scene; --set one to start from'),
         (['gravity'], 'a fit finds one number, this is a list of 3'),
@@ -363,8 +363,8 @@ def test_commands_of_the_page_run(tmp_path, monkeypatch, capsys):
         if '--check' in words:
             shorter += ['--check', '2']
         assert main([*words[1:], *shorter]) == 0, line
-    told = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert told['explained'] and told['values']['friction.transversal']['value'] > 0.0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert result['explained'] and result['values']['friction.transversal']['value'] > 0.0
 
 
 def test_the_command_writes_a_scene_and_a_picture(recording, folder, tmp_path, capsys):
@@ -373,8 +373,8 @@ def test_the_command_writes_a_scene_and_a_picture(recording, folder, tmp_path, c
     options = ['--free', *BOTH, '--set', 'friction.longitudinal=0.2', '--segment', '2']
     files = ['--out', str(out), '--plot', str(plot)]
     assert main(['fit', str(folder / 'run.mcap'), *options, '--burn-in', '1.5', *files]) == 0
-    told = json.loads(capsys.readouterr().out.splitlines()[-1])
-    value = told['values']['friction.longitudinal']
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    value = result['values']['friction.longitudinal']
     assert value['value'] == pytest.approx(0.1, rel=1e-3)
     assert value['start'] == 0.2
     low, high = value['interval']
@@ -396,7 +396,10 @@ def test_the_command_writes_a_scene_and_a_picture(recording, folder, tmp_path, c
         (['--free', *BOTH, '--segment', '60'], 'must have at least 122.1'),
         (['--free', *BOTH, '--threads', '0'], '--threads must be at least 1, got 0'),
         (['--free', *BOTH, '--global', '-1'], '--global must be at least 0, got -1'),
-        (['--free', *BOTH, '--out', 'fitted.txt'], '--out must end in .yaml, got fitted.txt'),
+        (
+            ['--free', *BOTH, '--out', 'fitted.txt'],
+            '--out must end in .yaml or .yml, got fitted.txt',
+        ),
         (['--free', *BOTH, '--out', 'nowhere/f.yaml'], '--out: no folder'),
         (['--free', *BOTH, '--plot', 'fit.txt'], '--plot must end in .png'),
         (['--free', *BOTH, '--scene', 'nowhere'], 'nowhere'),

@@ -1,35 +1,41 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What an optimization is: a scene, bounds of values, objectives, constraints; and as a file."""
+"""
+What an optimization is: a scene, bounds of values, objectives and constraints; and as a file.
+
+An objective may hold for several scenes, whose values differ by given factors: it is robust then.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import itertools
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.optimization.expressions import (
-    Constraint,
-    constraint_of,
-    Expression,
-    expression_of,
-)
-from snake_sim_ros.optimization.robust import Robust, robust_of
 from snake_sim_ros.scene.checked_records import (
     CheckedRecord,
     flat_fields,
     from_mapping,
+    nearest,
     ParameterError,
     quantity,
     quoted,
 )
 from snake_sim_ros.scene.parameters import Array, Scene, with_settings
-from snake_sim_ros.studies.keys import physics_version
+from snake_sim_ros.studies.expressions import constraint_of, Expression, expression_of
 from snake_sim_ros.studies.metrics import Metric, METRICS, metrics_of, USUAL_METRICS
 from snake_sim_ros.studies.runs import Plan
-from snake_sim_ros.studies.study_file import loaded, mapping_at, scene_and_values, settings_of
+from snake_sim_ros.studies.study import (
+    loaded,
+    mapping_at,
+    scene_and_values,
+    scene_with,
+    Settings,
+    settings_of,
+)
 from snake_sim_ros.studies.variations import check_names, Range
 
 GOALS = {'maximize': -1.0, 'minimize': 1.0}  # and the sign with which a value is a loss
@@ -38,23 +44,154 @@ COLUMNS = (
     *('row', 'search', 'generation', 'objective', 'objective_1', 'objective_2', 'excess'),
     *('feasible', 'best', 'status', 'failure', 'seconds'),
 )
-PARTS = (
+PROBLEM_KEYS = (
     *('scene', 'set', 'vary', 'follow', *GOALS, 'objectives', 'constraints', 'metrics'),
     *('robust', 'stop', 'check'),
 )
+MEASURES = ('worst', 'mean')
+ROBUST_EXAMPLE = '{over: {friction: 0.3}, measure: worst}'
+MOST_SCENES = 1000  # for one evaluation
+
+
+@dataclass(frozen=True)
+class Robust:
+    """
+    The scenes in which values are judged, and how.
+
+    Attributes
+    ----------
+    measure : str
+        One of MEASURES.
+    scenes : tuple of dict
+        Dotted name of a value -> factor, for each scene.
+
+    """
+
+    measure: str = 'worst'
+    scenes: tuple[Mapping[str, float], ...] = ({},)
+
+    def of(self, losses: Sequence[float]) -> float:
+        """Return the loss of values, from those in all scenes."""
+        return max(losses) if self.measure == 'worst' else math.fsum(losses) / len(losses)
+
+    def shown(self, losses: Sequence[float]) -> int | None:
+        """Return the scene whose metrics stand for all; None if that is their mean."""
+        return losses.index(max(losses)) if self.measure == 'worst' else None
+
+    def settings(self, scene: Scene, values: Mapping[str, Any], index: int) -> dict[str, Any]:
+        """Return values and, besides them, what differs in one of the scenes."""
+        factors = self.scenes[index]
+        if not factors:
+            return dict(values)
+        keys = {name.removesuffix('_deg'): name for name in values}
+        found, flat = dict(values), flat_fields(with_settings(scene, values))
+        for name, factor in factors.items():
+            key = keys.get(name, name)
+            found[key] = _scaled(values[key] if key in values else flat[name][0], factor)
+        return found
+
+
+def _scaled(value: Any, factor: float) -> Any:
+    if isinstance(value, tuple):
+        return tuple(_scaled(entry, factor) for entry in value)
+    return value * factor
+
+
+def robust_of(given: Any, scene: Scene) -> Robust:
+    """
+    Return what `robust` of a file says, as in ROBUST_EXAMPLE.
+
+    Raises
+    ------
+    ParameterError
+        If it is something else.
+
+    """
+    if given is None:
+        return Robust()
+    if not isinstance(given, Mapping) or not isinstance(given.get('over'), Mapping):
+        raise ParameterError(f'robust must be like {ROBUST_EXAMPLE}, got {quoted(given)}')
+    for key in given:
+        if key not in ('over', 'measure'):
+            raise ParameterError(
+                f'robust: unknown key {quoted(key)}; must be like {ROBUST_EXAMPLE}'
+            )
+    measure = given.get('measure', 'worst')
+    if measure not in MEASURES:
+        raise ParameterError(f'robust: measure must be worst or mean, got {quoted(measure)}')
+    if not given['over']:
+        raise ParameterError(f'robust: over must name a value, such as {ROBUST_EXAMPLE}')
+    groups = [_group(name, factors, scene) for name, factors in given['over'].items()]
+    scenes = []
+    for parts in itertools.product(*groups):
+        names = [name for part in parts for name in part]
+        for name in names:
+            if names.count(name) > 1:
+                raise ParameterError(f'robust: over: {name} is given twice')
+        scenes.append({name: factor for part in parts for name, factor in part.items()})
+    if len(scenes) > MOST_SCENES:
+        raise ParameterError(
+            f'robust: over must make at most {MOST_SCENES} scenes, got {len(scenes)}'
+        )
+    return Robust(measure, tuple(scenes))
+
+
+def _group(name: Any, given: Any, scene: Scene) -> list[dict[str, float]]:
+    """Return the factors of a value, or of all values in a part of the scene such as friction."""
+    flat = flat_fields(scene)
+    plain = str(name).removesuffix('_deg')
+    inside = [plain] if plain in flat else [key for key in flat if key.startswith(f'{plain}.')]
+    inside = [key for key in inside if key == plain or flat[key][0] is not None]
+    if not inside:
+        raise ParameterError(f'robust: over: unknown name {quoted(name)}; {nearest(plain, flat)}')
+    for key in inside:
+        leaves = _leaves(flat[key][0])
+        if not leaves or not all(isinstance(leaf, float) for leaf in leaves):
+            raise ParameterError(
+                f'robust: over: {key} is {flat[key][0]!r}, which no factor changes; name a number '
+                f'of the scene such as friction.longitudinal'
+            )
+    if not any(any(_leaves(flat[key][0])) for key in inside):
+        raise ParameterError(f'robust: over: {name} is 0 in the scene, which no factor changes')
+    return [dict.fromkeys(inside, factor) for factor in _factors(name, given)]
+
+
+def _leaves(value: Any) -> list[Any]:
+    """Return the values in nested tuples."""
+    return (
+        [leaf for entry in value for leaf in _leaves(entry)]
+        if isinstance(value, tuple)
+        else [value]
+    )
+
+
+def _factors(name: str, given: Any) -> tuple[float, ...]:
+    """Return factors: those listed, or 1 - s, 1, 1 + s of a share s."""
+    listed = given if isinstance(given, (list, tuple)) else [given]
+    for number in listed:
+        is_number = isinstance(number, (int, float)) and not isinstance(number, bool)
+        if not is_number or not math.isfinite(number) or not number > 0.0:
+            break
+    else:
+        if isinstance(given, (list, tuple)) and listed:
+            return tuple(map(float, listed))
+        if listed and given < 1.0:
+            return (1.0 - given, 1.0, 1.0 + given)
+    raise ParameterError(
+        f'robust: over: {name} must be a share above 0 and below 1 such as 0.3 (+-30 %), or '
+        f'factors such as [0.7, 1, 1.3], got {quoted(given)}'
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
-class Settings(CheckedRecord):
+class SearchSettings(Settings):
     """The values of an optimization that are one number."""
 
-    seed: int = quantity(0, '1', 'seed of what is drawn', minimum=0)
     starts: int = quantity(1, '1', 'searches from different places', minimum=1, maximum=1000)
     population: int = quantity(
         0, '1', 'samples of a generation; 0: the usual number of CMA-ES', minimum=0, maximum=10**5
     )
     weights: int = quantity(5, '1', 'searches along a front', minimum=2, maximum=1000)
-    rate: float = quantity(20.0, 'Hz', 'samples a second of which metrics are taken', above=0)
 
     def __post_init__(self) -> None:
         """Check every field, and that a generation has an order."""
@@ -104,13 +241,13 @@ class Problem:
         Dotted name of a value -> an expression of those with bounds.
     objectives : tuple of Objective
         One or two.
-    constraints : tuple of Constraint
+    constraints : tuple of Expression
     metrics : tuple of Metric
     robust : Robust
     stop : Stop
     check : dict
         Values of the scene in which the result is checked; empty for no check.
-    settings : Settings
+    settings : SearchSettings
 
     """
 
@@ -119,24 +256,22 @@ class Problem:
     bounds: Mapping[str, Range]
     follow: Mapping[str, Expression]
     objectives: tuple[Objective, ...]
-    constraints: tuple[Constraint, ...]
+    constraints: tuple[Expression, ...]
     metrics: tuple[Metric, ...]
     robust: Robust
     stop: Stop
     check: Mapping[str, Any]
-    settings: Settings
+    settings: SearchSettings
 
     def plan(self) -> Plan:
         """Return what all runs have in common."""
-        return Plan(
-            self.scene, self.given, self.metrics, self.settings.rate, None, physics_version()
-        )
+        return Plan(self.scene, self.given, self.metrics, self.settings.rate)
 
     def check_plan(self) -> Plan:
         """Return what the runs of the check have in common, with steps as they are given."""
         settings = {'accuracy': 0.0, **self.check}
         scene, given = with_settings(self.scene, settings), self.given | settings.keys()
-        return Plan(scene, given, self.metrics, self.settings.rate, None, physics_version())
+        return Plan(scene, given, self.metrics, self.settings.rate)
 
     def values_at(self, shares: Array) -> dict[str, float]:
         """Return the values at shares of the bounds, and those that follow from them."""
@@ -200,7 +335,7 @@ def problem_from(mapping: Any, folder: Path | None = None) -> Problem:
         If anything in it is not usable.
 
     """
-    settings = settings_of(Settings, mapping, PARTS)
+    settings = settings_of(SearchSettings, mapping, PROBLEM_KEYS)
     stop: Stop = from_mapping(Stop, mapping.get('stop'), 'stop')
     scene, fixed, vary = scene_and_values(mapping, folder)
     bounds = {name: _bound(name, given, scene) for name, given in vary.items()}
@@ -212,10 +347,7 @@ def problem_from(mapping: Any, folder: Path | None = None) -> Problem:
     for name in check:
         if name in {*bounds, *follow}:
             raise ParameterError(f'check: {name} must not vary')
-    try:
-        with_settings(scene, check)
-    except ParameterError as error:
-        raise ParameterError(f'check: {error}') from None
+    scene_with(scene, check, 'check')
     robust = robust_of(mapping.get('robust'), scene)
     return Problem(scene, given, bounds, follow, objectives, constraints, metrics, robust, stop,
                    check, settings)  # fmt: skip
@@ -237,10 +369,7 @@ def _bound(name: str, given: Any, scene: Scene) -> Range:
             f'bounds'
         )
     for end in (bound.low, bound.high):
-        try:
-            with_settings(scene, {name: end})
-        except ParameterError as error:
-            raise ParameterError(f'vary: {error}') from None
+        scene_with(scene, {name: end}, 'vary')
     return bound
 
 
@@ -258,7 +387,7 @@ def _followers(
 
 def _goals(
     mapping: Mapping[str, Any], folder: Path | None
-) -> tuple[tuple[Objective, ...], tuple[Constraint, ...], tuple[Metric, ...]]:
+) -> tuple[tuple[Objective, ...], tuple[Expression, ...], tuple[Metric, ...]]:
     """Return objectives, constraints, and the metrics that they need or that are listed."""
     own = metrics_of(mapping.get('metrics', USUAL_METRICS), folder)
     short, plain = _short_names(own), [metric.name for metric in own]

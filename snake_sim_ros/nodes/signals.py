@@ -6,8 +6,10 @@ The signals that end a program of the nodes.
 Nothing here takes time to import, so that a program heeds them from its first moment on.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 import signal
+from threading import Event
 from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # the last one: the terminal closes
@@ -17,4 +19,16 @@ def on_signals(handler: Callable[[int, FrameType | None], None]) -> None:
     """Let a function handle the signals, but for the last one where nohup has it ignored."""
     for number in SIGNALS:
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, handler)
+
+
+@contextmanager
+def interruptible() -> Iterator[Event]:
+    """Yield an event that SIGINT and SIGTERM set; an exception would disrupt the middleware."""
+    stop = Event()
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in SIGNALS}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
             signal.signal(number, handler)

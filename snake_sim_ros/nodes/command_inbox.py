@@ -5,6 +5,7 @@
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 import math
 import time
 from typing import Any, TypeVar
@@ -14,7 +15,7 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
@@ -23,7 +24,6 @@ from snake_sim_ros.gaits.joint_reference import JointReference, Motion, start_po
 from snake_sim_ros.gaits.limited_reference import LimitedReference
 from snake_sim_ros.nodes.goal_tolerances import Tracked
 from snake_sim_ros.nodes.other_publishers import OtherPublishers
-from snake_sim_ros.nodes.received_bytes import DamagedMessage, message_from
 from snake_sim_ros.nodes.received_commands import (
     extrapolated,
     joint_command,
@@ -33,15 +33,10 @@ from snake_sim_ros.nodes.received_commands import (
     ReceivedTrajectory,
     RejectedCommand,
 )
-from snake_sim_ros.nodes.received_trajectories import (
-    joint_trajectory,
-    read_trajectory,
-    ReadTrajectory,
-)
+from snake_sim_ros.nodes.received_trajectories import joint_trajectory
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.stamps import seconds_from
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
-from snake_sim_ros.nodes.turns import Turns
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.efforts import command_effort, commanded_effort
 from snake_sim_ros.stepping.levels import is_vertical, what_is_told
@@ -50,7 +45,10 @@ from snake_sim_ros.stepping.simulation import Simulation
 
 C = TypeVar('C', bound=ReceivedCommand)
 LATEST = QoSProfile(depth=1)  # A newer command replaces one that waits.
-LARGE = 16_000  # bytes of a trajectory, 50 points of 20 joints with velocities; it takes 1 ms
+# Bytes of a trajectory that are read in about 3 ms, which is 550 points of 20 joints with
+# velocities, or 1100 without. rclpy holds the GIL while it makes objects of the points, 60 ms for
+# 10 000 of them; a thread would not help, and a publish period is 5 ms.
+LARGEST = 200_000
 REMEMBERED = 10.0  # s of wall time for which a rejection is in the diagnostics
 
 
@@ -75,6 +73,8 @@ class CommandInbox:
         How many commands were rejected, and how many were clamped to the joint limit.
     limiter : LimitedReference
         Leads joints to what they are told, no faster than they may turn.
+    is_open : bool
+        Whether commands are taken, see `open`.
     watch : callable, optional
         Called with the simulated time before every sample [s].
 
@@ -86,6 +86,7 @@ class CommandInbox:
         self.settings = settings
         self.rejected = self.clamped = 0
         self.watch: Callable[[float], None] | None = None
+        self.is_open = False
         self._simulation, self._warn = simulation, warn
         self._reference = start_posture(simulation.scene)
         self.limiter = LimitedReference(self._reference.angle)
@@ -95,7 +96,7 @@ class CommandInbox:
         self._silent = ''  # topic of a stream that stopped
         self._rejection = ''  # the last one, as a sentence
         self._rejected_at = -math.inf  # wall time of it [s]
-        self._turns = Turns()
+        self._early: dict[str, Callable[[], None]] = {}  # topic -> how to take its last command
         self._topics: dict[str, Any] = {}  # with types, on which commands came in this interval
         self._limited: JointReference | None = None  # the last one reported to exceed the limit
         self._others = OtherPublishers(node)
@@ -105,20 +106,17 @@ class CommandInbox:
         node.create_subscription(
             JointState,
             'joint_command',
-            lambda data: self._on_command('joint_command', JointState, joint_command, data),
+            partial(self._on_command, 'joint_command', joint_command),
             LATEST,
-            raw=True,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
         node.create_subscription(
             Float64MultiArray,
             'position_commands',
-            lambda data: self._on_command(
-                'position_commands', Float64MultiArray, position_commands, data
-            ),
+            partial(self._on_command, 'position_commands', position_commands),
             LATEST,
-            raw=True,
         )
+        # As bytes, whose number is known before time is spent on them.
         node.create_subscription(
             JointTrajectory, 'joint_trajectory', self._on_trajectory, LATEST, raw=True
         )
@@ -140,7 +138,6 @@ class CommandInbox:
             (yaw, pitch) [rad], [rad/s].
 
         """
-        self._turns.finish()
         if self.watch:
             self.watch(self._simulation.time)
         self._reference = self._reference.settled(self._simulation.time)
@@ -153,18 +150,12 @@ class CommandInbox:
             limit=self._simulation.scene.robot.joint_rate_limit,
         )
 
-    @property
-    def is_open(self) -> bool:
-        """Whether commands are taken, see `open`."""
-        return self._turns.is_open
-
     def open(self) -> None:
         """Take commands from now on, first those that came while the physics was compiled."""
-        self._turns.open()
-
-    def finish(self) -> None:
-        """Wait until all commands that came are taken, as lock-step demands."""
-        self._turns.finish(wait=True)
+        self.is_open = True
+        early, self._early = self._early, {}
+        for take in early.values():
+            take()
 
     def commanded_angle(self) -> Array:
         """Return the commanded joint angles at the simulated time [rad], shape (n-1, 2)."""
@@ -184,7 +175,7 @@ class CommandInbox:
             under way, and void, too; in lock-step they may be answers to the new state.
 
         """
-        self._turns.forget()
+        self._early.clear()
         now = self._simulation.time
         self._void = now + 1e-6 if runs else 0.0  # stamps are rounded
         if angle is None:
@@ -197,13 +188,11 @@ class CommandInbox:
 
     def take_trajectory(self, message: JointTrajectory) -> Motion:
         """Take a trajectory at once; raise RejectedCommand if it is not usable."""
-        self._turns.finish(wait=True)
 
         def read() -> ReceivedTrajectory:
             if not self.is_open:
                 raise RejectedCommand('early', 'no goal is taken while the physics is compiled')
-            robot = self._simulation.scene.robot
-            return self._placed(read_trajectory(serialize_message(message), robot))
+            return self._placed(message)
 
         return self._take('joint_trajectory', read).motion
 
@@ -233,40 +222,46 @@ class CommandInbox:
     # ---- what came ------------------------------------------------------------------------------
 
     def _on_command(
-        self, topic: str, kind: Any, read: Callable[..., ReceivedCommand], data: bytes
+        self, topic: str, read: Callable[..., ReceivedCommand], message: JointState
     ) -> None:
-        self._topics[topic] = kind
-        try:
-            message = message_from(data, kind)
-        except DamagedMessage as error:
-            self.reject(RejectedCommand('bytes', f'{topic}: {error}'))
-            return
         stamp = seconds_from(message.header.stamp) if hasattr(message, 'header') else 0.0
-        if 0.0 < stamp <= self._void and self.settings.publish_clock:
-            return
-        if not self.settings.publish_clock and hasattr(message, 'header'):
-            # The stamp belongs to a clock that another node makes. Zero means now.
-            message.header.stamp = Time()
-        self._turns.take(
-            topic,
-            lambda: message,
-            lambda prepared: self._try(topic, lambda: self._told(topic, read, prepared())),
-        )
+        if not 0.0 < stamp <= self._void or not self.settings.publish_clock:
+            self._when_open(topic, type(message), lambda: self._told(topic, read, message))
 
     def _on_trajectory(self, data: bytes) -> None:
-        self._topics['joint_trajectory'] = JointTrajectory
-        robot = self._simulation.scene.robot
-        self._turns.take(
-            'joint_trajectory',
-            lambda: read_trajectory(data, robot),
-            lambda prepared: self._try('joint_trajectory', lambda: self._placed(prepared())),
-            large=len(data) > LARGE,
-        )
+        def read() -> ReceivedTrajectory:
+            if len(data) > LARGEST:
+                raise RejectedCommand(
+                    'large',
+                    f'joint_trajectory: a message of {len(data)} bytes takes too long to read; at '
+                    f'most {LARGEST}, which is 550 points of 20 joints with velocities. Send the '
+                    f'rest as trajectories that begin later',
+                )
+            try:
+                message = deserialize_message(data, JointTrajectory)
+            except (RuntimeError, UnicodeDecodeError):
+                raise RejectedCommand('bytes', 'joint_trajectory: a message is damaged') from None
+            return self._placed(message)
+
+        self._when_open('joint_trajectory', JointTrajectory, read)
+
+    def _when_open(self, topic: str, kind: Any, read: Callable[[], ReceivedCommand]) -> None:
+        """Take a command now or, as the last one of its topic, when commands are taken."""
+        self._topics[topic] = kind
+        if self.is_open:
+            with suppress(RejectedCommand):
+                self._take(topic, read)
+        else:
+            self._early.pop(topic, None)  # It goes to the end.
+            self._early[topic] = lambda: self._when_open(topic, kind, read)
 
     def _told(
         self, topic: str, read: Callable[..., ReceivedCommand], message: Any
     ) -> ReceivedCommand:
         """Return the effect of a command, and whether joints jump to it."""
+        if not self.settings.publish_clock and hasattr(message, 'header'):
+            # The stamp belongs to a clock that another node makes. Zero means now.
+            message.header.stamp = Time()
         scene, now, last = self._simulation.scene, self._simulation.time, self._reference
         command, settings = read(message, last, scene.robot, now), self.settings
         if self._heard is None:  # There was no command yet, from which joints could have come.
@@ -278,17 +273,13 @@ class CommandInbox:
         )
         return replace(command, jump=jump)
 
-    def _placed(self, trajectory: ReadTrajectory) -> ReceivedTrajectory:
+    def _placed(self, message: JointTrajectory) -> ReceivedTrajectory:
         """Return the effect of a trajectory that begins now or at its stamp."""
         if not self.settings.publish_clock:
-            trajectory = replace(trajectory, stamp=0.0)
+            message.header.stamp = Time()
         now, horizon = self._simulation.time, self.settings.command_horizon
         robot = self._simulation.scene.robot
-        return joint_trajectory(trajectory, self._reference, robot, now, horizon)
-
-    def _try(self, topic: str, read: Callable[[], ReceivedCommand]) -> None:
-        with suppress(RejectedCommand):
-            self._take(topic, read)
+        return joint_trajectory(message, self._reference, robot, now, horizon)
 
     def _take(self, topic: str, read: Callable[[], C]) -> C:
         """Take a command; if it is rejected, warn why and raise."""
@@ -349,7 +340,6 @@ class CommandInbox:
 
     def remarks(self) -> list[str]:
         """Return a sentence each on the last rejection and on a stream that stopped."""
-        self._turns.finish()
         recent = time.monotonic() - self._rejected_at < REMEMBERED
         remarks = [self._rejection] if recent else []
         if self._silent:

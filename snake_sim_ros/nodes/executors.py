@@ -91,7 +91,7 @@ class Server:
             self._executor.spin_once(timeout_sec=timeout_sec)
         except NOT_USABLE as error:
             words = str(error).partition('\n')[0]
-            self._warn('dropped', f'dropped what cannot be used: {type(error).__name__}: {words}')
+            self._warn('dropped', f'a message or request was dropped: {words}')
 
     def serve_some(self) -> None:
         """Serve what waits, but not so much or so large that the caller would starve."""

@@ -37,7 +37,6 @@ from snake_sim_ros.nodes.measured_start import MeasuredStart
 from snake_sim_ros.nodes.node_parameters import declare, parameter_fields, settle
 from snake_sim_ros.nodes.node_process import run_node
 from snake_sim_ros.nodes.parameter_requests import ParameterRequests
-from snake_sim_ros.nodes.received_bytes import reader
 from snake_sim_ros.nodes.sent_commands import COMMAND_FORMS
 from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
 from snake_sim_ros.nodes.velocity_commands import steering_from, time_of
@@ -128,8 +127,7 @@ class GaitNode(Node):
             kind, take = TwistStamped, self._on_twist_stamped
         else:
             kind, take = Twist, self._on_twist
-        read = reader(kind, take, lambda error: self.warn('bytes', f'cmd_vel: {error}'))
-        self.create_subscription(kind, 'cmd_vel', read, QoSProfile(depth=1), raw=True)
+        self.create_subscription(kind, 'cmd_vel', take, QoSProfile(depth=1))
         self.jumps = Jumps(self.warn)
         self.watch = ClockWatch(self, self.jumps, self.warn)
         measured = self.settings.start_from == 'measured'

@@ -10,7 +10,6 @@ is that of a link, which is pushed, and whose axes the force keeps; or `world`, 
 """
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped, WrenchStamped
@@ -18,7 +17,6 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from snake_sim_ros.nodes.received_bytes import reader
 from snake_sim_ros.nodes.refusals import Refusals
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.state_messages import BASE, ODOM, WORLD
@@ -71,12 +69,8 @@ class Handling:
         self.settings, self.refusals = settings, refusals
         self._simulation, self._moved = simulation, moved
         settings.pushed_link(simulation.scene.robot)
-        for kind, topic, take, quality in (
-            (WrenchStamped, 'push', self._on_push, SEVERAL),
-            (PoseStamped, 'set_pose', self._on_pose, LATEST),
-        ):
-            read = reader(kind, take, partial(self._refuse, topic))
-            node.create_subscription(kind, f'~/{topic}', read, quality, raw=True)
+        node.create_subscription(WrenchStamped, '~/push', self._on_push, SEVERAL)
+        node.create_subscription(PoseStamped, '~/set_pose', self._on_pose, LATEST)
 
     def limit(self) -> None:
         """End the pushes of messages if the robot moves too fast."""
@@ -120,9 +114,6 @@ class Handling:
             )
         place(self._simulation, r, product(product(np.array([w, x, y, z]) / norm, -TURN), FLAT))
         self._moved()
-
-    def _refuse(self, topic: str, reason: object) -> None:
-        self.refusals.add(topic, reason)
 
     def _on_pose(self, message: PoseStamped) -> None:
         pose = message.pose

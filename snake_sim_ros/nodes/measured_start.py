@@ -20,7 +20,6 @@ from sensor_msgs.msg import JointState
 from snake_sim_ros.nodes.clock_watch import ClockWatch
 from snake_sim_ros.nodes.joint_names import joint_names
 from snake_sim_ros.nodes.jumps import Jumps
-from snake_sim_ros.nodes.received_bytes import message_from
 from snake_sim_ros.scene.parameters import Array, Robot
 
 FRESH = 0.05  # s for which angles hold, by the clock of the node or by that of the machine
@@ -124,9 +123,7 @@ class MeasuredStart:
         self._made = time.monotonic()
         # The newest message counts, and whoever publishes at whatever reliability is heard.
         quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        node.create_subscription(
-            JointState, 'joint_states', self._on_joint_states, quality, raw=True
-        )
+        node.create_subscription(JointState, 'joint_states', self._on_joint_states, quality)
 
     def was_put_back(self) -> bool:
         """Return whether the robot was put back since the last call."""
@@ -178,13 +175,12 @@ class MeasuredStart:
         age = min(abs(1e-9 * (now - last.stamp)), time.monotonic() - last.arrived)
         return last.angle if age <= FRESH else None
 
-    def _on_joint_states(self, data: bytes) -> None:
+    def _on_joint_states(self, message: JointState) -> None:
+        stamp = message.header.stamp
+        self._clock.compare(stamp.sec * 1_000_000_000 + stamp.nanosec)
+        if not self._used:
+            return
         try:
-            message = message_from(data, JointState)
-            stamp = message.header.stamp
-            self._clock.compare(stamp.sec * 1_000_000_000 + stamp.nanosec)
-            if not self._used:
-                return
             new = measured(message, self._names)
         except ValueError as error:
             if not self._refused:

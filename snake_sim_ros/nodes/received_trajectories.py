@@ -3,16 +3,13 @@
 """
 Joint trajectories that were received: a reference made of a message.
 
-As for the other commands in `received_commands`, a message is taken as a whole or not at all. What
-takes long for many points, `read_trajectory`, does not need the present reference, so it can be
-done beside the steps of the simulation.
+As for the other commands in `received_commands`, a message is taken as a whole or not at all.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from rclpy.serialization import serialize_message
 from trajectory_msgs.msg import JointTrajectory
 
 from snake_sim_ros.gaits.joint_reference import JointReference, Motion, motion_through
@@ -25,10 +22,10 @@ from snake_sim_ros.nodes.received_commands import (
     RejectedCommand,
     ROUNDING,
 )
-from snake_sim_ros.nodes.stamps import EPOCH
-from snake_sim_ros.nodes.trajectory_messages import read_message, TOPIC
+from snake_sim_ros.nodes.stamps import EPOCH, seconds_from
 from snake_sim_ros.scene.parameters import Array, Robot
 
+TOPIC = 'joint_trajectory'
 FARTHEST = 3600.0  # s that a trajectory may begin ahead of simulated time
 WAITING = 20  # trajectories that may wait for their begin; each costs time with every message
 
@@ -75,27 +72,11 @@ class ReadTrajectory:
     moves_pitch: bool
 
 
-def read_trajectory(data: bytes, robot: Robot) -> ReadTrajectory:
-    """
-    Read a trajectory of some joints; see `joint_trajectory`.
-
-    Parameters
-    ----------
-    data : bytes
-        A message of type JointTrajectory as the middleware delivers it.
-    robot : Robot
-
-    Raises
-    ------
-    RejectedCommand
-        If the message is not usable.
-
-    """
-    message = read_message(data)
-    names, axes = message.names, axes_of(TOPIC, message.names, robot)
-    if not message.count:
-        raise RejectedCommand('no points', f'{TOPIC} has no points')
-    times, angle, rate = message.points()
+def read_trajectory(message: JointTrajectory, robot: Robot) -> ReadTrajectory:
+    """Return a trajectory of some joints, or raise RejectedCommand; see `joint_trajectory`."""
+    names = list(message.joint_names)
+    axes = axes_of(TOPIC, names, robot)
+    times, angle, rate = _points(message)
     _check_points(names, times, angle, rate, robot)
     angle, clamped = clamped_to(TOPIC, names, angle, robot.joint_limit)
     pieces = np.zeros((len(times), 4, len(axes)))
@@ -106,13 +87,13 @@ def read_trajectory(data: bytes, robot: Robot) -> ReadTrajectory:
     told = (angle,) if rate is None else (angle, rate)
     moves_pitch = any(values[:, axes % 2 == 1].any() for values in told)
     return ReadTrajectory(
-        *(names, message.stamp, axes, times, angle, rate),
+        *(names, seconds_from(message.header.stamp), axes, times, angle, rate),
         *(pieces, reach, speed, clamped, moves_pitch),
     )
 
 
 def joint_trajectory(
-    message: ReadTrajectory | JointTrajectory,
+    trajectory: JointTrajectory,
     last: JointReference,
     robot: Robot,
     now: float,
@@ -130,8 +111,7 @@ def joint_trajectory(
     The other parameters and the error are those of `received_commands.joint_command`. A previous
     command is extrapolated for the time `horizon` [s].
     """
-    if isinstance(message, JointTrajectory):
-        message = read_trajectory(serialize_message(message), robot)
+    message = read_trajectory(trajectory, robot)
     axes, pieces, jump, swing = message.axes, message.pieces, '', ''
     begin, times = _in_simulated_time(message, last, now)
     first = int(np.searchsorted(times, begin))
@@ -152,6 +132,30 @@ def joint_trajectory(
     swing = _check_pieces(message.names, times[first + 1 :], reach, speed, robot) or swing
     told = last.moved(motion), message.clamped or swing, jump, message.moves_pitch
     return ReceivedTrajectory(*told, motion=motion)
+
+
+def _points(message: JointTrajectory) -> tuple[Array, Array, Array | None]:
+    """Return times [s], angles [rad], shape (points, joints), and rates [rad/s] if given."""
+    points, joints = message.points, len(message.joint_names)
+    if not points:
+        raise RejectedCommand('no points', f'{TOPIC} has no points')
+    has_rates = len(points[0].velocities) > 0
+    for k, point in enumerate(points):
+        for what, values, wanted in (
+            ('positions', point.positions, joints),
+            ('velocities', point.velocities, joints * has_rates),
+        ):
+            if len(values) != wanted:
+                raise RejectedCommand(
+                    'length',
+                    f'{TOPIC}: point {k + 1} must have {wanted} {what}, got {len(values)} '
+                    f'(as many as joints; velocities in all points or in none)',
+                )
+    durations = [point.time_from_start for point in points]
+    times = np.array([each.sec + 1e-9 * each.nanosec for each in durations])
+    angle = np.array([point.positions for point in points])
+    rate = np.array([point.velocities for point in points]) if has_rates else None
+    return times, angle, rate
 
 
 def _check_points(
@@ -194,8 +198,7 @@ def _in_simulated_time(
     if sum(now < motion.begin < begin for motion in last.motions) >= WAITING:
         raise RejectedCommand(
             'waiting',
-            f'{TOPIC}: {WAITING} trajectories that begin earlier still wait; one may have as '
-            f'many points as you like',
+            f'{TOPIC}: {WAITING} trajectories that begin earlier still wait',
         )
     times = message.times + begin
     if times[-1] < now:

@@ -214,7 +214,6 @@ class SimNode(Node):
 
     def step(self, count: int = 1) -> None:
         """Advance by some publish periods, or fewer if a step diverges or the node must end."""
-        self.inbox.finish()
         for _ in range(count):
             if self.failure or self.stop.is_set() or not self.advance():
                 break

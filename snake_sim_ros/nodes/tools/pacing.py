@@ -28,16 +28,10 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
+from snake_sim_ros.nodes.signals import interruptible
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.state_messages import StateMessages
-from snake_sim_ros.nodes.tools.child_nodes import (
-    Child,
-    children,
-    Interrupted,
-    interruptible,
-    NodeDied,
-    start,
-)
+from snake_sim_ros.nodes.tools.child_nodes import Child, children, Interrupted, NodeDied, start
 from snake_sim_ros.nodes.tools.sim_probe import Noted, SimProbe
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, load_scene, Scene

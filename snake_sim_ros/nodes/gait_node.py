@@ -29,17 +29,22 @@ from std_srvs.srv import Trigger
 
 from snake_sim_ros.gaits.blending import Blend, check_limits, largest_values, shortest_blend
 from snake_sim_ros.gaits.steering import Steering
-from snake_sim_ros.nodes.clock_watch import ClockWatch
-from snake_sim_ros.nodes.executors import Server
-from snake_sim_ros.nodes.joint_names import joint_names
-from snake_sim_ros.nodes.jumps import Jumps
-from snake_sim_ros.nodes.measured_start import MeasuredStart
-from snake_sim_ros.nodes.node_parameters import declare, parameter_fields, settle
+from snake_sim_ros.nodes.executors import Server, ThrottledWarnings
+from snake_sim_ros.nodes.gait_inputs import (
+    ClockWatch,
+    Jumps,
+    MeasuredStart,
+    steering_from,
+    time_of,
+)
+from snake_sim_ros.nodes.messages import COMMAND_FORMS, joint_names
+from snake_sim_ros.nodes.node_parameters import (
+    declare,
+    parameter_fields,
+    ParameterRequests,
+    settle,
+)
 from snake_sim_ros.nodes.node_process import run_node
-from snake_sim_ros.nodes.parameter_requests import ParameterRequests
-from snake_sim_ros.nodes.sent_commands import COMMAND_FORMS
-from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
-from snake_sim_ros.nodes.velocity_commands import steering_from, time_of
 from snake_sim_ros.scene.checked_records import (
     CheckedRecord,
     flat_fields,

@@ -29,13 +29,10 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros.nodes.diagnostics import is_paused, shown
-from snake_sim_ros.nodes.executors import CountingExecutor, Server
-from snake_sim_ros.nodes.node_parameters import settle
+from snake_sim_ros.nodes.executors import CountingExecutor, Server, ThrottledWarnings
+from snake_sim_ros.nodes.messages import EPOCH, LATCHED, seconds_from
+from snake_sim_ros.nodes.node_parameters import ParameterRequests, settle
 from snake_sim_ros.nodes.node_process import run_node
-from snake_sim_ros.nodes.parameter_requests import ParameterRequests
-from snake_sim_ros.nodes.stamps import seconds_from
-from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
-from snake_sim_ros.nodes.transforms import LATCHED
 from snake_sim_ros.nodes.viewer_controls import Controls
 from snake_sim_ros.recording import from_messages
 from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
@@ -46,7 +43,6 @@ from snake_sim_ros.view.page import announce, Page, PLOT_PERIOD, SHOW_PERIOD
 UNWATCHED_PERIOD = 0.1  # s between two looks for messages if no browser is connected
 SERVING = 0.01  # s for which requests are served before the page is brought up to date
 STALE = 1.0  # s by which a pose may be older or newer than the joint angles
-EPOCH = 1e8  # s; a later stamp is that of a wall clock, and time is counted from the first one
 LAST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 NO_POINTS = np.zeros((0, 3))
 

@@ -16,9 +16,8 @@ from rclpy.qos import QoSProfile
 from sim_client import connected, SimClient, with_twin
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from snake_sim_ros.nodes.joint_names import joint_names
-from snake_sim_ros.nodes.received_trajectories import joint_trajectory
-from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.nodes.messages import joint_names, stamp_from
+from snake_sim_ros.nodes.received_commands import joint_trajectory
 from snake_sim_ros.scene.parameters import load_scene
 
 NAMES = joint_names(11)

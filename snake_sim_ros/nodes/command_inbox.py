@@ -72,7 +72,7 @@ class CommandInbox:
     rejected, clamped : int
         How many commands were rejected, and how many were clamped to the joint limit.
     limiter : LimitedReference
-        Leads joints to what they are told, no faster than they may turn.
+        Leads joints to their commands, no faster than they may turn.
     is_open : bool
         Whether commands are taken, see `open`.
     watch : callable, optional
@@ -171,7 +171,7 @@ class CommandInbox:
         angle : ndarray, shape (n-1, 2), optional
             Joint angles that hold from the simulated time on [rad]; default: those of the start.
         runs : bool, optional
-            Whether time goes on by itself. Commands stamped up to now are then those that were
+            Whether time runs by itself. Commands stamped up to now are then those that were
             under way, and void, too; in lock-step they may be answers to the new state.
 
         """
@@ -204,13 +204,13 @@ class CommandInbox:
         )
 
     def tracked(self, motion: Motion) -> Tracked:
-        """Return where the joints of a trajectory are told to be, and where they are."""
+        """Return where the joints of a trajectory are commanded to be, and where they are."""
         state, now = self._simulation.state, np.array([self._simulation.time])
         numbers = *self._sampled(now, 0.0), *joint_motion(state.q[None], state.u[None])
         return Tracked(*(values.reshape(-1)[motion.axes] for values in numbers))
 
     def stop(self, motion: Motion) -> None:
-        """Hold the joints of a trajectory where they are told to be at the simulated time."""
+        """Hold the joints of a trajectory where they are commanded to be at the simulated time."""
         angle, axes = self.commanded_angle().ravel()[motion.axes], motion.axes
         now, still = self._simulation.time, np.zeros(len(axes))
         self._reference = self._reference.commanded(axes, now, angle, still)
@@ -355,7 +355,7 @@ class CommandInbox:
 def _refuse_vertical(topic: str, command: ReceivedCommand) -> None:
     """Raise if a command moves pitch joints, which the planar level cannot."""
     reference = command.reference
-    told = 'a pitch joint is told to move' if command.moves_pitch else ''
+    told = 'a pitch joint is commanded to move' if command.moves_pitch else ''
     if is_vertical(reference.angle, reference.rate):
         told = what_is_told(reference.angle, reference.rate)
     if told:
@@ -375,7 +375,7 @@ class OtherPublishers:
     """
     Warns, once each, of topics on which messages of several nodes come.
 
-    The graph tells who may publish. It still has a node that was killed for up to 20 s, so nobody
+    The graph says who may publish. It still has a node that was killed for up to 20 s, so nobody
     is named for being there: after the first look at several publishers of a topic, the messages
     on it are heard, and the second look tells whether they come from several.
     """

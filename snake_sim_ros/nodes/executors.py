@@ -67,7 +67,7 @@ try:
 except ImportError:  # It costs a third per message, but not every rclpy has it.
     EventsExecutor = SingleThreadedExecutor
 
-# Seconds for which messages are served before the caller goes on. A newer message replaces those
+# Seconds for which messages are served before the caller continues. A newer message replaces those
 # that wait, so some twenty calls find nothing and one or two take a message. The limit is the same
 # if no message waits.
 SERVING = 2e-4
@@ -120,7 +120,7 @@ class CountingExecutor(SingleThreadedExecutor):
 
 class Server:
     """
-    Serves a node, which goes on if a message or a request is one that rclpy itself cannot take.
+    Serves a node, which keeps running if rclpy itself cannot take a message or a request.
 
     A time before 0 on /clock is one: its error comes out of a callback of rclpy, and would end the
     node.

@@ -37,7 +37,7 @@ OF_ROBOT = 'joint_states jump back and forth: is there more than one publisher o
 
 class Jumps:
     """
-    Counts jumps, tells single ones from those back and forth, and warns of these.
+    Counts jumps, tells single ones from repeated ones, and warns of the latter.
 
     All times are those of the monotonic clock, since the clock of the node may be what jumps.
     """
@@ -59,7 +59,7 @@ class Jumps:
         if len(self._row) == MANY_JUMPS:
             # Simulators that share names have two times and two robots.
             sentence = OF_TIME if any(self._row) else OF_ROBOT
-            self._warn('jumps', f'{sentence} the gait waits until there is not')
+            self._warn('jumps', f'{sentence} The gait waits until this stops')
 
     @property
     def many(self) -> bool:
@@ -374,7 +374,7 @@ def time_of(
     now : int
         Time of the clock [ns].
     timeout : float
-        Time for which a cmd_vel holds [s]; 0 is for ever, and then no message is late.
+        Time for which a cmd_vel holds [s]; 0 is forever, and then no message is late.
     warn : ThrottledWarnings
 
     """

@@ -39,7 +39,7 @@ USE_PROFILES = 'RMW_FASTRTPS_USE_QOS_FROM_XML'
 # With profiles, the last one of these would be ignored.
 OF_USER = (*PROFILES, USE_PROFILES, 'RMW_FASTRTPS_PUBLICATION_MODE')
 # Each of the many buffers of a subscription keeps the size of the largest message it ever held,
-# unless Fast DDS is told otherwise. Its variable has the second name from kilted on, where it
+# unless Fast DDS is configured otherwise. Its variable has the second name from kilted on, which
 # warns of the first one.
 NO_BUFFERS = {
     USE_PROFILES: '1',
@@ -68,7 +68,7 @@ def run_node(
     sets the event that `run` takes. The handlers of rclpy would shut down the context while the
     node still publishes, so they are not used.
 
-    Fast DDS may wait for ever while it is destroyed. If it has not ended `LONGEST_END` after the
+    Fast DDS may wait forever while it is destroyed. If it has not ended `LONGEST_END` after the
     signal, the process ends with exit status 1, and standard error says `Timeout` and where each
     thread is.
 

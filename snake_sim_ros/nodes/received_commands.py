@@ -336,7 +336,7 @@ class ReadTrajectory:
     clamped : str
         The sentence about an angle beyond the joint limit; empty if there is none.
     moves_pitch : bool
-        Whether pitch joints are told anything but zero.
+        Whether pitch joints are commanded anything but zero.
 
     """
 

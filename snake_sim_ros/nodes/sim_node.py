@@ -290,7 +290,7 @@ class SimNode(Node):
 
 
 def look_at_compiler(node: SimNode, compiler: Compiler, told: float) -> float:
-    """Let the node begin when it can, and tell of the compiler; return when that was last [s]."""
+    """Let the node begin when it can; report on the compiler, and return when that was [s]."""
     log = node.get_logger()
     if compiler.error:
         raise compiler.error
@@ -302,7 +302,7 @@ def look_at_compiler(node: SimNode, compiler: Compiler, told: float) -> float:
         gc.freeze()  # as `run_node` does where nothing is to be compiled
         log.info(f'compiled {", ".join(compiler.levels)} level in {compiler.seconds:.1f} s')
     elif not node.compiling:
-        return -math.inf  # The next wait is told at once.
+        return -math.inf  # The next wait is reported at once.
     elif compiler.seconds >= told + TOLD:
         log.info(node.compiling)
         return compiler.seconds

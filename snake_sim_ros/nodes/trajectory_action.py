@@ -3,7 +3,7 @@
 """
 The action ``~/follow_joint_trajectory``, as a joint_trajectory_controller has it.
 
-It is served where the package control_msgs is installed. A goal goes the way of a message on
+It is served where the package control_msgs is installed. A goal is handled like a message on
 `joint_trajectory`, and is refused for the same reasons.
 """
 
@@ -27,7 +27,7 @@ from snake_sim_ros.scene.quoting import quoted
 
 
 class Tracked(NamedTuple):
-    """Where the joints of a trajectory are told to be and where they are, all of shape (k,)."""
+    """Where the joints of a trajectory are commanded to be and where they are, shape (k,)."""
 
     told_angle: Array  # [rad]
     told_rate: Array  # [rad/s]
@@ -38,7 +38,7 @@ class Tracked(NamedTuple):
 @dataclass(frozen=True)
 class Tolerance:
     """
-    Largest distances of some joints from what they are told.
+    Largest distances of some joints from what they are commanded.
 
     Attributes
     ----------
@@ -136,10 +136,10 @@ class Inbox(Protocol):
         """Return whether the joints still follow a trajectory that was taken."""
 
     def tracked(self, motion: Motion) -> Tracked:
-        """Return where the joints of a trajectory are told to be, and where they are."""
+        """Return where the joints of a trajectory are commanded to be, and where they are."""
 
     def stop(self, motion: Motion) -> None:
-        """Hold the joints of a trajectory where they are told to be."""
+        """Hold the joints of a trajectory where they are commanded to be."""
 
 
 @dataclass
@@ -155,7 +155,7 @@ class Followed:
     patience : float
         Time after the end up to which the joints may reach it [s]; 0: any.
     final : ndarray, shape (k,), optional
-        What the joints were told at the end [rad], when it was there.
+        What the joints were commanded at the end [rad], once it is reached.
     told_at : float
         Simulated time of the last feedback [s].
 

@@ -53,10 +53,10 @@ class Settings(CheckedRecord):
 
     host: str = quantity('127.0.0.1', '', 'address of this machine to serve the page at')
     port: int = quantity(
-        8080, '1', 'port of the page; 0 is any free one', minimum=0, maximum=65535
+        8080, '1', 'port of the page; 0 = any free port', minimum=0, maximum=65535
     )
     scene: str = quantity(
-        'lateral_undulation', '', 'scene whose robot is shown while there is no robot_description'
+        'lateral_undulation', '', 'scene whose robot is shown until a robot_description arrives'
     )
     open_browser: bool = quantity(False, '', 'open the page in a browser')
 
@@ -205,7 +205,7 @@ class ViewerNode(Node):
             self.warn(
                 'links',
                 f'link_poses has {len(poses.poses)} links, the robot that is shown '
-                f'{robot.link_count}: robot_description or the parameter scene tells which it is',
+                f'{robot.link_count}: set it with robot_description or the parameter scene',
             )
         q = placed(robot, np.nan_to_num(angle), None if odom is None else base_of(odom))
         return q[:, :3], q[:, 3:]

@@ -29,16 +29,10 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from snake_sim_benchmarks.sim_probe import Noted, SimProbe
+from snake_sim_ros.nodes.programs import interruptible
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.state_messages import StateMessages
-from snake_sim_ros.nodes.tools.child_nodes import (
-    Child,
-    children,
-    Interrupted,
-    interruptible,
-    NodeDied,
-    start,
-)
+from snake_sim_ros.nodes.tools.child_nodes import Child, children, Interrupted, NodeDied, start
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, load_scene, Scene, steps_in
 from snake_sim_ros.stepping.simulation import Simulation

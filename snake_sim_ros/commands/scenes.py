@@ -31,7 +31,7 @@ from snake_sim_ros.commands.options import (
     write_outputs,
 )
 from snake_sim_ros.nodes.compiling import Compiler, is_loaded, levels_of
-from snake_sim_ros.nodes.missing_ros import missing_ros
+from snake_sim_ros.nodes.programs import missing_ros
 from snake_sim_ros.recording.recorded_runs import summary
 from snake_sim_ros.recording.sensors import recorded_sensors, Sensors
 from snake_sim_ros.scene.checked_records import ParameterError
@@ -119,7 +119,7 @@ def _bag(
     """Open a bag for a run; return what writes a sample to it."""
     try:
         from snake_sim_ros.nodes.bag_writer import BagWriter, RunTopics
-        from snake_sim_ros.nodes.sensor_topics import SensorTopics
+        from snake_sim_ros.nodes.state_publishers import SensorTopics
     except ImportError as error:
         raise ParameterError(
             f'--bag needs ROS 2 and mcap ({error}): source a ROS 2 installation, or ./run run, '

@@ -4,13 +4,10 @@
 
 from array import array
 import math
-import struct
-from threading import Event
 
 from builtin_interfaces.msg import Duration, Time
 import numpy as np
 import pytest
-from rclpy.serialization import serialize_message
 from scipy.interpolate import CubicHermiteSpline
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -24,18 +21,15 @@ from snake_sim_ros.gaits.joint_reference import (
     sample_motion,
     start_posture,
 )
-from snake_sim_ros.nodes.joint_names import joint_names
+from snake_sim_ros.nodes.messages import joint_names, stamp_from
 from snake_sim_ros.nodes.received_commands import (
     extrapolated,
     joint_command,
+    joint_trajectory,
     jump_between,
     position_commands,
     RejectedCommand,
 )
-from snake_sim_ros.nodes.received_trajectories import joint_trajectory, read_trajectory
-from snake_sim_ros.nodes.stamps import stamp_from
-from snake_sim_ros.nodes.trajectory_messages import read_message
-from snake_sim_ros.nodes.turns import Turns
 from snake_sim_ros.scene.parameters import Robot, Scene
 
 ROBOT = Robot()
@@ -487,84 +481,6 @@ def test_trajectory_with_a_stamp_of_another_clock_begins_now(still, stamp):
     expected = taken_trajectory(YAW, *points, last=still)
     moments = NOW + np.arange(3)
     assert np.array_equal(sampled(reference, moments), sampled(expected, moments))
-
-
-def test_bytes_are_read_as_rclpy_reads_them():
-    rng = np.random.default_rng(1)
-    for count in (1, 2, 7):
-        for empty in range(8):
-            message = JointTrajectory(joint_names=[f'joint_{k}' for k in range(count)])
-            message.header.frame_id = 'x' * int(rng.integers(9))
-            for k in range(4):
-                point = JointTrajectoryPoint(positions=rng.normal(size=count).tolist())
-                if empty & 1:
-                    point.velocities = rng.normal(size=count).tolist()
-                if empty & 2:  # What is not used may be there in some points only.
-                    point.accelerations = rng.normal(size=k % 3).tolist()
-                if empty & 4:
-                    point.effort = rng.normal(size=(k + 1) % 2).tolist()
-                point.time_from_start = Duration(sec=int(rng.integers(-9, 9)), nanosec=10**9 - k)
-                message.points.append(point)
-            read = read_message(serialize_message(message))
-            assert (read.names, read.count) == (message.joint_names, 4)
-            times, angle, rate = read.points()
-            durations = [point.time_from_start for point in message.points]
-            assert times.tolist() == [item.sec + 1e-9 * item.nanosec for item in durations]
-            assert (angle == [point.positions for point in message.points]).all()
-            assert (rate is not None) == bool(empty & 1)
-            assert rate is None or (rate == [point.velocities for point in message.points]).all()
-
-
-def test_bytes_in_the_other_order_are_read(still):
-    name = b'joint_1_yaw\0'
-    body = struct.pack('>iII4sII12s', 0, 0, 1, b'', 1, len(name), name)
-    body += struct.pack('>I', 1)  # points
-    body += struct.pack('>I', 1) + b'\0' * (-(len(body) + 4) % 8) + struct.pack('>d', 0.25)
-    body += struct.pack('>IIIiI', 0, 0, 0, 2, 500_000_000)
-    times, angle, _ = read_message(b'\0\0\0\0' + body).points()
-    assert (times.tolist(), angle.tolist()) == ([2.5], [[0.25]])
-
-
-def test_damaged_bytes_are_refused():
-    data = serialize_message(trajectory(YAW, *((k + 1.0, [0.1, 0.2]) for k in range(3))))
-    whole = read_trajectory(data, ROBOT)
-    assert len(whole.times) == 3
-    for size in range(4, 181):  # The last point ends at 184, with a zero that may be missing.
-        with pytest.raises(RejectedCommand):
-            read_trajectory(data[:size], ROBOT)
-    count = data.index(struct.pack('<I', 3), 40)
-    for points in (4, 2**31, 2**32 - 1):
-        changed = data[:count] + struct.pack('<I', points) + data[count + 4 :]
-        with pytest.raises(RejectedCommand):
-            read_trajectory(changed, ROBOT)
-    with pytest.raises(RejectedCommand, match='the bytes of a message end before its points do'):
-        read_trajectory(data[:170], ROBOT)
-
-
-def test_large_message_is_read_beside_and_others_wait_for_it():
-    turns, release, taken = Turns(), Event(), []
-
-    def note(name):
-        return lambda prepared: taken.append((name, prepared()))
-
-    turns.take('a', lambda: release.wait(10), note('large'), large=True)
-    turns.finish(wait=True)
-    assert not taken and not release.is_set()
-    turns.open()
-    for k in range(3):  # of each topic the last one waits
-        turns.take('b', lambda k=k: k, note('b'))
-        turns.take('c', lambda k=k: k, note('c'))
-    turns.finish()
-    assert not taken
-    release.set()
-    turns.finish(wait=True)
-    turns.take('b', lambda: 3, note('b'))
-    assert taken == [('large', True), ('b', 2), ('c', 2), ('b', 3)]
-    turns.take('a', lambda: 1, note('large'), large=True)
-    turns.take('b', lambda: 4, note('b'))
-    turns.forget()
-    turns.finish(wait=True)
-    assert len(taken) == 4
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ setup(
     ],
     python_requires='>=3.10',
     packages=find_packages(include=[f'{package_name}*']),
-    package_data={package_name: ['config/*', 'py.typed']},
+    package_data={package_name: ['config/*', 'py.typed', '*.pyi']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
@@ -88,6 +88,7 @@ setup(
         'test': [
             'pytest>=7',
             'pytest-xdist',
+            'import-linter>=2.5',
             'ruff',
             'mypy',
             'types-PyYAML',

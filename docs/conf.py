@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import snake_sim_ros
-from snake_sim_ros.scene.about import PACKAGE
+from snake_sim_ros.scene import PACKAGE
 from snake_sim_ros.scene.parameters import Scene
 
 if TYPE_CHECKING:

@@ -12,70 +12,36 @@ those of the robot Aiko and its surroundings in the paper.
 >>> sidewinding.distance, sidewinding.cost_of_transport
 """
 
+from functools import cache
 from importlib import import_module
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
-from snake_sim_ros.scene.about import __version__ as __version__
+from snake_sim_ros.scene import __version__ as __version__
 
-__all__ = [
-    'Friction',
-    'Gait',
-    'Ground',
-    'ParameterError',
-    'Patches',
-    'Pegs',
-    'Push',
-    'Report',
-    'Robot',
-    'Run',
-    'Scene',
-    'Simulation',
-    'Solver',
-    'Start',
-    'State',
-    'Table',
-    'Wave',
-    'load_scene',
-    'read_run',
-    'run',
-    'study',
-    'table_of',
-]
 
-if TYPE_CHECKING:
-    from snake_sim_ros.api import (
-        Friction,
-        Gait,
-        Ground,
-        load_scene,
-        ParameterError,
-        Patches,
-        Pegs,
-        Push,
-        read_run,
-        Report,
-        Robot,
-        Run,
-        run,
-        Scene,
-        Simulation,
-        Solver,
-        Start,
-        State,
-        study,
-        Table,
-        table_of,
-        Wave,
-    )
-else:
+def __getattr__(name: str) -> Any:
+    """Load what is public when it is first used, because the compiler takes long to import."""
+    homes = _homes()
+    if name == '__all__':
+        return sorted(homes)
+    if name not in homes:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    globals()[name] = found = getattr(import_module(homes[name]), name)
+    return found
 
-    def __getattr__(name: str) -> Any:
-        """Load what is public when it is first used, since the compiler takes long to import."""
-        if name not in __all__:
-            raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-        globals()[name] = found = getattr(import_module('snake_sim_ros.api'), name)
-        return found
 
-    def __dir__() -> list[str]:
-        """Return the names of the module, also of what is not loaded yet."""
-        return sorted({*globals(), *__all__})
+def __dir__() -> list[str]:
+    """Return the names of the module, also of what is not loaded yet."""
+    return sorted({*globals(), *_homes()})
+
+
+@cache
+def _homes() -> dict[str, str]:
+    """Return public name -> module that defines it, as the stub beside this file imports them."""
+    import ast
+    from pathlib import Path
+
+    tree = ast.parse(Path(__file__).with_suffix('.pyi').read_text(encoding='utf-8'))
+    imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
+    found = {item.name: str(node.module) for node in imports for item in node.names}
+    return {name: home for name, home in found.items() if not name.startswith('_')}

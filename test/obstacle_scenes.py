@@ -7,18 +7,26 @@ import os
 from typing import Any
 
 import numpy as np
+from oracle import ORACLE
 import pytest
 from random_states import free_links, random_robot, rate_of
 from scenes import DT, first_steps, references
 
-from snake_sim_ros.contact.selection import PRESS_SPEED
+from snake_sim_ros.contact.laws import PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import scene_contacts
 from snake_sim_ros.scene import gait, obstacles
-from snake_sim_ros.scene.parameters import Array, Scene, Solver
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import (
+    Array,
+    Friction,
+    Ground,
+    Patches,
+    Pegs,
+    Scene,
+    Solver,
+    steps_in,
+)
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
-from snake_sim_ros.scene.surroundings import Friction, Ground, Patches, Pegs
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
@@ -150,10 +158,10 @@ def check_agreement(scene: Scene, state: State, rng: np.random.Generator, method
 def dense_step(
     scene: Scene, state: State, angle: Array, rate: Array
 ) -> tuple[State, History, Report]:
-    """Return the end of the first step by the method `reference`, once for all that ask for it."""
+    """Return the end of the first step by the oracle, once for all that ask for it."""
     key = scene, state.q.tobytes(), state.u.tobytes(), angle.tobytes(), rate.tobytes()
     if key not in _dense_steps:
-        _dense_steps[key] = first_steps(replace(scene, method='reference'), state, angle, rate)
+        _dense_steps[key] = first_steps(replace(scene, method=ORACLE), state, angle, rate)
     return _dense_steps[key]
 
 

@@ -16,9 +16,9 @@ import time
 import numpy as np
 import pytest
 
-from snake_sim_ros.commands import compiling
+from snake_sim_ros.commands import scenes
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.commands.scene_options import scene_from
+from snake_sim_ros.commands.options import scene_from
 from snake_sim_ros.recording.bag_reader import read_bag
 from snake_sim_ros.scene.parameters import load_scene, scene_from_text
 from snake_sim_ros.scene.robot_description import robot_description
@@ -95,18 +95,6 @@ def test_run_chooses_steps_by_accuracy_unless_told_how(
     assert (scene.accuracy, scene.dt, scene.method) == (accuracy, pytest.approx(dt), method)
 
 
-def test_reference_method_takes_the_same_steps(capsys):
-    positions = {}
-    for method in ('paper', 'reference'):
-        arguments = ['--duration', '0.0005', '--rate', '2000', '--method', method]
-        assert main(['run', 'lateral_undulation', *arguments]) == 0
-        lines = capsys.readouterr().out.splitlines()
-        summary = json.loads(lines[-1])
-        assert (summary['method'], summary['steps']) == (method, 2)
-        positions[method] = lines[0]
-    assert positions['paper'] == positions['reference']
-
-
 def test_numbers_in_settings_are_written_as_usual(capsys):
     arguments = ['--duration', '0.001', '--rate', '1000', '--set', 'solver.tolerance=1e-8']
     assert main(['run', 'lateral_undulation', *arguments]) == 0, capsys.readouterr().err
@@ -171,7 +159,7 @@ def test_numbers_in_settings_are_written_as_usual(capsys):
         (
             ['lateral_undulation', '--method', 'magic'],
             "unknown method 'magic'; choose from: auto, bdf2, gauss_seidel, newton, newton_dense, "
-            'paper, reference',
+            'paper',
         ),
         (
             ['lateral_undulation', '--method', 'bdf2', '--set', 'pd_scheme=start'],
@@ -182,7 +170,7 @@ def test_numbers_in_settings_are_written_as_usual(capsys):
 )
 def test_unusable_arguments_of_run(arguments, sentence, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(compiling, 'compile_first', lambda scene: pytest.fail('it compiled'))
+    monkeypatch.setattr(scenes, 'compile_first', lambda scene: pytest.fail('it compiled'))
     assert main(['run', *arguments]) == 2
     told = [line for line in capsys.readouterr().err.splitlines() if 'snake-sim: ' in line]
     assert len(told) == 1

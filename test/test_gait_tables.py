@@ -12,14 +12,12 @@ from snake_sim_ros.gaits.blending import Blend, check_limits, check_reach
 from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.gait_table import Table
+from snake_sim_ros.scene.gait import Gait, Table, Wave
 from snake_sim_ros.scene.parameters import (
-    Gait,
     load_scene,
     Robot,
     scene_from_text,
     scene_to_text,
-    Wave,
     with_settings,
 )
 from snake_sim_ros.stepping.accuracy import longest_step

@@ -5,8 +5,7 @@
 import numpy as np
 import pytest
 
-from snake_sim_ros.gaits.joint_reference import start_posture
-from snake_sim_ros.gaits.limited_reference import LimitedReference
+from snake_sim_ros.gaits.joint_reference import LimitedReference, start_posture
 from snake_sim_ros.nodes.sim_parameters import as_it_runs, Settings
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.sampling import joint_motion

@@ -7,13 +7,10 @@ import sys
 import tracemalloc
 
 import pytest
-from rclpy.serialization import serialize_message
-from std_msgs.msg import Header
 
-from snake_sim_ros.nodes import received_bytes
 from snake_sim_ros.nodes.received_commands import axes_of, RejectedCommand
+from snake_sim_ros.scene.checked_records import cut
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.quoting import cut
 
 
 def test_a_node_with_too_little_memory_names_the_limit():
@@ -30,16 +27,6 @@ def test_a_node_with_too_little_memory_names_the_limit():
     assert ended.stderr == (
         'error: gait needs 600 MB of memory addresses, and the limit (ulimit -v) is 500 MB\n'
     )
-
-
-def test_a_message_without_memory_for_it_is_refused(monkeypatch):
-    def full(*_):
-        raise MemoryError
-
-    data = serialize_message(Header(frame_id='world'))
-    monkeypatch.setattr(received_bytes, 'deserialize_message', full)
-    with pytest.raises(received_bytes.DamagedMessage, match='no memory for a message of'):
-        received_bytes.message_from(data, Header)
 
 
 def test_a_very_long_name_of_a_joint_takes_little_memory():

@@ -31,7 +31,16 @@ BUILD = {'setuptools'}  # comes with colcon
 OPTIONAL = {'bags', 'studies', 'video', 'viewer'}
 SITE = {'docs'}  # only builds the site
 # Checks of style, other readers of bags and of URDF files, and what makes the tests faster.
-DEVELOPMENT = {'pytest-xdist', 'ruff', 'mypy', 'types-PyYAML', 'wheel', 'rosbags', 'mujoco-core'}
+DEVELOPMENT = {
+    'pytest-xdist',
+    'import-linter',
+    'ruff',
+    'mypy',
+    'types-PyYAML',
+    'wheel',
+    'rosbags',
+    'mujoco-core',
+}
 
 
 @pytest.fixture

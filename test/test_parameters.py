@@ -9,8 +9,16 @@ import numpy as np
 import pytest
 
 from snake_sim_ros.scene.checked_records import from_mapping, ParameterError
-from snake_sim_ros.scene.parameters import Gait, Robot, Scene, Solver, Wave, with_settings
-from snake_sim_ros.scene.surroundings import Friction, Ground, Pegs
+from snake_sim_ros.scene.gait import Gait, Wave
+from snake_sim_ros.scene.parameters import (
+    Friction,
+    Ground,
+    Pegs,
+    Robot,
+    Scene,
+    Solver,
+    with_settings,
+)
 
 FIELDS = [
     (record, item)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.recording import npz
+from snake_sim_ros.recording.recorded_runs import read_npz
 
 
 @pytest.fixture(scope='module')
@@ -25,12 +25,12 @@ def recorded(tmp_path_factory):
 
 
 def test_formats_agree(recorded, tmp_path):
-    trajectory = npz.read(recorded / 'run.npz')
+    trajectory = read_npz(recorded / 'run.npz')
     # The rate is that of `sim`, because one of the files is a bag.
     assert trajectory.time == pytest.approx(np.arange(21) * 0.005, abs=1e-15)
     assert main(['export', str(recorded / 'run.mcap'), '--csv', str(tmp_path / 'bag.csv'),
                  '--out', str(tmp_path / 'bag.npz')]) == 0  # fmt: skip
-    assert np.array_equal(npz.read(tmp_path / 'bag.npz').position, trajectory.position)
+    assert np.array_equal(read_npz(tmp_path / 'bag.npz').position, trajectory.position)
     rows = {}
     for path in (recorded / 'run.csv', tmp_path / 'bag.csv'):
         with path.open(encoding='utf-8', newline='') as file:
@@ -46,7 +46,7 @@ def test_rate_of_a_run_with_a_bag_may_be_another_one(tmp_path):
     pytest.importorskip('mcap_ros2')
     files = ['--out', str(tmp_path / 'run.npz'), '--bag', str(tmp_path / 'run.mcap')]
     assert main(['run', 'lateral_undulation', '--duration', '0.1', '--rate', '50', *files]) == 0
-    assert len(npz.read(tmp_path / 'run.npz').time) == 6
+    assert len(read_npz(tmp_path / 'run.npz').time) == 6
 
 
 @pytest.mark.parametrize(

@@ -15,23 +15,25 @@ from scenes import DT, each_method, EPS, every_method, isotropic, MASS, ROBOT, s
 from schemes import press_of
 
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.recording import npz
 from snake_sim_ros.recording.from_messages import TO_WIRE
-from snake_sim_ros.recording.recorded_sensors import recorded_sensors
-from snake_sim_ros.recording.sensor_noise import imu_noise, Noise
-from snake_sim_ros.recording.sensor_reader import SensorReader
+from snake_sim_ros.recording.recorded_runs import read_npz
 from snake_sim_ros.recording.sensors import (
     ACCELERATION,
     ANGULAR_VELOCITY,
+    imu_noise,
     imu_readings,
     link_index,
+    Noise,
     ORIENTATION,
+    recorded_sensors,
+    SensorReader,
     Sensors,
     wrenches_on_links,
 )
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.gait import Gait
 from snake_sim_ros.scene.obstacles import contact_count, contact_links
-from snake_sim_ros.scene.parameters import Gait, load_scene, Pegs, Scene, Solver, with_settings
+from snake_sim_ros.scene.parameters import load_scene, Pegs, Scene, Solver, with_settings
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.sampling import joint_motion
@@ -417,7 +419,7 @@ def test_a_run_writes_its_sensors(tmp_path, capsys):
     with np.load(out) as found:
         assert expected.keys() <= set(found.files)
         assert all((found[name] == expected[name]).all() for name in expected)
-    assert len(npz.read(out).time) == 11  # and it is still a run
+    assert len(read_npz(out).time) == 11  # and it is still a run
     with table.open(encoding='utf-8') as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 11

@@ -10,8 +10,7 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
-from snake_sim_ros.recording import csv_table, npz
-from snake_sim_ros.recording.npz import ARRAYS
+from snake_sim_ros.recording.recorded_runs import ARRAYS, read_npz, write_csv, write_npz
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.stepping.simulation import run
@@ -25,7 +24,7 @@ def trajectory():
 @pytest.fixture(scope='module')
 def saved(trajectory, tmp_path_factory):
     path = tmp_path_factory.mktemp('runs') / 'run.npz'
-    npz.write(trajectory, path)
+    write_npz(trajectory, path)
     return path
 
 
@@ -46,7 +45,7 @@ def test_contacts_carry_the_weight_and_rub_within_the_cone(trajectory):
 
 
 def test_what_is_loaded_is_what_was_saved(trajectory, saved):
-    loaded = npz.read(saved)
+    loaded = read_npz(saved)
     for name in ARRAYS:
         assert np.array_equal(getattr(loaded, name), getattr(trajectory, name)), name
     for item in fields(trajectory.report):
@@ -80,7 +79,7 @@ def test_files_of_others(saved, tmp_path, changes, sentence):
     path = tmp_path / 'other.npz'
     write(saved, path, **changes)
     with pytest.raises(ParameterError, match=sentence) as error:
-        npz.read(path)
+        read_npz(path)
     assert str(error.value).startswith(str(path))
 
 
@@ -114,7 +113,7 @@ def test_arrays_that_are_not_of_one_run(saved, trajectory, tmp_path, name, chang
     path = tmp_path / 'odd.npz'
     write(saved, path, **{name: change(np.asarray(getattr(trajectory, name, 2)))})
     with pytest.raises(ParameterError, match=sentence) as error:
-        npz.read(path)
+        read_npz(path)
     assert str(error.value).startswith(f'{path} is ')
     assert '\n' not in str(error.value)
 
@@ -123,7 +122,7 @@ def test_a_run_without_samples(saved, trajectory, tmp_path):
     path = tmp_path / 'none.npz'
     write(saved, path, **{name: getattr(trajectory, name)[:0] for name in ARRAYS})
     with pytest.raises(ParameterError, match='time must have a sample, got none'):
-        npz.read(path)
+        read_npz(path)
 
 
 @pytest.mark.parametrize(
@@ -139,7 +138,7 @@ def test_reports_that_are_none(saved, tmp_path, report, sentence):
     path = tmp_path / 'odd.npz'
     write(saved, path, report=report)
     with pytest.raises(ParameterError, match=sentence) as error:
-        npz.read(path)
+        read_npz(path)
     assert str(error.value).startswith(str(path))
 
 
@@ -147,7 +146,7 @@ def load(path, content):
     """Return whether a file of this content is a run; if not, one sentence says so."""
     path.write_bytes(content)
     try:
-        trajectory = npz.read(path)
+        trajectory = read_npz(path)
     except ParameterError as error:
         assert str(error).startswith(f'{path} is ')
         assert '\n' not in str(error)
@@ -185,7 +184,7 @@ def test_damaged_files_are_refused_with_a_sentence(saved, trajectory, tmp_path):
 
 def test_a_folder_is_no_run(tmp_path):
     with pytest.raises(ParameterError, match='cannot be read: Is a directory'):
-        npz.read(tmp_path)
+        read_npz(tmp_path)
 
 
 @pytest.mark.parametrize('keep', [0, 7, 1000, -30])
@@ -193,20 +192,20 @@ def test_files_that_are_not_whole(saved, tmp_path, keep):
     path = tmp_path / 'half.npz'
     path.write_bytes(saved.read_bytes()[:keep])
     with pytest.raises(ParameterError, match='is not a whole npz file'):
-        npz.read(path)
+        read_npz(path)
     path.write_text('no run')
     with pytest.raises(ParameterError, match='is not a whole npz file'):
-        npz.read(path)
+        read_npz(path)
 
 
 def test_no_file(tmp_path):
     with pytest.raises(ParameterError, match=r'no file .*none\.npz'):
-        npz.read(tmp_path / 'none.npz')
+        read_npz(tmp_path / 'none.npz')
 
 
 def test_csv_has_a_row_for_each_sample(trajectory, tmp_path):
     path = tmp_path / 'run.csv'
-    csv_table.write(trajectory, path)
+    write_csv(trajectory, path)
     with path.open(encoding='utf-8', newline='') as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(trajectory.time) == 11

@@ -8,21 +8,21 @@ import resource
 from types import SimpleNamespace
 
 import pytest
-
-pytest.importorskip('polars')
 from test_animation import glide
 
-from snake_sim_ros.fitting import chart as fit_chart, results as fit_results
-from snake_sim_ros.optimization import chart as optimization_chart, results as optimization_results
-from snake_sim_ros.recording import checkpoint, csv_table, npz
+from snake_sim_ros.recording import checkpoint
+from snake_sim_ros.recording.recorded_runs import write_csv, write_npz
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.files import whole_file, write_whole
 from snake_sim_ros.scene.parameters import Robot, Scene
-from snake_sim_ros.scene.whole_files import whole_file, write_whole
 from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.studies import chart as study_chart, table
+from snake_sim_ros.studies import chart as study_chart, judgement, optimization, table
 from snake_sim_ros.studies.metrics import METRICS
 from snake_sim_ros.view import chart
 from snake_sim_ros.view.animation import animate
+
+pytest.importorskip('polars')
+
 
 ROOM = 64  # bytes, fewer than any output has
 SCENE = Scene(robot=Robot(link_count=2))
@@ -48,18 +48,16 @@ FIT = SimpleNamespace(unknowns=[], values=[], x=[])
 
 
 def scene_of_optimization(path):
-    optimization_results.write_scenes(
-        OUTCOME, path.parent / path.name.replace('.best.yaml', '.csv')
-    )
+    optimization.write_scenes(OUTCOME, path.parent / path.name.replace('.best.yaml', '.csv'))
 
 
 def picture_of_optimization(path):
-    optimization_chart.draw(OUTCOME, path)
+    study_chart.draw_optimization(OUTCOME, path)
 
 
 OUTPUTS = {
-    'run.npz': lambda path: npz.write(RUN, path),
-    'run.csv': lambda path: csv_table.write(RUN, path),
+    'run.npz': lambda path: write_npz(RUN, path),
+    'run.csv': lambda path: write_csv(RUN, path),
     'run.gif': lambda path: animate(RUN, path),
     'run.mp4': lambda path: animate(RUN, path),
     'run.png': lambda path: chart.draw(RUN, path),
@@ -69,11 +67,11 @@ OUTPUTS = {
     'path.png': lambda path: chart.path_figure(path, '', RUN.time, RUN.position, 0),
     'study.csv': lambda path: table.write(FRAME, path),
     'study.parquet': lambda path: table.write(FRAME, path),
-    'study.png': lambda path: study_chart.draw(FRAME, ['dt'], [METRICS['speed']], path),
+    'study.png': lambda path: study_chart.draw_study(FRAME, ['dt'], [METRICS['speed']], path),
     'gait.best.yaml': scene_of_optimization,
     'gait.png': picture_of_optimization,
-    'fit.yaml': lambda path: fit_results.write_scene(FIT, SCENE, Path('bag.mcap'), path),
-    'fit.png': lambda path: fit_chart.draw(FIT, path),
+    'fit.yaml': lambda path: judgement.write_scene(FIT, SCENE, Path('bag.mcap'), path),
+    'fit.png': lambda path: study_chart.draw_fit(FIT, path),
     'table.md': lambda path: write_whole(path, 'a' * 2 * ROOM),
 }
 
@@ -92,9 +90,8 @@ def no_room():
 @pytest.fixture
 def drawing_nothing(monkeypatch):
     """Let pictures of optimizations and fits be empty, for which nothing needs to be found."""
-    monkeypatch.setattr(optimization_chart, '_draw_growth', lambda *_: None)
-    for name in ('_over_time', '_distribution', '_of_segments'):
-        monkeypatch.setattr(fit_chart, name, lambda *_: None)
+    for name in ('_draw_growth', '_draw_over_time', '_draw_distribution', '_draw_segments'):
+        monkeypatch.setattr(study_chart, name, lambda *_: None)
 
 
 @pytest.mark.usefixtures('drawing_nothing')
@@ -124,9 +121,9 @@ def test_scenes_of_a_front_survive_a_full_disk(tmp_path):
     for k in (1, 2):
         (folder / f'0{k}.yaml').write_text('old')
     with no_room(), pytest.raises(OSError, match='File too large'):
-        optimization_results.write_scenes(outcome, tmp_path / 'gait.csv')
+        optimization.write_scenes(outcome, tmp_path / 'gait.csv')
     assert [path.read_text() for path in sorted(folder.iterdir())] == ['old', 'old']
-    optimization_results.write_scenes(outcome, tmp_path / 'gait.csv')
+    optimization.write_scenes(outcome, tmp_path / 'gait.csv')
     (found,) = folder.iterdir()  # what does not belong to the new front is gone
     assert found.read_text() != 'old'
 

@@ -20,8 +20,8 @@ from tqdm import tqdm
 from snake_sim_benchmarks.comparison.csv_tables import plain, read_table, records_of, TableWriter
 from snake_sim_benchmarks.reliability.trials import COLUMNS, page, Part
 from snake_sim_ros import ParameterError
-from snake_sim_ros.commands.scene_options import add_method, add_scene_options, CASES, scene_from
-from snake_sim_ros.nodes.missing_ros import missing_ros
+from snake_sim_ros.commands.options import add_method, add_scene_options, CASES, scene_from
+from snake_sim_ros.nodes.programs import missing_ros
 
 # ---- options of commands whose CSV files grow row by row ----------------------------------------
 

@@ -38,21 +38,13 @@ from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros import ParameterError, Scene, Simulation
 from snake_sim_ros.nodes.executors import make_executor
-from snake_sim_ros.nodes.joint_names import joint_names
+from snake_sim_ros.nodes.messages import joint_names, seconds_from, stamp_from
+from snake_sim_ros.nodes.programs import interruptible
 from snake_sim_ros.nodes.sim_parameters import Settings
-from snake_sim_ros.nodes.stamps import seconds_from, stamp_from
 from snake_sim_ros.nodes.state_messages import StateMessages
-from snake_sim_ros.nodes.tools.child_nodes import (
-    Child,
-    children,
-    Interrupted,
-    interruptible,
-    NodeDied,
-    start,
-)
+from snake_sim_ros.nodes.tools.child_nodes import Child, children, Interrupted, NodeDied, start
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array, load_scene
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import Array, load_scene, steps_in
 
 # ---- a client of sim ----------------------------------------------------------------------------
 

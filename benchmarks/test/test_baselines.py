@@ -145,7 +145,7 @@ def test_residual_says_how_far_smooth_friction_is_from_coulomb():
 
 def braked(make, velocity, mu=0.4):
     """Return by how much a sliding body is slower after a step, over mu g dt, shape (2,)."""
-    scene = particle_scene('reference', DT, (mu, mu), LEVEL)
+    scene = particle_scene('paper', DT, (mu, mu), LEVEL)
     end, _, report = advanced(make(scene), scene, lying((*velocity, 0.0), radius=0.0), 1)
     assert report.unconverged == 0
     return (np.array(velocity) - end.u[0, :2]) / (mu * G * DT)

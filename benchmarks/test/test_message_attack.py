@@ -16,7 +16,7 @@ from snake_sim_benchmarks.reliability.attacked_node import on_own_domain
 from snake_sim_benchmarks.reliability.hostile_messages import NAMES
 from snake_sim_benchmarks.reliability.messages import _growth, flooded, STARTED, started, SUBJECTS
 from snake_sim_benchmarks.reliability.states import sequences
-from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.nodes.messages import stamp_from
 
 
 @pytest.fixture

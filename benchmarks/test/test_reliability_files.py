@@ -10,15 +10,16 @@ import sys
 import numpy as np
 import pytest
 
-pytest.importorskip('mcap_ros2')  # the corpus has bags
 from snake_sim_benchmarks.reliability.file_corpus import corpus
 from snake_sim_benchmarks.reliability.file_readers import Answer, READERS
 from snake_sim_benchmarks.reliability.files import content_of, Reader
 from snake_sim_ros import ParameterError
 from snake_sim_ros.dynamics.code_cache import FOLDER
-from snake_sim_ros.recording import npz
-from snake_sim_ros.recording.npz import load_arrays
-from snake_sim_ros.studies.journal import Journal
+from snake_sim_ros.recording import recorded_runs
+from snake_sim_ros.recording.recorded_runs import load_arrays
+from snake_sim_ros.studies.table import Journal
+
+pytest.importorskip('mcap_ros2')  # the corpus has bags
 
 # Prints the names of all files that the command opened to write, made, moved or removed.
 WATCHED = """
@@ -76,7 +77,7 @@ def test_a_reader_judges_and_is_replaced(files, monkeypatch):
 
 
 def test_npz_files_that_unpack_to_very_much_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(npz, 'USUAL_BYTES', 10_000_000)
+    monkeypatch.setattr(recorded_runs, 'USUAL_BYTES', 10_000_000)
     path = tmp_path / 'bomb.npz'
     np.savez_compressed(path, position=np.zeros(20_000_000, dtype=np.uint8))
     with pytest.raises(
@@ -100,7 +101,7 @@ def test_a_command_writes_its_outputs_and_the_cache_only(tmp_path, monkeypatch):
     monkeypatch.setenv('PYTHONDONTWRITEBYTECODE', '1')
     run = [
         *('run', 'lateral_undulation', '--out', str(out / 'run.npz'), '--duration', '0.05'),
-        *('--set', 'method=reference', '--set', 'robot.link_count=3', '--set', 'dt=0.0025'),
+        *('--set', 'method=newton', '--set', 'robot.link_count=3', '--set', 'dt=0.0025'),
         *('--accuracy', '0'),
     ]
     for arguments in (run, ['export', str(out / 'run.npz'), '--csv', str(out / 'run.csv')]):

@@ -11,23 +11,97 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.api.gaits import references_of, table_of
 from snake_sim_ros.gaits.blending import check_reach
-from snake_sim_ros.recording import csv_table, npz
-from snake_sim_ros.recording.recorded_runs import read_run as read_trajectory
+from snake_sim_ros.recording.recorded_runs import read_run as read_trajectory, write_csv, write_npz
 from snake_sim_ros.scene import parameters
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.dotted_names import by_dotted_names
-from snake_sim_ros.scene.gait_table import Table
-from snake_sim_ros.scene.parameters import Array, Gait, Scene
-from snake_sim_ros.scene.periods import samples_of
+from snake_sim_ros.scene.gait import Table
+from snake_sim_ros.scene.parameters import Array, by_dotted_names, Gait, samples_of, Scene
+from snake_sim_ros.stepping.accuracy import with_usual_steps
 from snake_sim_ros.stepping.controlled import controlled, MOST_SINGLE
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
-from snake_sim_ros.stepping.usual_steps import with_usual_steps
 from snake_sim_ros.studies import metrics
 from snake_sim_ros.view.compile_bar import compile_with_bar
+
+# ---- gaits as functions of time -----------------------------------------------------------------
+
+
+ROWS = 200.0  # rows of a table a second; a spline between them is good to 1e-7 rad for waves [Hz]
+
+
+def table_of(function: Callable[[float], Any], duration: float, joint_count: int = 10) -> Table:
+    """
+    Return a function of time as a table, with 200 rows a second and a cubic spline between them.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(t)`` returns joint angles at a time t since the gait began [s], shape
+        (n-1, 2), (yaw, pitch) of every joint [rad]; or a tuple of angles and their rates [rad/s].
+        It is called once for each row, in the order of time.
+    duration : float
+        Time up to which the table goes [s]; after that the joints hold their angles.
+    joint_count : int, optional
+        Number of joints n-1. Default: 10, as Aiko has.
+
+    Raises
+    ------
+    ParameterError
+        If the function returns something else.
+
+    """
+    if not 0.0 < duration < math.inf:
+        raise ParameterError(f'duration must be above 0 s and finite, got {duration} s')
+    time = np.linspace(0.0, duration, max(2, math.ceil(duration * ROWS - 1e-9) + 1))
+    told = [references_of(function(t), joint_count, 'gait(t)') for t in time.tolist()]
+    rates = [rate for _, rate in told if rate is not None]
+    angles = np.array([angle for angle, _ in told])
+    return Table.of(time, angles, np.array(rates) if len(rates) == len(time) else None)
+
+
+def references_of(told: Any, joint_count: int, name: str) -> tuple[Array, Array | None]:
+    """
+    Return angles and rates that a function of the user returned, shape (n-1, 2).
+
+    Parameters
+    ----------
+    told : array_like, shape (n-1, 2), or tuple of two such
+        Angles [rad], or angles and rates [rad/s].
+    joint_count : int
+    name : str
+        Name of the function, for the error.
+
+    Raises
+    ------
+    ParameterError
+        If it is neither.
+
+    """
+    shape = joint_count, 2
+    shapes = [_shape(part) for part in told] if isinstance(told, tuple) else []
+    if shapes == [shape, shape]:
+        return np.asarray(told[0], dtype=float), np.asarray(told[1], dtype=float)
+    if _shape(told) == shape:
+        return np.asarray(told, dtype=float), None
+    got = ' and '.join(map(str, shapes)) if len(shapes) == 2 else _shape(told)
+    raise ParameterError(
+        f'{name} must return angles of shape {shape}, (yaw, pitch) of every joint [rad], or a '
+        f'tuple of angles and rates of that shape, got {got or type(told).__name__}'
+    )
+
+
+def _shape(values: Any) -> tuple[int, ...] | None:
+    """Return the shape of an array of numbers; None if it is something else."""
+    try:
+        return np.asarray(values, dtype=float).shape
+    except (TypeError, ValueError):
+        return None
+
+
+# ---- runs ---------------------------------------------------------------------------------------
+
 
 KEPT = Keep(contacts=True)
 Values = Mapping[str, Any]
@@ -97,7 +171,7 @@ class Run(Trajectory):
             Ends in .npz or .csv.
 
         """
-        writers = {'.npz': npz.write, '.csv': csv_table.write}
+        writers = {'.npz': write_npz, '.csv': write_csv}
         if Path(path).suffix not in writers:
             raise ParameterError(f'a run is written to .npz or .csv, got {path}')
         writers[Path(path).suffix](self, Path(path))

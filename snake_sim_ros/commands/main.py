@@ -7,22 +7,22 @@ from importlib import import_module
 import signal
 import sys
 
-from snake_sim_ros.scene.about import __version__
+from snake_sim_ros.scene import __version__
 from snake_sim_ros.scene.checked_records import ParameterError
 
 # In the order of the help text: the module of each command, where its function `add_...` is, and
 # what it does.
 COMMANDS = {
-    'run': ('run', 'run a scene and record it'),
+    'run': ('scenes', 'run a scene and record it'),
     'study': ('study', 'run a scene with many values, on all cores'),
     'optimize': ('optimize', 'find values of a scene for which an expression of metrics is best'),
     'fit': ('fit', 'find friction and gains from a recorded motion'),
-    'export': ('export', 'convert a recorded run'),
-    'record': ('record', 'record all topics of a live robot as a bag'),
-    'view': ('view', 'show a robot in the browser: a live one, a scene run live, or a recording'),
-    'plot': ('plot', 'draw path, joint angles, torques and contact forces of a recorded run'),
-    'urdf': ('urdf', 'print the robot of a scene as a URDF'),
-    'demo': ('demo', 'run a scene live: the nodes sim and gait over ROS 2'),
+    'export': ('recordings', 'convert a recorded run'),
+    'record': ('recordings', 'record all topics of a live robot as a bag'),
+    'view': ('recordings', 'show a robot in the browser: live, in a scene, or recorded'),
+    'plot': ('recordings', 'plot path, joint angles, torques and contact forces of a run'),
+    'urdf': ('scenes', 'print the robot of a scene as a URDF'),
+    'demo': ('scenes', 'run a scene live: the nodes sim and gait over ROS 2'),
     'topic': ('graph', 'list, show, time and publish topics, as ros2 topic does'),
     'param': ('graph', 'list, get, set and describe parameters, as ros2 param'),
     'service': ('graph', 'list and call services, as ros2 service does'),

@@ -18,7 +18,7 @@ from tqdm import tqdm
 from snake_sim_ros.scene.checked_records import ParameterError
 
 if TYPE_CHECKING:
-    from snake_sim_ros.studies.study_file import Study
+    from snake_sim_ros.studies.study import Study
 
 
 def add_study(subparsers: Any) -> None:
@@ -108,22 +108,47 @@ class _Bar:
         }  # fmt: skip
 
 
-def _plotter(path: Path, study: 'Study') -> Callable[[Any], object]:
-    """Return what draws the table of a study; raise an error if that is not possible."""
+def chart_module(option: str) -> Any:
+    """
+    Return the module that draws.
+
+    Parameters
+    ----------
+    option : str
+        What needs it, for the message.
+
+    Raises
+    ------
+    ParameterError
+        If matplotlib is not installed.
+
+    """
     try:
-        from snake_sim_ros.studies.chart import check_plot, draw
+        from snake_sim_ros.studies import chart
     except ImportError as error:
         raise ParameterError(
-            f"--plot needs matplotlib ({error}): pip install 'snake_sim_ros[plots]'"
+            f"{option} needs matplotlib ({error}): pip install 'snake_sim_ros[plots]'"
         ) from None
-    names = list(study.variations.of)
-    check_plot(path, names)
-    return lambda frame: draw(frame, names, study.metrics, path)
+    return chart
+
+
+def _plotter(path: Path, study: 'Study') -> Callable[[Any], object]:
+    """Return what draws the table of a study; raise an error if that is not possible."""
+    from snake_sim_ros.studies.table import check_file, PICTURES
+
+    chart, names = chart_module('--plot'), list(study.variations.of)
+    check_file(path, '--plot', PICTURES)
+    if len(names) > 2:
+        raise ParameterError(
+            f'--plot draws one or two values that vary, this study has {len(names)}: '
+            f'{", ".join(names)}'
+        )
+    return lambda frame: chart.draw_study(frame, names, study.metrics, path)
 
 
 def _compile(study: 'Study') -> None:
     """Compile what the first row needs that can be run, with a bar."""
-    from snake_sim_ros.commands.compiling import compile_first
+    from snake_sim_ros.commands.scenes import compile_first
     from snake_sim_ros.studies.runs import scene_of
 
     plan = study.plan()
@@ -137,13 +162,13 @@ def _compile(study: 'Study') -> None:
 
 def _study(options: argparse.Namespace) -> int:
     """Run a study; the last line on standard output is JSON."""
-    from snake_sim_ros.studies.study import run_study
-    from snake_sim_ros.studies.study_file import load_study
-    from snake_sim_ros.studies.table import check_path
+    from snake_sim_ros.studies.study import load_study, run_study
+    from snake_sim_ros.studies.table import check_file, library
 
     study = load_study(options.study)
     out = options.out or Path(f'{options.study.stem}.parquet')
-    check_path(out)
+    check_file(out, '--out')
+    library()
     folder = options.trajectories
     if folder is None and study.settings.keep == 'trajectories':
         folder = out.with_suffix('')

@@ -13,9 +13,8 @@ are cones, and has the power ``s (P . gamma_free + s P . G P)``. It is not posit
 import math
 
 from snake_sim_ros.contact.delassus import end_twists
-from snake_sim_ros.contact.laws import grip, rolling_disc, sliding_disc
-from snake_sim_ros.contact.natural_map import natural_map
-from snake_sim_ros.contact.solver import Outcome
+from snake_sim_ros.contact.laws import grip, natural_map, rolling_disc, sliding_disc
+from snake_sim_ros.contact.problem import Outcome
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 

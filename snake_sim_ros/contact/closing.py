@@ -20,8 +20,8 @@ however small the gap is.
 import math
 
 from snake_sim_ros.contact.delassus import eliminate
+from snake_sim_ros.contact.detection import gap_at
 from snake_sim_ros.contact.linear_problem import solve_linear
-from snake_sim_ros.contact.penetration import gap_at
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 from snake_sim_ros.dynamics.free_chain import unfold_free
 from snake_sim_ros.dynamics.joint_drift import close_joints, turn_link
@@ -77,7 +77,7 @@ def predict_gaps(closed_gap, dt, closed, contacts):
     closed_gap, dt : float
         As of `closed_gap` [m], [s].
     closed, contacts
-        Those of a `solver.Problem`, with gaps in the middle of the step and velocities at its
+        Those of a `problem.Problem`, with gaps in the middle of the step and velocities at its
         start; shift and start_gap are filled.
 
     """

@@ -10,9 +10,9 @@ A contact of two links acts on both at one point in space. Twists place the link
 were closed, so that the point has different coordinates as one of the other link where joints are
 open in the middle of a step.
 
-`closed` and `contacts` are those of a `solver.Problem`; `frame`, `wrench` and `twist` are those of
-its chain. `frame`, shape (contacts, 3, 3), has the rows normal, e_x and e_y of every contact frame
-in I.
+`closed` and `contacts` are those of a `problem.Problem`; `frame`, `wrench` and `twist` are those
+of its chain. `frame`, shape (contacts, 3, 3), has the rows normal, e_x and e_y of every contact
+frame in I.
 """
 
 from snake_sim_ros.dynamics.compilation import compiled, inlined

@@ -17,13 +17,11 @@ slide and open, and Newton's method on the same operator goes on from there.
 from typing import NamedTuple
 
 from snake_sim_ros.contact.admissible import without_gain
-from snake_sim_ros.contact.condensing import condense
-from snake_sim_ros.contact.delassus import condensed_twists, condensed_velocities
-from snake_sim_ros.contact.natural_map import natural_map
-from snake_sim_ros.contact.newton import iterate_laws, Operator
+from snake_sim_ros.contact.delassus import condense, condensed_twists, condensed_velocities
+from snake_sim_ros.contact.laws import natural_map
+from snake_sim_ros.contact.newton import is_negligible, iterate_laws, Operator
+from snake_sim_ros.contact.problem import Outcome, solve
 from snake_sim_ros.contact.prox_iteration import copy_impulses, forget_open
-from snake_sim_ros.contact.settling import is_negligible
-from snake_sim_ros.contact.solver import Outcome, solve
 from snake_sim_ros.contact.sweeps import sweep
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 
@@ -60,7 +58,7 @@ class GaussSeidel(NamedTuple):
 @solve.register(GaussSeidel)
 @inlined
 def solve_with_sweeps(solver, model, problem, history, limit):
-    """Sweep until the contact laws hold; see `solver.solve`."""
+    """Sweep until the contact laws hold; see `problem.solve`."""
     laws, closed, contacts, chain = problem
     operator, impulse, tolerance = solver.operator, history.impulse, model.residual_tolerance
     delassus = operator.delassus

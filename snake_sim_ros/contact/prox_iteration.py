@@ -5,12 +5,17 @@
 import math
 from typing import NamedTuple
 
-from snake_sim_ros.contact.condensing import condense
-from snake_sim_ros.contact.delassus import condensed_velocities, Delassus, end_twists
-from snake_sim_ros.contact.laws import grip, rolling_disc, sliding_disc
-from snake_sim_ros.contact.natural_map import natural_map
-from snake_sim_ros.contact.projections import prox_disc, prox_ellipse, prox_half_line
-from snake_sim_ros.contact.solver import Outcome, solve
+from snake_sim_ros.contact.delassus import condense, condensed_velocities, Delassus, end_twists
+from snake_sim_ros.contact.laws import (
+    grip,
+    natural_map,
+    prox_disc,
+    prox_ellipse,
+    prox_half_line,
+    rolling_disc,
+    sliding_disc,
+)
+from snake_sim_ros.contact.problem import Outcome, solve
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 
@@ -86,7 +91,7 @@ class ProxIteration(NamedTuple):
 @inlined
 def solve_with_projections(solver, model, problem, history, limit):
     """
-    Iterate impulses and twists until the contact laws hold; see `solver.solve`.
+    Iterate impulses and twists until the contact laws hold; see `problem.solve`.
 
     The residual is that of the impulses before the last projection, to which the twists belong.
     """

@@ -32,21 +32,27 @@ ZERO = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Chain(NamedTuple):
-    """A chain of links as the sweeps take it, and the arrays that they fill."""
+    """
+    A chain of links as the sweeps take it, and the arrays that they fill.
+
+    Twists are angular velocities [rad/s] and velocities at O [m/s], and impulse wrenches moments
+    about O [N m s] and impulses [N s], both in axes of I. Blocks of an inertia are in [kg m^2],
+    [kg m] and [kg].
+    """
 
     axis: Array  # (n-1, 2, 6) twists of the joint axes: of the outer link against its parent
     torque: Array  # (n-1, 2) impulse on every joint axis [N m s]
-    damping: Array  # (n-1, 3) entries 11, 12, 22 of the impulse per rate that resists the axes
+    damping: Array  # (n-1, 3) entries 11, 12, 22 of the impulse per rate of the axes [N m s^2]
     bare: Array  # (n, 6, 6) inertia of the links alone, about O
     momentum: Array  # (n, 6) impulse wrench of everything but contacts and torques
     inertia: Array  # (n, 6, 6) articulated inertia; in inertia[n // 2] factors of the root
     wrench: Array  # (n, 6) load of every link: momentum plus impulse wrench
-    left: Array  # (n-1, 2, 6) A S D^-1
-    right: Array  # (n-1, 2, 6) D^-1 S^T A
-    compliance: Array  # (n-1, 4) entries 11, 12, 21, 22 of D^-1
+    left: Array  # (n-1, 2, 6) A S D^-1, of the inertia A beyond the joint and its axes S
+    right: Array  # (n-1, 2, 6) D^-1 S^T A, with D = S^T A S + damping
+    compliance: Array  # (n-1, 4) entries 11, 12, 21, 22 of D^-1 [1/(kg m^2)]
     load: Array  # (n-1, 2) loads of the joint axes [N m s]
     rate: Array  # (n-1, 2) rates of the joint axes [rad/s]
-    rate_correction: Array  # (n-1, 2) correction of these rates
+    rate_correction: Array  # (n-1, 2) correction of these rates [rad/s]
     residual_torque: Array  # (n-1, 2) torque less what the rates resist [N m s]
     twist: Array  # (n, 6) twists of the links: the solution
     correction: Array  # (n, 6) correction of these twists

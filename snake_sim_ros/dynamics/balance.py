@@ -7,8 +7,7 @@ O is the center of the middle link; twists, wrenches and inertias are in axes of
 """
 
 from snake_sim_ros.dynamics.compilation import inlined, merged
-from snake_sim_ros.dynamics.control_loop import held_torque
-from snake_sim_ros.dynamics.joint_control import pd_law
+from snake_sim_ros.dynamics.joint_control import held_torque, pd_law
 
 
 @merged

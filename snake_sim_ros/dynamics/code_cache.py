@@ -29,7 +29,7 @@ from numba.core import config
 from numba.core.caching import _CacheLocator, CompileResultCacheImpl, FunctionCache
 import numpy as np
 
-from snake_sim_ros.scene.about import PACKAGE
+from snake_sim_ros.scene import PACKAGE
 
 # Folders of all modules with compiled functions, and of the modules that these import.
 ROOMS = ('scene', 'dynamics', 'gaits', 'contact', 'stepping')
@@ -111,7 +111,7 @@ def cache_folder() -> Path | None:
 
 
 def is_private(folder: Path) -> bool:
-    """Return whether a folder is this user's, and nobody else can read or write it."""
+    """Return whether a folder belongs to this user, and no other user can read or write it."""
     found = folder.lstat()
     others = stat.S_IRWXG | stat.S_IRWXO
     return (
@@ -174,7 +174,7 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
     ----------
     shares_work : bool
         Whether this process waits for functions that another one of these processes compiles at
-        the moment. That cannot last for ever, because no function calls itself.
+        the moment. It cannot deadlock, because no function calls itself.
 
     """
 
@@ -195,8 +195,8 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
         """
         Return the code for some types of arguments, or None: this process compiles it.
 
-        The cache of Numba gets its whole compiler ready first, and with that imports SciPy, which
-        takes longer than all else at a start. What is only loaded needs none of it.
+        The cache of Numba first initializes its whole compiler, which imports SciPy and takes
+        longer than anything else at a start. What is only loaded needs none of it.
         """
         found = self._load_overload(sig, target_context)
         if found is None and self.shares_work and self._lock is None:

@@ -114,7 +114,7 @@ def controller_impulse(axes, j, k):
 
 @inlined
 def first_law(inertia, axes, j, k):
-    """Return torque and damping to begin with, from the rate in axes.rate; see `axis_law`."""
+    """Return the first torque and damping, from the rate in axes.rate; see `axis_law`."""
     axes.cut[j, k] = axes.slip[j, k] = axes.held[j, k] = 0.0
     torque, damping, _ = axis_law(inertia, axes, j, k, controller_impulse(axes, j, k))
     return torque, damping
@@ -126,7 +126,7 @@ def axis_law(inertia, axes, j, k, impulse):
     Return the part of the law of axis k of joint j that a trial solution falls on.
 
     From one limit to the other, from sliding one way to the other, and from one bound of the rate
-    to the other, it goes over the part between them. Else Newton's method would go to and fro.
+    to the other, it passes the part between them. Otherwise Newton's method oscillates.
 
     Parameters
     ----------

@@ -3,9 +3,9 @@
 """
 Compiled kinematics of the chain of links: eqs. (6), (66), (72), (83).
 
-The relations are those of `stepping.reference`, for whole arrays of links and without temporary
-arrays. Coordinates q of a link are its center [m, frame I] and Euler parameters, scalar first.
-Velocities u are that of the center [m/s, frame I] and the angular velocity [rad/s, frame B].
+The relations hold for whole arrays of links and are computed without temporary arrays. Coordinates
+q of a link are its center [m, frame I] and Euler parameters, scalar first. Velocities u are that
+of the center [m/s, frame I] and the angular velocity [rad/s, frame B].
 
 The arrays of n links are:
 

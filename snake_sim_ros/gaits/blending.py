@@ -24,9 +24,8 @@ import math
 import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.gait import soft_start
-from snake_sim_ros.scene.gait_table import Table
-from snake_sim_ros.scene.parameters import Array, Gait, Robot, Wave
+from snake_sim_ros.scene.gait import Gait, soft_start, Table, Wave
+from snake_sim_ros.scene.parameters import Array, Robot
 
 FREQUENCY_RATIOS = range(-4, 5)  # pitch over yaw frequency; the waves then form one motion
 

@@ -3,13 +3,99 @@
 """The references of the joints over time: commands, held or extrapolated, and trajectories."""
 
 from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 
-from snake_sim_ros.gaits.interpolation import hold_at_limit, sample_command, sample_motion
-from snake_sim_ros.gaits.point_bytes import compile_reading
+from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.posture import initial_coordinates, joint_angles
+
+# ---- compiled sampling --------------------------------------------------------------------------
+
+
+@compiled
+def sample_command(times, stamp, told_angle, told_rate, horizon, angle, rate):
+    """
+    Fill angles that change at their rates for a while after their stamps and are held afterwards.
+
+    Parameters
+    ----------
+    times : ndarray, shape (m,)
+        Times to sample at [s].
+    stamp, told_angle, told_rate : ndarray, shape (k,)
+        Time of the command [s], angle [rad] and rate [rad/s] of every axis.
+    horizon : float
+        Time for which a rate acts [s].
+    angle, rate : ndarray, shape (m, k)
+        Filled.
+
+    """
+    for i in range(len(times)):
+        for k in range(len(stamp)):
+            age = times[i] - stamp[k]
+            angle[i, k] = told_angle[k] + min(age, horizon) * told_rate[k]
+            rate[i, k] = told_rate[k] if age <= horizon else 0.0
+
+
+@compiled
+def sample_motion(times, axes, knots, coefficients, angle, rate):
+    """
+    Fill the columns of some axes from the begin of a motion on; see `Motion`.
+
+    Parameters
+    ----------
+    times : ndarray, shape (m,)
+        Times to sample at, increasing [s].
+    axes : ndarray of int, shape (k,)
+        Columns to fill; negative where none is.
+    knots : ndarray, shape (points,)
+        Times of the points of the motion [s].
+    coefficients : ndarray, shape (points-1, 4, k)
+        Coefficients of its pieces.
+    angle, rate : ndarray, shape (m, all axes)
+        Filled in part.
+
+    """
+    piece, last = 0, len(knots) - 1
+    for i in range(len(times)):
+        if times[i] < knots[0]:
+            continue
+        if knots[piece + 1] <= times[i]:
+            piece = min(np.searchsorted(knots, times[i], 'right'), last) - 1
+        moving = times[i] < knots[last]
+        s = min(times[i], knots[last]) - knots[piece]
+        for k in range(len(axes)):
+            if axes[k] < 0:
+                continue
+            a, b = coefficients[piece, 0, k], coefficients[piece, 1, k]
+            c, d = coefficients[piece, 2, k], coefficients[piece, 3, k]
+            angle[i, axes[k]] = a + s * (b + s * (c + s * d))
+            rate[i, axes[k]] = b + s * (2.0 * c + s * (3.0 * d)) if moving else 0.0
+
+
+@compiled
+def hold_at_limit(limit, angle, rate):
+    """
+    Clip angles to a limit [rad], and set the rates of clipped axes to 0.
+
+    Parameters
+    ----------
+    limit : float
+        Largest magnitude of an angle [rad].
+    angle, rate : ndarray, shape (m, k)
+        Changed in place.
+
+    """
+    for i in range(angle.shape[0]):
+        for k in range(angle.shape[1]):
+            if abs(angle[i, k]) > limit:
+                angle[i, k] = math.copysign(limit, angle[i, k])
+                rate[i, k] = 0.0
+
+
+# ---- motions and commands -----------------------------------------------------------------------
+
 
 SINGLE_POINT_DURATION = 1e-3  # length of a motion that has only one point [s]
 NONE = -1  # in place of an axis
@@ -210,7 +296,81 @@ def start_posture(scene: Scene, now: float = 0.0) -> JointReference:
 
 
 def compile_sampling(scene: Scene) -> None:
-    """Compile the functions that read and sample references, or load them from the cache."""
-    compile_reading()
+    """Compile the functions that sample references, or load them from the cache."""
     still = motion_through(np.array([0]), np.zeros(1), np.zeros((1, 1)), None)
     start_posture(scene).moved(still).sample(np.zeros(1), 0.0, 1.0)
+
+
+# ---- limit of rates -----------------------------------------------------------------------------
+
+
+ROUNDING = 1e-9  # rad by which a reference may be further than it may go
+
+
+class LimitedReference:
+    """
+    Holds references back that would move faster than a limit.
+
+    Within a publish period a reference may go as far as the limit allows in that time, at once if
+    it is told so: commands without rates come in steps. It is left as it is, to the bit. One that
+    goes further is led to what it is told at the limit.
+
+    Parameters
+    ----------
+    angle : ndarray, shape (n-1, 2)
+        Angles (yaw, pitch) at the start [rad].
+    now : float
+        Simulated time [s].
+
+    Attributes
+    ----------
+    count : int
+        How often a reference of a joint began to be held back.
+
+    """
+
+    def __init__(self, angle: Array, now: float = 0.0) -> None:
+        self.count = 0
+        self.start(angle, now)
+
+    def start(self, angle: Array, now: float) -> None:
+        """Start anew from some angles (n-1, 2) at a time."""
+        self._angle, self._time = np.array(angle), now
+        self._late = np.zeros(angle.shape, dtype=bool)
+
+    def limited(
+        self, times: Array, angle: Array, rate: Array, *, period: float, limit: float
+    ) -> tuple[Array, Array]:
+        """
+        Return references that the joints may follow.
+
+        Parameters
+        ----------
+        times : ndarray, shape (m,)
+            Increasing, after the last ones [s].
+        angle, rate : ndarray, shape (m, n-1, 2)
+            What is told [rad], [rad/s].
+        period : float
+            Publish period [s].
+        limit : float
+            Largest rate [rad/s].
+
+        Returns
+        -------
+        angle, rate : ndarray, shape (m, n-1, 2)
+            The same arrays if nothing is held back.
+
+        """
+        too_far = np.abs(angle - self._angle).max(axis=0) > limit * period + ROUNDING
+        self.count += int((too_far & ~self._late).sum())
+        led = too_far | self._late
+        if led.any():
+            way = angle - self._angle
+            # In whole nanoseconds, as stamps are: a run has the same bits whenever it begins.
+            most = limit * np.round(times - self._time, 9)[:, None, None]
+            behind = led & (np.abs(way) > most)
+            angle = np.where(behind, self._angle + np.sign(way) * most, angle)
+            rate = np.where(behind, np.sign(way) * limit, rate)
+            self._late = behind[-1]
+        self._angle, self._time = angle[-1], float(times[-1])
+        return angle, rate

@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 import math
 
 from snake_sim_ros.gaits.blending import largest_values
-from snake_sim_ros.scene.gait_table import Table
-from snake_sim_ros.scene.parameters import Gait, Robot
+from snake_sim_ros.scene.gait import Gait, Table
+from snake_sim_ros.scene.parameters import Robot
 
 SLOWEST = 1e-6  # below it a wave counts as one that does not move, a cycle of 73 days [rad/s]
 

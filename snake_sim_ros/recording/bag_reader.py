@@ -10,10 +10,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from snake_sim_ros.recording import from_messages
-from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.checked_records import cut, LONGEST_REASON, ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene, scene_from_text
 from snake_sim_ros.scene.posture import chain_coordinates, gaps
-from snake_sim_ros.scene.quoting import cut, LONGEST_REASON
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.trajectory import Trajectory
 

@@ -1,7 +1,7 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Arrays and scenes from messages: the inverse of `nodes.state_messages` and `nodes.markers`.
+Arrays and scenes from messages: the inverse of `state_messages` and `state_publishers`.
 
 The functions read the attributes of a message, so rclpy or a reader of bags may have made it. They
 need nothing of ROS.
@@ -17,10 +17,9 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.parameters import Array, Ground, Pegs, Scene
 from snake_sim_ros.scene.robot_description import robot_of
 from snake_sim_ros.scene.rotations import product
-from snake_sim_ros.scene.surroundings import Ground, Pegs
 
 B_TO_WIRE = np.array(
     [0.5, -0.5, -0.5, -0.5]

@@ -14,11 +14,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from snake_sim_ros.recording.from_messages import B_TO_WIRE, WIRE_AXES
-from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
+from snake_sim_ros.scene.checked_records import (
+    CheckedRecord,
+    cut,
+    ParameterError,
+    quantity,
+    quoted,
+)
 from snake_sim_ros.scene.obstacles import contact_links
 from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.scene.quoting import cut, quoted
 from snake_sim_ros.scene.rotations import product, rotation_matrices
+from snake_sim_ros.stepping.contact_forces import last_span, sampled_forces
+from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.trajectory import Trajectory
 
 Links = str | int | tuple[str | int, ...]  # names and numbers of links, or all
 ORIENTATION, ANGULAR_VELOCITY, ACCELERATION = slice(0, 4), slice(4, 7), slice(7, 10)
@@ -231,3 +239,281 @@ def wrenches_on_links(
     R = rotation_matrices(q[..., 3:]).reshape(m * n, 3, 3)
     found = np.hstack([in_link_frames(R, force), in_link_frames(R, torque)])
     return found.reshape(m, n, 6)
+
+
+# ---- noise --------------------------------------------------------------------------------------
+
+
+JOINTS, IMU, CONTACTS = range(3)  # kinds of sensors
+PORTION = 10_000  # samples that are drawn in one go
+
+
+class Noise:
+    """
+    Constant and random errors of one sensor.
+
+    Parameters
+    ----------
+    seed, sensor : int
+        The stream: that of the child `sensor` of the seed, as `SeedSequence.spawn` makes it.
+    deviation, bias : ndarray, shape (k,)
+        Standard deviations and constant errors of the k numbers of a sample.
+
+    """
+
+    def __init__(self, seed: int, sensor: int, deviation: Array, bias: Array) -> None:
+        self._key, self._deviation, self._bias = (seed, sensor), deviation, bias
+        self.is_exact = not (deviation.any() or bias.any())
+        self._restart()
+
+    def _restart(self) -> None:
+        seed, sensor = self._key
+        sequence = np.random.SeedSequence(seed, spawn_key=(sensor,))
+        self._numbers = np.random.Generator(np.random.PCG64(sequence))
+        self._drawn, self._last = 0, np.zeros(len(self._deviation))
+
+    def added(self, value: Array, row: int) -> Array:
+        """Return a sample (k,) with its errors; `row` is its number, from 0."""
+        if self.is_exact:
+            return value
+        if self._drawn > row + 1:
+            self._restart()
+        while self._drawn <= row:
+            drawn = self._draw(min(row + 1 - self._drawn, PORTION))
+            self._last = drawn[-1]
+        return self._with(value, self._last)
+
+    def added_to_all(self, values: Array) -> Array:
+        """Return the samples (m, k) from the first one on with their errors."""
+        if self.is_exact:
+            return values
+        self._restart()
+        return self._with(values, self._draw(len(values)))
+
+    def _draw(self, count: int) -> Array:
+        self._drawn += count
+        return self._numbers.standard_normal((count, len(self._deviation)))
+
+    def _with(self, values: Array, drawn: Array) -> Array:
+        return np.asarray(values + self._bias + self._deviation * drawn)
+
+
+def joint_noise(sensors: Sensors, links: int) -> Noise:
+    """Return the errors of angles, rates and torques of all joints, one after the other."""
+    deviations = (
+        sensors.joint_position_noise,
+        sensors.joint_velocity_noise,
+        sensors.joint_effort_noise,
+    )
+    return _noise(sensors, 0, JOINTS, np.repeat(deviations, 2 * (links - 1)))
+
+
+def imu_noise(sensors: Sensors, link: int) -> Noise:
+    """Return the errors of angular velocity and specific force at a link, index from 0."""
+    deviation = np.repeat([sensors.imu_angular_velocity_noise, sensors.imu_acceleration_noise], 3)
+    bias = np.ravel(
+        np.stack(
+            [
+                np.broadcast_to(sensors.imu_angular_velocity_bias, 3),
+                np.broadcast_to(sensors.imu_acceleration_bias, 3),
+            ]
+        )
+    )
+    return _noise(sensors, link, IMU, deviation, bias)
+
+
+def contact_noise(sensors: Sensors, link: int) -> Noise:
+    """Return the errors of force and torque of the contacts of a link, index from 0."""
+    deviation = np.repeat([sensors.contact_force_noise, sensors.contact_torque_noise], 3)
+    return _noise(sensors, link, CONTACTS, deviation)
+
+
+def _noise(
+    sensors: Sensors, link: int, kind: int, deviation: Array, bias: Array | None = None
+) -> Noise:
+    no_bias = np.zeros(len(deviation)) if bias is None else bias
+    return Noise(sensors.sensor_seed, 3 * link + kind, np.asarray(deviation, dtype=float), no_bias)
+
+
+# ---- sensors of a simulation --------------------------------------------------------------------
+
+
+class SensorReader:
+    """
+    Reads the sensors at the states of a simulation, one after the other.
+
+    Parameters
+    ----------
+    simulation : Simulation
+    sensors : Sensors
+    steps : int
+        Steps from one state to the next.
+    rate : float
+        States a second [Hz].
+
+    Attributes
+    ----------
+    imu_links, contact_links : list of int
+        Indices of the links with an IMU, and of those whose contact forces are measured.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such link, or the rate of the sensors does not divide that of the states.
+
+    """
+
+    def __init__(self, simulation: Simulation, sensors: Sensors, steps: int, rate: float) -> None:
+        n = simulation.scene.robot.link_count
+        self.imu_links = sensors.links('imu_links', n)
+        self.contact_links = sensors.links('contact_force_links', n)
+        self._simulation, self._steps = simulation, steps
+        self._steps_in_sample = steps * sensors.states_in_sample(rate)
+        self._joints = joint_noise(sensors, n)
+        self._imus = [imu_noise(sensors, link) for link in self.imu_links]
+        self._contacts = [contact_noise(sensors, link) for link in self.contact_links]
+        self.restart()
+
+    def restart(self) -> None:
+        """Make the present state the first sample, from which on all noise begins anew."""
+        self._begin, self._row = self._simulation.step_count, 0
+        self.rest()
+
+    def rest(self) -> None:
+        """Take the present velocities as those before, too: the robot was put here."""
+        self._before = self._velocity = self._velocities()
+
+    def _velocities(self) -> Array:
+        return np.array(self._simulation.state.u[self.imu_links, :3])
+
+    def is_due(self) -> bool:
+        """Return whether the present state is a sample of the IMUs and of the contacts."""
+        return (self._simulation.step_count - self._begin) % self._steps_in_sample == 0
+
+    def _row_at(self, steps: int) -> int:
+        return int(self._simulation.step_count - self._begin) // steps
+
+    def imus(self) -> Array:
+        """Return the readings of the IMUs, shape (links, 10), as `sensors.imu_readings` does."""
+        simulation, row = self._simulation, self._row_at(self._steps_in_sample)
+        if row != self._row:
+            self._row, self._before = row, self._velocity
+            self._velocity = self._velocities()
+        state, time = simulation.state, self._steps_in_sample * simulation.scene.dt
+        found = imu_readings(
+            simulation.scene.gravity,
+            state.q[self.imu_links],
+            state.u[self.imu_links],
+            self._before,
+            time,
+        )
+        for reading, noise in zip(found, self._imus, strict=True):
+            reading[MEASURED] = noise.added(reading[MEASURED], row)
+        return found
+
+    def wrenches(self) -> Array:
+        """Return the wrenches of the contacts, (links, 6), as `sensors.wrenches_on_links`."""
+        simulation, row = self._simulation, self._row_at(self._steps_in_sample)
+        scene, state, history = simulation.scene, simulation.state, simulation.history
+        span, q = np.array([last_span(scene, history)]), state.q[None]
+        contacts = sampled_forces(scene, q, state.u[None], history.impulse[None], span)
+        found: Array = wrenches_on_links(scene, q, *contacts)[0, self.contact_links]
+        for wrench, noise in zip(found, self._contacts, strict=True):
+            wrench[:] = noise.added(wrench, row)
+        return found
+
+    def add_noise(self, angle: Array, rate: Array, torque: Array) -> None:
+        """Add the noise of the present state to angles, rates and torques of joints (n-1, 2)."""
+        if self._joints.is_exact:
+            return
+        parts = (angle, rate, torque)
+        measured = self._joints.added(np.stack(parts).ravel(), self._row_at(self._steps))
+        for part, found in zip(parts, measured.reshape(3, *angle.shape), strict=True):
+            part[:] = found
+
+
+# ---- sensors of a recorded run ------------------------------------------------------------------
+
+
+def recorded_sensors(trajectory: Trajectory, sensors: Sensors) -> dict[str, Array]:
+    """
+    Return what sensors would have measured in a run, as the node `sim` publishes it.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Of `simulation.run`; its samples are the states of the node. In files there are no
+        velocities.
+    sensors : Sensors
+
+    Returns
+    -------
+    dict
+        ``sensor_time`` (s,) [s] with an entry for each of s samples. If there are IMUs,
+        ``imu_link`` (k,) with numbers from 1, ``imu_orientation`` (s, k, 4) x y z w,
+        ``imu_angular_velocity`` (s, k, 3) [rad/s] and ``imu_linear_acceleration`` (s, k, 3), the
+        specific force [m/s^2]. If contact forces are measured, ``contact_link`` (c,) with numbers
+        from 1, and ``contact_wrench`` (s, c, 6) [N], [N m]. If joints have noise,
+        ``measured_joint_angle``, ``measured_joint_velocity`` and ``measured_joint_torque``
+        (m, n-1, 2), at all m states.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such link, the rate of the sensors does not divide that of the samples, or
+        velocities are asked for and not known.
+
+    """
+    scene, m = trajectory.scene, len(trajectory.time)
+    n = scene.robot.link_count
+    imus, touching = sensors.links('imu_links', n), sensors.links('contact_force_links', n)
+    steps = round((trajectory.time[1] - trajectory.time[0]) / scene.dt) if m > 1 else 1
+    every = sensors.states_in_sample(1.0 / (steps * scene.dt))
+    found: dict[str, Array] = {}
+    if imus or touching:
+        found['sensor_time'] = trajectory.time[::every]
+    if imus:
+        readings = _imus(trajectory, sensors, imus, every, every * steps * scene.dt)
+        found['imu_link'] = np.array(imus) + 1
+        found['imu_orientation'] = readings[..., ORIENTATION]
+        found['imu_angular_velocity'] = readings[..., ANGULAR_VELOCITY]
+        found['imu_linear_acceleration'] = readings[..., ACCELERATION]
+    if touching:
+        found['contact_link'] = np.array(touching) + 1
+        found['contact_wrench'] = _wrenches(trajectory, sensors, touching, every)
+    noise = joint_noise(sensors, n)
+    if not noise.is_exact:
+        names = ('angle', 'velocity', 'torque')
+        true = np.stack([getattr(trajectory, f'joint_{name}') for name in names], axis=1)
+        measured = noise.added_to_all(true.reshape(m, -1)).reshape(true.shape)
+        found |= {f'measured_joint_{name}': measured[:, k] for k, name in enumerate(names)}
+    return found
+
+
+def _imus(
+    trajectory: Trajectory, sensors: Sensors, links: list[int], every: int, time: float
+) -> Array:
+    """Return the readings of all IMUs at every so many states, which are a time [s] apart."""
+    if not trajectory.velocity.size:
+        raise ParameterError('an IMU needs the velocities of a run, which are not in its file')
+    q, u = trajectory.coordinates[::every, links], trajectory.velocity[::every, links]
+    before = np.concatenate([u[:1, :, :3], u[:-1, :, :3]])
+    readings = imu_readings(trajectory.scene.gravity, q, u, before, time)
+    for k, link in enumerate(links):
+        exact = readings[:, k, MEASURED]
+        readings[:, k, MEASURED] = imu_noise(sensors, link).added_to_all(exact)
+    return readings
+
+
+def _wrenches(trajectory: Trajectory, sensors: Sensors, links: list[int], every: int) -> Array:
+    """Return the wrenches of the contacts on links at every so many states."""
+    kept = trajectory.every(every)
+    if (kept.contact_number < 0).any():
+        raise ParameterError('the run does not say which contacts its forces are those of')
+    wrenches = wrenches_on_links(
+        kept.scene, kept.coordinates, kept.contact_sample, kept.contact_number,
+        kept.contact_point, kept.contact_force,
+    )[:, links]  # fmt: skip
+    for k, link in enumerate(links):
+        wrenches[:, k] = contact_noise(sensors, link).added_to_all(wrenches[:, k])
+    return wrenches

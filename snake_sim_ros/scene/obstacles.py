@@ -25,9 +25,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.scene.parameters import Array, Robot, Scene
+from snake_sim_ros.scene.parameters import Array, Ground, Robot, Scene
 from snake_sim_ros.scene.rotations import cross, rotation_matrices
-from snake_sim_ros.scene.surroundings import Ground
 
 NEIGHBOR_SLOTS = 6  # of the cells beside the two spheres of a link: along x, along y, diagonal
 E_X, E_Y, E_Z = np.eye(3)

@@ -12,7 +12,7 @@ units and radians; in YAML a key may end in ``_deg`` and is then converted.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 import math
 from pathlib import Path
 from typing import Any
@@ -23,21 +23,226 @@ import yaml
 
 from snake_sim_ros.scene.checked_records import (
     CheckedRecord,
+    cut,
     from_mapping,
+    LONGEST_PATH,
     ParameterError,
     quantity,
     to_mapping,
     with_values,
 )
-from snake_sim_ros.scene.gait_table import Table, table_from, table_to_text
-from snake_sim_ros.scene.quoting import cut, LONGEST_PATH
-from snake_sim_ros.scene.scene_files import CONFIG as CONFIG, find_file, read_mapping
-from snake_sim_ros.scene.start import Push, Start
-from snake_sim_ros.scene.surroundings import Friction, Ground, Patches, Pegs, PerLink, STICKY
-from snake_sim_ros.scene.yaml_text import parse_yaml
+from snake_sim_ros.scene.files import find_file, parse_yaml, read_mapping
+from snake_sim_ros.scene.gait import Gait, Numbers, Table, table_from, table_to_text
 
 Array = NDArray[Any]
-PerJoint = float | tuple[float, ...]
+PerLink = float | Numbers
+PerJoint = float | Numbers
+
+STICKY = 1e6  # largest friction: with it everything sticks whose load is more than rounding
+
+
+@dataclass(frozen=True, kw_only=True)
+class Friction(CheckedRecord):
+    """
+    Coefficients of spatial Coulomb friction and of rolling friction.
+
+    A link slides forward along e_z of its frame, from link 1 to link n. What resists that is
+    `longitudinal`; `backward` resists sliding the other way, and is equal if it is not given. The
+    admissible forces are then two halves of ellipses, which share the half axis `transversal`.
+    """
+
+    longitudinal: float = quantity(
+        0.1, '1', 'Coulomb mu_Tx along the link', minimum=0, maximum=STICKY
+    )
+    backward: float | None = quantity(
+        None,
+        '1',
+        'Coulomb mu_Tx of a link that slides backward; default: longitudinal',
+        minimum=0,
+        maximum=STICKY,
+    )
+    transversal: float = quantity(
+        0.5, '1', 'Coulomb mu_Ty across the link', minimum=0, maximum=STICKY
+    )
+    rolling: float = quantity(
+        0.0, '1', 'rolling friction mu_V (assumption: none)', minimum=0, maximum=STICKY
+    )
+
+    @property
+    def against_backward(self) -> float:
+        """Coefficient along a link that slides backward."""
+        return self.longitudinal if self.backward is None else self.backward
+
+    @property
+    def has_direction(self) -> bool:
+        """Whether forward and backward sliding differ."""
+        return self.against_backward != self.longitudinal
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pegs(CheckedRecord):
+    """Round vertical posts of any height, fixed to the ground, one entry for each."""
+
+    x: Numbers = quantity((), 'm', 'x of the peg axes')
+    y: Numbers = quantity((), 'm', 'y of the peg axes')
+    radius: PerLink = quantity(0.05, 'm', 'radius of all pegs or of each', above=0, minimum=1e-6)
+    friction: float = quantity(
+        0.2, '1', 'Coulomb friction in all directions', minimum=0, maximum=STICKY
+    )
+
+    def __post_init__(self) -> None:
+        """Check every field, and that there are as many x as y and radii."""
+        super().__post_init__()
+        if len(self.x) != len(self.y):
+            raise ParameterError(
+                f'x and y must be of one length, got {len(self.x)} and {len(self.y)} numbers'
+            )
+        if isinstance(self.radius, tuple) and len(self.radius) != len(self.x):
+            raise ParameterError(
+                f'radius must be one number or one for each of the {len(self.x)} pegs, '
+                f'got {len(self.radius)} numbers'
+            )
+
+    @property
+    def axes(self) -> NDArray[Any]:
+        """x, y and radius of every peg, shape (pegs, 3) [m]."""
+        radius = np.broadcast_to(np.asarray(self.radius, dtype=float), (len(self.x),))
+        return np.column_stack([self.x, self.y, radius]).reshape(-1, 3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ground(CheckedRecord):
+    """The ground as square cells of constant height; everywhere else it is z = 0."""
+
+    heights: tuple[Numbers, ...] = quantity(
+        (), 'm', 'heights of the cells: along x in a row, the rows along y'
+    )
+    cell: float = quantity(0.2, 'm', 'side of a cell', above=0, minimum=1e-6)
+    origin: Numbers = quantity((0.0, 0.0), 'm', 'corner of the cells with the least x and y')
+
+    def __post_init__(self) -> None:
+        """Check every field, that rows have one length, and that the origin is a point."""
+        super().__post_init__()
+        _check_cells('heights', self.heights, self.origin)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Patches(CheckedRecord):
+    """
+    Square patches of the ground with another friction; everywhere else the factor is 1.
+
+    A factor multiplies all coefficients of `Friction` for the spheres whose centers are above the
+    cell. Walls belong to the cell that the sphere is above.
+    """
+
+    factors: tuple[Numbers, ...] = quantity(
+        (),
+        '1',
+        'factors of friction of the cells: along x in a row, the rows along y',
+        minimum=0,
+        maximum=STICKY,
+    )
+    cell: float = quantity(0.2, 'm', 'side of a cell', above=0, minimum=1e-6)
+    origin: Numbers = quantity((0.0, 0.0), 'm', 'corner of the cells with the least x and y')
+
+    def __post_init__(self) -> None:
+        """Check every field, that rows have one length, and that the origin is a point."""
+        super().__post_init__()
+        _check_cells('factors', self.factors, self.origin)
+
+
+def _check_cells(name: str, rows: tuple[Numbers, ...], origin: Numbers) -> None:
+    """Raise an error if rows of cells differ in length, or if their origin is not a point."""
+    lengths = sorted({len(row) for row in rows})
+    if len(lengths) > 1:
+        raise ParameterError(
+            f'{name} must be rows of one length, got rows of {lengths[0]} and of '
+            f'{lengths[-1]} numbers'
+        )
+    if len(origin) != 2:
+        raise ParameterError(f'origin must have 2 components, got {len(origin)}')
+
+
+NOTHING = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Start(CheckedRecord):
+    """
+    Posture and place of the robot at the start, where it is at rest.
+
+    Angles are one number for all joints or one for each. The centroid of the links is at
+    `position`. Their principal axis, with link 1 at its end with the smaller x, has the direction
+    `heading`. The lowest contact sphere is `height` above the ground.
+    """
+
+    yaw: PerJoint | None = quantity(
+        None, 'rad', 'yaw angles of the joints; default: those of the gait at t = 0'
+    )
+    pitch: PerJoint | None = quantity(
+        None, 'rad', 'pitch angles of the joints; default: those of the gait at t = 0'
+    )
+    position: Numbers = quantity((0.0, 0.0), 'm', 'x and y of the centroid of the links')
+    heading: float = quantity(
+        0.0, 'rad', 'angle from the x axis to the robot, counterclockwise from above'
+    )
+    height: float = quantity(
+        0.0, 'm', 'gap between the lowest contact sphere and the ground', minimum=0
+    )
+
+    def __post_init__(self) -> None:
+        """Check every field, and that the position is a point."""
+        super().__post_init__()
+        if len(self.position) != 2:
+            raise ParameterError(f'position must have 2 components, got {len(self.position)}')
+
+    def check(self, joint_count: int, joint_limit: float) -> None:
+        """
+        Check that the joints of a robot can have the angles.
+
+        Raises
+        ------
+        ParameterError
+            If they are not one number or one for each joint, or beyond the joint limit [rad].
+
+        """
+        for name, angle in (('yaw', self.yaw), ('pitch', self.pitch)):
+            if isinstance(angle, tuple) and len(angle) != joint_count:
+                raise ParameterError(
+                    f'start.{name} must be one number or one for each of the {joint_count} '
+                    f'joints, got {len(angle)} numbers'
+                )
+            angles = angle if isinstance(angle, tuple) else (angle or 0.0,)
+            largest = max(angles, key=abs, default=0.0)
+            if abs(largest) > joint_limit:
+                degrees = f'; for degrees say start.{name}_deg' if abs(largest) > math.pi else ''
+                raise ParameterError(
+                    f'start.{name} must be within the joint limit, +-{joint_limit:.4g} rad, got '
+                    f'{largest:.4g} rad{degrees}'
+                )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Push(CheckedRecord):
+    """A force and a torque at the center of a link for some time, in axes of the world."""
+
+    link: int | None = quantity(
+        None, '1', 'number of the link, from 1 as in link_1; default: the middle one', minimum=1
+    )
+    force: Numbers = quantity(NOTHING, 'N', 'force at the center of the link')
+    torque: Numbers = quantity(NOTHING, 'N m', 'torque about the center of the link')
+    start: float = quantity(0.0, 's', 'simulated time at which it begins', minimum=0)
+    duration: float = quantity(0.1, 's', 'how long it lasts', above=0)
+
+    def __post_init__(self) -> None:
+        """Check every field, and that it pushes."""
+        super().__post_init__()
+        for name, vector in (('force', self.force), ('torque', self.torque)):
+            if len(vector) != 3:
+                raise ParameterError(f'{name} must have 3 components, got {len(vector)}')
+        if not any(self.force + self.torque):
+            raise ParameterError('a push must have a force or a torque that is not 0')
+
 
 INERTIAS = ('as_printed', 'consistent')
 
@@ -179,27 +384,6 @@ class Robot(CheckedRecord):
     def middle_link(self) -> int:
         """Index of the middle link: 5 for Aiko, the paper's link 6."""
         return self.link_count // 2
-
-
-@dataclass(frozen=True, kw_only=True)
-class Wave(CheckedRecord):
-    """A wave of joint references from joint to joint, eqs. (70), (71)."""
-
-    amplitude: float = quantity(0.0, 'rad', 'amplitude A')
-    angular_frequency: float = quantity(0.0, 'rad/s', 'angular frequency omega')
-    phase_lag: float = quantity(0.0, 'rad', 'phase lag delta from one joint to the next')
-    phase: float = quantity(0.0, 'rad', 'phase delta_0 of the first joint')
-    offset: float = quantity(0.0, 'rad', 'offset psi')
-
-
-@dataclass(frozen=True, kw_only=True)
-class Gait(CheckedRecord):
-    """The sum of a yaw wave, a pitch wave and a table, and the time over which it fades in."""
-
-    yaw: Wave = Wave()
-    pitch: Wave = Wave()
-    soft_start: float = quantity(0.0, 's', 'time T_s over which both waves fade in', minimum=0)
-    table: Table = Table()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -390,3 +574,60 @@ def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
         settings = {**settings, 'gait.table': table_from(source, Path(), count - 1)}
     changed: Scene = with_values(scene, settings)
     return changed
+
+
+def by_dotted_names(values: Mapping[str, Any], record: Any, prefix: str = '') -> dict[str, Any]:
+    """Return nested values by dotted names, as far as a record has records inside."""
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        inside = getattr(record, name, None) if isinstance(name, str) else None
+        if isinstance(value, Mapping) and is_dataclass(inside) and not isinstance(inside, Table):
+            found |= by_dotted_names(value, inside, f'{prefix}{name}.')
+        else:
+            found[f'{prefix}{name}'] = value
+    return found
+
+
+MOST_STEPS = 2**53  # in any period
+
+
+def steps_in(period: float, dt: float, name: str) -> int:
+    """
+    Return the number of steps in a period [s]; `name` is that of the period in the message.
+
+    Raises
+    ------
+    ParameterError
+        If the time step dt [s] does not divide the period.
+
+    """
+    if not period / dt <= MOST_STEPS:
+        raise ParameterError(
+            f'{name} must be at most {MOST_STEPS} steps of {dt:g} s, got {period:g} s'
+        )
+    steps = round(period / dt)
+    if steps < 1 or abs(steps * dt - period) > 1e-9 * period:
+        raise ParameterError(f'dt must divide the {name}: got dt={dt:g} s, period={period:g} s')
+    return steps
+
+
+def samples_of(scene: Scene, rate: float) -> tuple[int, int]:
+    """
+    Return the steps between two samples of a run at a rate [Hz], and the samples after the first.
+
+    Raises
+    ------
+    ParameterError
+        If dt does not divide the sampling period, or the sampling period the duration.
+
+    """
+    if not rate > 0:
+        raise ParameterError(f'rate must be above 0 Hz, got {rate:g} Hz')
+    steps = steps_in(1.0 / rate, scene.dt, 'sampling period')
+    samples, rest = divmod(steps_in(scene.duration, scene.dt, 'duration'), steps)
+    if rest:
+        raise ParameterError(
+            f'duration must be a multiple of the sampling period, 1/{rate:g} s; '
+            f'got {scene.duration:g} s'
+        )
+    return steps, samples

@@ -22,9 +22,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.checked_records import cut, LONGEST_REASON, ParameterError
 from snake_sim_ros.scene.parameters import Array, Robot
-from snake_sim_ros.scene.quoting import cut, LONGEST_REASON
 
 # Mass and moments of inertia of a cross, relative to those of the link that hangs on it. Parsers
 # accept moments above 1e-14 kg m^2, which those of 200 links of 7 mm still exceed.

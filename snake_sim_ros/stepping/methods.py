@@ -10,21 +10,22 @@ from snake_sim_ros.contact.delassus import Delassus, make_delassus
 from snake_sim_ros.contact.gauss_seidel import GaussSeidel
 from snake_sim_ros.contact.newton import Newton
 from snake_sim_ros.contact.prox_iteration import MOST_CONDENSED_ROWS, ProxIteration
-from snake_sim_ros.dynamics.bound_call import Loop
-from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.dynamics.records import Loop
+from snake_sim_ros.scene.checked_records import ParameterError, quoted
 from snake_sim_ros.scene.obstacles import contact_count, is_flat
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.scene.quoting import quoted
-from snake_sim_ros.stepping import bdf2, bdf2_memory, levels, moreau
+from snake_sim_ros.stepping import levels, moreau
 from snake_sim_ros.stepping.base import Method, Stepper
+from snake_sim_ros.stepping.bdf2 import step as bdf2
+from snake_sim_ros.stepping.bdf2.motion import make_arrays, make_memory
 from snake_sim_ros.stepping.model import whole_operator
 from snake_sim_ros.stepping.planar import bdf2 as planar_bdf2, moreau as planar_moreau
-from snake_sim_ros.stepping.planar.gauss_seidel import PlanarGaussSeidel
-from snake_sim_ros.stepping.planar.newton import PlanarNewton
-from snake_sim_ros.stepping.planar.prox_iteration import PlanarProxIteration
-from snake_sim_ros.stepping.planar.reference import DenseLoop
+from snake_sim_ros.stepping.planar.solvers import (
+    PlanarGaussSeidel,
+    PlanarNewton,
+    PlanarProxIteration,
+)
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
-from snake_sim_ros.stepping.reference import ReferenceStepper
 from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.state import History
 
@@ -52,8 +53,8 @@ def _small_delassus(scene: Scene) -> Delassus:
 
 def _spatial_bdf2(scene: Scene) -> SpatialStepper:
     n = scene.robot.link_count
-    own = bdf2_memory.make_arrays(n, contact_count(scene))
-    return SpatialStepper(scene, Loop(bdf2.advance, own), bdf2_memory.make_memory(n))
+    own = make_arrays(n, contact_count(scene))
+    return SpatialStepper(scene, Loop(bdf2.advance, own), make_memory(n))
 
 
 def _planar_bdf2(scene: Scene) -> PlanarStepper:
@@ -96,13 +97,6 @@ METHODS: dict[str, Method] = {
         spatial=_spatial(lambda scene: ProxIteration(_small_delassus(scene))),
         planar=_planar(lambda scene: PlanarProxIteration()),
         where_impulses_acted=moreau.where_impulses_acted,
-    ),
-    # The same in dense NumPy, to read beside the paper.
-    'reference': Method(
-        spatial=ReferenceStepper,
-        planar=lambda scene: PlanarStepper(scene, DenseLoop(scene)),
-        where_impulses_acted=moreau.where_impulses_acted,
-        compiled=False,
     ),
 }
 

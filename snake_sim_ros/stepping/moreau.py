@@ -3,11 +3,11 @@
 """
 The time step of the paper [1] compiled, with the joints eliminated in one sweep over the links.
 
-The step is that of `reference`, whose docstrings name the equations. Only the algebra differs: W_J
-and P_J never appear. The velocities that satisfy ``W_J^T u_E = 0`` are those of a chain of links
-with two hinge axes per joint. The articulated-body algorithm [2] solves the balance (75) for them
-in one sweep from both ends to the middle link and one back, with work that is linear in the number
-of links.
+The step in dense NumPy is in `test/oracle/moreau.py`, whose docstrings name the equations. Only
+the algebra differs: W_J and P_J never appear here. The velocities that satisfy ``W_J^T u_E = 0``
+are those of a chain of links with two hinge axes per joint. The articulated-body algorithm [2]
+solves the balance (75) for them in one sweep from both ends to the middle link and one back, with
+work that is linear in the number of links.
 
 A twist is (angular velocity, velocity of the body point at O), and an impulse wrench is (moment
 about O, impulse), both in axes of I. All links share the point O, so that the sweeps transform
@@ -23,11 +23,10 @@ import math
 import numpy as np
 
 from snake_sim_ros.contact.closing import close_step, predict_gaps
-from snake_sim_ros.contact.detection import find_contacts, reach_of_step
+from snake_sim_ros.contact.detection import find_contacts, penetration, reach_of_step
 from snake_sim_ros.contact.directions import contact_velocities
-from snake_sim_ros.contact.penetration import penetration
-from snake_sim_ros.contact.selection import apply_selection_rule, PRESS_SPEED
-from snake_sim_ros.contact.solver import Problem, solve
+from snake_sim_ros.contact.laws import apply_selection_rule, PRESS_SPEED
+from snake_sim_ros.contact.problem import Problem, solve
 from snake_sim_ros.dynamics.balance import (
     axis_loads,
     control_impulses,
@@ -36,8 +35,7 @@ from snake_sim_ros.dynamics.balance import (
     smooth_momentum,
 )
 from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
-from snake_sim_ros.dynamics.control_loop import read_by_controllers
-from snake_sim_ros.dynamics.joint_control import START
+from snake_sim_ros.dynamics.joint_control import read_by_controllers, START
 from snake_sim_ros.dynamics.joint_drift import close_joints, joint_violation
 from snake_sim_ros.dynamics.joint_laws import (
     begin_joint_laws,
@@ -110,7 +108,7 @@ def begin_step(model, work, steps, k):
 
 @inlined
 def solve_again(model, work, outcome, attempt, left, report):
-    """Return whether the laws of the joints ask for another solution, and prepare it."""
+    """Return whether the laws of the joints need another solution, and prepare it."""
     chain = work.chain
     joint_rates(work.R, chain.twist, work.axes.rate)
     if not model.joint_laws.present or not joint_laws_change(
@@ -199,7 +197,7 @@ def advance(solver, model, work, steps):
     """
     Take the steps up to the first that diverges; see `spatial.SpatialStepper`.
 
-    The type of `solver` chooses the contact solver; see `contact.solver.solve`.
+    The type of `solver` chooses the contact solver; see `contact.problem.solve`.
     """
     report = steps.report[0]
     for k in range(len(steps.angle)):

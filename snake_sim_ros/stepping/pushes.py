@@ -5,7 +5,7 @@ Pushes: forces and torques from outside at the centers of links, which act for s
 
 They are in the balance of every step, beside gravity, so that friction holds what it can hold. A
 step of the paper takes their mean over its length. Method `bdf2` divides steps where a push begins
-or ends, and starts anew there; see `parts`.
+or ends, and starts anew there; see `bdf2.formula`.
 
 Times are counted in ticks, STEP a step. A push begins at the tick before and ends at the
 tick after those that are meant, with a force that is so much smaller that its impulse is exact.
@@ -22,7 +22,7 @@ import numpy as np
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.stepping.parts import ANEW, SMOOTH, TICKS
+from snake_sim_ros.stepping.bdf2.formula import ANEW, SMOOTH, TICKS
 
 STEP = 2**14  # ticks in a step: shorter parts of it would be lost in the tolerances of contacts
 NOTHING = (0.0, 0.0, 0.0)
@@ -141,7 +141,7 @@ def part_of(stretch, dt, done, size):
     """
     Return the length of a part, and how much after the middle of the step it ends [s].
 
-    Of the `parts.TICKS` equal times in the stretch, `done` were before it, and it takes `size`.
+    Of the `formula.TICKS` equal times in the stretch, `done` were before it, and it takes `size`.
     The step has the length dt [s].
     """
     length = (stretch.end - stretch.begin) / STEP
@@ -279,7 +279,7 @@ def make_table(pushes: Sequence[Push], step: int = 0) -> PushTable:
 
 
 NO_PUSHES = make_table(())
-# What `bdf2_reference` takes: a function that returns forces (6n,) for link frames R (n, 3, 3).
+# What a dense step takes: a function that returns forces (6n,) for link frames R (n, 3, 3).
 Pushed = Callable[[Array], Array]
 not_pushed: Pushed = partial(NO_PUSHES.generalized, Stretch(0, STEP, STEP))
 
@@ -350,7 +350,7 @@ class Pushes:
         self._waiting.append(make_push(link, force, torque, turns, 0.0, duration / self._dt))
 
     def clear(self) -> None:
-        """End the pushes that began meanwhile; those of the scene go on."""
+        """End the pushes that began since; those of the scene continue."""
         self._waiting = [
             make_push(link, NOTHING, NOTHING, False, 0.0, 1.0) for link in self._begun
         ]

@@ -16,9 +16,8 @@ import numpy as np
 
 from snake_sim_ros.dynamics.energy import floor_contact_velocities
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.checked_records import nearest, ParameterError
+from snake_sim_ros.scene.checked_records import nearest, ParameterError, quoted
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 Measure = Callable[[Trajectory], Any]

@@ -23,9 +23,9 @@ from snake_sim_ros.scene.checked_records import (
     nearest,
     ParameterError,
     quantity,
+    quoted,
 )
 from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.scene.quoting import quoted
 
 SCALES = ('linear', 'log')
 COMBINED = ('grid', 'list')  # samplings of listed values; the others draw from ranges

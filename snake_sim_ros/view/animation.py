@@ -25,12 +25,11 @@ from PIL import Image
 from scipy.ndimage import uniform_filter1d
 
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.files import whole_file
 from snake_sim_ros.scene.obstacles import cell_at, cell_height
-from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Array, Ground
 from snake_sim_ros.scene.robot_description import color_name, COLORS
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.surroundings import Ground
-from snake_sim_ros.scene.whole_files import whole_file
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 Bar = Callable[[Array], Iterable[int]]  # returns the samples, and shows how many are left

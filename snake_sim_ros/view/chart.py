@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.files import write_figure
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.whole_files import write_figure
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 SUFFIXES = ('.png', '.pdf', '.svg')

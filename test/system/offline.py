@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from snake_sim_ros.gaits.joint_reference import JointReference, start_posture
-from snake_sim_ros.gaits.limited_reference import LimitedReference
+from snake_sim_ros.gaits.joint_reference import JointReference, LimitedReference, start_posture
 from snake_sim_ros.nodes.sim_parameters import as_it_runs, Settings
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import rotation_matrices

@@ -9,7 +9,7 @@ import sys
 from graph import environment, next_domain
 import pytest
 
-from snake_sim_ros.nodes.middleware import keep_no_buffers, NO_BUFFERS, OF_USER, USE_PROFILES
+from snake_sim_ros.nodes.node_process import keep_no_buffers, NO_BUFFERS, OF_USER, USE_PROFILES
 
 # The GNU C library gives blocks of this size [B] back as soon as they are free: memory is then
 # what the node uses, and not that of a heap with holes.

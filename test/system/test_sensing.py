@@ -14,8 +14,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Imu
 from sim_client import connected, SimClient, with_twin
 
-from snake_sim_ros.recording.recorded_sensors import recorded_sensors
-from snake_sim_ros.recording.sensors import Sensors
+from snake_sim_ros.recording.sensors import recorded_sensors, Sensors
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.simulation import run
 

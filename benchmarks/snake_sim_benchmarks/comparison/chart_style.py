@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from snake_sim_ros.scene.whole_files import write_figure
+from snake_sim_ros.scene.files import write_figure
 
 PATH_COLOR = '#0072b2'
 METHOD_STYLES = {  # method: color, mark, name

@@ -40,7 +40,7 @@ from snake_sim_benchmarks.comparison.chart_style import (
 )
 from snake_sim_benchmarks.comparison.csv_tables import records_of, Table
 from snake_sim_ros import ParameterError
-from snake_sim_ros.scene.whole_files import write_whole
+from snake_sim_ros.scene.files import write_whole
 
 # ---- ensembles and cycles -----------------------------------------------------------------------
 

@@ -18,8 +18,7 @@ from snake_sim_benchmarks.comparison.mujoco_runs import run_mujoco
 from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD
 from snake_sim_benchmarks.comparison.timing import energy_error, timed, TimedRun
 from snake_sim_ros import ParameterError, Scene
-from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import steps_in, with_settings
 from snake_sim_ros.stepping.base import Stepper
 
 # Steps a second.

@@ -22,8 +22,8 @@ import subprocess
 from typing import Any
 
 from snake_sim_ros import ParameterError
-from snake_sim_ros.scene.about import __version__, PACKAGE
-from snake_sim_ros.scene.whole_files import write_whole
+from snake_sim_ros.scene import __version__, PACKAGE
+from snake_sim_ros.scene.files import write_whole
 
 LABORATORY = Path(__file__).resolve().parents[1]
 LIBRARIES = ('numpy', 'scipy', 'numba', 'mujoco-core', 'drake')

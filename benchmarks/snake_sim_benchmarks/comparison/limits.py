@@ -34,8 +34,8 @@ import numpy as np
 from snake_sim_benchmarks.comparison.csv_tables import records_of, Table
 from snake_sim_ros import ParameterError, Scene, Simulation
 from snake_sim_ros.scene.checked_records import from_mapping
+from snake_sim_ros.scene.files import write_whole
 from snake_sim_ros.scene.parameters import Array, with_settings
-from snake_sim_ros.scene.whole_files import write_whole
 from snake_sim_ros.stepping.accuracy import with_accuracy
 from snake_sim_ros.stepping.simulation import sample
 

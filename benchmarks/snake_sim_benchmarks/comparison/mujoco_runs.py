@@ -32,8 +32,7 @@ from snake_sim_benchmarks.comparison.timing import TimedRun, timing_of, trajecto
 from snake_sim_ros import ParameterError, Report, Scene, State
 from snake_sim_ros.dynamics.energy import BALANCE_TIME, imbalance
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import Array, steps_in
 from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.stepping.trajectory import Trajectory
 

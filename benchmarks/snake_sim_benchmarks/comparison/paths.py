@@ -18,8 +18,7 @@ from scipy.interpolate import CubicSpline
 
 from snake_sim_ros import Scene, Simulation, State
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import Array, steps_in
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.simulation import sample

@@ -15,8 +15,7 @@ import time
 from typing import Any
 
 from snake_sim_ros import Report, Scene, Simulation
-from snake_sim_ros.scene.parameters import load_scene, with_settings
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import load_scene, steps_in, with_settings
 from snake_sim_ros.stepping.samples import Samples
 
 MARKS = (10**4, 10**5, 10**6, 10**7)  # numbers of steps after which the state of a soak is noted

@@ -23,19 +23,24 @@ from typing import Any
 import numpy as np
 
 from snake_sim_benchmarks.comparison.paths import extrapolated, Motion, path_error, SAMPLING_PERIOD
-from snake_sim_ros import ParameterError, Report, Robot, Scene, Simulation, State
+from snake_sim_ros import Report, Robot, Scene, Simulation, State
 from snake_sim_ros.contact.newton import Newton, solve_contacts
 from snake_sim_ros.dynamics.articulated_body import factor, factor_chain, reset_chain, solve_chain
 from snake_sim_ros.dynamics.compilation import compiled, COUNTS_CYCLES, cycle_counter
 from snake_sim_ros.dynamics.energy import balance_error, BALANCE_TIME
 from snake_sim_ros.scene.checked_records import flat_fields
-from snake_sim_ros.scene.parameters import Array, load_scene, scene_to_text, with_settings
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import (
+    Array,
+    load_scene,
+    scene_to_text,
+    steps_in,
+    with_settings,
+)
 from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import method_of, METHODS, what_is_not_planar
 from snake_sim_ros.stepping.moreau import begin_step, end_step
-from snake_sim_ros.stepping.planar import moreau as planar, newton as planar_newton
+from snake_sim_ros.stepping.planar import moreau as planar, solvers as planar_newton
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
 from snake_sim_ros.stepping.sampling import Keep, Limits
 from snake_sim_ros.stepping.simulation import sample
@@ -194,12 +199,9 @@ def timed(
     Raises
     ------
     ParameterError
-        If the method of the scene is not a compiled one, or dt does not divide SAMPLING_PERIOD, or
-        SAMPLING_PERIOD the duration.
+        If dt does not divide SAMPLING_PERIOD, or SAMPLING_PERIOD the duration.
 
     """
-    if make is None and not METHODS[method_of(scene)].compiled:
-        raise ParameterError(f'method {scene.method!r} is not compiled, its steps are not timed')
     simulation = Simulation(scene, make and make(scene))
     simulation.state.q[:, 2] += lift
     period = min(SAMPLING_PERIOD, scene.duration)

@@ -30,8 +30,7 @@ from snake_sim_benchmarks.comparison.bench_tables import (
     RUN,
 )
 from snake_sim_ros import Scene, Simulation
-from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.periods import samples_of
+from snake_sim_ros.scene.parameters import Array, samples_of
 from snake_sim_ros.stepping.controlled import controlled
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.simulation import run

@@ -16,8 +16,7 @@ import numpy as np
 from snake_sim_ros import Friction, Scene, Simulation, Wave
 from snake_sim_ros.dynamics.energy import mechanical_energy, work_of_steps
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array, load_scene
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import Array, load_scene, steps_in
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.simulation import run, sample

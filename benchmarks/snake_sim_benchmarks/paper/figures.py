@@ -38,8 +38,8 @@ from snake_sim_benchmarks.paper.experiments import (
 from snake_sim_benchmarks.paper.tables import weight, write_tables
 from snake_sim_ros import Robot
 from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.files import whole_file
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.whole_files import whole_file
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 WIDTH = 9.0  # inch, as wide as a page on GitHub

@@ -19,7 +19,7 @@ from std_srvs.srv import SetBool, Trigger
 from snake_sim_benchmarks.reliability.hostile_messages import good_message, NAMES, TIME
 from snake_sim_benchmarks.reliability.message_attack import ANSWER, MessageAttack
 from snake_sim_ros import Robot
-from snake_sim_ros.nodes.stamps import seconds_from
+from snake_sim_ros.nodes.messages import seconds_from
 
 PERIOD = 0.005  # s of a publish period
 OBEYED = 2  # periods after which a good command is obeyed, besides one that was under way

@@ -19,8 +19,10 @@ import yaml
 
 from snake_sim_ros import Robot, Simulation
 from snake_sim_ros.nodes.bag_writer import BagWriter, RunTopics
-from snake_sim_ros.recording import checkpoint, npz
-from snake_sim_ros.scene.parameters import Array, CONFIG, load_scene, with_settings
+from snake_sim_ros.recording import checkpoint
+from snake_sim_ros.recording.recorded_runs import write_npz
+from snake_sim_ros.scene.files import CONFIG
+from snake_sim_ros.scene.parameters import Array, load_scene, with_settings
 from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping.simulation import run
 
@@ -230,8 +232,8 @@ def changed_message(random: Random, content: bytes) -> bytes:
 
 
 Change = Callable[[Random], bytes]
-SHORT = {  # a scene that needs no compiler
-    **{'robot.link_count': 3, 'method': 'reference', 'level': 'spatial'},
+SHORT = {
+    **{'robot.link_count': 3, 'method': 'newton', 'level': 'spatial'},
     **{'dt': 1 / 400, 'duration': 0.05},
 }
 STUDY = """
@@ -347,7 +349,7 @@ def _table(random: Random, change: bool = True) -> bytes:
 def _binary(folder: Path) -> dict[str, list[Change]]:
     """Return the functions for npz files and bags, and write a good one of each."""
     scene = with_settings(load_scene('lateral_undulation'), SHORT)
-    npz.write(run(scene, rate=100.0), folder / 'run.npz')
+    write_npz(run(scene, rate=100.0), folder / 'run.npz')
     with_queue = {'method': 'bdf2', 'robot.command_delay': 0.01, 'robot.control_rate': 200.0}
     checkpoint.write(Simulation(with_settings(scene, with_queue)), folder / 'checkpoint.npz')
     found: dict[str, list[Change]] = {}

@@ -20,25 +20,25 @@ import rclpy
 
 from snake_sim_benchmarks.comparison.csv_tables import read_table
 from snake_sim_ros import ParameterError, Scene, Simulation
-from snake_sim_ros.fitting.recording import read_recording
 from snake_sim_ros.gaits.blending import check_reach
 from snake_sim_ros.nodes.gait_node import GaitNode
 from snake_sim_ros.nodes.node_process import initialize, made
-from snake_sim_ros.optimization.problem import load_problem
-from snake_sim_ros.recording import checkpoint, csv_table, npz
-from snake_sim_ros.recording.recorded_runs import read_run, summary
+from snake_sim_ros.recording import checkpoint
+from snake_sim_ros.recording.recorded_runs import read_npz, read_run, summary, write_csv, write_npz
+from snake_sim_ros.scene.files import parse_yaml
 from snake_sim_ros.scene.parameters import (
     load_scene,
+    samples_of,
     scene_from_text,
     scene_to_text,
     with_settings,
 )
-from snake_sim_ros.scene.periods import samples_of
 from snake_sim_ros.scene.robot_description import robot_of
-from snake_sim_ros.scene.yaml_text import parse_yaml
-from snake_sim_ros.stepping.usual_steps import with_usual_steps
-from snake_sim_ros.studies.journal import Journal
-from snake_sim_ros.studies.study_file import load_study
+from snake_sim_ros.stepping.accuracy import with_usual_steps
+from snake_sim_ros.studies.problem import load_problem
+from snake_sim_ros.studies.recorded_motion import read_recording
+from snake_sim_ros.studies.study import load_study
+from snake_sim_ros.studies.table import Journal
 
 
 def start_and_end(arguments: Sequence[str]) -> None:
@@ -119,10 +119,10 @@ def _urdf(path: Path) -> None:
 
 
 def _run(path: Path) -> None:
-    trajectory = npz.read(path)
+    trajectory = read_npz(path)
     summary(trajectory)
-    csv_table.write(trajectory.every(2), path.with_suffix('.csv'))
-    npz.write(trajectory, path.with_name('again.npz'))
+    write_csv(trajectory.every(2), path.with_suffix('.csv'))
+    write_npz(trajectory, path.with_name('again.npz'))
     trajectory.contacts(0)
 
 

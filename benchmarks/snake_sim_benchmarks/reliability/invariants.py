@@ -25,6 +25,7 @@ import numpy as np
 from snake_sim_ros import Report, Scene, State
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.detection import reach_of_step
+from snake_sim_ros.dynamics import kinematics
 from snake_sim_ros.dynamics.energy import mechanical_energy
 from snake_sim_ros.dynamics.force_directions import (
     joint_directions,
@@ -40,8 +41,7 @@ from snake_sim_ros.dynamics.joint_laws import make_joint_laws
 from snake_sim_ros.scene.obstacles import contact_friction
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.posture import center_of_mass, joint_angles
-from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.reference import end_coordinates, middle_coordinates
+from snake_sim_ros.scene.rotations import product, rotation_matrices
 from snake_sim_ros.stepping.samples import Samples
 
 ROUNDING = 1e-7  # of the largest velocity that a step deals with
@@ -99,6 +99,27 @@ def of_run(
             yield f'stop: a joint is at {angle:.4g} rad beyond its stop {laws.stop:.4g} rad'
 
 
+def middle_coordinates(state: State, dt: float) -> Array:
+    """Return the coordinates (n, 7) at the middle of a step, eq. (72), p_M not of length 1."""
+    q_M = np.empty_like(state.q)
+    kinematics.middle_coordinates(dt, state.q, state.u, q_M)
+    return q_M
+
+
+def with_unit_parameters(q: Array) -> Array:
+    """Return coordinates (n, 7) with Euler parameters of length 1."""
+    return np.hstack([q[:, :3], q[:, 3:] / np.linalg.norm(q[:, 3:], axis=1, keepdims=True)])
+
+
+def end_coordinates(q_M: Array, u_E: Array, dt: float) -> Array:
+    """Return the coordinates (n, 7) at the end of a step, eq. (83), before joints are closed."""
+    q_E = q_M.copy()
+    q_E[:, :3] += dt / 2 * u_E[:, :3]
+    spin = np.column_stack([np.zeros(len(u_E)), u_E[:, 3:]])
+    q_E[:, 3:] += dt / 4 * product(q_M[:, 3:], spin)
+    return q_E
+
+
 class Terms(NamedTuple):
     """The terms of the balance (75) of a step, in dense matrices."""
 
@@ -113,7 +134,7 @@ class Terms(NamedTuple):
 
 def dense_terms(scene: Scene, before: State, torque: Array) -> Terms:
     """Return the terms of a step; parameters are those of `of_step`."""
-    q_M = middle_coordinates(before, scene.dt)
+    q_M = with_unit_parameters(middle_coordinates(before, scene.dt))
     R, mass = rotation_matrices(q_M[:, 3:]), np.diag(mass_matrix(scene.robot))
     W_tau, (gap, *directions) = torque_directions(R), scene_contacts(scene, q_M)
     parts = [part.reshape(len(mass), len(gap), -1) for part in directions]
@@ -177,7 +198,7 @@ def _of_center(scene: Scene, before: State, after: State, scale: float) -> Itera
     """Check that the center of mass moved by its mean velocity."""
     m = scene.robot.per_link('link_mass')
     q_M = middle_coordinates(before, scene.dt)
-    free = end_coordinates(before.q, q_M, before.u, after.u, scene.dt)
+    free = end_coordinates(q_M, after.u, scene.dt)
     gaps = np.array([scene_gaps(scene, q) for q in (free, after.q)])
     known = np.isfinite(gaps).all(axis=0)
     # Gaps are closed by a move that no velocity has; the center moves by no more than contacts do.

@@ -21,7 +21,7 @@ from snake_sim_benchmarks.reliability.attacked_node import AttackedNode, node, o
 from snake_sim_benchmarks.reliability.hostile_messages import TIME, Topic, TOPICS
 from snake_sim_benchmarks.reliability.message_attack import MessageAttack
 from snake_sim_benchmarks.reliability.trials import Trial
-from snake_sim_ros.nodes.middleware import NO_BUFFERS
+from snake_sim_ros.nodes.node_process import NO_BUFFERS
 
 START = 120.0  # s for a node to start, which may have to compile the physics
 CONNECT = 20.0  # s for all publishers to find the node

@@ -24,7 +24,7 @@ from snake_sim_ros.scene.checked_records import from_mapping
 from snake_sim_ros.scene.parameters import Array, PD_SCHEMES
 from snake_sim_ros.scene.posture import chain_coordinates, gaps
 from snake_sim_ros.scene.rotations import product, rotation_matrices
-from snake_sim_ros.stepping.bdf2 import IMPLICIT_SCHEMES
+from snake_sim_ros.stepping.bdf2.step import IMPLICIT_SCHEMES
 
 Case = dict[str, Any]
 Generator = np.random.Generator

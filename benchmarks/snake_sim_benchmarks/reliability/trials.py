@@ -14,7 +14,7 @@ import time
 from typing import Protocol, TypeVar
 
 from snake_sim_benchmarks.comparison.csv_tables import records_of, Table
-from snake_sim_ros.scene.whole_files import write_whole
+from snake_sim_ros.scene.files import write_whole
 
 Subject = TypeVar('Subject')
 

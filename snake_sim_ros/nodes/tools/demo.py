@@ -16,12 +16,12 @@ from rclpy.node import Node
 from tqdm import tqdm
 
 from snake_sim_ros.nodes.executors import make_executor
-from snake_sim_ros.nodes.stamps import seconds_from
+from snake_sim_ros.nodes.messages import seconds_from
+from snake_sim_ros.nodes.programs import interruptible
 from snake_sim_ros.nodes.tools.child_nodes import (
     Child,
     children,
     Interrupted,
-    interruptible,
     NodeDied,
     scene_to_run,
     start,

@@ -16,8 +16,7 @@ from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined,
 from snake_sim_ros.dynamics.joint_control import implicit_pd_law
 from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.stepping.bdf2_memory import CONSISTENT_SPEED
-from snake_sim_ros.stepping.parts import (
+from snake_sim_ros.stepping.bdf2.formula import (
     AFTER_EVENT,
     aligned_size,
     ANEW,
@@ -34,26 +33,28 @@ from snake_sim_ros.stepping.parts import (
     TICKS,
     UNKNOWN,
 )
-from snake_sim_ros.stepping.planar.axes import (
-    begin_planar_impact,
-    begin_predicted_yaw_axes,
-    joint_impulses_in_plane,
-    yaw_axes_change,
-)
+from snake_sim_ros.stepping.bdf2.motion import CONSISTENT_SPEED
 from snake_sim_ros.stepping.planar.equilibrium import (
     fill_grips,
     fill_momentum,
     place_links_in_plane,
 )
 from snake_sim_ros.stepping.planar.moreau import (
+    begin_planar_impact,
+    begin_predicted_yaw_axes,
     end_planar_velocities,
     held_point,
     is_planar,
+    joint_impulses_in_plane,
     keep_planar_sample,
     stop_impact,
+    yaw_axes_change,
 )
-from snake_sim_ros.stepping.planar.newton import PlanarNewton, solve_planar_contacts
-from snake_sim_ros.stepping.planar.warm_start import SECOND_CHANGE
+from snake_sim_ros.stepping.planar.solvers import (
+    PlanarNewton,
+    SECOND_CHANGE,
+    solve_planar_contacts,
+)
 from snake_sim_ros.stepping.pushes import add_pushes_in_plane, first_stretch, next_stretch, part_of
 from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import (
@@ -67,7 +68,7 @@ from snake_sim_ros.stepping.steps import (
 
 
 class PlanarMotion(NamedTuple):
-    """A state in the plane, as `bdf2_memory.Motion`."""
+    """A state in the plane, as `bdf2.motion.Motion`."""
 
     pose: Array  # (2,) x and y of the center of mass [m]
     heading: Array  # (n,) headings of the links [rad]
@@ -77,13 +78,13 @@ class PlanarMotion(NamedTuple):
 class PlanarBdf2Memory(NamedTuple):
     """What the method keeps of the last step, besides `model.PlanarMemory`; as `Bdf2Memory`."""
 
-    end: PlanarMotion
-    start: PlanarMotion
-    reference_rate: Array  # (n-1, 2)
-    dt: Array  # (1,)
-    span: Array  # (1,)
-    phase: Array  # (1,)
-    ticks: Array  # (1,)
+    end: PlanarMotion  # state at its end
+    start: PlanarMotion  # state at its start
+    reference_rate: Array  # (n-1, 2) rates of the joint references [rad/s]
+    dt: Array  # (1,) its length [s]
+    span: Array  # (1,) time for which its impulses acted [s], 0 before the first step
+    phase: Array  # (1,) UNKNOWN, ANEW or SMOOTH
+    ticks: Array  # (1,) length of the next step, in parts of a step of the scene
 
     def last_span(self) -> float:
         """Return the time for which the last impulses acted [s], 0 before the first step."""
@@ -93,14 +94,14 @@ class PlanarBdf2Memory(NamedTuple):
 class PlanarBdf2Arrays(NamedTuple):
     """Arrays that a step fills besides `model.PlanarWorkspace`, as `Bdf2Arrays`."""
 
-    hat: PlanarMotion
+    hat: PlanarMotion  # what the formula combines of the states before
     star: PlanarMotion  # velocities at the predicted end; the rest is not used
-    end: PlanarMotion
+    end: PlanarMotion  # end of the step
     before: PlanarMotion  # start of the step of the scene, for one that is not taken
     moving: Array  # (n, 3) velocities that move the coordinates: those of end before an impact
-    end_angle: Array  # (n-1, 2)
-    end_rate: Array  # (n-1, 2)
-    kept: Array  # (3, contacts, 5)
+    end_angle: Array  # (n-1, 2) joint references at the end [rad]
+    end_rate: Array  # (n-1, 2) [rad/s]
+    kept: Array  # (3, contacts, 5) history before a part of the step
     solver: PlanarNewton
 
 
@@ -146,7 +147,7 @@ def keep_planar(motion, to):
 
 @merged
 def recognize_in_plane(model, work, q, u, memory):
-    """Take q and u as the state to go on from, as `bdf2_memory.recognize`."""
+    """Take q and u as the state to continue from, as `bdf2.motion.recognize`."""
     end = memory.end
     held_x, held_y = held_point(model, q)
     end.pose[0], end.pose[1] = q[0] + held_x, q[1] + held_y

@@ -17,9 +17,8 @@ from typing import NamedTuple
 
 from snake_sim_benchmarks.comparison.baselines.penalty import penalty_forces
 from snake_sim_ros.contact.delassus import fill_wrenches
-from snake_sim_ros.contact.detection import find_contacts
+from snake_sim_ros.contact.detection import find_contacts, penetration
 from snake_sim_ros.contact.directions import contact_velocities
-from snake_sim_ros.contact.penetration import penetration
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain, row_of, solve_chain
 from snake_sim_ros.dynamics.balance import link_inertia, smooth_momentum
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged

@@ -13,9 +13,8 @@ import math
 from typing import NamedTuple
 
 from snake_sim_ros.contact.delassus import end_twists
-from snake_sim_ros.contact.laws import grip, link_of, sliding_disc
-from snake_sim_ros.contact.natural_map import natural_map
-from snake_sim_ros.contact.solver import Outcome, solve
+from snake_sim_ros.contact.laws import grip, link_of, natural_map, sliding_disc
+from snake_sim_ros.contact.problem import Outcome, solve
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 
@@ -81,7 +80,7 @@ def make_impulses(dt, closed, contacts, impulse):
 @inlined
 def solve_with_springs(law, model, problem, history, limit):
     """
-    Fill contact impulses and the velocities that follow from them; see `contact.solver.solve`.
+    Fill contact impulses and the velocities that follow from them; see `contact.problem.solve`.
 
     Forces are those of the middle configuration and of the velocities at the start. The residual
     is that of the set-valued laws, for these impulses and the velocities that follow.

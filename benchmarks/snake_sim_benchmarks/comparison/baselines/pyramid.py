@@ -14,13 +14,15 @@ an angle toward the axis in which it is faster.
 from typing import NamedTuple
 
 from snake_sim_benchmarks.comparison.baselines.penalty import BOUND
-from snake_sim_ros.contact.condensing import condense
-from snake_sim_ros.contact.delassus import condensed_twists, condensed_velocities, Delassus
-from snake_sim_ros.contact.laws import grip, sliding_disc
-from snake_sim_ros.contact.natural_map import natural_map
-from snake_sim_ros.contact.projections import prox_half_line
+from snake_sim_ros.contact.delassus import (
+    condense,
+    condensed_twists,
+    condensed_velocities,
+    Delassus,
+)
+from snake_sim_ros.contact.laws import grip, natural_map, prox_half_line, sliding_disc
+from snake_sim_ros.contact.problem import Outcome, solve
 from snake_sim_ros.contact.prox_iteration import copy_impulses
-from snake_sim_ros.contact.solver import Outcome, solve
 from snake_sim_ros.contact.sweeps import project_normal, set_impulse
 from snake_sim_ros.dynamics.compilation import inlined, merged
 
@@ -74,7 +76,7 @@ class Pyramid(NamedTuple):
 @inlined
 def solve_with_pyramid(solver, model, problem, history, limit):
     """
-    Sweep until the laws of the pyramid hold; see `solver.solve`.
+    Sweep until the laws of the pyramid hold; see `problem.solve`.
 
     Its residual is that of the pyramid, and its printed residual that of the paper's laws.
     """

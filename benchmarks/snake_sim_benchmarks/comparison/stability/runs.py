@@ -22,7 +22,7 @@ from snake_sim_benchmarks.comparison.csv_tables import records_of, Table
 from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD
 from snake_sim_ros import ParameterError, Report, Scene, Simulation, State
 from snake_sim_ros.dynamics.energy import mechanical_energy
-from snake_sim_ros.scene.periods import steps_in
+from snake_sim_ros.scene.parameters import steps_in
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.sampling import Keep, Limits
 from snake_sim_ros.stepping.simulation import sample

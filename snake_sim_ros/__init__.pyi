@@ -1,0 +1,31 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The public names: the only list of them, for type checkers and editors and at run time."""
+
+from snake_sim_ros.api.runs import (
+    load_scene as load_scene,
+    read_run as read_run,
+    Run as Run,
+    run as run,
+    table_of as table_of,
+)
+from snake_sim_ros.scene import __version__ as __version__
+from snake_sim_ros.scene.checked_records import ParameterError as ParameterError
+from snake_sim_ros.scene.gait import Gait as Gait, Table as Table, Wave as Wave
+from snake_sim_ros.scene.parameters import (
+    Friction as Friction,
+    Ground as Ground,
+    Patches as Patches,
+    Pegs as Pegs,
+    Push as Push,
+    Robot as Robot,
+    Scene as Scene,
+    Solver as Solver,
+    Start as Start,
+)
+from snake_sim_ros.stepping.base import Report as Report
+from snake_sim_ros.stepping.simulation import Simulation as Simulation
+from snake_sim_ros.stepping.state import State as State
+from snake_sim_ros.studies.study import study as study
+
+__all__: list[str]

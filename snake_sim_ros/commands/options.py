@@ -1,0 +1,310 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Options that several commands share, the checks of them, and the scene and files they mean."""
+
+import argparse
+from collections.abc import Callable, Mapping
+from functools import partial
+import math
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from snake_sim_ros.gaits.blending import check_reach
+from snake_sim_ros.recording.recorded_runs import write_csv, write_npz
+from snake_sim_ros.recording.sensors import Sensors
+from snake_sim_ros.scene.checked_records import from_mapping, ParameterError, quoted
+from snake_sim_ros.scene.files import find_file, parse_yaml, read_mapping
+from snake_sim_ros.scene.parameters import (
+    Array,
+    by_dotted_names,
+    load_scene,
+    Robot,
+    Scene,
+    with_settings,
+)
+from snake_sim_ros.stepping.accuracy import STEPPING, USUAL_ACCURACY, with_usual_steps
+from snake_sim_ros.stepping.methods import AUTO, METHODS
+from snake_sim_ros.stepping.trajectory import Trajectory
+
+# The cases A to D of the paper.
+CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')
+
+
+# ---- scenes -------------------------------------------------------------------------------------
+
+
+def add_method(command: argparse.ArgumentParser) -> None:
+    """Add the option that replaces the method of the scene."""
+    names = ', '.join([AUTO, *METHODS])
+    command.add_argument('--method', help=f'instead of that of the scene: {names}')
+
+
+def add_accuracy(command: argparse.ArgumentParser) -> None:
+    """Add the option that chooses the steps of the scene."""
+    command.add_argument(
+        '--accuracy', type=float, metavar='ERROR',
+        help=f'relative error of the path in a gait cycle, default {USUAL_ACCURACY:g} if neither '
+        f'{" nor ".join(STEPPING)} is given here or in the scene; 0: steps as in the scene',
+    )  # fmt: skip
+
+
+def add_scene_options(command: argparse.ArgumentParser) -> None:
+    """Add the options that change values of the scene."""
+    command.add_argument('--duration', type=float, help='instead of that of the scene [s]')
+    command.add_argument(
+        '--set', action='append', default=[], metavar='KEY=VALUE',
+        help='any value of the scene, such as friction.longitudinal=0.2 or '
+        'gait.yaw.amplitude_deg=30; may be given often',
+    )  # fmt: skip
+
+
+def add_scene_or_default(command: argparse.ArgumentParser) -> None:
+    """Add a scene as an argument that may be left out."""
+    command.add_argument('scene', nargs='?', default=CASES[0], help='default: lateral_undulation')
+
+
+def scene_from(options: argparse.Namespace, source: str) -> Scene:
+    """
+    Return a scene with the values that the options of a command give.
+
+    Parameters
+    ----------
+    options : Namespace
+        Of a command with `add_scene_options`, and `add_method` if it has that.
+    source : str
+        A YAML file, or the name of a scene in config/.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such scene, a value is not usable, or the gait is beyond the joint limit.
+
+    """
+    loaded = load_scene(source)
+    scene = with_settings(loaded, given_settings(options))
+    try:
+        check_reach(scene.gait, scene.robot)
+    except ParameterError as error:
+        if scene.gait != loaded.gait or scene.robot != loaded.robot:
+            raise
+        raise ParameterError(f'{Path(source).name}: {error}') from None
+    return scene
+
+
+def given_settings(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the values that the options of a command give, by their dotted names in a scene."""
+    settings = by_dotted_names(given_values(options.set, '--set'), Scene())
+    if isinstance(settings.get('robot'), str):
+        path = find_file(settings['robot'], Path(), '--set')
+        settings['robot'] = from_mapping(Robot, read_mapping(path), path.name)
+    for key in ('duration', 'method', 'accuracy'):
+        if getattr(options, key, None) is not None:
+            settings[key] = getattr(options, key)
+    return settings
+
+
+def given_values(items: list[str], option: str) -> dict[str, Any]:
+    """Return the values of KEY=VALUE items that were given with an option, by their keys."""
+    values: dict[str, Any] = {}
+    for item in items:
+        key, separator, value = item.partition('=')
+        if not separator:
+            raise ParameterError(f'{option} must be KEY=VALUE, got {quoted(item)}')
+        try:
+            values[key] = parse_yaml(value)
+        except ParameterError as error:
+            raise ParameterError(f'{option} {key}: {error}') from None
+    return values
+
+
+def scene_with_accuracy(options: argparse.Namespace, source: str, period: float) -> Scene:
+    """
+    Return the scene of `scene_from` with the steps that its accuracy asks for, if it has one.
+
+    Parameters
+    ----------
+    options : Namespace
+        Of a command with `add_accuracy`, `add_method` and `add_scene_options`.
+    source : str
+        A YAML file, or the name of a scene in config/.
+    period : float
+        Time between two samples [s].
+
+    Raises
+    ------
+    ParameterError
+        If there is no such scene, or a value is not usable.
+
+    """
+    scene, given = scene_from(options, source), given_settings(options)
+    return with_usual_steps(scene, given, period)
+
+
+# ---- sensors ------------------------------------------------------------------------------------
+
+
+OF_LINKS = {'imu': 'imu_links', 'contact_forces': 'contact_force_links'}
+
+
+def add_sensors(command: argparse.ArgumentParser) -> None:
+    """Add the options that choose sensors and how well they measure."""
+    for name, what in (('imu', 'with an IMU'), ('contact-forces', 'whose contacts are measured')):
+        command.add_argument(
+            f'--{name}', action='append', default=[], metavar='LINK',
+            help=f'link {what}: link_6, 6 or all; may be given often',
+        )  # fmt: skip
+    command.add_argument(
+        '--sensor', action='append', default=[], metavar='KEY=VALUE',
+        help='noise, bias, rate or seed, named as the parameters of sim, such as '
+        'imu_acceleration_noise=0.02; may be given often',
+    )  # fmt: skip
+
+
+def sensors_of(options: argparse.Namespace, count: int, rate: float) -> Sensors:
+    """
+    Return the sensors that the options of `add_sensors` choose.
+
+    Parameters
+    ----------
+    options : Namespace
+    count : int
+        Number of links of the robot.
+    rate : float
+        States a second [Hz].
+
+    Raises
+    ------
+    ParameterError
+        If a value is not usable.
+
+    """
+    values = given_values(options.sensor, '--sensor')
+    for option, name in OF_LINKS.items():
+        if links := [parse_yaml(link) for link in getattr(options, option)]:
+            if name in values:
+                flag = option.replace('_', '-')
+                raise ParameterError(f'links are given twice, by --{flag} and by --sensor {name}')
+            values[name] = 'all' if 'all' in links else links
+    sensors: Sensors = from_mapping(Sensors, values, '--sensor')
+    for name in OF_LINKS.values():
+        sensors.links(name, count)
+    sensors.states_in_sample(rate)
+    return sensors
+
+
+# ---- files to write -----------------------------------------------------------------------------
+
+
+FORMATS = {'out': '.npz', 'csv': '.csv', 'bag': '.mcap', 'gif': '.gif', 'mp4': '.mp4'}
+
+
+def add_outputs(command: argparse.ArgumentParser, *, bag: bool) -> None:
+    """Add the options that name files to write."""
+    texts = {
+        'out': 'numbers of everything, for NumPy and for snake-sim view',
+        'csv': 'a table with a row for each sample',
+        'bag': 'the topics of sim and gait as a ROS 2 bag, 200 states a second unless --rate',
+        'gif': 'an animation',
+        'mp4': 'an animation',
+    }
+    for name, suffix in FORMATS.items():
+        if bag or name != 'bag':
+            command.add_argument(f'--{name}', type=Path, metavar=f'FILE{suffix}', help=texts[name])
+    command.add_argument(
+        '--speed', type=float, default=1.0,
+        help='seconds of the run in a second of an animation, default 1',
+    )  # fmt: skip
+
+
+def outputs(options: argparse.Namespace) -> dict[str, Path]:
+    """
+    Return the files to write, by the names of their options.
+
+    Raises
+    ------
+    ParameterError
+        If a file has another suffix or its folder does not exist, if a bag exists already, if the
+        speed is not usable, or if what an animation needs is not installed.
+
+    """
+    files = {name: path for name in FORMATS if (path := getattr(options, name, None))}
+    for name, path in files.items():
+        if path.suffix != FORMATS[name]:
+            raise ParameterError(f'--{name} must end in {FORMATS[name]}, got {path}')
+        if not path.absolute().parent.is_dir():
+            raise ParameterError(f'--{name}: no folder {path.absolute().parent}')
+        if name == 'bag' and path.exists():
+            raise ParameterError(f'--bag: {path} exists; name another file, or delete this one')
+    if not 0 < options.speed < math.inf:
+        raise ParameterError(f'--speed must be above 0 and finite, got {options.speed:g}')
+    if {'gif', 'mp4'} & files.keys():
+        _animator()
+    if 'mp4' in files:
+        from snake_sim_ros.view.animation import ffmpeg
+
+        ffmpeg()
+    return files
+
+
+def write_outputs(
+    trajectory: Trajectory,
+    files: dict[str, Path],
+    title: str,
+    speed: float,
+    sensors: Mapping[str, Array] | None = None,
+) -> None:
+    """
+    Write a trajectory in every format but that of a bag, which is written as a scene runs.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    files : dict
+        As `outputs` returns them.
+    title : str
+        The text beside the time in animations.
+    speed : float
+        Seconds of the run in a second of an animation.
+    sensors : mapping, optional
+        Arrays as `recorded_sensors` returns them.
+
+    """
+    if 'out' in files:
+        write_npz(trajectory, files['out'], sensors)
+    if 'csv' in files:
+        write_csv(trajectory, files['csv'], sensors)
+    for name in ('gif', 'mp4'):
+        if name in files:
+            frames = partial(tqdm, desc=files[name].name, unit=' frames', leave=False)
+            _animator()(trajectory, files[name], title, speed, frames)
+
+
+def print_outputs(trajectory: Trajectory, files: dict[str, Path]) -> None:
+    """Print how many samples are in each file."""
+    for path in files.values():
+        print(f'{len(trajectory.time)} samples in {path}')
+
+
+def title_of(source: str | Path) -> str:
+    """Return the name of a scene or a recorded run in words."""
+    return Path(source).stem.replace('_', ' ')
+
+
+def _animator() -> Callable[..., None]:
+    """Return the function that draws animations; raise if matplotlib is not installed."""
+    try:
+        from snake_sim_ros.view.animation import animate
+    except ImportError as error:
+        raise ParameterError(
+            f"animations need matplotlib ({error}): pip install 'snake_sim_ros[plots]'"
+        ) from None
+    return animate
+
+
+def add_namespace(command: argparse.ArgumentParser) -> None:
+    """Add the option."""
+    command.add_argument(
+        '--namespace', metavar='NAME', help='of the robot, where a bag has several'
+    )

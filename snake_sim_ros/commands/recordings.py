@@ -1,0 +1,129 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The commands on a recorded run: `snake-sim record`, `export`, `plot` and `view`."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from snake_sim_ros.nodes.programs import missing_ros
+from snake_sim_ros.scene.checked_records import ParameterError
+
+# ---- record -------------------------------------------------------------------------------------
+
+
+def add_record(subparsers: Any) -> None:
+    """Add the command."""
+    command = subparsers.add_parser('record')
+    command.set_defaults(command=_record)
+    command.add_argument('file', type=Path, metavar='FILE.mcap')
+
+
+def _record(options: argparse.Namespace) -> int:
+    if options.file.suffix != '.mcap':
+        raise ParameterError(f'the file of a bag must end in .mcap, got {options.file}')
+    try:
+        from snake_sim_ros.nodes.tools.topic_recorder import record_topics
+    except ImportError as error:
+        raise ParameterError(
+            f'record needs ROS 2 and mcap ({error}): source a ROS 2 installation, or ./run '
+            f"record, and pip install 'snake_sim_ros[bags]'"
+        ) from None
+    return record_topics(options.file)
+
+
+# ---- export -------------------------------------------------------------------------------------
+
+
+def add_export(subparsers: Any) -> None:
+    """Add the command."""
+    from snake_sim_ros.commands.options import add_namespace, add_outputs
+
+    command = subparsers.add_parser('export')
+    command.set_defaults(command=_export)
+    command.add_argument('run', type=Path, help='npz file, MCAP file, or folder of a bag')
+    add_namespace(command)
+    add_outputs(command, bag=False)
+
+
+def _export(options: argparse.Namespace) -> int:
+    from snake_sim_ros.commands.options import outputs, print_outputs, title_of, write_outputs
+    from snake_sim_ros.recording.recorded_runs import read_run
+
+    files = outputs(options)
+    if not files:
+        raise ParameterError('nothing to write: give one of --out, --csv, --gif and --mp4')
+    trajectory = read_run(options.run, options.namespace)
+    write_outputs(trajectory, files, title_of(options.run), options.speed)
+    print_outputs(trajectory, files)
+    return 0
+
+
+# ---- plot ---------------------------------------------------------------------------------------
+
+
+def add_plot(subparsers: Any) -> None:
+    """Add the command."""
+    from snake_sim_ros.commands.options import add_namespace
+
+    command = subparsers.add_parser('plot')
+    command.set_defaults(command=_plot)
+    command.add_argument('run', type=Path, help='npz file, MCAP file, or folder of a bag')
+    add_namespace(command)
+    command.add_argument(
+        '--out', type=Path, metavar='FILE',
+        help='a PNG, PDF or SVG file; default: the run with the suffix .png',
+    )  # fmt: skip
+
+
+def _plot(options: argparse.Namespace) -> int:
+    from snake_sim_ros.commands.options import title_of
+    from snake_sim_ros.recording.recorded_runs import read_run
+
+    try:
+        from snake_sim_ros.view.chart import check_plot, draw
+    except ImportError as error:
+        raise ParameterError(
+            f"plots need matplotlib ({error}): pip install 'snake_sim_ros[plots]'"
+        ) from None
+    path = options.out or options.run.with_suffix('.png')
+    check_plot(path)
+    draw(read_run(options.run, options.namespace), path, title_of(options.run))
+    print(path)
+    return 0
+
+
+# ---- view ---------------------------------------------------------------------------------------
+
+
+def add_view(subparsers: Any) -> None:
+    """Add the command."""
+    from snake_sim_ros.commands.options import add_namespace
+
+    command = subparsers.add_parser('view')
+    command.set_defaults(command=_view)
+    command.add_argument(
+        'source', nargs='?', metavar='RECORDING|SCENE',
+        help='npz file, MCAP file, folder of a bag, or a scene that is run live; default: the '
+        'robot on the topics',
+    )  # fmt: skip
+    command.add_argument('--host', default='127.0.0.1', help='default: 127.0.0.1, this machine')
+    command.add_argument('--port', type=int, default=8080, help='default: 8080; 0 is any free one')
+    command.add_argument('--no-browser', action='store_true', help='only print the address')
+    add_namespace(command)
+
+
+def _view(options: argparse.Namespace) -> int:
+    from snake_sim_ros.recording.recorded_runs import names_a_recorded_run, read_run
+
+    place = options.host, options.port, not options.no_browser
+    if options.source and names_a_recorded_run(options.source):
+        from snake_sim_ros.view.playback import play
+
+        source = Path(options.source)
+        return play(read_run(source, options.namespace), source.name, *place)
+    try:
+        from snake_sim_ros.nodes.tools.live_view import view_live
+    except ImportError as error:
+        raise missing_ros('a live view', 'view', error) from None
+    return view_live(options.source, *place)

@@ -25,7 +25,7 @@ from snake_sim_ros.optimization.problem import load_problem, PARTS, problem_from
 from snake_sim_ros.optimization.robust import robust_of
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, with_settings
-from snake_sim_ros.stepping.accuracy import with_usual_steps
+from snake_sim_ros.stepping.methods import with_usual_steps
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.studies import workers
 from snake_sim_ros.studies.metrics import METRICS

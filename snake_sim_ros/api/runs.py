@@ -21,8 +21,8 @@ from snake_sim_ros.scene.dotted_names import by_dotted_names
 from snake_sim_ros.scene.gait_table import Table
 from snake_sim_ros.scene.parameters import Array, Gait, Scene
 from snake_sim_ros.scene.periods import samples_of
-from snake_sim_ros.stepping.accuracy import with_usual_steps
 from snake_sim_ros.stepping.controlled import controlled, MOST_SINGLE
+from snake_sim_ros.stepping.methods import with_usual_steps
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory

@@ -13,8 +13,8 @@ from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, with_settin
 from snake_sim_ros.scene.quoting import quoted
 from snake_sim_ros.scene.scene_files import find_file, read_mapping
 from snake_sim_ros.scene.yaml_text import parse_yaml
-from snake_sim_ros.stepping.accuracy import STEPPING, USUAL_ACCURACY, with_usual_steps
-from snake_sim_ros.stepping.methods import AUTO, METHODS
+from snake_sim_ros.stepping.accuracy import USUAL_ACCURACY
+from snake_sim_ros.stepping.methods import AUTO, METHODS, STEPPING, with_usual_steps
 
 # The cases A to D of the paper.
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')

@@ -34,7 +34,7 @@ from snake_sim_ros.scene.parameters import (
 from snake_sim_ros.scene.periods import samples_of
 from snake_sim_ros.scene.robot_description import robot_of
 from snake_sim_ros.scene.yaml_text import parse_yaml
-from snake_sim_ros.stepping.accuracy import with_usual_steps
+from snake_sim_ros.stepping.methods import with_usual_steps
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.studies.journal import Journal
 from snake_sim_ros.studies.study_file import load_study

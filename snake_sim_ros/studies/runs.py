@@ -13,9 +13,8 @@ from snake_sim_ros.recording import npz
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene, with_settings
 from snake_sim_ros.scene.periods import samples_of
-from snake_sim_ros.stepping.accuracy import with_usual_steps
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.methods import share_compiled
+from snake_sim_ros.stepping.methods import share_compiled, with_usual_steps
 from snake_sim_ros.stepping.sampling import Keep, LEAST_STEPS, PORTION_SECONDS
 from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory

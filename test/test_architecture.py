@@ -92,7 +92,6 @@ OPTIONAL = {
 }
 COMPILERS = ('compiled', 'inlined', 'merged', 'Dispatched')  # what makes a function compiled
 DRAWS = ('api/runs', 'nodes/tools/demo')
-LONGEST_MODULE, LONGEST_FUNCTION = 400, 60  # lines
 
 
 class Module:
@@ -430,17 +429,6 @@ def test_outputs_are_written_as_a_whole(module):
     way = re.compile(r"(\w+)\.(?:(?:write_text|write_bytes|savefig)\(|open\([^)\n]*'[wx])")
     written = {match[1] for match in way.finditer(module.text)}
     assert module.place.startswith(others) or written <= {'part'}
-
-
-@each_module
-def test_modules_are_short(module):
-    assert len(module.text.removeprefix(HEAD).splitlines()) <= LONGEST_MODULE
-
-
-@each_module
-def test_functions_are_short(module):
-    for function in module.functions():
-        assert function.end_lineno - function.lineno < LONGEST_FUNCTION, function.name
 
 
 def test_modules_have_names_that_say_something():

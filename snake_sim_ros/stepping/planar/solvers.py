@@ -70,14 +70,14 @@ STILL_SHARE = 0.1  # share of the tolerance up to which the velocity of a contac
 
 
 @Dispatched
-def solve_in_plane(
+def solve_in_plane(  # type: ignore[empty-body]
     solver: Any,
     model: PlanarModel,
     work: PlanarWorkspace,
     closed: Array,
     history: History,
     limit: int,
-) -> Outcome:  # type: ignore[empty-body]
+) -> Outcome:
     """
     Solve the contacts of a step in the plane with the method of the type of `solver`.
 

@@ -216,20 +216,6 @@ def prox_ellipse(x: float, y: float, a: float, b: float) -> tuple[float, float]:
 
 
 @compiled
-def prox_half_ellipses(
-    x: float, y: float, forward: float, backward: float, b: float
-) -> tuple[float, float]:
-    """
-    Return the nearest point of two half ellipses: Coulomb friction that differs along a line.
-
-    The half axis along x is `forward` where x is negative, against sliding forward, and `backward`
-    where x is positive; both halves have the half axis b along y. The set is convex. The nearest
-    point lies on the side of x, and is that of the whole ellipse of this side, which is symmetric.
-    """
-    return prox_ellipse(x, y, backward if x > 0.0 else forward, b)
-
-
-@compiled
 def natural_map(laws: Laws, closed: Array, contacts: Table, enough: float) -> tuple[float, float]:
     """
     Return how far the closed contacts are from their laws, ``max |P - prox_C(P - r gamma)|/r``.

@@ -17,8 +17,8 @@ from snake_sim_ros.scene import parameters
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait import Table
 from snake_sim_ros.scene.parameters import Array, by_dotted_names, Gait, samples_of, Scene
-from snake_sim_ros.stepping.accuracy import with_usual_steps
 from snake_sim_ros.stepping.controlled import controlled, MOST_SINGLE
+from snake_sim_ros.stepping.methods import with_usual_steps
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory

@@ -24,8 +24,8 @@ from snake_sim_ros.scene.parameters import (
     Scene,
     with_settings,
 )
-from snake_sim_ros.stepping.accuracy import STEPPING, USUAL_ACCURACY, with_usual_steps
-from snake_sim_ros.stepping.methods import AUTO, METHODS
+from snake_sim_ros.stepping.accuracy import USUAL_ACCURACY
+from snake_sim_ros.stepping.methods import AUTO, METHODS, STEPPING, with_usual_steps
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 # The cases A to D of the paper.

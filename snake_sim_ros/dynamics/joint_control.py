@@ -21,7 +21,7 @@ Assumption: the paper has no such loop.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,7 +33,15 @@ START, MIDPOINT, AVERAGE, END = range(len(PD_SCHEMES))
 
 
 @compiled
-def pd_law(scheme, dt, start, mid, reference, stiffness, damping):
+def pd_law(
+    scheme: int,
+    dt: float,
+    start: Any,
+    mid: Any,
+    reference: tuple[float, float],
+    stiffness: float,
+    damping: float,
+) -> tuple[float, float]:
     """
     Return torque and damping of the law ``torque - damping * rate_end`` that acts in a step.
 
@@ -82,7 +90,14 @@ def pd_law(scheme, dt, start, mid, reference, stiffness, damping):
 
 
 @compiled
-def implicit_pd_law(dt, angle, rate, reference, stiffness, damping):
+def implicit_pd_law(
+    dt: float,
+    angle: float,
+    rate: float,
+    reference: tuple[float, float],
+    stiffness: float,
+    damping: float,
+) -> tuple[float, float]:
     """
     Return torque and damping as `pd_law` does, with all at the end, linear about a predicted end.
 
@@ -169,7 +184,9 @@ def make_control_memory(scene: Scene) -> ControlMemory:
 
 
 @compiled
-def references_that_count(loop, memory, dt, angle, rate):
+def references_that_count(
+    loop: ControlLoop, memory: ControlMemory, dt: float, angle: Array, rate: Array
+) -> tuple[Array, Array]:
     """
     Return the references of a step of dt [s], shapes (n-1, 2); those given are the newest.
 
@@ -195,7 +212,9 @@ def references_that_count(loop, memory, dt, angle, rate):
 
 
 @compiled
-def references_that_are_held(loop, memory, dt, angle, rate):
+def references_that_are_held(
+    loop: ControlLoop, memory: ControlMemory, dt: float, angle: Array, rate: Array
+) -> tuple[Array, Array]:
     """Return the references of a step as a loop holds them that takes one once a period."""
     if loop.hold == 0:
         return angle, rate
@@ -209,7 +228,14 @@ def references_that_are_held(loop, memory, dt, angle, rate):
 
 
 @inlined
-def read_by_controllers(loop, memory, dt, start, angle, rate):
+def read_by_controllers(
+    loop: ControlLoop,
+    memory: ControlMemory,
+    dt: float,
+    start: tuple[Array, Array, float],
+    angle: Array,
+    rate: Array,
+) -> tuple[Array, Array]:
     """
     Return the references (n-1, 2) that count in a step, after what the loop reads at its start.
 
@@ -245,14 +271,16 @@ def read_by_controllers(loop, memory, dt, start, angle, rate):
 
 
 @inlined
-def torques_jump(loop, memory):
+def torques_jump(loop: ControlLoop, memory: ControlMemory) -> bool:
     """Return whether what is held changed as `read_by_controllers` began the step."""
     reads = loop.period > 0 and memory.wait[0] == loop.period - 1
     return reads or (loop.hold > 0 and memory.wait[1] == loop.hold - 1)
 
 
 @compiled
-def held_torque(loop, memory, j, k, stiffness, rate):
+def held_torque(
+    loop: ControlLoop, memory: ControlMemory, j: int, k: int, stiffness: float, rate: float
+) -> tuple[float, float, float]:
     """
     Return what is held on axis k of joint j, and what its controller knows at any time.
 

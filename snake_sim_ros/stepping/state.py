@@ -88,7 +88,7 @@ class History(NamedTuple):
 
 
 @merged
-def without_memory(history):
+def without_memory(history: History) -> History:
     """
     Return the history without the memory of the method, as the contact solvers take it.
 

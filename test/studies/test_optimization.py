@@ -20,7 +20,7 @@ import yaml
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, with_settings
-from snake_sim_ros.stepping.accuracy import with_usual_steps
+from snake_sim_ros.stepping.methods import with_usual_steps
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.studies import workers
 from snake_sim_ros.studies.metrics import METRICS

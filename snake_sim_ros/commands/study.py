@@ -44,7 +44,7 @@ def add_workers(command: argparse.ArgumentParser) -> None:
     """Add the options that choose who does the runs."""
     group = command.add_mutually_exclusive_group()
     group.add_argument('--threads', type=int, metavar='N', help='default: one for each core')
-    group.add_argument('--processes', type=int, metavar='N', help='processes in place of threads')
+    group.add_argument('--processes', type=int, metavar='N', help='processes instead of threads')
     group.add_argument(
         '--scheduler', metavar='ADDRESS',
         help='of a Dask cluster, such as tcp://10.0.0.1:8786; local starts one here',

@@ -11,6 +11,7 @@ the process, the rows before are whole, and a line that is not is left out.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import fcntl
+from importlib import import_module
 from io import BytesIO
 import json
 from pathlib import Path
@@ -32,9 +33,15 @@ OWN = {
 }  # fmt: skip
 
 
-def library() -> Any:
+def optional(package: str, what: str) -> Any:
     """
-    Return polars.
+    Return a package that only studies need, and not all installations have.
+
+    Parameters
+    ----------
+    package : str
+    what : str
+        What needs it, for the message.
 
     Raises
     ------
@@ -43,12 +50,14 @@ def library() -> Any:
 
     """
     try:
-        import polars
+        return import_module(package)
     except ImportError as error:
-        raise ParameterError(
-            f"studies need polars ({error}): pip install 'snake_sim_ros[studies]'"
-        ) from None
-    return polars
+        raise ParameterError(f"{what} ({error}): pip install 'snake_sim_ros[studies]'") from None
+
+
+def library() -> Any:
+    """Return polars; see `optional`."""
+    return optional('polars', 'studies need polars')
 
 
 def check_file(path: Path, option: str, suffixes: Sequence[str] = SUFFIXES) -> None:

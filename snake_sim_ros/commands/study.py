@@ -163,7 +163,7 @@ def _compile(study: 'Study') -> None:
 def _study(options: argparse.Namespace) -> int:
     """Run a study; the last line on standard output is JSON."""
     from snake_sim_ros.studies.study import load_study, run_study
-    from snake_sim_ros.studies.table import check_file, library
+    from snake_sim_ros.studies.table import beside, check_file, library
 
     study = load_study(options.study)
     out = options.out or Path(f'{options.study.stem}.parquet')
@@ -171,7 +171,7 @@ def _study(options: argparse.Namespace) -> int:
     library()
     folder = options.trajectories
     if folder is None and study.settings.keep == 'trajectories':
-        folder = out.with_suffix('')
+        folder = beside(out, 'trajectories')
     plot = _plotter(options.plot, study) if options.plot else None
     workers = workers_of(options)
     if options.scheduler is None and options.processes is None:

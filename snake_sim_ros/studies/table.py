@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 Result = dict[str, Any]  # of a run, by the names of its columns
 SUFFIXES = ('.parquet', '.csv')
 PICTURES = ('.png', '.svg', '.pdf')
+# Files and folders that are named after a table, with these suffixes in place of its own.
+BESIDE = {'best': '.best.yaml', 'front': '.front', 'picture': '.png', 'trajectories': ''}
 # Columns that are neither values nor metrics, and their types.
 OWN = {
     'row': 'Int64', 'status': 'String', 'failure': 'String', 'unconverged': 'Int64',
@@ -67,6 +69,11 @@ def check_file(path: Path, option: str, suffixes: Sequence[str] = SUFFIXES) -> N
         raise ParameterError(f'{option} must end in {listed}, got {path}')
     if not path.absolute().parent.is_dir():
         raise ParameterError(f'{option}: no folder {path.absolute().parent}')
+
+
+def beside(table: Path, what: str) -> Path:
+    """Return the file or folder beside a table, one of BESIDE."""
+    return table.with_suffix(BESIDE[what])
 
 
 def journal_of(table: Path) -> Path:

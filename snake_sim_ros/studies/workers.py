@@ -68,7 +68,7 @@ def core_count() -> int:
 
 
 @contextmanager
-def ended(pool: PoolT, stop: Callable[[], object] = never) -> Iterator[PoolT]:
+def closing_pool(pool: PoolT, stop: Callable[[], object] = never) -> Iterator[PoolT]:
     """Give an executor, and end it; after an error or an interruption at once, by `stop`."""
     try:
         yield pool
@@ -83,7 +83,7 @@ def ended(pool: PoolT, stop: Callable[[], object] = never) -> Iterator[PoolT]:
 def threads(count: int | None = None) -> Iterator[Workers]:
     """Run in threads of this process, as many as there are cores if no number is given."""
     number, stop = count or core_count(), threading.Event()
-    with ended(ThreadPoolExecutor(number), stop.set) as pool:
+    with closing_pool(ThreadPoolExecutor(number), stop.set) as pool:
         yield Workers(lambda plan, rows: pool.submit(run_chunk, plan, rows, stop.is_set),
                       lambda: number)  # fmt: skip
 
@@ -96,7 +96,7 @@ def processes(count: int | None = None) -> Iterator[Workers]:
     context = multiprocessing.get_context('spawn')
     stop = context.Event()
     pool = ProcessPoolExecutor(number, context, _prepare_process, (list(sys.path), stop))
-    with ended(pool, stop.set):
+    with closing_pool(pool, stop.set):
         yield Workers(lambda plan, rows: pool.submit(run_in_process, plan, rows), lambda: number)
 
 

@@ -44,7 +44,7 @@ COMMANDS = lines(PAGES)
 # What is added to a command so that it ends soon, or what stands in for a tool that only a ROS 2
 # installation has: `ros2 run` starts the launcher of that name.
 SHORTENED = {
-    './run test': '--collect-only -q test/test_gait.py',
+    './run test': '--collect-only -q test/scene/test_gait.py',
     './run bench --quick': 'lateral_undulation --methods newton --dt 0.001 --duration 0.1',
     './run bench --parts throughput': '--quick --duration 0.1',
     './run stability --quick': '--maps spin',

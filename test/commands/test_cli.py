@@ -26,7 +26,7 @@ from snake_sim_ros.scene.parameters import load_scene, Scene, scene_from_text
 from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping import simulation
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT)}
 PNG = b'\x89PNG\r\n\x1a\n'
 KEYS = {

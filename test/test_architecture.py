@@ -82,12 +82,12 @@ OPTIONAL = {
     ),
     'mcap': ('recording/bag_reader', 'nodes/bag_writer', 'nodes/tools/*'),
     'mcap_ros2': ('recording/bag_reader', 'nodes/bag_writer', 'nodes/tools/*'),
-    'msgspec': ('view/browser_messages', 'reliability/pages'),
+    'msgspec': ('view/browser_guard', 'reliability/pages'),
     'mujoco': ('comparison/mujoco*',),
     'polars': ('studies/table', 'studies/study', 'studies/chart', 'optimization/optimize'),
     'pydrake': ('comparison/drake_runs',),
     'viser': ('view/page', 'reliability/pages'),
-    'websockets': ('view/own_pages', 'reliability/pages'),
+    'websockets': ('view/browser_guard', 'reliability/pages'),
     'zstandard': ('reliability/pages',),
 }
 COMPILERS = ('compiled', 'inlined', 'merged', 'Dispatched')  # what makes a function compiled

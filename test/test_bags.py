@@ -17,11 +17,10 @@ from visualization_msgs.msg import MarkerArray
 
 pytest.importorskip('mcap_ros2')  # bag_writer needs it
 from snake_sim_ros.nodes.bag_writer import BagWriter, RunTopics, schema_text
-from snake_sim_ros.nodes.joint_names import joint_names
-from snake_sim_ros.nodes.markers import SceneMarkers
+from snake_sim_ros.nodes.messages import joint_names, stamp_from
 from snake_sim_ros.nodes.sensor_topics import SensorTopics
-from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.nodes.state_messages import StateMessages
+from snake_sim_ros.nodes.state_publishers import SceneMarkers
 from snake_sim_ros.recording.bag_reader import read_bag
 from snake_sim_ros.recording.recorded_sensors import recorded_sensors
 from snake_sim_ros.recording.sensors import Sensors

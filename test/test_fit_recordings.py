@@ -12,11 +12,12 @@ from std_msgs.msg import Float64MultiArray
 from snake_sim_ros.fitting.recording import read_recording, Recording
 from snake_sim_ros.fitting.replay import Replay, Settings
 from snake_sim_ros.gaits.joint_reference import start_posture
-from snake_sim_ros.nodes.joint_names import joint_names
-from snake_sim_ros.nodes.received_commands import joint_command, position_commands
-from snake_sim_ros.nodes.received_trajectories import joint_trajectory
-from snake_sim_ros.nodes.sent_commands import trajectory_message
-from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.nodes.messages import joint_names, stamp_from, trajectory_message
+from snake_sim_ros.nodes.received_commands import (
+    joint_command,
+    joint_trajectory,
+    position_commands,
+)
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, with_settings

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from snake_sim_ros.commands.scene_options import add_scene_or_default
-from snake_sim_ros.nodes.missing_ros import missing_ros
+from snake_sim_ros.nodes.programs import missing_ros
 
 
 def add_demo(subparsers: Any) -> None:

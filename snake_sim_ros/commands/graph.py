@@ -6,7 +6,7 @@ import math
 import sys
 from typing import Any
 
-from snake_sim_ros.nodes.missing_ros import missing_ros
+from snake_sim_ros.nodes.programs import missing_ros
 
 SPIN_TIME = 10.0  # s; nodes find each other in up to 3.3 s, on a busy machine later
 

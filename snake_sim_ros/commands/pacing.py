@@ -5,7 +5,7 @@
 import argparse
 from typing import Any
 
-from snake_sim_ros.nodes.missing_ros import missing_ros
+from snake_sim_ros.nodes.programs import missing_ros
 
 RATES = (50.0, 100.0, 200.0, 500.0)  # publish rates [Hz]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from snake_sim_ros.commands.namespace_option import add_namespace
-from snake_sim_ros.nodes.missing_ros import missing_ros
+from snake_sim_ros.nodes.programs import missing_ros
 from snake_sim_ros.recording.recorded_runs import names_a_recorded_run, read_run
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""How the process of a node starts and ends."""
+"""How the process of a node or of a command starts and ends."""
 
 import argparse
 from collections.abc import Callable, Iterator
@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import ctypes
 import faulthandler
 import gc
+from importlib.metadata import version
 import os
 import sys
 import tempfile
@@ -28,10 +29,29 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from snake_sim_ros.nodes.middleware import keep_no_buffers
-from snake_sim_ros.nodes.signals import interruptible, on_signals
+from snake_sim_ros.nodes.programs import interruptible, on_signals
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.parameters import CONFIG
 from snake_sim_ros.scene.quoting import cut, LONGEST_REASON
+
+PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+USE_PROFILES = 'RMW_FASTRTPS_USE_QOS_FROM_XML'
+# With profiles, the last one of these would be ignored.
+OF_USER = (*PROFILES, USE_PROFILES, 'RMW_FASTRTPS_PUBLICATION_MODE')
+# Each of the many buffers of a subscription keeps the size of the largest message it ever held,
+# unless Fast DDS is configured otherwise. Its variable has the second name from kilted on, which
+# warns of the first one.
+NO_BUFFERS = {
+    USE_PROFILES: '1',
+    PROFILES[int(version('rclpy').partition('.')[0]) >= 9]: str(CONFIG / 'fastdds_no_buffers.xml'),
+}
+
+
+def keep_no_buffers() -> None:
+    """Have this process keep no buffers of messages; settings of the user come first."""
+    if not any(name in os.environ for name in OF_USER):
+        os.environ.update(NO_BUFFERS)
+
 
 N = TypeVar('N', bound=Node)
 LONGEST_END = 1.5  # s from a signal to the end of the process, whatever the middleware does
@@ -48,7 +68,7 @@ def run_node(
     sets the event that `run` takes. The handlers of rclpy would shut down the context while the
     node still publishes, so they are not used.
 
-    Fast DDS may wait for ever while it is destroyed. If it has not ended `LONGEST_END` after the
+    Fast DDS may wait forever while it is destroyed. If it has not ended `LONGEST_END` after the
     signal, the process ends with exit status 1, and standard error says `Timeout` and where each
     thread is.
 

@@ -9,8 +9,8 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Imu
 
 from snake_sim_ros.nodes.bag_writer import BagWriter
-from snake_sim_ros.nodes.sensor_messages import SensorMessages
 from snake_sim_ros.nodes.state_messages import SerializedMessage, StateMessages
+from snake_sim_ros.nodes.state_publishers import SensorMessages
 from snake_sim_ros.recording.sensor_reader import SensorReader
 from snake_sim_ros.recording.sensors import Sensors
 from snake_sim_ros.scene.periods import steps_in

@@ -19,21 +19,14 @@ from snake_sim_ros.dynamics.compilation import watched
 from snake_sim_ros.gaits.joint_reference import compile_sampling, start_posture
 from snake_sim_ros.nodes.command_inbox import CommandInbox
 from snake_sim_ros.nodes.compiling import Compiler, is_loaded, levels_of, NotCompiledError, refuse
-from snake_sim_ros.nodes.diagnostics import status_of, values_of
-from snake_sim_ros.nodes.entity_services import serve_entities
-from snake_sim_ros.nodes.executors import make_executor, Server
-from snake_sim_ros.nodes.handling import Handling
-from snake_sim_ros.nodes.load_meter import LoadMeter
-from snake_sim_ros.nodes.node_parameters import settle
+from snake_sim_ros.nodes.diagnostics import LoadMeter, SlowSteps, status_of, values_of
+from snake_sim_ros.nodes.executors import make_executor, Refusals, Server, ThrottledWarnings
+from snake_sim_ros.nodes.messages import stamp_from
+from snake_sim_ros.nodes.node_parameters import ParameterRequests, settle
 from snake_sim_ros.nodes.node_process import run_node
-from snake_sim_ros.nodes.parameter_requests import ParameterRequests
-from snake_sim_ros.nodes.refusals import Refusals
 from snake_sim_ros.nodes.sim_parameters import as_it_runs, CHANGEABLE, changed, Settings
-from snake_sim_ros.nodes.simulation_services import serve
-from snake_sim_ros.nodes.slow_steps import SlowSteps
-from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.nodes.sim_services import Handling, serve, serve_entities
 from snake_sim_ros.nodes.state_publishers import StatePublishers
-from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
 from snake_sim_ros.nodes.trajectory_action import serve_trajectories
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.periods import steps_in
@@ -297,7 +290,7 @@ class SimNode(Node):
 
 
 def look_at_compiler(node: SimNode, compiler: Compiler, told: float) -> float:
-    """Let the node begin when it can, and tell of the compiler; return when that was last [s]."""
+    """Let the node begin when it can; report on the compiler, and return when that was [s]."""
     log = node.get_logger()
     if compiler.error:
         raise compiler.error
@@ -309,7 +302,7 @@ def look_at_compiler(node: SimNode, compiler: Compiler, told: float) -> float:
         gc.freeze()  # as `run_node` does where nothing is to be compiled
         log.info(f'compiled {", ".join(compiler.levels)} level in {compiler.seconds:.1f} s')
     elif not node.compiling:
-        return -math.inf  # The next wait is told at once.
+        return -math.inf  # The next wait is reported at once.
     elif compiler.seconds >= told + TOLD:
         log.info(node.compiling)
         return compiler.seconds

@@ -29,13 +29,10 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros.nodes.diagnostics import is_paused, shown
-from snake_sim_ros.nodes.executors import CountingExecutor, Server
-from snake_sim_ros.nodes.node_parameters import settle
+from snake_sim_ros.nodes.executors import CountingExecutor, Server, ThrottledWarnings
+from snake_sim_ros.nodes.messages import EPOCH, LATCHED, seconds_from
+from snake_sim_ros.nodes.node_parameters import ParameterRequests, settle
 from snake_sim_ros.nodes.node_process import run_node
-from snake_sim_ros.nodes.parameter_requests import ParameterRequests
-from snake_sim_ros.nodes.stamps import seconds_from
-from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
-from snake_sim_ros.nodes.transforms import LATCHED
 from snake_sim_ros.nodes.viewer_controls import Controls
 from snake_sim_ros.recording import from_messages
 from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
@@ -46,7 +43,6 @@ from snake_sim_ros.view.page import announce, Page, PLOT_PERIOD, SHOW_PERIOD
 UNWATCHED_PERIOD = 0.1  # s between two looks for messages if no browser is connected
 SERVING = 0.01  # s for which requests are served before the page is brought up to date
 STALE = 1.0  # s by which a pose may be older or newer than the joint angles
-EPOCH = 1e8  # s; a later stamp is that of a wall clock, and time is counted from the first one
 LAST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 NO_POINTS = np.zeros((0, 3))
 
@@ -57,10 +53,10 @@ class Settings(CheckedRecord):
 
     host: str = quantity('127.0.0.1', '', 'address of this machine to serve the page at')
     port: int = quantity(
-        8080, '1', 'port of the page; 0 is any free one', minimum=0, maximum=65535
+        8080, '1', 'port of the page; 0 = any free port', minimum=0, maximum=65535
     )
     scene: str = quantity(
-        'lateral_undulation', '', 'scene whose robot is shown while there is no robot_description'
+        'lateral_undulation', '', 'scene whose robot is shown until a robot_description arrives'
     )
     open_browser: bool = quantity(False, '', 'open the page in a browser')
 
@@ -209,7 +205,7 @@ class ViewerNode(Node):
             self.warn(
                 'links',
                 f'link_poses has {len(poses.poses)} links, the robot that is shown '
-                f'{robot.link_count}: robot_description or the parameter scene tells which it is',
+                f'{robot.link_count}: set it with robot_description or the parameter scene',
             )
         q = placed(robot, np.nan_to_num(angle), None if odom is None else base_of(odom))
         return q[:, :3], q[:, 3:]

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.comparison.soak import EndlessRun
-from snake_sim_ros.nodes.slow_steps import step_times
+from snake_sim_ros.nodes.diagnostics import step_times
 from snake_sim_ros.reliability.trials import shares, Trial
 from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.nodes.middleware import NO_BUFFERS
+from snake_sim_ros.nodes.node_process import NO_BUFFERS
 from snake_sim_ros.nodes.tools.attack_checks import GaitCheck, SimCheck, ViewerCheck
 from snake_sim_ros.nodes.tools.attacked_node import AttackedNode, node, on_own_domain
 from snake_sim_ros.nodes.tools.hostile_messages import TIME, Topic, TOPICS

@@ -20,7 +20,7 @@ from snake_sim_ros.recording import npz
 from snake_sim_ros.reliability.trials import Trial
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.simulation import run
-from snake_sim_ros.view.browser_messages import CAMERA
+from snake_sim_ros.view.browser_guard import CAMERA
 
 URL = r'http://\S+'
 START = 60.0  # s for the page to be served

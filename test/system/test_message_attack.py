@@ -11,7 +11,7 @@ from graph import next_domain
 import pytest
 from sensor_msgs.msg import JointState
 
-from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.tools.attack_checks import SimCheck
 from snake_sim_ros.nodes.tools.attacked_node import on_own_domain
 from snake_sim_ros.nodes.tools.hostile_messages import NAMES

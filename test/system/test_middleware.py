@@ -9,7 +9,7 @@ import sys
 from graph import environment, next_domain
 import pytest
 
-from snake_sim_ros.nodes.middleware import keep_no_buffers, NO_BUFFERS, OF_USER, USE_PROFILES
+from snake_sim_ros.nodes.node_process import keep_no_buffers, NO_BUFFERS, OF_USER, USE_PROFILES
 from snake_sim_ros.reliability.messages import GIVEN_BACK
 
 MEGABYTES, MESSAGES = 4, 25  # of messages that a node sends to itself

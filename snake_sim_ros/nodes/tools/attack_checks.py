@@ -16,7 +16,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from snake_sim_ros.nodes.stamps import seconds_from
+from snake_sim_ros.nodes.messages import seconds_from
 from snake_sim_ros.nodes.tools.hostile_messages import good_message, NAMES, TIME
 from snake_sim_ros.nodes.tools.message_attack import ANSWER, MessageAttack
 from snake_sim_ros.scene.parameters import Robot

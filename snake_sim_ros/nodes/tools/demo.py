@@ -16,8 +16,8 @@ from rclpy.node import Node
 from tqdm import tqdm
 
 from snake_sim_ros.nodes.executors import make_executor
-from snake_sim_ros.nodes.signals import interruptible
-from snake_sim_ros.nodes.stamps import seconds_from
+from snake_sim_ros.nodes.messages import seconds_from
+from snake_sim_ros.nodes.programs import interruptible
 from snake_sim_ros.nodes.tools.child_nodes import (
     Child,
     children,

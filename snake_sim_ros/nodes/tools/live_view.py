@@ -5,7 +5,7 @@
 import sys
 from threading import Event
 
-from snake_sim_ros.nodes.signals import interruptible
+from snake_sim_ros.nodes.programs import interruptible
 from snake_sim_ros.nodes.tools.child_nodes import Child, children, NodeDied, scene_to_run, start
 from snake_sim_ros.view.page import check_address
 

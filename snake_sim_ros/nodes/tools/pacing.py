@@ -28,7 +28,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
-from snake_sim_ros.nodes.signals import interruptible
+from snake_sim_ros.nodes.programs import interruptible
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.nodes.tools.child_nodes import Child, children, Interrupted, NodeDied, start

@@ -25,8 +25,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from snake_sim_ros.nodes.executors import make_executor
-from snake_sim_ros.nodes.joint_names import joint_names
-from snake_sim_ros.nodes.stamps import seconds_from, stamp_from
+from snake_sim_ros.nodes.messages import joint_names, seconds_from, stamp_from
 from snake_sim_ros.nodes.tools.child_nodes import Child, Interrupted, NodeDied
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError

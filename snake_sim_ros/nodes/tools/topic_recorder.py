@@ -16,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from snake_sim_ros.nodes.bag_writer import BagWriter
 from snake_sim_ros.nodes.executors import make_executor
-from snake_sim_ros.nodes.signals import interruptible
+from snake_sim_ros.nodes.programs import interruptible
 from snake_sim_ros.scene.checked_records import ParameterError
 
 QUEUE = 10_000  # messages of a topic that may wait, about ten seconds of the fastest topic

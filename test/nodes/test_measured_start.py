@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 
-from snake_sim_ros.nodes.joint_names import joint_names
-from snake_sim_ros.nodes.measured_start import measured, put_back, SAME
-from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.nodes.gait_inputs import measured, put_back, SAME
+from snake_sim_ros.nodes.messages import joint_names, stamp_from
 
 NAMES = joint_names(11)
 ANGLES = np.linspace(-0.7, 0.7, 20)

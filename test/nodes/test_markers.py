@@ -7,8 +7,8 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
-from snake_sim_ros.nodes.markers import SceneMarkers
-from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.nodes.messages import stamp_from
+from snake_sim_ros.nodes.state_publishers import SceneMarkers
 from snake_sim_ros.recording.from_messages import FORCE_SCALE
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.surroundings import Ground, Patches, Pegs

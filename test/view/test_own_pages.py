@@ -11,7 +11,7 @@ pytest.importorskip('viser')  # the server of the page, which brings websockets
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from snake_sim_ros.view.own_pages import own_pages_only, refusal
+from snake_sim_ros.view.browser_guard import own_pages_only, refusal
 from snake_sim_ros.view.page import Page
 
 BOUND = '127.0.0.1'

@@ -16,7 +16,7 @@ import numpy as np
 import viser
 from websockets.sync.client import connect
 
-from snake_sim_ros.view.browser_messages import BrowserMessages, CAMERA, LONGEST_MESSAGE
+from snake_sim_ros.view.browser_guard import BrowserMessages, CAMERA, LONGEST_MESSAGE
 from snake_sim_ros.view.page import Page
 from snake_sim_ros.view.playback import Player
 

@@ -1,9 +1,9 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-The signals that end a program of the nodes.
+What a program of the nodes does before ROS 2 is imported, or says where it is missing.
 
-Nothing here takes time to import, so that a program heeds them from its first moment on.
+Nothing here takes time to import, so that a program heeds signals from its first moment on.
 """
 
 from collections.abc import Callable, Iterator
@@ -32,3 +32,12 @@ def interruptible() -> Iterator[Event]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def missing_ros(what: str, command: str, error: ImportError) -> Exception:
+    """Return the ParameterError to raise where ROS 2 is missing."""
+    from snake_sim_ros.scene.checked_records import ParameterError
+
+    return ParameterError(
+        f'{what} needs ROS 2 ({error}): source a ROS 2 installation, or ./run {command}'
+    )

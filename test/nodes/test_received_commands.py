@@ -15,16 +15,15 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from snake_sim_ros.gaits.interpolation import hold_at_limit, sample_command, sample_motion
 from snake_sim_ros.gaits.joint_reference import compile_sampling, JointReference, start_posture
-from snake_sim_ros.nodes.joint_names import joint_names
+from snake_sim_ros.nodes.messages import joint_names, stamp_from
 from snake_sim_ros.nodes.received_commands import (
     extrapolated,
     joint_command,
+    joint_trajectory,
     jump_between,
     position_commands,
     RejectedCommand,
 )
-from snake_sim_ros.nodes.received_trajectories import joint_trajectory
-from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.scene.parameters import Robot, Scene
 
 ROBOT = Robot()

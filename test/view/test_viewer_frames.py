@@ -83,9 +83,9 @@ def test_curves_begin_when_all_of_them_are_known():
         trace_buffer.add(frame(0.1 * k, reference=told))
     time, named = curves(trace_buffer.trace, 'angle', 4)
     np.testing.assert_allclose(time, [0.2, 0.3, 0.4, 0.5])
-    assert list(named) == ['yaw', 'pitch', 'yaw, told', 'pitch, told']
+    assert list(named) == ['yaw', 'pitch', 'yaw, commanded', 'pitch, commanded']
     np.testing.assert_allclose(named['yaw'], np.degrees(time))
-    np.testing.assert_allclose(named['pitch, told'], math.degrees(0.1))
+    np.testing.assert_allclose(named['pitch, commanded'], math.degrees(0.1))
     time, named = curves(trace_buffer.trace, 'torque', -2)
     assert len(time) == 6 and list(named) == [f'joint {j}' for j in range(1, 11)]
 

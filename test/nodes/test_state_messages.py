@@ -16,9 +16,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from snake_sim_ros.nodes.diagnostics import shown, status_of
-from snake_sim_ros.nodes.joint_names import joint_names
-from snake_sim_ros.nodes.sent_commands import command_message
-from snake_sim_ros.nodes.stamps import seconds_from, stamp_from
+from snake_sim_ros.nodes.messages import command_message, joint_names, seconds_from, stamp_from
 from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.scene.checked_records import flat_fields
 from snake_sim_ros.scene.parameters import load_scene, Robot

@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 from std_msgs.msg import Header
 
-from snake_sim_ros.nodes import entity_services, simulation_services, transforms
-from snake_sim_ros.nodes.handling import Handling
+from snake_sim_ros.nodes import sim_services, state_publishers
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.scene.parameters import Scene
@@ -101,10 +100,10 @@ class Node:
 def node(monkeypatch):
     standard = SimpleNamespace(SimulationState=State, Result=Result, SimulatorFeatures=Features)
     services = SimpleNamespace(**dict.fromkeys(NAMES, Answer))
-    monkeypatch.setattr(simulation_services, 'standard', standard)
-    monkeypatch.setattr(simulation_services, 'standard_services', services)
+    monkeypatch.setattr(sim_services, 'standard', standard)
+    monkeypatch.setattr(sim_services, 'standard_services', services)
     node = Node()
-    simulation_services.serve(node)
+    sim_services.serve(node)
     return node
 
 
@@ -115,9 +114,9 @@ def test_services_have_the_names_of_the_standard_beside_our_own(node):
 
 
 def test_without_the_package_only_our_own_are_served(monkeypatch):
-    monkeypatch.setattr(simulation_services, 'standard', None)
+    monkeypatch.setattr(sim_services, 'standard', None)
     node = Node()
-    simulation_services.serve(node)
+    sim_services.serve(node)
     assert set(node.services) == {'~/reset', '~/pause', '~/step'}
 
 
@@ -215,8 +214,8 @@ class Entities:
             create_subscription=lambda *_, **__: None,
             create_service=lambda kind, name, callback: self.services.update({name: callback}),
         )
-        handling = Handling(node, self.simulation, Settings(), None, self.count)
-        entity_services.serve_entities(node, self.simulation, handling)
+        handling = sim_services.Handling(node, self.simulation, Settings(), None, self.count)
+        sim_services.serve_entities(node, self.simulation, handling)
 
     def count(self):
         self.moved += 1
@@ -235,16 +234,16 @@ class Entities:
 @pytest.fixture
 def entities(monkeypatch):
     kinds = SimpleNamespace(GetEntityState=Answer, SetEntityState=Answer)
-    monkeypatch.setattr(entity_services, 'standard', SimpleNamespace(Result=Result))
-    monkeypatch.setattr(entity_services, 'standard_services', kinds)
+    monkeypatch.setattr(sim_services, 'standard', SimpleNamespace(Result=Result))
+    monkeypatch.setattr(sim_services, 'standard_services', kinds)
     return Entities()
 
 
 def test_an_older_package_has_no_services_of_entities(monkeypatch):
-    monkeypatch.setattr(entity_services, 'standard', SimpleNamespace(Result=Result))
-    monkeypatch.setattr(entity_services, 'standard_services', SimpleNamespace())
+    monkeypatch.setattr(sim_services, 'standard', SimpleNamespace(Result=Result))
+    monkeypatch.setattr(sim_services, 'standard_services', SimpleNamespace())
     assert not Entities().services
-    monkeypatch.setattr(entity_services, 'standard', None)
+    monkeypatch.setattr(sim_services, 'standard', None)
     assert not Entities().services
 
 
@@ -308,8 +307,8 @@ def test_what_cannot_be_set_is_refused(entities):
 
 
 def test_transforms_lead_from_world_to_the_base(monkeypatch):
-    monkeypatch.setattr(transforms, 'TFMessage', lambda transforms: transforms)
-    messages = transforms.TransformMessages('aiko/')
+    monkeypatch.setattr(state_publishers, 'TFMessage', lambda transforms: transforms)
+    messages = state_publishers.TransformMessages('aiko/')
     (fixed,), (moving,) = messages.fixed, messages.moving
     assert (fixed.header.frame_id, fixed.child_frame_id) == ('world', 'aiko/odom')
     assert (moving.header.frame_id, moving.child_frame_id) == ('aiko/odom', 'aiko/base_link')

@@ -197,7 +197,7 @@ class StandardServices:
         return response
 
 
-def serve(node: Controllable) -> None:
+def serve_simulation(node: Controllable) -> None:
     """Offer the services of a node whose packages are installed."""
     SimulationServices(node)
     if standard is not None:

@@ -121,7 +121,7 @@ def _bag(
     """Open a bag for a run; return what writes a sample to it."""
     try:
         from snake_sim_ros.nodes.bag_writer import BagWriter, RunTopics
-        from snake_sim_ros.nodes.state_publishers import SensorTopics
+        from snake_sim_ros.nodes.sensor_topics import SensorTopics
     except ImportError as error:
         raise ParameterError(
             f'--bag needs ROS 2 and mcap ({error}): source a ROS 2 installation, or ./run run, '

@@ -40,7 +40,7 @@ def keep_impulses(closed: Array, contacts: Table, impulse: Array) -> None:
 
 @compiled
 def begin_at_impulses(laws: Laws, closed: Array, contacts: Table) -> None:
-    """Let Newton's method begin at the impulses and velocities of the contacts."""
+    """Start Newton's method at the impulses and velocities of the contacts."""
     for a in closed:
         for j in range(5):
             contacts.anchor[a, j] = contacts.iterate[a, j] = contacts.impulse[a, j]

@@ -341,7 +341,7 @@ def turns_little(disc: Disc, radius: float, r: float, v: float, most: float) -> 
 @inlined
 def corrections_end(correction: float, before: float, wrong: float) -> bool:
     """
-    Return whether the corrections to come add up to less than `wrong` [N s].
+    Return whether the remaining corrections add up to less than `wrong` [N s].
 
     Those of linear convergence are a geometric series. `correction` is the last one and `before`
     the one before it, infinite if there was none.
@@ -532,7 +532,7 @@ def end_held(relaxation: float, closed: Array, contacts: Table) -> None:
 
 @inlined
 def begin_held(rounds: int, closed: Array, contacts: Table) -> None:
-    """Return to the end of the last round or, before the first one, hold the radii of now."""
+    """Return to the end of the last round or, before the first one, hold the present radii."""
     for a in closed:
         if rounds > 0:
             for j in range(5):

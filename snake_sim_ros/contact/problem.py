@@ -95,7 +95,7 @@ class Outcome(NamedTuple):
     """How a contact solver ended."""
 
     iterations: int
-    converged: bool
+    converged: bool  # whether the residual is within the tolerance
     residual: float  # natural-map residual with the selection rule [m/s], see `natural_map`
     printed_residual: float  # without the rule [m/s]
     fell_back: bool  # whether a slower method had to help

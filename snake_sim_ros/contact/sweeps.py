@@ -30,7 +30,7 @@ from snake_sim_ros.scene.parameters import Array
 def sweep(
     laws: Laws, closed: Array, width: int, contacts: Table, delassus: Delassus, impulse: Array
 ) -> None:
-    """Project the impulse of every closed contact once, with the velocities of that moment."""
+    """Project the impulse of every closed contact once, with up-to-date velocities."""
     G, gamma, rows = delassus.operator, delassus.packed, width * len(closed)
     for k, a in enumerate(closed):
         row = width * k

@@ -163,7 +163,7 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any
 
 
 class _Patience(event.Listener):  # type: ignore[misc]
-    """Lets garbage be looked for less often: the compiler makes millions of objects that stay."""
+    """Collects garbage less often: the compiler makes millions of objects that stay."""
 
     def __init__(self) -> None:
         self.depth, self.threshold = 0, gc.get_threshold()
@@ -206,7 +206,7 @@ class _Teller(event.Listener):  # type: ignore[misc]
 @contextmanager
 def watched(tell: Callable[[str], object], *, at_end: bool = False) -> Iterator[None]:
     """
-    Tell the name of every function that is not in the cache, before or after it is compiled.
+    Report the name of every function that is not in the cache, before or after it is compiled.
 
     It is not compiled if `tell` raises an error before.
     """
@@ -250,7 +250,7 @@ def record_array(count: int, dtype: np.dtype[Any]) -> Table:
 
 
 class PackType(types.Type):
-    """The type of a few numbers in one register, on which operations act at once; see `pack`."""
+    """The type of a few numbers in one register, on which operations act at once; see `pair`."""
 
     def __init__(self, width: int) -> None:
         self.width = width

@@ -57,7 +57,7 @@ def joint_column(n: int, j: int) -> int:
 
 @inlined
 def opposite(n: int, k: int) -> tuple[int, int]:
-    """Return the link of the other arm that is done with link k, and its joint."""
+    """Return the link of the other arm that is processed with link k, and its joint."""
     i = n - k - n % 2
     return (i, i - 1) if i < n else (0, 0)
 

@@ -123,7 +123,7 @@ class ControlLoop(NamedTuple):
     present: bool  # whether controllers have sampled or late inputs, or take torques as commands
     period: int  # steps from one reading of the encoders to the next; 0: they are read always
     hold: int  # steps from one reference that is taken to the next; 0: all are taken
-    delay: int  # steps after which a reference counts
+    delay: int  # steps after which a reference takes effect
     resolution: float  # of the encoders [rad]; 0: they are exact
 
 
@@ -138,8 +138,8 @@ class ControlMemory(NamedTuple):
     rate: Array  # (n-1, 2) held reference rate [rad/s]
     wait: Array  # (2,) steps to the next reading of the encoders, and of the references
     next: Array  # (1,) the oldest place in the queue, from 1; 0 before the first step
-    queue: Array  # (delay, 2, n-1, 2) references (angle, rate) that do not count yet
-    late: Array  # (2, n-1, 2) references that count in this step
+    queue: Array  # (delay, 2, n-1, 2) references (angle, rate) that are not in effect yet
+    late: Array  # (2, n-1, 2) references in effect in this step
     told: Array  # (2, n-1, 2) references that are held, with rates 0
 
 
@@ -188,7 +188,7 @@ def references_that_count(
     loop: ControlLoop, memory: ControlMemory, dt: float, angle: Array, rate: Array
 ) -> tuple[Array, Array]:
     """
-    Return the references of a step of dt [s], shapes (n-1, 2); those given are the newest.
+    Return the references in effect in a step of dt [s], (n-1, 2); those given are the newest.
 
     Before the first step the robot held the angles with which that step begins.
     """
@@ -215,7 +215,7 @@ def references_that_count(
 def references_that_are_held(
     loop: ControlLoop, memory: ControlMemory, dt: float, angle: Array, rate: Array
 ) -> tuple[Array, Array]:
-    """Return the references of a step as a loop holds them that takes one once a period."""
+    """Return the references of a step as held by a loop that takes one once a period."""
     if loop.hold == 0:
         return angle, rate
     if memory.wait[1] == 0.0:
@@ -237,7 +237,7 @@ def read_by_controllers(
     rate: Array,
 ) -> tuple[Array, Array]:
     """
-    Return the references (n-1, 2) that count in a step, after what the loop reads at its start.
+    Return the references (n-1, 2) in effect in a step, after what the loop reads at its start.
 
     Parameters
     ----------
@@ -292,7 +292,7 @@ def held_torque(
     stiffness : float
         Of the controller [N m/rad].
     rate : float
-        Reference that counts in the step [rad/s].
+        Reference in effect in the step [rad/s].
 
     Returns
     -------

@@ -33,7 +33,7 @@ RESIDUAL = 1e-8  # residual tolerance of the contacts; a larger one saves next t
 
 
 def path_tolerance(scene: Scene) -> float:
-    """Return the error that a part of a step may make in the path [m]; 0: parts are not chosen."""
+    """Return the path error that a part of a step may make [m]; 0: steps are not divided."""
     if scene.accuracy == 0.0:
         return 0.0
     length = float(scene.robot.per_link('link_length').mean())

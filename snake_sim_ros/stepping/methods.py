@@ -196,7 +196,7 @@ def make_stepper(scene: Scene) -> Stepper:
 
 
 def share_compiled(stepper: Stepper, scene: Scene, other: Stepper, other_scene: Scene) -> None:
-    """Let the stepper of another scene know the code that a stepper has, if they have the same."""
+    """Tell the stepper of another scene which levels are compiled, if both have the same code."""
     kinds = [(method_of(each), is_flat(each)) for each in (scene, other_scene)]
     both = isinstance(stepper, levels.LevelStepper) and isinstance(other, levels.LevelStepper)
     if both and kinds[0] == kinds[1]:

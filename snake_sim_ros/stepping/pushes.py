@@ -291,7 +291,7 @@ not_pushed: Pushed = partial(NO_PUSHES.generalized, Stretch(0, STEP, STEP))
 
 class Pushes:
     """
-    What pushes the robot of a simulation: the pushes of its scene, and those that begin meanwhile.
+    What pushes the robot of a simulation: the pushes of its scene, and those added at run time.
 
     Of the latter, one on a link takes the place of that before.
 
@@ -307,7 +307,7 @@ class Pushes:
         self.change(scene)
 
     def change(self, scene: Scene) -> None:
-        """Go on with the pushes of another scene, which has the same robot and time step."""
+        """Continue with the pushes of another scene, which has the same robot and time step."""
         self._dt, self._links, middle = scene.dt, scene.robot.link_count, scene.robot.middle_link
         self._scene = [
             make_push(
@@ -376,7 +376,7 @@ class Pushes:
         return self._table
 
     def __bool__(self) -> bool:
-        """Return whether a push that began meanwhile had not ended before the last call."""
+        """Return whether a push added while it ran had not ended before the last call."""
         pushes = {**self._begun, **{push.link: push for push in self._waiting}}.values()
         return any(push.force.any() or push.torque.any() for push in pushes)
 

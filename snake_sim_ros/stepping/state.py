@@ -197,7 +197,7 @@ def check_arguments(
 
 class Returned:
     """
-    What a stepper gave away last, which it need not check when it comes back.
+    What a stepper returned last, which it need not check when it is passed back.
 
     Parameters
     ----------

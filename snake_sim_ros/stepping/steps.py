@@ -306,7 +306,7 @@ class SingleSteps:
 
     def take(self, angle: Array, rate: Array, pushes: PushTable) -> Report | None:
         """
-        Take a step, and return its report; None if it is not one like the last, and not taken.
+        Take a step, and return its report; None, without a step, if it is not like the last one.
 
         Nothing is checked but that the references, as in `base.Stepper.advance`, are those of one
         step, and that state and history are not changed from outside. The caller takes all other

@@ -378,7 +378,7 @@ def one_part(
 def take(
     own: Bdf2Arrays, model: Model, work: Workspace, dt: float, part: Part, steps: Steps
 ) -> None:
-    """Go on to the end of a `Part` of length dt [s]."""
+    """Move to the end of a `Part` of length dt [s]."""
     memory, history, report = steps.history.memory, steps.history, steps.report[0]
     for j in range(len(own.end.rate)):
         for k in range(2):

@@ -348,7 +348,7 @@ def take_planar(
     meets: bool,
     memory: PlanarBdf2Memory,
 ) -> None:
-    """Go on to the state that `planar_part` found."""
+    """Move to the state that `planar_part` found."""
     keep_planar(memory.end, memory.start)
     for k in range(2):
         memory.end.pose[k] = own.hat.pose[k]

@@ -4,13 +4,11 @@
 
 from dataclasses import asdict, replace
 import math
-import os
 from pathlib import Path
 import re
-import subprocess
-import sys
 
 import numpy as np
+from processes import python
 import pytest
 
 from snake_sim_benchmarks.__main__ import main
@@ -622,8 +620,7 @@ for make, stamped in (
     ]
     assert (ends[0].q == ends[1].q).all() and (ends[0].u == ends[1].u).all()
 """
-    environment = {**os.environ, 'NUMBA_DISABLE_JIT': '1', 'PYTHONPATH': str(ROOT)}
-    subprocess.run([sys.executable, '-c', program], env=environment, timeout=100, check=True)
+    python('-c', program, folder=ROOT, NUMBA_DISABLE_JIT='1')
 
 
 def test_parts_can_be_run_alone():

@@ -15,10 +15,10 @@ from snake_sim_ros.gaits.blending import check_reach
 from snake_sim_ros.recording.recorded_runs import read_run as read_trajectory, write_csv, write_npz
 from snake_sim_ros.scene import parameters
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.gait import Table
-from snake_sim_ros.scene.parameters import Array, by_dotted_names, Gait, samples_of, Scene
-from snake_sim_ros.stepping.accuracy import with_usual_steps
+from snake_sim_ros.scene.gait import Gait, Table
+from snake_sim_ros.scene.parameters import Array, by_dotted_names, samples_of, Scene
 from snake_sim_ros.stepping.controlled import controlled, MOST_SINGLE
+from snake_sim_ros.stepping.methods import with_usual_steps
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
@@ -40,7 +40,7 @@ def table_of(function: Callable[[float], Any], duration: float, joint_count: int
     function : callable
         ``function(t)`` returns joint angles at a time t since the gait began [s], shape
         (n-1, 2), (yaw, pitch) of every joint [rad]; or a tuple of angles and their rates [rad/s].
-        It is called once for each row, in the order of time.
+        It is called once for each row, in order of time.
     duration : float
         Time up to which the table goes [s]; after that the joints hold their angles.
     joint_count : int, optional
@@ -55,19 +55,19 @@ def table_of(function: Callable[[float], Any], duration: float, joint_count: int
     if not 0.0 < duration < math.inf:
         raise ParameterError(f'duration must be above 0 s and finite, got {duration} s')
     time = np.linspace(0.0, duration, max(2, math.ceil(duration * ROWS - 1e-9) + 1))
-    told = [references_of(function(t), joint_count, 'gait(t)') for t in time.tolist()]
-    rates = [rate for _, rate in told if rate is not None]
-    angles = np.array([angle for angle, _ in told])
+    found = [references_of(function(t), joint_count, 'gait(t)') for t in time.tolist()]
+    rates = [rate for _, rate in found if rate is not None]
+    angles = np.array([angle for angle, _ in found])
     return Table.of(time, angles, np.array(rates) if len(rates) == len(time) else None)
 
 
-def references_of(told: Any, joint_count: int, name: str) -> tuple[Array, Array | None]:
+def references_of(returned: Any, joint_count: int, name: str) -> tuple[Array, Array | None]:
     """
     Return angles and rates that a function of the user returned, shape (n-1, 2).
 
     Parameters
     ----------
-    told : array_like, shape (n-1, 2), or tuple of two such
+    returned : array_like, shape (n-1, 2), or tuple of two such
         Angles [rad], or angles and rates [rad/s].
     joint_count : int
     name : str
@@ -80,15 +80,15 @@ def references_of(told: Any, joint_count: int, name: str) -> tuple[Array, Array 
 
     """
     shape = joint_count, 2
-    shapes = [_shape(part) for part in told] if isinstance(told, tuple) else []
+    shapes = [_shape(part) for part in returned] if isinstance(returned, tuple) else []
     if shapes == [shape, shape]:
-        return np.asarray(told[0], dtype=float), np.asarray(told[1], dtype=float)
-    if _shape(told) == shape:
-        return np.asarray(told, dtype=float), None
-    got = ' and '.join(map(str, shapes)) if len(shapes) == 2 else _shape(told)
+        return np.asarray(returned[0], dtype=float), np.asarray(returned[1], dtype=float)
+    if _shape(returned) == shape:
+        return np.asarray(returned, dtype=float), None
+    got = ' and '.join(map(str, shapes)) if len(shapes) == 2 else _shape(returned)
     raise ParameterError(
         f'{name} must return angles of shape {shape}, (yaw, pitch) of every joint [rad], or a '
-        f'tuple of angles and rates of that shape, got {got or type(told).__name__}'
+        f'tuple of angles and rates of that shape, got {got or type(returned).__name__}'
     )
 
 
@@ -234,7 +234,7 @@ def run(
 
     If neither `dt`, `method`, `level` nor `accuracy` is given, here or in the scene, the steps are
     those of an accuracy of 1e-3, as of ``snake-sim run``. The first run on a machine compiles the
-    physics, which takes up to a minute or two; a bar on stderr shows how far it is.
+    physics, which takes up to a minute or two; a bar on stderr shows its progress.
 
     Parameters
     ----------
@@ -250,7 +250,7 @@ def run(
         [rad/s], which are 0 unless given. The joints are commanded both until the next sample, in
         place of the gait.
     progress : callable, optional
-        Called with the simulated time that has passed [s], some times a second.
+        Called several times a second with the elapsed simulated time [s].
     **more
         Values of the scene by keyword, such as ``duration=3.0``; see `load_scene`.
         ``gait=function`` takes a function of time t [s] that returns what a controller returns; it
@@ -264,7 +264,7 @@ def run(
     Raises
     ------
     ParameterError
-        If something given is not usable; the message says what and why.
+        If an argument is invalid; the message says which and why.
 
     """
     loaded, names = _scene_and_names(scene, values, more)

@@ -52,7 +52,7 @@ def add_fit(subparsers: Any) -> None:
         '--global', type=int, dest='globally', nargs='?', const=GLOBAL, default=0, metavar='N',
         help=f'search a wide box first, in at most N simulations, {GLOBAL} if N is not given',
     )  # fmt: skip
-    command.add_argument('--seed', type=int, default=0, help='of all that is drawn, default 0')
+    command.add_argument('--seed', type=int, default=0, help='of all random numbers, default 0')
     command.add_argument('--threads', type=int, metavar='N', help='default: one for each core')
     command.add_argument(
         '--check', type=int, default=0, metavar='N',

@@ -14,10 +14,10 @@ from snake_sim_ros.scene.checked_records import ParameterError
 # what it does.
 COMMANDS = {
     'run': ('scenes', 'run a scene and record it'),
-    'study': ('study', 'run a scene with many values, on all cores'),
-    'optimize': ('optimize', 'find values of a scene for which an expression of metrics is best'),
+    'study': ('study', 'run a scene with many values on all cores'),
+    'optimize': ('optimize', 'find values of a scene that optimize an expression of metrics'),
     'fit': ('fit', 'find friction and gains from a recorded motion'),
-    'export': ('recordings', 'convert a recorded run'),
+    'export': ('recordings', 'convert a recorded run to other formats'),
     'record': ('recordings', 'record all topics of a live robot as a bag'),
     'view': ('recordings', 'show a robot in the browser: live, in a scene, or recorded'),
     'plot': ('recordings', 'plot path, joint angles, torques and contact forces of a run'),

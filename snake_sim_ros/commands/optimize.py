@@ -64,7 +64,7 @@ class _Bar:
 
 def _plotter(path: Path | None, out: Path) -> 'Callable[[Outcome], Path] | None':
     """Return what draws; None without matplotlib, unless a picture is asked for."""
-    from snake_sim_ros.studies.table import check_file, PICTURES
+    from snake_sim_ros.studies.table import beside, check_file, PICTURES
 
     try:
         chart = chart_module('a picture')
@@ -73,7 +73,7 @@ def _plotter(path: Path | None, out: Path) -> 'Callable[[Outcome], Path] | None'
             raise
         print(error, file=sys.stderr)
         return None
-    file = path or out.with_suffix('.png')
+    file = path or beside(out, 'picture')
     check_file(file, '--plot', PICTURES)
 
     def plot(outcome: 'Outcome') -> Path:

@@ -24,8 +24,8 @@ from snake_sim_ros.scene.parameters import (
     Scene,
     with_settings,
 )
-from snake_sim_ros.stepping.accuracy import STEPPING, USUAL_ACCURACY, with_usual_steps
-from snake_sim_ros.stepping.methods import AUTO, METHODS
+from snake_sim_ros.stepping.accuracy import USUAL_ACCURACY
+from snake_sim_ros.stepping.methods import AUTO, METHODS, STEPPING, with_usual_steps
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 # The cases A to D of the paper.
@@ -38,30 +38,30 @@ CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 's
 def add_method(command: argparse.ArgumentParser) -> None:
     """Add the option that replaces the method of the scene."""
     names = ', '.join([AUTO, *METHODS])
-    command.add_argument('--method', help=f'instead of that of the scene: {names}')
+    command.add_argument('--method', help=f'override the method of the scene: {names}')
 
 
 def add_accuracy(command: argparse.ArgumentParser) -> None:
     """Add the option that chooses the steps of the scene."""
     command.add_argument(
         '--accuracy', type=float, metavar='ERROR',
-        help=f'relative error of the path in a gait cycle, default {USUAL_ACCURACY:g} if neither '
-        f'{" nor ".join(STEPPING)} is given here or in the scene; 0: steps as in the scene',
+        help='target relative path error per gait cycle; steps are subdivided to meet it; default '
+        f'{USUAL_ACCURACY:g} if neither {" nor ".join(STEPPING)} is given; 0: steps of the scene',
     )  # fmt: skip
 
 
 def add_scene_options(command: argparse.ArgumentParser) -> None:
     """Add the options that change values of the scene."""
-    command.add_argument('--duration', type=float, help='instead of that of the scene [s]')
+    command.add_argument('--duration', type=float, help='override the duration of the scene [s]')
     command.add_argument(
         '--set', action='append', default=[], metavar='KEY=VALUE',
-        help='any value of the scene, such as friction.longitudinal=0.2 or '
-        'gait.yaw.amplitude_deg=30; may be given often',
+        help='set any value of the scene, such as friction.longitudinal=0.2 or '
+        'gait.yaw.amplitude_deg=30; may be repeated',
     )  # fmt: skip
 
 
 def add_scene_or_default(command: argparse.ArgumentParser) -> None:
-    """Add a scene as an argument that may be left out."""
+    """Add a scene as an optional argument."""
     command.add_argument('scene', nargs='?', default=CASES[0], help='default: lateral_undulation')
 
 
@@ -153,12 +153,12 @@ def add_sensors(command: argparse.ArgumentParser) -> None:
     for name, what in (('imu', 'with an IMU'), ('contact-forces', 'whose contacts are measured')):
         command.add_argument(
             f'--{name}', action='append', default=[], metavar='LINK',
-            help=f'link {what}: link_6, 6 or all; may be given often',
+            help=f'link {what}: link_6, 6 or all; may be repeated',
         )  # fmt: skip
     command.add_argument(
         '--sensor', action='append', default=[], metavar='KEY=VALUE',
-        help='noise, bias, rate or seed, named as the parameters of sim, such as '
-        'imu_acceleration_noise=0.02; may be given often',
+        help='noise, bias, rate or seed, named like the parameters of sim, such as '
+        'imu_acceleration_noise=0.02; may be repeated',
     )  # fmt: skip
 
 
@@ -203,9 +203,9 @@ FORMATS = {'out': '.npz', 'csv': '.csv', 'bag': '.mcap', 'gif': '.gif', 'mp4': '
 def add_outputs(command: argparse.ArgumentParser, *, bag: bool) -> None:
     """Add the options that name files to write."""
     texts = {
-        'out': 'numbers of everything, for NumPy and for snake-sim view',
-        'csv': 'a table with a row for each sample',
-        'bag': 'the topics of sim and gait as a ROS 2 bag, 200 states a second unless --rate',
+        'out': 'all results as NumPy arrays, also for snake-sim view',
+        'csv': 'a table with one row per sample',
+        'bag': 'the topics of sim and gait as a ROS 2 bag, 200 states a second by default',
         'gif': 'an animation',
         'mp4': 'an animation',
     }
@@ -214,7 +214,7 @@ def add_outputs(command: argparse.ArgumentParser, *, bag: bool) -> None:
             command.add_argument(f'--{name}', type=Path, metavar=f'FILE{suffix}', help=texts[name])
     command.add_argument(
         '--speed', type=float, default=1.0,
-        help='seconds of the run in a second of an animation, default 1',
+        help='simulated seconds per second of an animation, default 1',
     )  # fmt: skip
 
 
@@ -266,7 +266,7 @@ def write_outputs(
     title : str
         The text beside the time in animations.
     speed : float
-        Seconds of the run in a second of an animation.
+        Simulated seconds per second of an animation.
     sensors : mapping, optional
         Arrays as `recorded_sensors` returns them.
 
@@ -306,5 +306,5 @@ def _animator() -> Callable[..., None]:
 def add_namespace(command: argparse.ArgumentParser) -> None:
     """Add the option."""
     command.add_argument(
-        '--namespace', metavar='NAME', help='of the robot, where a bag has several'
+        '--namespace', metavar='NAME', help='namespace of the robot, if a bag has several'
     )

@@ -104,12 +104,12 @@ def add_view(subparsers: Any) -> None:
     command.set_defaults(command=_view)
     command.add_argument(
         'source', nargs='?', metavar='RECORDING|SCENE',
-        help='npz file, MCAP file, folder of a bag, or a scene that is run live; default: the '
-        'robot on the topics',
+        help='npz file, MCAP file, folder of a bag, or a scene to run live; default: the robot '
+        'on the topics',
     )  # fmt: skip
     command.add_argument('--host', default='127.0.0.1', help='default: 127.0.0.1, this machine')
-    command.add_argument('--port', type=int, default=8080, help='default: 8080; 0 is any free one')
-    command.add_argument('--no-browser', action='store_true', help='only print the address')
+    command.add_argument('--port', type=int, default=8080, help='default: 8080; 0 = any free port')
+    command.add_argument('--no-browser', action='store_true', help='print the address only')
     add_namespace(command)
 
 

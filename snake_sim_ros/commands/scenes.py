@@ -59,7 +59,9 @@ def add_run(subparsers: Any) -> None:
     command.set_defaults(command=_run)
     command.add_argument('scene', help='YAML file, or the name of a scene in config/')
     add_outputs(command, bag=True)
-    command.add_argument('--rate', type=float, help='samples a second [Hz], default 100')
+    command.add_argument(
+        '--rate', type=float, help='samples per second [Hz], default 100, with --bag 200'
+    )
     add_accuracy(command)
     add_method(command)
     add_scene_options(command)
@@ -94,7 +96,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _recorded(scene: Scene, rate: float, bag: Path | None, sensors: Sensors) -> Trajectory:
-    """Return what a scene does, sampled at a rate [Hz]; show its progress, and write a bag."""
+    """Return the trajectory of a scene, sampled at a rate [Hz]; show its progress, write a bag."""
     compile_first(scene)
     layout = '{percentage:3.0f} %|{bar}| {n:.2f} of {total:g} s, {remaining} left'
     with ExitStack() as stack:
@@ -119,7 +121,7 @@ def _bag(
     """Open a bag for a run; return what writes a sample to it."""
     try:
         from snake_sim_ros.nodes.bag_writer import BagWriter, RunTopics
-        from snake_sim_ros.nodes.state_publishers import SensorTopics
+        from snake_sim_ros.nodes.sensor_topics import SensorTopics
     except ImportError as error:
         raise ParameterError(
             f'--bag needs ROS 2 and mcap ({error}): source a ROS 2 installation, or ./run run, '
@@ -132,7 +134,7 @@ def _bag(
 
 @contextmanager
 def _later_interruption() -> Iterator[None]:
-    """Let an interruption from the keyboard wait until what is inside is done."""
+    """Defer an interruption from the keyboard to the end of the block."""
     waiting: list[int] = []
     before = signal.signal(signal.SIGINT, lambda number, frame: waiting.append(number))
     try:
@@ -171,7 +173,7 @@ def add_demo(subparsers: Any) -> None:
     command.set_defaults(command=_demo)
     add_scene_or_default(command)
     command.add_argument(
-        '--duration', type=float, default=15.0, help='of the gait [s], default 15'
+        '--duration', type=float, default=15.0, help='duration of the gait [s], default 15'
     )
     command.add_argument(
         '--out', type=Path, default=Path('demo.png'), metavar='FILE.png', help='default: demo.png'

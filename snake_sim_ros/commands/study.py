@@ -44,7 +44,7 @@ def add_workers(command: argparse.ArgumentParser) -> None:
     """Add the options that choose who does the runs."""
     group = command.add_mutually_exclusive_group()
     group.add_argument('--threads', type=int, metavar='N', help='default: one for each core')
-    group.add_argument('--processes', type=int, metavar='N', help='processes in place of threads')
+    group.add_argument('--processes', type=int, metavar='N', help='processes instead of threads')
     group.add_argument(
         '--scheduler', metavar='ADDRESS',
         help='of a Dask cluster, such as tcp://10.0.0.1:8786; local starts one here',
@@ -163,7 +163,7 @@ def _compile(study: 'Study') -> None:
 def _study(options: argparse.Namespace) -> int:
     """Run a study; the last line on standard output is JSON."""
     from snake_sim_ros.studies.study import load_study, run_study
-    from snake_sim_ros.studies.table import check_file, library
+    from snake_sim_ros.studies.table import beside, check_file, library
 
     study = load_study(options.study)
     out = options.out or Path(f'{options.study.stem}.parquet')
@@ -171,7 +171,7 @@ def _study(options: argparse.Namespace) -> int:
     library()
     folder = options.trajectories
     if folder is None and study.settings.keep == 'trajectories':
-        folder = out.with_suffix('')
+        folder = beside(out, 'trajectories')
     plot = _plotter(options.plot, study) if options.plot else None
     workers = workers_of(options)
     if options.scheduler is None and options.processes is None:

@@ -22,11 +22,12 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities
-from snake_sim_ros.dynamics.articulated_body import add, solve_chain
-from snake_sim_ros.dynamics.compilation import compiled, four, inlined, merged, pair
+from snake_sim_ros.dynamics.articulated_body import add, Chain, solve_chain
+from snake_sim_ros.dynamics.compilation import compiled, four, inlined, merged, Packs, pair, Table
 from snake_sim_ros.dynamics.free_chain import (
     factor_free,
     fold_wrench,
+    FreeChain,
     joint_column,
     root_load,
     scaled,
@@ -59,7 +60,7 @@ def make_delassus(rows: int, links: int) -> Delassus:
 
 
 @inlined
-def fill_wrenches(closed, contacts, chain):
+def fill_wrenches(closed: Array, contacts: Table, chain: Chain) -> None:
     """
     Fill the wrenches of the links with momentum and contact impulses S, eqs. (75), (76).
 
@@ -72,7 +73,7 @@ def fill_wrenches(closed, contacts, chain):
 
 
 @compiled
-def end_twists(closed, contacts, chain):
+def end_twists(closed: Array, contacts: Table, chain: Chain) -> None:
     """
     Fill the twists and relative velocities that the impulses lead to, (84), (86), (90)-(92).
 
@@ -84,7 +85,9 @@ def end_twists(closed, contacts, chain):
 
 
 @inlined
-def condensed_twists(closed, width, contacts, chain, delassus):
+def condensed_twists(
+    closed: Array, width: int, contacts: Table, chain: Chain, delassus: Delassus
+) -> None:
     """Fill the twists of all links that momentum, torques and contact impulses lead to."""
     X, load, depth = delassus.loads, chain.free.end_load, delassus.depth
     middle = 6 + 2 * ((len(chain.axis) + 1) // 2)
@@ -107,7 +110,7 @@ def condensed_twists(closed, width, contacts, chain, delassus):
 
 
 @inlined
-def fill_free_velocities(closed, width, contacts, delassus):
+def fill_free_velocities(closed: Array, width: int, contacts: Table, delassus: Delassus) -> None:
     """Fill delassus.packed with ``gamma_free + shift``."""
     for a in closed:
         row = contacts.row[a]
@@ -117,7 +120,7 @@ def fill_free_velocities(closed, width, contacts, delassus):
 
 
 @inlined
-def condensed_velocities(closed, width, contacts, delassus):
+def condensed_velocities(closed: Array, width: int, contacts: Table, delassus: Delassus) -> None:
     """
     Fill the relative velocities with ``G P + gamma_free + shift``.
 
@@ -140,7 +143,7 @@ def condensed_velocities(closed, width, contacts, delassus):
 
 
 @compiled
-def solve_condensed(closed, width, contacts, delassus):
+def solve_condensed(closed: Array, width: int, contacts: Table, delassus: Delassus) -> bool:
     """
     Fill impulses and velocities with the solution of ``P = P_0 - S (G P + gamma_free)``.
 
@@ -170,7 +173,7 @@ def solve_condensed(closed, width, contacts, delassus):
 
 
 @merged
-def condensed_system(closed, width, contacts, delassus):
+def condensed_system(closed: Array, width: int, contacts: Table, delassus: Delassus) -> None:
     """Fill ``delassus.system`` with the matrix 1 + S G, and S gamma_free beside it."""
     rows = width * len(closed)
     B = delassus.system
@@ -196,7 +199,7 @@ def condensed_system(closed, width, contacts, delassus):
 
 
 @merged
-def eliminate(B, rows):
+def eliminate(B: Array, rows: int) -> None:
     """Replace column `rows` of B by the solution x of ``B[:, :rows] x = B[:, rows]``."""
     for k in range(rows):
         pivot = k
@@ -218,7 +221,7 @@ def eliminate(B, rows):
 
 
 @inlined
-def condense(closed, width, contacts, chain, delassus):
+def condense(closed: Array, width: int, contacts: Table, chain: Chain, delassus: Delassus) -> None:
     """
     Factor the chain without contacts, and fill the Delassus operator and the free velocities.
 
@@ -246,7 +249,7 @@ def condense(closed, width, contacts, chain, delassus):
 
 
 @inlined
-def fill_block(G, X, row, other, end, middle, last):
+def fill_block(G: Array, X: Array, row: int, other: int, end: int, middle: int, last: int) -> None:
     """
     Fill the entries of G for normal and sliding components of two contacts.
 
@@ -282,7 +285,9 @@ def fill_block(G, X, row, other, end, middle, last):
 
 
 @inlined
-def fill_velocities(velocity, X, load, row, end, middle, last):
+def fill_velocities(
+    velocity: Array, X: Array, load: Array, row: int, end: int, middle: int, last: int
+) -> None:
     """Fill the velocities of two components of a contact that loads cause; see `fill_block`."""
     both = pair(0.0, 0.0)
     for m in range(end):
@@ -293,7 +298,7 @@ def fill_velocities(velocity, X, load, row, end, middle, last):
 
 
 @compiled
-def fill_entry(G, X, i, j, end, middle, last):
+def fill_entry(G: Array, X: Array, i: int, j: int, end: int, middle: int, last: int) -> None:
     """Fill an entry of G and its mirror image; see `fill_block`."""
     entry = 0.0
     for m in range(end):
@@ -304,7 +309,7 @@ def fill_entry(G, X, i, j, end, middle, last):
 
 
 @inlined
-def fill_loads(contacts, a, width, chain, X, depth):
+def fill_loads(contacts: Table, a: int, width: int, chain: Chain, X: Array, depth: Array) -> None:
     """
     Fill the loads of unit impulses at contact a, and how many joints of both arms they pass.
 
@@ -349,7 +354,7 @@ def fill_loads(contacts, a, width, chain, X, depth):
 
 
 @inlined
-def link_and_other(frame, contacts, n, a):
+def link_and_other(frame: Array | None, contacts: Table, n: int, a: int) -> tuple[int, int]:
     """Return the link of contact a, and the one that it touches or -1."""
     if frame is None:
         return (a if a < n else a - n), -1
@@ -357,7 +362,9 @@ def link_and_other(frame, contacts, n, a):
 
 
 @inlined
-def unit_wrenches(point, contacts, frame, a):
+def unit_wrenches(
+    point: Array, contacts: Table, frame: Array | None, a: int
+) -> tuple[Packs, Packs]:
     """
     Return the wrenches of unit impulses at contact a.
 
@@ -400,7 +407,9 @@ def unit_wrenches(point, contacts, frame, a):
 
 
 @inlined
-def carry_to_root(i, w, count, free, X, row, adds):
+def carry_to_root(
+    i: int, w: Packs, count: int, free: FreeChain, X: Array, row: int, adds: bool
+) -> Packs:
     """
     Return what the root feels of wrenches on link i; fill their loads on the way.
 

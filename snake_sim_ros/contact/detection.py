@@ -15,12 +15,12 @@ nothing is smoothed.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from snake_sim_ros.contact.laws import make_disc, OtherFriction
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
 from snake_sim_ros.dynamics.kinematics import axis_z, floor_penetration
 from snake_sim_ros.scene.obstacles import first_pair, first_peg, is_flat, pair_contacts
 from snake_sim_ros.scene.parameters import Array, Scene
@@ -29,7 +29,9 @@ LANDING_SPEED = 0.1  # a contact takes part if this speed could close its gap in
 
 
 @inlined
-def fill_contact_frame(frame, normal, axis):
+def fill_contact_frame(
+    frame: Array, normal: tuple[float, float, float], axis: tuple[float, float, float]
+) -> None:
     """
     Fill a frame with the normal, e_x along a link and e_y across it, both in the tangent plane.
 
@@ -51,14 +53,16 @@ def fill_contact_frame(frame, normal, axis):
 
 
 @inlined
-def tangential_part(normal, v):
+def tangential_part(
+    normal: tuple[float, float, float], v: tuple[float, float, float]
+) -> tuple[float, float, float]:
     """Return v without its part along the normal."""
     along = normal[0] * v[0] + normal[1] * v[1] + normal[2] * v[2]
     return v[0] - along * normal[0], v[1] - along * normal[1], v[2] - along * normal[2]
 
 
 @inlined
-def set_axis(frame, k, v):
+def set_axis(frame: Array, k: int, v: tuple[float, float, float]) -> None:
     """Write the vector v to frame[k]."""
     frame[k, 0], frame[k, 1], frame[k, 2] = v
 
@@ -80,7 +84,7 @@ def make_patches(scene: Scene) -> Patches:
 
 
 @inlined
-def patch_factor(patches, x, y):
+def patch_factor(patches: Any, x: float, y: float) -> float:
     """Return the factor of friction at a point (x, y) of I [m], 1 outside the patches."""
     row = math.floor((y - patches.origin_y) / patches.cell)
     column = math.floor((x - patches.origin_x) / patches.cell)
@@ -90,7 +94,7 @@ def patch_factor(patches, x, y):
 
 
 @inlined
-def fill_grip(patches, contacts, a, x, y):
+def fill_grip(patches: Any, contacts: Table, a: int, x: float, y: float) -> None:
     """Fill the grip of contact a, of a sphere above (x, y) of I [m]; without patches it is 1."""
     contacts.grip[a] = patch_factor(patches, x, y)
 
@@ -146,13 +150,15 @@ def make_other_friction(scene: Scene, proximal: float) -> OtherFriction | None:
 
 
 @compiled
-def reach_of_step(closed_gap, time):
+def reach_of_step(closed_gap: float, time: float) -> float:
     """Return the gap up to which a contact takes part in a step that moves it for a time [s]."""
     return max(closed_gap, LANDING_SPEED * time) if closed_gap > 0.0 else 0.0
 
 
 @inlined
-def find_contacts(obstacles, tolerance, model, work, q):
+def find_contacts(
+    obstacles: Obstacles | None, tolerance: float, model: Any, work: Any, q: Array
+) -> int:
     """
     Fill the closed contacts, their points and frames.
 
@@ -189,7 +195,16 @@ def find_contacts(obstacles, tolerance, model, work, q):
 
 
 @merged
-def find_floor_contacts(tolerance, offset, radius, height, R, center, closed, contacts):
+def find_floor_contacts(
+    tolerance: float,
+    offset: Array,
+    radius: Array,
+    height: Array,
+    R: Array,
+    center: Array,
+    closed: Array,
+    contacts: Table,
+) -> int:
     """
     Fill the closed contacts with a flat floor; return how many they are.
 
@@ -239,8 +254,17 @@ def find_floor_contacts(tolerance, offset, radius, height, R, center, closed, co
 
 @merged
 def find_obstacle_contacts(
-    obstacles, tolerance, offset, radius, q, R, center, closed, contacts, frame
-):
+    obstacles: Obstacles,
+    tolerance: float,
+    offset: Array,
+    radius: Array,
+    q: Array,
+    R: Array,
+    center: Array,
+    closed: Array,
+    contacts: Table,
+    frame: Array,
+) -> int:
     """
     Fill the closed contacts with ground, pegs and other links; return how many they are.
 
@@ -291,7 +315,9 @@ def find_obstacle_contacts(
 
 
 @inlined
-def ground_contact(obstacles, x, y, z, radius, k):
+def ground_contact(
+    obstacles: Obstacles, x: float, y: float, z: float, radius: float, k: int
+) -> tuple[float, float, float, float]:
     """
     Return gap and normal of a sphere at the box below one of four cells.
 
@@ -344,7 +370,7 @@ def ground_contact(obstacles, x, y, z, radius, k):
 
 
 @inlined
-def cell_top(obstacles, column, row):
+def cell_top(obstacles: Obstacles, column: int, row: int) -> float:
     """Return the height of a cell [m], 0 outside the field of cells."""
     heights = obstacles.heights
     if 0 <= row < heights.shape[0] and 0 <= column < heights.shape[1]:
@@ -353,7 +379,9 @@ def cell_top(obstacles, column, row):
 
 
 @inlined
-def peg_contact(x, y, axis_x, axis_y, half, peg_x, peg_y):
+def peg_contact(
+    x: float, y: float, axis_x: float, axis_y: float, half: float, peg_x: float, peg_y: float
+) -> tuple[float, float, float, float]:
     """
     Return where the axis of a link is nearest to the axis of a peg, seen from above.
 
@@ -390,7 +418,19 @@ def peg_contact(x, y, axis_x, axis_y, half, peg_x, peg_y):
 
 
 @merged
-def find_pair_contacts(a, tolerance, offset, radius, q, R, center, closed, contacts, frame, count):
+def find_pair_contacts(
+    a: int,
+    tolerance: float,
+    offset: Array,
+    radius: Array,
+    q: Array,
+    R: Array,
+    center: Array,
+    closed: Array,
+    contacts: Table,
+    frame: Array,
+    count: int,
+) -> int:
     """
     Fill the closed contacts of links with each other; return how many contacts are closed.
 
@@ -433,7 +473,16 @@ def find_pair_contacts(a, tolerance, offset, radius, q, R, center, closed, conta
 
 
 @inlined
-def place_contact(contacts, a, gap, arm, radius, axis, center, normal):
+def place_contact(
+    contacts: Table,
+    a: int,
+    gap: float,
+    arm: float,
+    radius: float,
+    axis: tuple[float, float, float],
+    center: Array,
+    normal: tuple[float, float, float],
+) -> None:
     """Fill gap, radius and point of contact a, on a sphere around a point of the link axis."""
     contacts.gap[a] = gap
     contacts.shift[a] = 0.0
@@ -443,7 +492,7 @@ def place_contact(contacts, a, gap, arm, radius, axis, center, normal):
 
 
 @inlined
-def penetration(obstacles, offset, radius, q):
+def penetration(obstacles: Obstacles | None, offset: Array, radius: Array, q: Array) -> float:
     """
     Return how deep the robot is in the floor or in an obstacle [m], 0 if it is in neither.
 
@@ -463,7 +512,7 @@ def penetration(obstacles, offset, radius, q):
 
 
 @merged
-def obstacle_penetration(obstacles, offset, radius, q):
+def obstacle_penetration(obstacles: Obstacles, offset: Array, radius: Array, q: Array) -> float:
     """Return how deep the robot is in the ground, in a peg or in itself [m], 0 if it is not."""
     lowest = 0.0
     for i in range(len(q)):
@@ -493,7 +542,9 @@ def obstacle_penetration(obstacles, offset, radius, q):
 
 
 @inlined
-def gap_at(obstacles, offset, radius, q, contacts, a):
+def gap_at(
+    obstacles: Obstacles | None, offset: Array, radius: Array, q: Array, contacts: Table, a: int
+) -> float:
     """
     Return the gap of contact a [m], infinite where a cell has no contact.
 
@@ -508,7 +559,9 @@ def gap_at(obstacles, offset, radius, q, contacts, a):
 
 
 @merged
-def obstacle_gap(obstacles, offset, radius, q, contacts, a):
+def obstacle_gap(
+    obstacles: Obstacles, offset: Array, radius: Array, q: Array, contacts: Table, a: int
+) -> float:
     """Do what `gap_at` does, for a scene with more than a flat floor."""
     n, i = len(q), contacts.link[a]
     axis = axis_z(q, i)

@@ -19,11 +19,11 @@ with a flat floor must not pay for the branches of other scenes.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import compiled, inlined
+from snake_sim_ros.dynamics.compilation import compiled, inlined, Table
 from snake_sim_ros.scene.parameters import Array
 
 FRICTIONLESS = 1e-100  # coefficients whose squares would underflow count as zero
@@ -104,7 +104,7 @@ class Laws(NamedTuple):
 
 
 @inlined
-def sliding_disc(laws, other, a, P_x):
+def sliding_disc(laws: Laws, other: OtherFriction | None, a: int, P_x: float) -> Disc:
     """Return the sliding friction of contact a, for an impulse P_x along its link."""
     if other is None:
         return laws.sliding
@@ -114,32 +114,32 @@ def sliding_disc(laws, other, a, P_x):
 
 
 @inlined
-def floor_disc(laws, other, P_x):
+def floor_disc(laws: Laws, other: Any, P_x: float) -> Disc:
     """Return the sliding friction of a contact with the ground, as `sliding_disc` does."""
     return laws.sliding if other is None else ground_disc(laws, other, P_x)
 
 
 @inlined
-def ground_disc(laws, other, P_x):
+def ground_disc(laws: Laws, other: OtherFriction, P_x: float) -> Disc:
     """Return the sliding friction of the ground in a scene with an `OtherFriction`."""
     return other.backward if P_x > 0.0 else laws.sliding
 
 
 @inlined
-def anchored_disc(laws, other, contacts, a):
+def anchored_disc(laws: Laws, other: OtherFriction | None, contacts: Table, a: int) -> Disc:
     """Return the sliding friction of contact a for its anchor or, from 0, against its trial."""
     return sliding_disc(laws, other, a, anchored_side(contacts, a))
 
 
 @inlined
-def anchored_side(contacts, a):
+def anchored_side(contacts: Table, a: int) -> float:
     """Return a number with the sign of the anchor along the link or, from 0, against the trial."""
     P_x = contacts.anchor[a, 1]
     return P_x if P_x != 0.0 else -contacts.trial[a, 1]
 
 
 @inlined
-def changes_side(other, contacts, a):
+def changes_side(other: OtherFriction, contacts: Table, a: int) -> bool:
     """Return whether the iterate of contact a has friction of another side than its anchor."""
     if other is None:
         return False
@@ -148,13 +148,13 @@ def changes_side(other, contacts, a):
 
 
 @inlined
-def grip(other, contacts, a):
+def grip(other: OtherFriction | None, contacts: Table, a: int) -> float:
     """Return the factor of all friction of contact a: 1 but for patches of the ground."""
     return 1.0 if other is None else contacts.grip[a]
 
 
 @inlined
-def rolling_disc(laws, other, a):
+def rolling_disc(laws: Laws, other: OtherFriction | None, a: int) -> Disc:
     """Return the rolling friction of contact a."""
     if other is None:
         return laws.rolling
@@ -162,7 +162,7 @@ def rolling_disc(laws, other, a):
 
 
 @inlined
-def link_of(other, contacts, n, a):
+def link_of(other: OtherFriction | None, contacts: Table, n: int, a: int) -> int:
     """Return the index of the link of contact a, for n links."""
     if other is None:
         return a if a < n else a - n
@@ -170,13 +170,13 @@ def link_of(other, contacts, n, a):
 
 
 @compiled
-def prox_half_line(x):
+def prox_half_line(x: float) -> float:
     """Return the nearest number that is not negative: Signorini's law, eqs. (52)-(54)."""
     return max(0.0, x)
 
 
 @compiled
-def prox_disc(x, y, radius):
+def prox_disc(x: float, y: float, radius: float) -> tuple[float, float]:
     """Return the nearest point of a disc about 0: isotropic sliding and rolling friction."""
     length = math.sqrt(x * x + y * y)
     if length <= radius:
@@ -185,7 +185,7 @@ def prox_disc(x, y, radius):
 
 
 @compiled
-def prox_ellipse(x, y, a, b):
+def prox_ellipse(x: float, y: float, a: float, b: float) -> tuple[float, float]:
     """
     Return the nearest point of the ellipse with half axes a, b: orthotropic Coulomb friction.
 
@@ -216,19 +216,7 @@ def prox_ellipse(x, y, a, b):
 
 
 @compiled
-def prox_half_ellipses(x, y, forward, backward, b):
-    """
-    Return the nearest point of two half ellipses: Coulomb friction that differs along a line.
-
-    The half axis along x is `forward` where x is negative, against sliding forward, and `backward`
-    where x is positive; both halves have the half axis b along y. The set is convex. The nearest
-    point lies on the side of x, and is that of the whole ellipse of this side, which is symmetric.
-    """
-    return prox_ellipse(x, y, backward if x > 0.0 else forward, b)
-
-
-@compiled
-def natural_map(laws, closed, contacts, enough):
+def natural_map(laws: Laws, closed: Array, contacts: Table, enough: float) -> tuple[float, float]:
     """
     Return how far the closed contacts are from their laws, ``max |P - prox_C(P - r gamma)|/r``.
 
@@ -280,7 +268,9 @@ def natural_map(laws, closed, contacts, enough):
 
 
 @inlined
-def sliding_bound(laws, other, closed, contacts):
+def sliding_bound(
+    laws: Laws, other: OtherFriction | None, closed: Array, contacts: Table
+) -> tuple[float, float]:
     """
     Return upper bounds of both results of `natural_map`, or infinity.
 
@@ -319,7 +309,16 @@ def sliding_bound(laws, other, closed, contacts):
 
 
 @inlined
-def disc_residual(P_x, P_y, gamma_x, gamma_y, disc, bound, r, enough):
+def disc_residual(
+    P_x: float,
+    P_y: float,
+    gamma_x: float,
+    gamma_y: float,
+    disc: Disc,
+    bound: float,
+    r: float,
+    enough: float,
+) -> float:
     """
     Return ``|P - prox(P - r gamma)|/r`` of one kind of friction [m/s], or an upper bound of it.
 
@@ -400,7 +399,15 @@ def selection_center(P_N: Array, gamma: Array, weight: float) -> Array:
 
 
 @inlined
-def apply_selection_rule(laws, closed, contacts, mass, impulse, press_speed, fall):
+def apply_selection_rule(
+    laws: Laws,
+    closed: Array,
+    contacts: Table,
+    mass: Array,
+    impulse: Array,
+    press_speed: float,
+    fall: float,
+) -> Laws:
     """
     Fill the selection centers, and return the laws with the compliance of this step.
 

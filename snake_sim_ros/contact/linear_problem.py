@@ -32,28 +32,30 @@ digits.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from snake_sim_ros.contact.delassus import (
     condensed_system,
     condensed_velocities,
+    Delassus,
     eliminate,
     fill_free_velocities,
     fill_wrenches,
 )
 from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities, direction
-from snake_sim_ros.contact.laws import anchored_disc, grip, rolling_disc
-from snake_sim_ros.contact.problem import FREE, ROLLING, SLIDING
+from snake_sim_ros.contact.laws import anchored_disc, Disc, grip, Laws, rolling_disc
+from snake_sim_ros.contact.problem import FREE, Problem, ROLLING, SLIDING
 from snake_sim_ros.dynamics.articulated_body import (
+    Chain,
     correct_chain,
     factor_chain,
     find_residual,
     reset_chain,
     solve_residual,
 )
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
 from snake_sim_ros.scene.parameters import Array
 
 MOST_CORRECTIONS = 4  # of the twists in one linear step
@@ -62,7 +64,7 @@ SMALL_CORRECTION = 1e-6  # after it the next one would be rounding [m/s, rad/s]
 
 
 @merged
-def linearize(laws, closed, contacts):
+def linearize(laws: Laws, closed: Array, contacts: Table) -> None:
     """
     Fill the linear laws of the closed contacts, about their trial velocities.
 
@@ -87,7 +89,7 @@ def linearize(laws, closed, contacts):
 
 
 @compiled
-def normal_law(laws, center, anchor, gamma):
+def normal_law(laws: Laws, center: float, anchor: float, gamma: float) -> tuple[float, float]:
     """
     Return the normal impulse that follows from a velocity, and its stiffness.
 
@@ -116,7 +118,7 @@ def normal_law(laws, center, anchor, gamma):
 
 
 @inlined
-def linearize_disc(disc, contacts, a, radius, S_N):
+def linearize_disc(disc: Disc, contacts: Table, a: int, radius: float, S_N: float) -> None:
     """
     Fill the linear law of one kind of friction at contact a.
 
@@ -148,7 +150,9 @@ def linearize_disc(disc, contacts, a, radius, S_N):
 
 
 @compiled
-def disc_law(disc, anchor_x, anchor_y, gamma_x, gamma_y, radius):
+def disc_law(
+    disc: Disc, anchor_x: float, anchor_y: float, gamma_x: float, gamma_y: float, radius: float
+) -> tuple[float, ...]:
     """
     Return the tangential impulse that follows from a velocity, and its derivatives.
 
@@ -189,7 +193,7 @@ def disc_law(disc, anchor_x, anchor_y, gamma_x, gamma_y, radius):
 
 
 @merged
-def linear_impulses(closed, contacts, rolling):
+def linear_impulses(closed: Array, contacts: Table, rolling: bool) -> None:
     """
     Fill the impulses of the linear laws at the velocities of the contacts.
 
@@ -216,7 +220,14 @@ def linear_impulses(closed, contacts, rolling):
 
 
 @inlined
-def add_laws(closed, contacts, frame, rolling, wrench, inertia):
+def add_laws(
+    closed: Array,
+    contacts: Table,
+    frame: Array | None,
+    rolling: bool,
+    wrench: Array,
+    inertia: Array,
+) -> None:
     """
     Add the linear laws to the wrenches and to the inertias of the links.
 
@@ -248,7 +259,7 @@ def add_laws(closed, contacts, frame, rolling, wrench, inertia):
 
 
 @merged
-def add_point_law(contacts, a, wrench, inertia, i):
+def add_point_law(contacts: Table, a: int, wrench: Array, inertia: Array, i: int) -> None:
     """
     Add the impulse ``P_0 - S gamma`` of contact a, normal and sliding, to link i.
 
@@ -296,7 +307,7 @@ def add_point_law(contacts, a, wrench, inertia, i):
 
 
 @merged
-def add_rolling_law(contacts, a, wrench, inertia, i):
+def add_rolling_law(contacts: Table, a: int, wrench: Array, inertia: Array, i: int) -> None:
     """Add the rolling torque r (P_v, -P_u) of contact a to link i, eqs. (36), (37)."""
     x, y, r = contacts.point[a, 0], contacts.point[a, 1], contacts.radius[a]
     wrench[i, 0] += r * (contacts.P_0[a, 4] - contacts.S_yN[a, ROLLING] * contacts.shift[a])
@@ -316,7 +327,9 @@ def add_rolling_law(contacts, a, wrench, inertia, i):
 
 
 @compiled
-def add_laws_in_frames(closed, contacts, frame, rolling, wrench, inertia):
+def add_laws_in_frames(
+    closed: Array, contacts: Table, frame: Array, rolling: bool, wrench: Array, inertia: Array
+) -> None:
     """
     Do what `add_laws` does, for contacts that have frames: wrench += W P_0, A += W S W^T.
 
@@ -342,7 +355,16 @@ def add_laws_in_frames(closed, contacts, frame, rolling, wrench, inertia):
 
 
 @inlined
-def add_friction_law(contacts, a, kind, normal, along, across, wrench, inertia):
+def add_friction_law(
+    contacts: Table,
+    a: int,
+    kind: int,
+    normal: tuple[float, float, float, float, float, float],
+    along: tuple[float, float, float, float, float, float],
+    across: tuple[float, float, float, float, float, float],
+    wrench: Array,
+    inertia: Array,
+) -> None:
     """
     Add the law of one kind of friction at contact a to its link.
 
@@ -405,7 +427,9 @@ def make_reduced(rows: int) -> Reduced:
 
 
 @inlined
-def reduced_step(laws, closed, contacts, delassus, reduced):
+def reduced_step(
+    laws: Laws, closed: Array, contacts: Table, delassus: Delassus, reduced: Reduced
+) -> bool:
     """
     Fill impulses and velocities with the solution for the laws linear about the trial velocities.
 
@@ -438,7 +462,7 @@ def reduced_step(laws, closed, contacts, delassus, reduced):
 
 
 @inlined
-def reduce_laws(laws, closed, contacts, reduced):
+def reduce_laws(laws: Laws, closed: Array, contacts: Table, reduced: Reduced) -> int:
     """Fill the unknowns, their laws and the held impulses; return how many unknowns there are."""
     count = 0
     for a in closed:
@@ -469,7 +493,9 @@ def reduce_laws(laws, closed, contacts, reduced):
 
 
 @inlined
-def add_unknown(count, row, x, y, compliance, reduced):
+def add_unknown(
+    count: int, row: int, x: float, y: float, compliance: float, reduced: Reduced
+) -> None:
     """Add the unknown of number `count`, with r = (x, y) in a row and the next one."""
     reduced.row[count], reduced.compliance[count] = row, compliance
     reduced.along[count, 0], reduced.along[count, 1] = x, y
@@ -477,7 +503,16 @@ def add_unknown(count, row, x, y, compliance, reduced):
 
 
 @merged
-def reduce_disc(disc, contacts, a, radius, factor, normal, count, reduced):
+def reduce_disc(
+    disc: Disc,
+    contacts: Table,
+    a: int,
+    radius: float,
+    factor: float,
+    normal: int,
+    count: int,
+    reduced: Reduced,
+) -> int:
     """
     Add the unknowns of one kind of friction at contact a; return how many there are then.
 
@@ -529,7 +564,9 @@ def reduce_disc(disc, contacts, a, radius, factor, normal, count, reduced):
 
 
 @inlined
-def held_velocities(closed, width, contacts, delassus, reduced):
+def held_velocities(
+    closed: Array, width: int, contacts: Table, delassus: Delassus, reduced: Reduced
+) -> None:
     """Fill delassus.packed with the velocities that the held impulses leave."""
     G, packed = delassus.operator, delassus.packed
     fill_free_velocities(closed, width, contacts, delassus)
@@ -544,7 +581,9 @@ def held_velocities(closed, width, contacts, delassus, reduced):
 
 
 @inlined
-def fill_responses(count, closed, width, contacts, G, reduced):
+def fill_responses(
+    count: int, closed: Array, width: int, contacts: Table, G: Array, reduced: Reduced
+) -> None:
     """Fill the velocities ``G c`` of the closed contacts for a unit of every unknown."""
     rows = 0
     for a in closed:
@@ -566,7 +605,7 @@ def fill_responses(count, closed, width, contacts, G, reduced):
 
 
 @inlined
-def fill_system(count, velocity, reduced):
+def fill_system(count: int, velocity: Array, reduced: Reduced) -> None:
     """Fill the linear system for the unknowns; `velocity` is that of the held impulses."""
     B = reduced.system
     for u in range(count):
@@ -578,7 +617,7 @@ def fill_system(count, velocity, reduced):
 
 
 @compiled
-def eliminate_columns(B, count, searches):
+def eliminate_columns(B: Array, count: int, searches: bool) -> bool:
     """
     Replace row `count` of B by the solution of ``B[:count].T x = B[count]``.
 
@@ -627,7 +666,7 @@ def eliminate_columns(B, count, searches):
 
 
 @inlined
-def expand(count, closed, width, contacts, reduced):
+def expand(count: int, closed: Array, width: int, contacts: Table, reduced: Reduced) -> bool:
     """Fill the impulses of the contacts from the unknowns; return whether they are finite."""
     P, total = reduced.impulse, 0.0
     for u in range(count):
@@ -645,7 +684,7 @@ def expand(count, closed, width, contacts, reduced):
 
 
 @inlined
-def linear_step(problem, operator, always):
+def linear_step(problem: Problem, operator: Any, always: bool) -> tuple[bool, bool]:
     """
     Fill velocities and impulses with the solution for the laws linear about the trial velocities.
 
@@ -679,7 +718,7 @@ def linear_step(problem, operator, always):
 
 
 @merged
-def solve_linear(problem, always):
+def solve_linear(problem: Problem, always: bool) -> tuple[bool, bool]:
     """Solve the chain together with linear laws; return what `linear_step` returns."""
     laws, closed, contacts, chain = problem
     rolling = laws.rolling.mu_x > 0.0
@@ -708,7 +747,7 @@ def solve_linear(problem, always):
 
 
 @inlined
-def is_far(closed, contacts):
+def is_far(closed: Array, contacts: Table) -> bool:
     """Return whether a contact velocity is farther than FAR from the trial velocity."""
     farthest = 0.0
     for a in closed:
@@ -718,7 +757,7 @@ def is_far(closed, contacts):
 
 
 @inlined
-def list_pairs_last(closed, contacts, pairs):
+def list_pairs_last(closed: Array, contacts: Table, pairs: Delassus | None) -> None:
     """
     Move the contacts of two links behind all others, as `solve_linear` needs them.
 
@@ -737,7 +776,7 @@ def list_pairs_last(closed, contacts, pairs):
 
 
 @inlined
-def count_single(closed, contacts, pairs):
+def count_single(closed: Array, contacts: Table, pairs: Delassus | None) -> int:
     """Return the number of contacts that are not of two links; these are listed last."""
     if pairs is None:
         return len(closed)
@@ -748,7 +787,9 @@ def count_single(closed, contacts, pairs):
 
 
 @inlined
-def couple_pairs(again, closed, width, contacts, chain, pairs):
+def couple_pairs(
+    again: bool, closed: Array, width: int, contacts: Table, chain: Chain, pairs: Delassus | None
+) -> float:
     """
     Solve for the contacts of links with each other, and add what they do to the twists.
 
@@ -796,7 +837,9 @@ def couple_pairs(again, closed, width, contacts, chain, pairs):
 
 
 @compiled
-def condense_pairs(closed, width, contacts, chain, pairs):
+def condense_pairs(
+    closed: Array, width: int, contacts: Table, chain: Chain, pairs: Delassus
+) -> None:
     """Fill G of the contacts of two links on the factored chain; set their impulses to 0."""
     for a in closed:
         contacts.impulse[a] = 0.0
@@ -822,7 +865,7 @@ def condense_pairs(closed, width, contacts, chain, pairs):
 
 
 @compiled
-def solve_correction(closed, width, contacts, delassus):
+def solve_correction(closed: Array, width: int, contacts: Table, delassus: Delassus) -> None:
     """
     Fill the impulses with a correction for what the laws leave at the present velocities.
 
@@ -847,7 +890,7 @@ def solve_correction(closed, width, contacts, delassus):
 
 
 @inlined
-def add_kept_impulses(closed, width, contacts, delassus):
+def add_kept_impulses(closed: Array, width: int, contacts: Table, delassus: Delassus) -> None:
     """Add the impulses that `solve_correction` kept to its correction."""
     for k, a in enumerate(closed):
         for j in range(width):

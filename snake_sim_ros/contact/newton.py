@@ -29,13 +29,21 @@ Where rounding does, the residual alone decides whether the step converged.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from snake_sim_ros.contact.admissible import anchor_at_iterate, without_gain
 from snake_sim_ros.contact.delassus import condense, condensed_twists, Delassus, make_delassus
-from snake_sim_ros.contact.laws import anchored_disc, grip, natural_map, rolling_disc, sliding_disc
+from snake_sim_ros.contact.laws import (
+    anchored_disc,
+    Disc,
+    grip,
+    Laws,
+    natural_map,
+    rolling_disc,
+    sliding_disc,
+)
 from snake_sim_ros.contact.linear_problem import (
     disc_law,
     linear_step,
@@ -44,9 +52,10 @@ from snake_sim_ros.contact.linear_problem import (
     normal_law,
     Reduced,
 )
-from snake_sim_ros.contact.problem import FREE, Outcome, solve
+from snake_sim_ros.contact.problem import FREE, Outcome, Problem, solve
 from snake_sim_ros.contact.sweeps import improve, predict, remember
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.articulated_body import Chain
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
 from snake_sim_ros.scene.parameters import Array
 
 # Of normal impulses, relative to the largest one of a step. Estimates may be five times off.
@@ -69,8 +78,50 @@ RESTART_ROUNDS = 24  # rounds after which radii restart if links can touch; see 
 MOST_RELAXATION = 64.0  # largest share of a radius step that the radii move by
 
 
+class Operator(NamedTuple):
+    """The Delassus operator of few contacts, and arrays for linear problems on it."""
+
+    delassus: Delassus
+    reduced: Reduced
+    most: int  # largest number of contacts that are condensed
+    swept: int  # how often sweeps over the contacts are tried
+    is_condensed: Array  # (1,) 1 if the contacts of this step are
+
+
+class Newton(NamedTuple):
+    """Newton's method on the Delassus operator or, for more contacts, on the chain of links."""
+
+    operator: Operator | None  # None: always on the chain, and only that is compiled
+
+
+def make_operator(most: int, width: int, links: int, swept: int = MOST_SWEPT) -> Operator:
+    """
+    Return the arrays for contacts on the Delassus operator.
+
+    Parameters
+    ----------
+    most : int
+        Largest number of closed contacts for which the Delassus operator is formed.
+    width : int
+        Components of a contact: 3, or 5 with rolling friction.
+    links : int
+        Number of links.
+    swept : int
+        How often sweeps over the contacts are tried. Where more contacts stick than hold a robot,
+        they leave impulses of friction that press its links against each other.
+
+    """
+    return Operator(
+        make_delassus(width * most, links),
+        make_reduced(width * most),
+        most,
+        swept,
+        np.zeros(1, np.int64),
+    )
+
+
 @compiled
-def law_error(laws, closed, contacts, fraction):
+def law_error(laws: Laws, closed: Array, contacts: Table, fraction: float) -> tuple[float, float]:
     """
     Compare impulses and laws at a fraction of the way from the trial to the solution.
 
@@ -115,7 +166,9 @@ def law_error(laws, closed, contacts, fraction):
 
 
 @inlined
-def disc_law_error(disc, contacts, a, radius, fraction):
+def disc_law_error(
+    disc: Disc, contacts: Table, a: int, radius: float, fraction: float
+) -> tuple[float, float]:
     """Return |P - P(gamma)| of one kind of friction at contact a, and its part of the slope."""
     k = disc.column
     x, y = contacts.trial[a, k], contacts.trial[a, k + 1]
@@ -131,7 +184,7 @@ def disc_law_error(disc, contacts, a, radius, fraction):
 
 
 @inlined
-def line_search(laws, closed, contacts):
+def line_search(laws: Laws, closed: Array, contacts: Table) -> float:
     """
     Return the fraction of the way at which the slope of `law_error` nearly vanishes.
 
@@ -163,7 +216,7 @@ def line_search(laws, closed, contacts):
 
 
 @inlined
-def move_trial(closed, contacts, fraction):
+def move_trial(closed: Array, contacts: Table, fraction: float) -> None:
     """
     Move trial and iterate of the contacts a fraction of the way to the solution.
 
@@ -183,7 +236,7 @@ def move_trial(closed, contacts, fraction):
 
 
 @inlined
-def largest_load(closed, contacts):
+def largest_load(closed: Array, contacts: Table) -> float:
     """Return the largest normal impulse of the closed contacts [N s]."""
     largest = 0.0
     for a in closed:
@@ -192,14 +245,14 @@ def largest_load(closed, contacts):
 
 
 @inlined
-def small_load(closed, contacts, tolerance):
+def small_load(closed: Array, contacts: Table, tolerance: float) -> float:
     """Return what may be wrong of a normal impulse [N s], for a tolerance of the residual."""
     share = LOAD_ACCURACY * max(1.0, tolerance / USUAL_TOLERANCE)
     return share * largest_load(closed, contacts)
 
 
 @inlined
-def largest_correction(closed, contacts):
+def largest_correction(closed: Array, contacts: Table) -> float:
     """Return by how much the last iteration changed a normal impulse, at most [N s]."""
     largest = 0.0
     for a in closed:
@@ -208,7 +261,9 @@ def largest_correction(closed, contacts):
 
 
 @compiled
-def is_negligible(laws, closed, contacts, residual, tolerance):
+def is_negligible(
+    laws: Laws, closed: Array, contacts: Table, residual: float, tolerance: float
+) -> bool:
     """
     Return whether any velocities up to a residual [m/s] leave the loads accurate.
 
@@ -221,7 +276,9 @@ def is_negligible(laws, closed, contacts, residual, tolerance):
 
 
 @compiled
-def loads_are_accurate(laws, closed, contacts, residual, tolerance):
+def loads_are_accurate(
+    laws: Laws, closed: Array, contacts: Table, residual: float, tolerance: float
+) -> bool:
     """
     Return whether a residual [m/s] that is left of friction alone leaves the loads accurate.
 
@@ -235,7 +292,9 @@ def loads_are_accurate(laws, closed, contacts, residual, tolerance):
 
 
 @compiled
-def friction_is_accurate(laws, closed, contacts, residual, wrong):
+def friction_is_accurate(
+    laws: Laws, closed: Array, contacts: Table, residual: float, wrong: float
+) -> bool:
     """Return whether friction leaves the loads accurate to `wrong` [N s]; see the module."""
     still = laws.compliance * wrong
     most = wrong / residual
@@ -263,13 +322,13 @@ def friction_is_accurate(laws, closed, contacts, residual, wrong):
 
 
 @inlined
-def speed(contacts, a, k):
+def speed(contacts: Table, a: int, k: int) -> float:
     """Return the length of the components k and k+1 of the velocity of contact a [m/s]."""
     return math.sqrt(contacts.gamma[a, k] ** 2 + contacts.gamma[a, k + 1] ** 2)
 
 
 @inlined
-def turns_little(disc, radius, r, v, most):
+def turns_little(disc: Disc, radius: float, r: float, v: float, most: float) -> bool:
     """
     Return whether a residual leaves little of the impulse of friction that slides at v [m/s].
 
@@ -280,9 +339,9 @@ def turns_little(disc, radius, r, v, most):
 
 
 @inlined
-def corrections_end(correction, before, wrong):
+def corrections_end(correction: float, before: float, wrong: float) -> bool:
     """
-    Return whether the corrections to come add up to less than `wrong` [N s].
+    Return whether the remaining corrections add up to less than `wrong` [N s].
 
     Those of linear convergence are a geometric series. `correction` is the last one and `before`
     the one before it, infinite if there was none.
@@ -292,7 +351,15 @@ def corrections_end(correction, before, wrong):
 
 
 @inlined
-def refines(laws, closed, contacts, residual, tolerance, best, before):
+def refines(
+    laws: Laws,
+    closed: Array,
+    contacts: Table,
+    residual: float,
+    tolerance: float,
+    best: float,
+    before: float,
+) -> tuple[float, float, bool]:
     """
     Return whether Newton's method continues although its residual is within the tolerance.
 
@@ -321,7 +388,14 @@ def refines(laws, closed, contacts, residual, tolerance, best, before):
 
 
 @merged
-def iterate_laws(problem, tolerance, limit, operator, rounds, held):
+def iterate_laws(
+    problem: Problem,
+    tolerance: float,
+    limit: int,
+    operator: Operator | None,
+    rounds: int,
+    held: bool,
+) -> tuple[int, float, float, bool]:
     """
     Iterate with disc radii that are held, which is a convex problem, or that follow the loads.
 
@@ -383,7 +457,7 @@ def iterate_laws(problem, tolerance, limit, operator, rounds, held):
 
 
 @merged
-def iterate(problem, tolerance, limit, operator):
+def iterate(problem: Problem, tolerance: float, limit: int, operator: Operator | None) -> Outcome:
     """
     Find impulses and twists that satisfy the contact laws, from what `predict` filled.
 
@@ -445,7 +519,7 @@ def iterate(problem, tolerance, limit, operator):
 
 
 @inlined
-def end_held(relaxation, closed, contacts):
+def end_held(relaxation: float, closed: Array, contacts: Table) -> None:
     """Move the radii that are held by a share of their steps, and keep the end of the round."""
     for a in closed:
         contacts.held_radius[a] = max(
@@ -457,8 +531,8 @@ def end_held(relaxation, closed, contacts):
 
 
 @inlined
-def begin_held(rounds, closed, contacts):
-    """Return to the end of the last round or, before the first one, hold the radii of now."""
+def begin_held(rounds: int, closed: Array, contacts: Table) -> None:
+    """Return to the end of the last round or, before the first one, hold the present radii."""
     for a in closed:
         if rounds > 0:
             for j in range(5):
@@ -470,7 +544,7 @@ def begin_held(rounds, closed, contacts):
 
 
 @inlined
-def restart_radii(rounds, closed, contacts, pairs):
+def restart_radii(rounds: int, closed: Array, contacts: Table, pairs: Delassus) -> None:
     """
     Hold other radii if the rounds cycle: no friction, and later much of it everywhere.
 
@@ -491,7 +565,7 @@ def restart_radii(rounds, closed, contacts, pairs):
 
 
 @inlined
-def find_radius_steps(closed, contacts):
+def find_radius_steps(closed: Array, contacts: Table) -> tuple[float, float]:
     """
     Fill the differences between the normal impulses and the radii that were held for them.
 
@@ -513,7 +587,7 @@ def find_radius_steps(closed, contacts):
 
 
 @inlined
-def next_relaxation(relaxation, along, before, rounds):
+def next_relaxation(relaxation: float, along: float, before: float, rounds: int) -> float:
     """
     Return the share of `radius_step` by which the radii move next.
 
@@ -536,58 +610,18 @@ def next_relaxation(relaxation, along, before, rounds):
     return relaxation
 
 
-class Operator(NamedTuple):
-    """The Delassus operator of few contacts, and arrays for linear problems on it."""
-
-    delassus: Delassus
-    reduced: Reduced
-    most: int  # largest number of contacts that are condensed
-    swept: int  # how often sweeps over the contacts are tried
-    is_condensed: Array  # (1,) 1 if the contacts of this step are
-
-
-class Newton(NamedTuple):
-    """Newton's method on the Delassus operator or, for more contacts, on the chain of links."""
-
-    operator: Operator | None  # None: always on the chain, and only that is compiled
-
-
-def make_operator(most: int, width: int, links: int, swept: int = MOST_SWEPT) -> Operator:
-    """
-    Return the arrays for contacts on the Delassus operator.
-
-    Parameters
-    ----------
-    most : int
-        Largest number of closed contacts for which the Delassus operator is formed.
-    width : int
-        Components of a contact: 3, or 5 with rolling friction.
-    links : int
-        Number of links.
-    swept : int
-        How often sweeps over the contacts are tried. Where more contacts stick than hold a robot,
-        they leave impulses of friction that press its links against each other.
-
-    """
-    return Operator(
-        make_delassus(width * most, links),
-        make_reduced(width * most),
-        most,
-        swept,
-        np.zeros(1, np.int64),
-    )
-
-
 @solve.register(Newton)
 @inlined
-def solve_contacts(solver, model, problem, history, limit):
+def solve_contacts(
+    solver: Newton, model: Any, problem: Problem, history: Any, limit: int
+) -> Outcome:
     """Solve the contacts of a step; see `problem.solve`."""
     prepare_contacts(solver.operator, problem)
     return solve_prepared(solver.operator, model, problem, history, limit)
 
 
 @inlined
-def prepare_contacts(operator, problem):
+def prepare_contacts(operator: Operator | None, problem: Problem) -> None:
     """
     Condense the contacts, if they are few, for any number of calls of `solve_prepared`.
 
@@ -603,13 +637,15 @@ def prepare_contacts(operator, problem):
 
 
 @compiled
-def condense_anew(operator, problem):
+def condense_anew(operator: Operator, problem: Problem) -> None:
     """Condense other contacts of the same step, if they are few; see `prepare_contacts`."""
     prepare_contacts(operator, problem)
 
 
 @merged
-def solve_prepared(operator, model, problem, history, limit):
+def solve_prepared(
+    operator: Operator | None, model: Any, problem: Problem, history: Any, limit: int
+) -> Outcome:
     """Solve contacts after `prepare_contacts`; see `problem.solve`."""
     laws, closed, contacts, chain = problem
     predict(laws, closed, contacts, history)
@@ -624,7 +660,7 @@ def solve_prepared(operator, model, problem, history, limit):
 
 
 @inlined
-def attempts_with_sweeps(operator):
+def attempts_with_sweeps(operator: Operator | None) -> int:
     """Return how often sweeps over the contacts are tried in this step."""
     if operator is not None and operator.is_condensed[0] > 0:
         return operator.swept
@@ -632,14 +668,18 @@ def attempts_with_sweeps(operator):
 
 
 @inlined
-def sweep_contacts(laws, closed, contacts, operator, sweeps):
+def sweep_contacts(
+    laws: Laws, closed: Array, contacts: Table, operator: Operator, sweeps: int
+) -> None:
     """Do some sweeps over the contacts of the operator; see `sweeps.improve`."""
     if operator is not None:
         improve(laws, closed, contacts, operator.delassus, sweeps)
 
 
 @inlined
-def fill_twists(laws, closed, contacts, chain, operator):
+def fill_twists(
+    laws: Laws, closed: Array, contacts: Table, chain: Chain, operator: Operator | None
+) -> None:
     """Fill the twists of the links that impulses found on the operator cause."""
     if operator is not None:
         if operator.is_condensed[0]:

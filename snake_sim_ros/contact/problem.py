@@ -20,7 +20,7 @@ import numpy as np
 
 from snake_sim_ros.contact.laws import Laws
 from snake_sim_ros.dynamics.articulated_body import Chain
-from snake_sim_ros.dynamics.compilation import Dispatched, record_array
+from snake_sim_ros.dynamics.compilation import Dispatched, record_array, Table
 from snake_sim_ros.scene.parameters import Array
 
 CONTACT = np.dtype(
@@ -87,7 +87,7 @@ class Problem(NamedTuple):
 
     laws: Laws
     closed: Array  # (k,) numbers of the closed contacts
-    contacts: Any  # (c,) table of all contacts, see `make_table`
+    contacts: Table  # (c,) table of all contacts, see `make_table`
     chain: Chain
 
 
@@ -95,14 +95,14 @@ class Outcome(NamedTuple):
     """How a contact solver ended."""
 
     iterations: int
-    converged: bool
+    converged: bool  # whether the residual is within the tolerance
     residual: float  # natural-map residual with the selection rule [m/s], see `natural_map`
     printed_residual: float  # without the rule [m/s]
     fell_back: bool  # whether a slower method had to help
 
 
 @Dispatched
-def solve(solver, model, problem, history, limit):
+def solve(solver: Any, model: Any, problem: Problem, history: Any, limit: int) -> Outcome:  # type: ignore[empty-body]
     """
     Solve the contact problem of a step with the method that belongs to the type of `solver`.
 

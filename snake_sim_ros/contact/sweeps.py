@@ -9,22 +9,28 @@ its contacts are predicted, and where they are condensed, some sweeps improve th
 """
 
 import math
+from typing import Any
 
-from snake_sim_ros.contact.delassus import condensed_velocities
+from snake_sim_ros.contact.delassus import condensed_velocities, Delassus
 from snake_sim_ros.contact.laws import (
+    Disc,
     grip,
+    Laws,
     prox_disc,
     prox_ellipse,
     prox_half_line,
     rolling_disc,
     sliding_disc,
 )
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
+from snake_sim_ros.scene.parameters import Array
 
 
 @merged
-def sweep(laws, closed, width, contacts, delassus, impulse):
-    """Project the impulse of every closed contact once, with the velocities of that moment."""
+def sweep(
+    laws: Laws, closed: Array, width: int, contacts: Table, delassus: Delassus, impulse: Array
+) -> None:
+    """Project the impulse of every closed contact once, with up-to-date velocities."""
     G, gamma, rows = delassus.operator, delassus.packed, width * len(closed)
     for k, a in enumerate(closed):
         row = width * k
@@ -42,7 +48,16 @@ def sweep(laws, closed, width, contacts, delassus, impulse):
 
 
 @inlined
-def project_normal(laws, G, gamma, rows, row, contacts, impulse, a):
+def project_normal(
+    laws: Laws,
+    G: Array,
+    gamma: Array,
+    rows: int,
+    row: int,
+    contacts: Table,
+    impulse: Array,
+    a: int,
+) -> float:
     """
     Project and return the normal impulse of contact a [N s].
 
@@ -74,7 +89,9 @@ def project_normal(laws, G, gamma, rows, row, contacts, impulse, a):
 
 
 @compiled
-def project_sliding(laws, G, gamma, rows, row, impulse, a, radius):
+def project_sliding(
+    laws: Laws, G: Array, gamma: Array, rows: int, row: int, impulse: Array, a: int, radius: float
+) -> None:
     """
     Project the sliding impulse of contact a.
 
@@ -90,7 +107,9 @@ def project_sliding(laws, G, gamma, rows, row, impulse, a, radius):
 
 
 @compiled
-def set_impulse(G, gamma, rows, column, impulse, a, j, P):
+def set_impulse(
+    G: Array, gamma: Array, rows: int, column: int, impulse: Array, a: int, j: int, P: float
+) -> None:
     """
     Set component j of the impulse of contact a to P, and update the velocities for the change.
 
@@ -105,14 +124,14 @@ def set_impulse(G, gamma, rows, column, impulse, a, j, P):
 
 
 @compiled
-def largest_eigenvalue(G, k):
+def largest_eigenvalue(G: Array, k: int) -> float:
     """Return the larger eigenvalue of the 2x2 block of G that begins at k."""
     half, off = 0.5 * (G[k, k] - G[k + 1, k + 1]), G[k, k + 1]
     return 0.5 * (G[k, k] + G[k + 1, k + 1]) + math.sqrt(half * half + off * off)
 
 
 @merged
-def predict(laws, closed, contacts, history):
+def predict(laws: Laws, closed: Array, contacts: Table, history: Any) -> None:
     """
     Fill trial velocities and anchors: impulses and velocities continue to change as they did.
 
@@ -140,7 +159,7 @@ def predict(laws, closed, contacts, history):
 
 
 @inlined
-def improve(laws, closed, contacts, delassus, sweeps):
+def improve(laws: Laws, closed: Array, contacts: Table, delassus: Delassus, sweeps: int) -> None:
     """
     Improve predicted impulses by a few projections of each contact on the Delassus operator.
 
@@ -178,7 +197,9 @@ def improve(laws, closed, contacts, delassus, sweeps):
 
 
 @inlined
-def project_scaled(disc, G, gamma, rows, k, impulse, a, radius):
+def project_scaled(
+    disc: Disc, G: Array, gamma: Array, rows: int, k: int, impulse: Array, a: int, radius: float
+) -> bool:
     """
     Project the friction of contact a on a disc, with the scaled impulses of `linear_problem`.
 
@@ -214,7 +235,7 @@ def project_scaled(disc, G, gamma, rows, k, impulse, a, radius):
 
 
 @merged
-def remember(closed, contacts, history):
+def remember(closed: Array, contacts: Table, history: Any) -> None:
     """
     Fill the history with impulses, velocities and changes of the closed contacts, 0 for open ones.
 

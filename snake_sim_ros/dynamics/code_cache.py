@@ -153,7 +153,7 @@ class Locator(_CacheLocator):  # type: ignore[misc]
         return ''
 
     def get_disambiguator(self) -> str:
-        """Return what tells functions of the same name in one module apart."""
+        """Return what distinguishes functions of the same name in one module."""
         return str(self.line)
 
     @classmethod
@@ -211,7 +211,7 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Save the code for some types of arguments, if the disk takes it."""
+        """Save the code for some types of arguments, if they can be written."""
         with suppress(OSError):  # The folder was deleted, or the disk is full.
             # Numba reads the index of a function, and then writes it with one more.
             with locked():
@@ -219,7 +219,7 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
         self.unlock()
 
     def unlock(self) -> None:
-        """Let other processes compile the function that this one has begun with."""
+        """Let other processes compile the function that this one had begun."""
         if self._lock:
             self._lock.close()
             self._lock = None
@@ -227,7 +227,7 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
 
 @contextmanager
 def locked() -> Iterator[None]:
-    """Let other processes wait that write to the folder."""
+    """Make other processes that write to the folder wait."""
     assert FOLDER
     with (FOLDER / 'lock').open('w') as file:
         fcntl.flock(file, fcntl.LOCK_EX)

@@ -21,7 +21,7 @@ Assumption: the paper has no such loop.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,7 +33,15 @@ START, MIDPOINT, AVERAGE, END = range(len(PD_SCHEMES))
 
 
 @compiled
-def pd_law(scheme, dt, start, mid, reference, stiffness, damping):
+def pd_law(
+    scheme: int,
+    dt: float,
+    start: Any,
+    mid: Any,
+    reference: tuple[float, float],
+    stiffness: float,
+    damping: float,
+) -> tuple[float, float]:
     """
     Return torque and damping of the law ``torque - damping * rate_end`` that acts in a step.
 
@@ -82,7 +90,14 @@ def pd_law(scheme, dt, start, mid, reference, stiffness, damping):
 
 
 @compiled
-def implicit_pd_law(dt, angle, rate, reference, stiffness, damping):
+def implicit_pd_law(
+    dt: float,
+    angle: float,
+    rate: float,
+    reference: tuple[float, float],
+    stiffness: float,
+    damping: float,
+) -> tuple[float, float]:
     """
     Return torque and damping as `pd_law` does, with all at the end, linear about a predicted end.
 
@@ -108,7 +123,7 @@ class ControlLoop(NamedTuple):
     present: bool  # whether controllers have sampled or late inputs, or take torques as commands
     period: int  # steps from one reading of the encoders to the next; 0: they are read always
     hold: int  # steps from one reference that is taken to the next; 0: all are taken
-    delay: int  # steps after which a reference counts
+    delay: int  # steps after which a reference takes effect
     resolution: float  # of the encoders [rad]; 0: they are exact
 
 
@@ -123,8 +138,8 @@ class ControlMemory(NamedTuple):
     rate: Array  # (n-1, 2) held reference rate [rad/s]
     wait: Array  # (2,) steps to the next reading of the encoders, and of the references
     next: Array  # (1,) the oldest place in the queue, from 1; 0 before the first step
-    queue: Array  # (delay, 2, n-1, 2) references (angle, rate) that do not count yet
-    late: Array  # (2, n-1, 2) references that count in this step
+    queue: Array  # (delay, 2, n-1, 2) references (angle, rate) that are not in effect yet
+    late: Array  # (2, n-1, 2) references in effect in this step
     told: Array  # (2, n-1, 2) references that are held, with rates 0
 
 
@@ -169,9 +184,11 @@ def make_control_memory(scene: Scene) -> ControlMemory:
 
 
 @compiled
-def references_that_count(loop, memory, dt, angle, rate):
+def references_that_count(
+    loop: ControlLoop, memory: ControlMemory, dt: float, angle: Array, rate: Array
+) -> tuple[Array, Array]:
     """
-    Return the references of a step of dt [s], shapes (n-1, 2); those given are the newest.
+    Return the references in effect in a step of dt [s], (n-1, 2); those given are the newest.
 
     Before the first step the robot held the angles with which that step begins.
     """
@@ -195,8 +212,10 @@ def references_that_count(loop, memory, dt, angle, rate):
 
 
 @compiled
-def references_that_are_held(loop, memory, dt, angle, rate):
-    """Return the references of a step as a loop holds them that takes one once a period."""
+def references_that_are_held(
+    loop: ControlLoop, memory: ControlMemory, dt: float, angle: Array, rate: Array
+) -> tuple[Array, Array]:
+    """Return the references of a step as held by a loop that takes one once a period."""
     if loop.hold == 0:
         return angle, rate
     if memory.wait[1] == 0.0:
@@ -209,9 +228,16 @@ def references_that_are_held(loop, memory, dt, angle, rate):
 
 
 @inlined
-def read_by_controllers(loop, memory, dt, start, angle, rate):
+def read_by_controllers(
+    loop: ControlLoop,
+    memory: ControlMemory,
+    dt: float,
+    start: tuple[Array, Array, float],
+    angle: Array,
+    rate: Array,
+) -> tuple[Array, Array]:
     """
-    Return the references (n-1, 2) that count in a step, after what the loop reads at its start.
+    Return the references (n-1, 2) in effect in a step, after what the loop reads at its start.
 
     Parameters
     ----------
@@ -245,14 +271,16 @@ def read_by_controllers(loop, memory, dt, start, angle, rate):
 
 
 @inlined
-def torques_jump(loop, memory):
+def torques_jump(loop: ControlLoop, memory: ControlMemory) -> bool:
     """Return whether what is held changed as `read_by_controllers` began the step."""
     reads = loop.period > 0 and memory.wait[0] == loop.period - 1
     return reads or (loop.hold > 0 and memory.wait[1] == loop.hold - 1)
 
 
 @compiled
-def held_torque(loop, memory, j, k, stiffness, rate):
+def held_torque(
+    loop: ControlLoop, memory: ControlMemory, j: int, k: int, stiffness: float, rate: float
+) -> tuple[float, float, float]:
     """
     Return what is held on axis k of joint j, and what its controller knows at any time.
 
@@ -264,7 +292,7 @@ def held_torque(loop, memory, j, k, stiffness, rate):
     stiffness : float
         Of the controller [N m/rad].
     rate : float
-        Reference that counts in the step [rad/s].
+        Reference in effect in the step [rad/s].
 
     Returns
     -------

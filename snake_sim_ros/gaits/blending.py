@@ -11,8 +11,8 @@ frequency, so a new frequency keeps the phase. Changes may come at any time, als
 the weights of all gaits remain positive and sum to 1. Every convex condition that holds for each
 gait therefore holds in between. The limits of the joints are such conditions, see `check_limits`.
 
-The table of a gait is one more term of the sum, with the weight of the gait. It goes on from the
-beginning of the very first gait, whenever it is blended in.
+The table of a gait is one more term of the sum, with the weight of the gait. Its time runs
+from the beginning of the very first gait, whenever it is blended in.
 
 A robot that does not stand where its gait begins blends from its posture into the gait in the same
 way: the posture is one more term of the sum, with the first weight, and has no phase.
@@ -184,8 +184,8 @@ class Blend:
         for k, table in enumerate(self.tables):
             if table:
                 w, w_dot = weight[..., k, None, None], weight_dot[..., k, None, None]
-                told, told_rate = table.reference(t[..., 0])
-                angle, rate = angle + w * told, rate + w * told_rate + w_dot * told
+                of_table, rate_of_table = table.reference(t[..., 0])
+                angle, rate = angle + w * of_table, rate + w * rate_of_table + w_dot * of_table
         fade, fade_dot = (value[..., None] for value in soft_start(t, self.fade_in))
         angle, rate = fade * angle, fade * rate + fade_dot * angle
         if self.entry:
@@ -264,8 +264,8 @@ def check_reach(gait: Gait, robot: Robot) -> None:
         If amplitude plus offset plus the largest angle of the table is too large.
 
     """
-    told = gait.table.largest()[0].max(axis=0).tolist() if gait.table else [0.0, 0.0]
-    for axis, wave, most in (('yaw', gait.yaw, told[0]), ('pitch', gait.pitch, told[1])):
+    largest = gait.table.largest()[0].max(axis=0).tolist() if gait.table else [0.0, 0.0]
+    for axis, wave, most in (('yaw', gait.yaw, largest[0]), ('pitch', gait.pitch, largest[1])):
         reach = abs(wave.amplitude) + abs(wave.offset) + most
         plus = ' plus the largest angle of gait.table' if most else ''
         if reach > robot.joint_limit:

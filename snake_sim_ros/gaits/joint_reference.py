@@ -15,7 +15,7 @@ from snake_sim_ros.scene.posture import initial_coordinates, joint_angles
 
 
 @compiled
-def sample_command(times, stamp, told_angle, told_rate, horizon, angle, rate):
+def sample_command(times, stamp, command_angle, command_rate, horizon, angle, rate):
     """
     Fill angles that change at their rates for a while after their stamps and are held afterwards.
 
@@ -23,7 +23,7 @@ def sample_command(times, stamp, told_angle, told_rate, horizon, angle, rate):
     ----------
     times : ndarray, shape (m,)
         Times to sample at [s].
-    stamp, told_angle, told_rate : ndarray, shape (k,)
+    stamp, command_angle, command_rate : ndarray, shape (k,)
         Time of the command [s], angle [rad] and rate [rad/s] of every axis.
     horizon : float
         Time for which a rate acts [s].
@@ -34,8 +34,8 @@ def sample_command(times, stamp, told_angle, told_rate, horizon, angle, rate):
     for i in range(len(times)):
         for k in range(len(stamp)):
             age = times[i] - stamp[k]
-            angle[i, k] = told_angle[k] + min(age, horizon) * told_rate[k]
-            rate[i, k] = told_rate[k] if age <= horizon else 0.0
+            angle[i, k] = command_angle[k] + min(age, horizon) * command_rate[k]
+            rate[i, k] = command_rate[k] if age <= horizon else 0.0
 
 
 @compiled
@@ -228,8 +228,8 @@ class JointReference:
         """
         shape = (len(times), *self.stamp.shape)
         sampled = np.empty((2, len(times), self.stamp.size))
-        told = self.stamp.ravel(), self.angle.ravel(), self.rate.ravel()
-        sample_command(times, *told, float(horizon), *sampled)
+        command = self.stamp.ravel(), self.angle.ravel(), self.rate.ravel()
+        sample_command(times, *command, float(horizon), *sampled)
         for motion in self.motions:
             if motion.begin > times[-1]:
                 break
@@ -278,8 +278,8 @@ class JointReference:
             sampled = np.empty((2, 1, self.stamp.size))
             sample_motion(np.array([over.end]), over.axes, over.times, over.coefficients, *sampled)
             axes = over.axes[over.axes != NONE]
-            told = sampled[:, 0, axes]
-            reference = replace(reference, motions=()).commanded(axes, over.end, *told)
+            last = sampled[:, 0, axes]
+            reference = replace(reference, motions=()).commanded(axes, over.end, *last)
         return replace(reference, motions=(*kept, *waiting))
 
 
@@ -309,11 +309,11 @@ ROUNDING = 1e-9  # rad by which a reference may be further than it may go
 
 class LimitedReference:
     """
-    Holds references back that would move faster than a limit.
+    Holds back references that would move faster than a rate limit.
 
-    Within a publish period a reference may go as far as the limit allows in that time, at once if
-    it is told so: commands without rates come in steps. It is left as it is, to the bit. One that
-    goes further is led to what it is told at the limit.
+    Within a publish period a reference may move as far as the limit allows in that time, in a
+    single jump if commanded so: commands without rates arrive in steps. Such a reference is left
+    unchanged, to the bit. One that moves further approaches its command at the rate limit.
 
     Parameters
     ----------
@@ -325,7 +325,7 @@ class LimitedReference:
     Attributes
     ----------
     count : int
-        How often a reference of a joint began to be held back.
+        How many times a joint reference began to be held back.
 
     """
 
@@ -342,14 +342,14 @@ class LimitedReference:
         self, times: Array, angle: Array, rate: Array, *, period: float, limit: float
     ) -> tuple[Array, Array]:
         """
-        Return references that the joints may follow.
+        Return references within the rate limit.
 
         Parameters
         ----------
         times : ndarray, shape (m,)
             Increasing, after the last ones [s].
         angle, rate : ndarray, shape (m, n-1, 2)
-            What is told [rad], [rad/s].
+            Commanded [rad], [rad/s].
         period : float
             Publish period [s].
         limit : float

@@ -6,9 +6,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-import math
-import time
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from builtin_interfaces.msg import Time
 import numpy as np
@@ -27,7 +25,7 @@ from snake_sim_ros.gaits.joint_reference import (
     Motion,
     start_posture,
 )
-from snake_sim_ros.nodes.executors import ThrottledWarnings
+from snake_sim_ros.nodes.executors import Refusals, ThrottledWarnings
 from snake_sim_ros.nodes.messages import seconds_from
 from snake_sim_ros.nodes.received_commands import (
     extrapolated,
@@ -40,7 +38,6 @@ from snake_sim_ros.nodes.received_commands import (
     RejectedCommand,
 )
 from snake_sim_ros.nodes.sim_parameters import Settings
-from snake_sim_ros.nodes.trajectory_action import Tracked
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.controlled import command_effort, commanded_effort
 from snake_sim_ros.stepping.levels import is_vertical, what_is_told
@@ -49,11 +46,19 @@ from snake_sim_ros.stepping.simulation import Simulation
 
 C = TypeVar('C', bound=ReceivedCommand)
 LATEST = QoSProfile(depth=1)  # A newer command replaces one that waits.
-# Bytes of a trajectory that are read in about 3 ms, which is 550 points of 20 joints with
-# velocities, or 1100 without. rclpy holds the GIL while it makes objects of the points, 60 ms for
-# 10 000 of them; a thread would not help, and a publish period is 5 ms.
-LARGEST = 200_000
-REMEMBERED = 10.0  # s of wall time for which a rejection is in the diagnostics
+# Bytes of a trajectory, read in half a publish period of 5 ms: 275 points of 20 joints with
+# velocities, or 500 without. rclpy makes objects of them, 6 us a point, and holds the GIL for it,
+# so that a second thread would not help; 10 000 points take 60 ms, and 30 ms to be checked.
+LARGEST = 100_000
+
+
+class Tracked(NamedTuple):
+    """Where the joints of a trajectory are commanded to be and where they are, shape (k,)."""
+
+    told_angle: Array  # [rad]
+    told_rate: Array  # [rad/s]
+    angle: Array  # [rad]
+    rate: Array  # [rad/s]
 
 
 class CommandInbox:
@@ -73,8 +78,8 @@ class CommandInbox:
     ----------
     settings : Settings
         The node replaces them when its parameters change.
-    rejected, clamped : int
-        How many commands were rejected, and how many were clamped to the joint limit.
+    clamped : int
+        How many commands were clamped to the joint limit.
     limiter : LimitedReference
         Leads joints to their commands, no faster than they may turn.
     is_open : bool
@@ -88,7 +93,7 @@ class CommandInbox:
         self, node: Node, simulation: Simulation, settings: Settings, warn: ThrottledWarnings
     ) -> None:
         self.settings = settings
-        self.rejected = self.clamped = 0
+        self.clamped = 0
         self.watch: Callable[[float], None] | None = None
         self.is_open = False
         self._simulation, self._warn = simulation, warn
@@ -98,8 +103,7 @@ class CommandInbox:
         self._void = 0.0  # time up to which stamped commands are void [s]
         self._stream = ''  # topic on which commands follow each other
         self._silent = ''  # topic of a stream that stopped
-        self._rejection = ''  # the last one, as a sentence
-        self._rejected_at = -math.inf  # wall time of it [s]
+        self._refusals = Refusals(warn)
         self._early: dict[str, Callable[[], None]] = {}  # topic -> how to take its last command
         self._topics: dict[str, Any] = {}  # with types, on which commands came in this interval
         self._limited: JointReference | None = None  # the last one reported to exceed the limit
@@ -153,6 +157,11 @@ class CommandInbox:
             period=1.0 / self.settings.publish_rate,
             limit=self._simulation.scene.robot.joint_rate_limit,
         )
+
+    @property
+    def rejected(self) -> int:
+        """How many commands were rejected."""
+        return self._refusals.count
 
     def open(self) -> None:
         """Take commands from now on, first those that came while the physics was compiled."""
@@ -238,7 +247,7 @@ class CommandInbox:
                 raise RejectedCommand(
                     'large',
                     f'joint_trajectory: a message of {len(data)} bytes takes too long to read; at '
-                    f'most {LARGEST}, which is 550 points of 20 joints with velocities. Send the '
+                    f'most {LARGEST}, about 275 points of 20 joints with velocities. Send the '
                     f'rest as trajectories that begin later',
                 )
             try:
@@ -313,10 +322,7 @@ class CommandInbox:
 
     def reject(self, error: RejectedCommand) -> None:
         """Count a command that is rejected, and warn why."""
-        self.rejected += 1
-        self._rejection = f'{error}; the last good command is held'
-        self._rejected_at = time.monotonic()
-        self._warn(error.kind, self._rejection)
+        self._refusals.add(error.kind, f'{error}; the last good command is held')
 
     def _watch_silence(self) -> None:
         """Warn when a stream of commands stops; its last command is held in any case."""
@@ -344,8 +350,7 @@ class CommandInbox:
 
     def remarks(self) -> list[str]:
         """Return a sentence each on the last rejection and on a stream that stopped."""
-        recent = time.monotonic() - self._rejected_at < REMEMBERED
-        remarks = [self._rejection] if recent else []
+        remarks = self._refusals.remarks()
         if self._silent:
             remarks.append(f'no {self._silent} any more; the last one is held')
         return remarks

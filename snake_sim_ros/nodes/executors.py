@@ -48,11 +48,11 @@ class Refusals:
         self._last, self._time = '', -math.inf
         self.count = 0
 
-    def add(self, topic: str, reason: object) -> None:
-        """Note and log that a message on a topic was refused."""
-        self._last, self._time = f'{topic}: {reason}', time.monotonic()
+    def add(self, kind: str, sentence: str) -> None:
+        """Note and log that a message was refused; warnings of one kind are throttled."""
+        self._last, self._time = sentence, time.monotonic()
         self.count += 1
-        self._warn(topic, self._last)
+        self._warn(kind, sentence)
 
     def remarks(self) -> list[str]:
         """Return a sentence on the last one if it is not old."""

@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState
 
 from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.nodes.executors import ThrottledWarnings
-from snake_sim_ros.nodes.messages import joint_names
+from snake_sim_ros.nodes.messages import EPOCH, joint_names
 from snake_sim_ros.scene.parameters import Array, Robot
 
 # ---- jumps --------------------------------------------------------------------------------------
@@ -72,7 +72,6 @@ class Jumps:
 
 APART = 5.0  # s between a stamp and the clock, more than messages are under way
 PERSISTENT = 2.0  # s for which all stamps must be so far away
-WALL_CLOCK = 1e8  # s by which a wall clock is ahead of any simulated time
 
 
 class ClockWatch:
@@ -117,7 +116,7 @@ class ClockWatch:
         Returns
         -------
         str
-            Empty if time just went on.
+            Empty if time just advanced.
 
         """
         latest, self._latest = self._latest, now
@@ -156,7 +155,7 @@ class ClockWatch:
 
     def _foreign(self, ahead: float) -> bool:
         # Several simulated robots follow one /clock, and the others have a time of their own.
-        return ahead > WALL_CLOCK or not self._simulated
+        return ahead > EPOCH or not self._simulated
 
     def _on_jump(self, jump: TimeJump) -> None:
         self._jumped = True

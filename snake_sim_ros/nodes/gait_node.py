@@ -284,7 +284,7 @@ class GaitNode(Node):
         self._aim()
 
 
-def run(node: GaitNode, stop: Event) -> None:
+def run_gait(node: GaitNode, stop: Event) -> None:
     """Serve clock, timer and services until the event is set."""
     executor = SingleThreadedExecutor()
     executor.add_node(node)
@@ -295,7 +295,7 @@ def run(node: GaitNode, stop: Event) -> None:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until a signal ends it."""
-    return run_node(GaitNode, run, args)
+    return run_node(GaitNode, run_gait, args)
 
 
 if __name__ == '__main__':

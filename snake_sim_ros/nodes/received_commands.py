@@ -434,9 +434,11 @@ def _points(message: JointTrajectory) -> tuple[Array, Array, Array | None]:
                 )
     durations = [point.time_from_start for point in points]
     times = np.array([each.sec + 1e-9 * each.nanosec for each in durations])
-    angle = np.array([point.positions for point in points])
-    rate = np.array([point.velocities for point in points]) if has_rates else None
-    return times, angle, rate
+    angle, rate = (
+        np.frombuffer(b''.join(lists)).reshape(len(points), -1)  # ten times faster than np.array
+        for lists in ([p.positions for p in points], [p.velocities for p in points])
+    )
+    return times, angle, rate if has_rates else None
 
 
 def _check_points(

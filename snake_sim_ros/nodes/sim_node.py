@@ -25,7 +25,7 @@ from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.node_parameters import ParameterRequests, settle
 from snake_sim_ros.nodes.node_process import run_node
 from snake_sim_ros.nodes.sim_parameters import as_it_runs, CHANGEABLE, changed, Settings
-from snake_sim_ros.nodes.sim_services import Handling, serve, serve_entities
+from snake_sim_ros.nodes.sim_services import Handling, serve_entities, serve_simulation
 from snake_sim_ros.nodes.state_publishers import StatePublishers
 from snake_sim_ros.nodes.trajectory_action import serve_trajectories
 from snake_sim_ros.scene.checked_records import ParameterError
@@ -35,7 +35,7 @@ from snake_sim_ros.stepping.simulation import Simulation
 
 BACKLOG = 0.2  # s of wall time that the node may lag before it stops trying to catch up
 WAIT = 0.1  # s, the longest wait for a message in one go
-TOLD = 5.0  # s between two lines in the log while the node waits for the compiler
+REPORT_PERIOD = 5.0  # s between two lines in the log while the node waits for the compiler
 SERVICE = 5e-3  # s of wall time between two looks for messages if it runs as fast as possible
 
 
@@ -115,7 +115,7 @@ class SimNode(Node):
             self.begin(time.perf_counter() - begin)
         # Loading takes half a second, in which no service could answer.
         ParameterRequests(self)
-        serve(self)
+        serve_simulation(self)
         serve_entities(self, self.simulation, self.handling)
         serve_trajectories(self, self.inbox)
 
@@ -289,7 +289,7 @@ class SimNode(Node):
         self.simulation.budget.share = self.settings.iteration_budget / self.steps
 
 
-def look_at_compiler(node: SimNode, compiler: Compiler, told: float) -> float:
+def look_at_compiler(node: SimNode, compiler: Compiler, reported: float) -> float:
     """Let the node begin when it can; report on the compiler, and return when that was [s]."""
     log = node.get_logger()
     if compiler.error:
@@ -303,13 +303,13 @@ def look_at_compiler(node: SimNode, compiler: Compiler, told: float) -> float:
         log.info(f'compiled {", ".join(compiler.levels)} level in {compiler.seconds:.1f} s')
     elif not node.compiling:
         return -math.inf  # The next wait is reported at once.
-    elif compiler.seconds >= told + TOLD:
+    elif compiler.seconds >= reported + REPORT_PERIOD:
         log.info(node.compiling)
         return compiler.seconds
-    return told
+    return reported
 
 
-def run(node: SimNode, stop: Event) -> None:
+def run_sim(node: SimNode, stop: Event) -> None:
     """Run the node until the event is set; the compiler does not outlive it."""
     node.stop = stop
     try:
@@ -323,7 +323,7 @@ def keep_time(node: SimNode, stop: Event) -> None:
     """Make simulated time follow the wall clock; serve messages in the time that is left."""
     executor, load = Server(make_executor(node), node.warn), node.load
     node.publish_state()
-    told = 0.0
+    reported = 0.0
     if node.compiler:
         node.compiler.start()
         if node.compiling:
@@ -336,7 +336,7 @@ def keep_time(node: SimNode, stop: Event) -> None:
     factor = node.settings.real_time_factor
     while not stop.is_set():
         if node.compiler:
-            told = look_at_compiler(node, node.compiler, told)
+            reported = look_at_compiler(node, node.compiler, reported)
         now = time.perf_counter()
         if load.complete(now):
             node.publish_diagnostics()
@@ -374,7 +374,7 @@ def keep_time(node: SimNode, stop: Event) -> None:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until a signal ends it."""
-    return run_node(SimNode, run, args)
+    return run_node(SimNode, run_sim, args)
 
 
 if __name__ == '__main__':

@@ -196,7 +196,7 @@ class StandardServices:
         return response
 
 
-def serve(node: Controllable) -> None:
+def serve_simulation(node: Controllable) -> None:
     """Offer the services of a node whose packages are installed."""
     SimulationServices(node)
     if standard is not None:
@@ -257,7 +257,7 @@ class Handling:
         speed, spin = (float(np.abs(part).max()) for part in np.split(u, 2, axis=1))
         if not (speed <= FASTEST and spin <= FASTEST_TURN):
             self._simulation.pushes.clear()
-            self.refusals.add('push', f'ended, since a link moves {too_fast(speed, spin)}')
+            self.refusals.add('push', f'push: ended, since a link moves {too_fast(speed, spin)}')
 
     def place(self, frame: str, position: Any, orientation: Any) -> None:
         """
@@ -297,13 +297,13 @@ class Handling:
         try:
             self.place(message.header.frame_id, pose.position, pose.orientation)
         except ParameterError as error:
-            self.refusals.add('set_pose', error)
+            self.refusals.add('set_pose', f'set_pose: {error}')
 
     def _on_push(self, message: WrenchStamped) -> None:
         try:
             self._begin(message)
         except ParameterError as error:
-            self.refusals.add('push', error)
+            self.refusals.add('push', f'push: {error}')
 
     def _begin(self, message: WrenchStamped) -> None:
         robot, frame = self._simulation.scene.robot, message.header.frame_id.rpartition('/')[2]

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the node `sim` publishes: state, transforms, sensors and markers."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 import time
 from typing import Any
 
@@ -19,7 +19,6 @@ from std_msgs.msg import ColorRGBA, String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from snake_sim_ros.gaits.joint_reference import JointReference
-from snake_sim_ros.nodes.bag_writer import BagWriter
 from snake_sim_ros.nodes.messages import LATCHED, stamp_from
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.state_messages import (
@@ -208,50 +207,6 @@ def _point(entry: Iterable[float]) -> Point:
 
 
 # ---- sensors ------------------------------------------------------------------------------------
-
-
-class SensorTopics:
-    """
-    Writes the sensors of a simulation to a bag.
-
-    Parameters
-    ----------
-    bag : BagWriter
-    sensors : Sensors
-    rate : float
-        States a second [Hz].
-
-    """
-
-    def __init__(self, bag: BagWriter, sensors: Sensors, rate: float) -> None:
-        self._bag, self._sensors, self._rate = bag, sensors, rate
-        self._reader: SensorReader | None = None  # made at the first state
-        self._parts: list[tuple[dict[str, SerializedMessage], Callable[[int], None]]] = []
-
-    def measure(self, simulation: Simulation, nanoseconds: int, states: StateMessages) -> None:
-        """Write a sample if one is due at a simulated time [ns]; add noise to joint_states."""
-        reader = self._reader or self._begin(simulation)
-        reader.add_noise(states.angle, states.rate, states.torque)
-        if not reader.is_due():
-            return
-        for topics, fill in self._parts:
-            if topics:
-                fill(nanoseconds)
-            for topic, message in topics.items():
-                self._bag.write(f'/{topic}', nanoseconds, bytes(message))
-
-    def _begin(self, simulation: Simulation) -> SensorReader:
-        steps = steps_in(1.0 / self._rate, simulation.scene.dt, 'sampling period')
-        self._reader = SensorReader(simulation, self._sensors, steps, self._rate)
-        messages = SensorMessages(self._reader, self._sensors)
-        self._parts = [
-            (messages.imus, messages.fill_imus),
-            (messages.wrenches, messages.fill_wrenches),
-        ]
-        for (topics, _), kind in zip(self._parts, (Imu, WrenchStamped), strict=True):
-            for topic in topics:
-                self._bag.add_topic(f'/{topic}', kind, QoSProfile(depth=10))
-        return self._reader
 
 
 class SensorMessages:

@@ -10,29 +10,21 @@ It is served where the package control_msgs is installed. A goal is handled like
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 import numpy as np
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectoryPoint
 
 from snake_sim_ros.gaits.joint_reference import Motion
+from snake_sim_ros.nodes.command_inbox import CommandInbox, Tracked
 from snake_sim_ros.nodes.messages import seconds_from, stamp_from
 from snake_sim_ros.nodes.received_commands import RejectedCommand
 from snake_sim_ros.scene.checked_records import quoted
 from snake_sim_ros.scene.parameters import Array
 
 # ---- tolerances ---------------------------------------------------------------------------------
-
-
-class Tracked(NamedTuple):
-    """Where the joints of a trajectory are commanded to be and where they are, shape (k,)."""
-
-    told_angle: Array  # [rad]
-    told_rate: Array  # [rad/s]
-    angle: Array  # [rad]
-    rate: Array  # [rad/s]
 
 
 @dataclass(frozen=True)
@@ -121,27 +113,6 @@ FEEDBACK_PERIOD = 0.05  # s of simulated time, as that of a joint_trajectory_con
 CANCELED, REPLACED = 'canceled', 'another command took over its joints'
 
 
-class Inbox(Protocol):
-    """What takes the trajectories."""
-
-    watch: Any
-
-    def take_trajectory(self, message: JointTrajectory) -> Motion:
-        """Take a trajectory, or raise RejectedCommand."""
-
-    def reject(self, error: RejectedCommand) -> None:
-        """Log why a goal is rejected, and count it."""
-
-    def follows(self, motion: Motion) -> bool:
-        """Return whether the joints still follow a trajectory that was taken."""
-
-    def tracked(self, motion: Motion) -> Tracked:
-        """Return where the joints of a trajectory are commanded to be, and where they are."""
-
-    def stop(self, motion: Motion) -> None:
-        """Hold the joints of a trajectory where they are commanded to be."""
-
-
 @dataclass
 class Followed:
     """
@@ -178,14 +149,14 @@ class TrajectoryAction:
 
     Parameters
     ----------
-    inbox : Inbox
+    inbox : CommandInbox
         Its attribute `watch` is called with the simulated time [s] while there is a goal.
     kind : type
         The type of the action, with those of its results and feedback.
 
     """
 
-    def __init__(self, inbox: Inbox, kind: Any) -> None:
+    def __init__(self, inbox: CommandInbox, kind: Any) -> None:
         self._inbox, self._kind = inbox, kind
         self._goal: Any = None
         self._followed: Followed | None = None
@@ -283,7 +254,7 @@ class TrajectoryAction:
             goal.execute(finish)
 
 
-def serve_trajectories(node: Node, inbox: Inbox) -> None:
+def serve_trajectories(node: Node, inbox: CommandInbox) -> None:
     """Serve the action of a node if its package is installed."""
     if FollowJointTrajectory is None:
         return

@@ -237,7 +237,7 @@ def base_of(odom: Odometry) -> tuple[Array, Array]:
     return np.array([place.x, place.y, place.z]), np.array([turn.w, turn.x, turn.y, turn.z])
 
 
-def serve(node: ViewerNode, executor: CountingExecutor, server: Server) -> None:
+def serve_rounds(node: ViewerNode, executor: CountingExecutor, server: Server) -> None:
     """
     Serve what waits in rounds, which take one message of a topic and one request of a service.
 
@@ -252,7 +252,7 @@ def serve(node: ViewerNode, executor: CountingExecutor, server: Server) -> None:
         requests = executor.served > node.messages
 
 
-def run(node: ViewerNode, stop: Event) -> None:
+def run_viewer(node: ViewerNode, stop: Event) -> None:
     """Look for messages and bring the page up to date, again and again."""
     executor = CountingExecutor()
     executor.add_node(node)
@@ -260,7 +260,7 @@ def run(node: ViewerNode, stop: Event) -> None:
     try:
         while not stop.is_set():
             begin = time.monotonic()
-            serve(node, executor, server)
+            serve_rounds(node, executor, server)
             node.update()
             period = SHOW_PERIOD if node.page.watched else UNWATCHED_PERIOD
             stop.wait(max(period - (time.monotonic() - begin), 0.0))
@@ -270,7 +270,7 @@ def run(node: ViewerNode, stop: Event) -> None:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until a signal ends it."""
-    return run_node(ViewerNode, run, args)
+    return run_node(ViewerNode, run_viewer, args)
 
 
 if __name__ == '__main__':

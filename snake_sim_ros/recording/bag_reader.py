@@ -37,7 +37,7 @@ def read_bag(path: Path, namespace: str | None = None) -> Trajectory:
 
     The samples are those of `link_poses`. A real robot does not publish them; then the samples are
     those of `joint_states`, and the robot lies at the origin. Contacts are those of the last
-    markers before a sample. Where stamps go back, as after a reset of time, time stands still.
+    markers before a sample. Where stamps decrease, as after a reset of time, time stands still.
     Without a robot_description the robot is Aiko.
 
     Parameters
@@ -211,7 +211,7 @@ def _read(
 
 
 def _last(file: BinaryIO) -> bytes:
-    """Return the last bytes of a file, as many as MAGIC has."""
+    """Return the last bytes of a file, of the length of MAGIC."""
     file.seek(-len(MAGIC), SEEK_END)
     return file.read()
 
@@ -280,9 +280,9 @@ def _contacts(messages: Messages, stamp: Array) -> tuple[Array, Array, Array]:
 
 def _levels(messages: Messages, stamp: Array) -> Array:
     """Return the level in the last diagnostics before each time, or an empty text."""
-    told = [''] + [
+    levels = [''] + [
         next((item.value for status in message.status for item in status.values
               if item.key == 'level'), '')
         for _, message in messages
     ]  # fmt: skip
-    return np.asarray(np.array(told)[_latest(messages, stamp) + 1])
+    return np.asarray(np.array(levels)[_latest(messages, stamp) + 1])

@@ -1,7 +1,7 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Checkpoints: a simulation in a file, from which it goes on to the bit.
+Checkpoints: a simulation saved to a file, from which it resumes with identical bits.
 
 A checkpoint is the scene, the state, and the history with the memory of the method. Every array
 has its dotted name in the file, such as ``history.memory.start.pose``.
@@ -34,12 +34,12 @@ LONGEST_REST = 2**53  # steps for which a robot may yet have to lie still
 
 def write(simulation: Simulation, path: Path) -> None:
     """
-    Write all that a simulation needs to go on.
+    Write all that a simulation needs to resume.
 
     Raises
     ------
     ParameterError
-        If its stepper was made by the caller: a file cannot say how.
+        If its stepper was made by the caller, which a file cannot describe.
 
     """
     if simulation.given:

@@ -45,35 +45,37 @@ class Sensors(CheckedRecord):
         (), '', 'links whose contact forces are measured: names, numbers from 1, or all'
     )
     sensor_rate: float = quantity(
-        0.0, 'Hz', 'samples a second of imu and contact_forces; 0 is as often as states', minimum=0
+        0.0, 'Hz', 'samples per second of imu and contact_forces (0 = every state)', minimum=0
     )
     sensor_seed: int = quantity(
-        0, '', 'seed of all noise: the same one gives the same bits', minimum=0, maximum=2**63 - 1
+        0, '', 'seed of all noise; equal seeds give identical bits', minimum=0, maximum=2**63 - 1
     )
     imu_angular_velocity_noise: float = quantity(
-        0.0, 'rad/s', 'standard deviation of a component', minimum=0
+        0.0, 'rad/s', 'standard deviation of the noise of each component', minimum=0
     )
     imu_angular_velocity_bias: float | tuple[float, ...] = quantity(
         0.0, 'rad/s', 'constant error: one number for x, y and z, or three'
     )
     imu_acceleration_noise: float = quantity(
-        0.0, 'm/s^2', 'standard deviation of a component', minimum=0
+        0.0, 'm/s^2', 'standard deviation of the noise of each component', minimum=0
     )
     imu_acceleration_bias: float | tuple[float, ...] = quantity(
         0.0, 'm/s^2', 'constant error: one number for x, y and z, or three'
     )
-    contact_force_noise: float = quantity(0.0, 'N', 'standard deviation of a component', minimum=0)
+    contact_force_noise: float = quantity(
+        0.0, 'N', 'standard deviation of the noise of each component', minimum=0
+    )
     contact_torque_noise: float = quantity(
-        0.0, 'N m', 'standard deviation of a component', minimum=0
+        0.0, 'N m', 'standard deviation of the noise of each component', minimum=0
     )
     joint_position_noise: float = quantity(
-        0.0, 'rad', 'standard deviation in joint_states', minimum=0
+        0.0, 'rad', 'standard deviation of the noise in joint_states', minimum=0
     )
     joint_velocity_noise: float = quantity(
-        0.0, 'rad/s', 'standard deviation in joint_states', minimum=0
+        0.0, 'rad/s', 'standard deviation of the noise in joint_states', minimum=0
     )
     joint_effort_noise: float = quantity(
-        0.0, 'N m', 'standard deviation in joint_states', minimum=0
+        0.0, 'N m', 'standard deviation of the noise in joint_states', minimum=0
     )
 
     def __post_init__(self) -> None:
@@ -461,7 +463,7 @@ def recorded_sensors(trajectory: Trajectory, sensors: Sensors) -> dict[str, Arra
     ------
     ParameterError
         If there is no such link, the rate of the sensors does not divide that of the samples, or
-        velocities are asked for and not known.
+        velocities are needed and unknown.
 
     """
     scene, m = trajectory.scene, len(trajectory.time)

@@ -69,7 +69,7 @@ class Table(CheckedRecord):
     repeat: bool = quantity(False, '', 'whether the table begins again after its last row')
 
     def __post_init__(self) -> None:
-        """Check every field, the shapes, that time goes on, and that what repeats is closed."""
+        """Check every field, shapes, that time increases and that a repeating table is closed."""
         super().__post_init__()
         if len(self.time) == 1:
             raise ParameterError('a table of joint angles must have 2 rows or more, got 1')
@@ -176,7 +176,7 @@ class Table(CheckedRecord):
         return float(self.largest()[1].max()) / amplitude if amplitude else 0.0
 
     def _check_rows(self, name: str, rows: tuple[Numbers, ...]) -> None:
-        """Raise an error if rows are not as many as times, or not of all joints."""
+        """Raise an error unless there is a row for each time, with all joints."""
         if len(rows) != len(self.time):
             raise ParameterError(f'{name} must have {len(self.time)} rows, got {len(rows)}')
         for k, row in enumerate(rows):
@@ -403,9 +403,9 @@ def reference(gait: Gait, time: float | Array, joint_count: int) -> tuple[Array,
             angle[..., axis], rate[..., axis] = wave(numbers_of_wave, fade, t, joint)
     if gait.table:
         s, s_dot = (value[..., None] for value in fade)
-        told, told_rate = gait.table.reference(t[..., 0])
-        angle += s * told
-        rate += s * told_rate + s_dot * told
+        angle_of_table, rate_of_table = gait.table.reference(t[..., 0])
+        angle += s * angle_of_table
+        rate += s * rate_of_table + s_dot * angle_of_table
     return angle, rate
 
 

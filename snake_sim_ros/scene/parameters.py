@@ -297,35 +297,38 @@ class Robot(CheckedRecord):
     joint_limit: float = quantity(
         math.pi / 4, 'rad', 'largest joint reference accepted', above=0, maximum=math.pi / 2
     )
-    joint_stop: bool = quantity(False, '', 'whether joints hit a stop at joint_limit')
-    rate_stop: bool = quantity(False, '', 'whether joints turn at joint_rate_limit at most')
+    joint_stop: bool = quantity(False, '', 'whether joints have a hard stop at joint_limit')
+    rate_stop: bool = quantity(False, '', 'whether joint rates are limited to joint_rate_limit')
     yaw_torque_limit: PerJoint | None = quantity(
-        None, 'N m', 'largest torque of the horizontal controller; none without limit', minimum=0
+        None, 'N m', 'largest torque of the horizontal controller (none = unlimited)', minimum=0
     )
     pitch_torque_limit: PerJoint | None = quantity(
-        None, 'N m', 'largest torque of the vertical controller; none without limit', minimum=0
+        None, 'N m', 'largest torque of the vertical controller (none = unlimited)', minimum=0
     )
     joint_friction: PerJoint = quantity(
         0.0, 'N m', 'Coulomb friction of both axes of a joint (assumption: none)', minimum=0
     )
     control_rate: float = quantity(
-        0.0, 'Hz', 'how often controllers read their encoders; 0: always', minimum=0
+        0.0, 'Hz', 'rate at which controllers sample their encoders (0 = continuously)', minimum=0
     )
     reference_rate: float = quantity(
-        0.0, 'Hz', 'how often controllers take a reference and hold it; 0: always', minimum=0
+        0.0,
+        'Hz',
+        'rate at which controllers sample and hold their reference (0 = continuously)',
+        minimum=0,
     )
     command_delay: float = quantity(
-        0.0, 's', 'time after which a reference counts (assumption: none)', minimum=0, maximum=10
+        0.0, 's', 'delay before a reference takes effect (assumption: none)', minimum=0, maximum=10
     )
     encoder_resolution: float = quantity(
         0.0,
         'rad',
-        'step of measured joint angles, also of joint_states; 0: exact',
+        'resolution of measured joint angles, also in joint_states (0 = exact)',
         minimum=0,
         maximum=1,
     )
     effort_commands: bool = quantity(
-        False, '', 'whether commands may carry torques, besides angles and rates'
+        False, '', 'whether commands may carry torques in addition to angles and rates'
     )
     joint_viscous_friction: PerJoint = quantity(
         0.0, 'N m s/rad', 'viscous friction of both axes (assumption: none)', minimum=0
@@ -393,11 +396,14 @@ class Solver(CheckedRecord):
     normal_compliance: float = quantity(
         1e-4,
         '1',
-        'selection rule: normal compliance delta, relative to the Delassus operator; 0 is none',
+        'selection rule: normal compliance delta, relative to the Delassus operator (0 = none)',
         minimum=0,
     )
     activation_tolerance: float = quantity(
-        1e-6, 'm', 'gap that counts as closed; at most 2.5 m/s^2 dt^2; 0: as printed', minimum=0
+        1e-6,
+        'm',
+        'gap below which a contact is closed, at most 2.5 m/s^2 dt^2 (0 = as printed)',
+        minimum=0,
     )
     residual_tolerance: float = quantity(
         1e-9, 'm/s', 'natural-map residual at which Newton and Gauss-Seidel methods stop', above=0
@@ -426,7 +432,7 @@ DRIFT_CORRECTIONS = ('paper', 'center_of_mass', 'none')
 @dataclass(frozen=True, kw_only=True)
 class Scene(CheckedRecord):
     """
-    Everything that is needed to repeat a run, in SI units and radians.
+    Everything needed to repeat a run, in SI units and radians.
 
     The defaults are Aiko at rest on the floor of case A, with friction 0.1 along and 0.5 across
     the links. `load_scene` makes a scene by name and replaces values in it.
@@ -437,7 +443,7 @@ class Scene(CheckedRecord):
     patches: Patches = Patches()
     ground: Ground = Ground()
     pegs: Pegs = Pegs()
-    self_contact: bool = quantity(False, '', 'whether links that are not neighbors touch')
+    self_contact: bool = quantity(False, '', 'whether links that are not neighbors can touch')
     self_contact_friction: float = quantity(
         0.2, '1', 'Coulomb friction of links on each other', minimum=0, maximum=STICKY
     )
@@ -452,36 +458,39 @@ class Scene(CheckedRecord):
     accuracy: float = quantity(
         0.0,
         '1',
-        'relative error of the path in a gait cycle, for which steps are divided; 0: they are not',
+        'target relative path error per gait cycle; steps are subdivided to meet it (0 = off)',
         minimum=0,
         maximum=0.1,
     )
     duration: float = quantity(15.0, 's', 'length of an offline run', above=0, maximum=1e9)
-    method: str = quantity('newton', '', 'time stepper, a name of methods.METHODS or auto')
+    method: str = quantity('newton', '', 'time-stepping method, or auto')
     level: str = quantity(
-        'auto', '', 'model level; auto is planar while that is exact', choices=LEVELS
+        'auto', '', 'model level; auto is planar as long as that is exact', choices=LEVELS
     )
     settling_time: float = quantity(
         0.1,
         's',
-        'how long a robot lies flat and still before auto is planar again',
+        'how long a robot must lie flat and still before auto becomes planar again',
         above=0,
         maximum=1e9,
     )
     pd_scheme: str = quantity(
-        'average', '', 'where in the step the joint controller acts', choices=PD_SCHEMES
+        'average', '', 'where in the step the joint controller is evaluated', choices=PD_SCHEMES
     )
     drift_correction: str = quantity(
-        'center_of_mass', '', 'what section VII-C holds fixed', choices=DRIFT_CORRECTIONS
+        'center_of_mass',
+        '',
+        'what the drift correction of section VII-C holds fixed',
+        choices=DRIFT_CORRECTIONS,
     )
 
     def __post_init__(self) -> None:
         """Check every field, and what depends on several of them."""
         super().__post_init__()
-        joints, told = self.robot.link_count - 1, self.gait.table.joint_count
-        if self.gait.table and told != joints:
+        joints, given = self.robot.link_count - 1, self.gait.table.joint_count
+        if self.gait.table and given != joints:
             raise ParameterError(
-                f'gait.table must have the {joints} joints of the robot, got {told} joints'
+                f'gait.table must have the {joints} joints of the robot, got {given} joints'
             )
         self.start.check(joints, self.robot.joint_limit)
         for push in self.pushes:

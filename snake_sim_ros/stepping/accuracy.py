@@ -16,15 +16,12 @@ the middle link stays over a cycle of the gait within ``accuracy max(l, L)`` of 
 small steps has it, with the length l of its path, wherever that limit is known to a quarter of
 this. It is no bound: the constants below are calibrated in 200 random scenes, of which some miss;
 `comparison.limits` judges others, and docs/speed_accuracy.md has the numbers.
-
-`with_usual_steps` gives the usual accuracy to a scene where nobody says how it is stepped.
 """
 
 from collections.abc import Container
 import math
 
 from snake_sim_ros.scene.parameters import Scene, with_settings
-from snake_sim_ros.stepping.bdf2 import step as bdf2
 
 USUAL_ACCURACY = 1e-3
 # A step has one joint reference. It is 1/20 s at most, in which the waves of the gait turn by this
@@ -33,12 +30,10 @@ LONGEST_STEP, LONGEST_TURN, TURNING_ACCURACY = 1 / 20, 0.047, 1e-2
 PATH_SHARE = 2e-3  # tolerance of the path at accuracy 1, in lengths of a link
 LEAST_SHARE = 1e-9  # least tolerance: below it rounding and events decide, in lengths of a link
 RESIDUAL = 1e-8  # residual tolerance of the contacts; a larger one saves next to nothing [m/s]
-STEPPING = ('dt', 'method', 'level')  # with one of these, a user decides how a scene is run
-USUAL_SCENE = Scene()
 
 
 def path_tolerance(scene: Scene) -> float:
-    """Return the error that a part of a step may make in the path [m]; 0: parts are not chosen."""
+    """Return the path error that a part of a step may make [m]; 0: steps are not divided."""
     if scene.accuracy == 0.0:
         return 0.0
     length = float(scene.robot.per_link('link_length').mean())
@@ -88,34 +83,3 @@ def with_accuracy(
     }
     free = {name: value for name, value in settings.items() if name not in given}
     return with_settings(scene, free)
-
-
-def with_usual_steps(scene: Scene, given: Container[str], period: float) -> Scene:
-    """
-    Return a scene with the steps that its accuracy needs, if it has one.
-
-    It has the usual accuracy if neither an accuracy nor one of STEPPING is given or differs from
-    its default, and if the method for it can run the scene.
-
-    Parameters
-    ----------
-    scene : Scene
-    given : container of str
-        Dotted names of the values that a user gave beside the file of the scene.
-    period : float
-        Time between two samples [s].
-
-    Raises
-    ------
-    ParameterError
-        If the accuracy or the period is not usable.
-
-    """
-    accuracy = scene.accuracy
-    is_free = all(
-        name not in given and getattr(scene, name) == getattr(USUAL_SCENE, name)
-        for name in STEPPING
-    )
-    if 'accuracy' not in given and is_free and not bdf2.what_is_not_possible(scene):
-        accuracy = accuracy or USUAL_ACCURACY
-    return with_accuracy(scene, accuracy, period, given) if accuracy else scene

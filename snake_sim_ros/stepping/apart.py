@@ -1,7 +1,7 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-What the compiler does for a level, and what of that a second process can do at the same time.
+What is compiled for a level, and which part of it a second process can compile meanwhile.
 
 The contact solver is half of a step, for the compiler too.
 """
@@ -56,7 +56,7 @@ def function_counts(scene: Scene, level: str) -> dict[str, int]:
 
 def _within(name: Any, first: Any, found: dict[Any, set[Any]]) -> set[Any]:
     """
-    Return the functions in what a name means, itself included.
+    Return the functions that a name leads to, itself included.
 
     `first` chooses between implementations. What is in any of them is added to `found`.
     """
@@ -105,7 +105,7 @@ def _problem(stepper: Any) -> Any:
 
 
 def compile_search(scene: Scene, level: str) -> None:
-    """Compile what the other process comes to last: parts of Newton's method, laws of joints."""
+    """Compile what the other process reaches last: parts of Newton's method, laws of joints."""
     stepper = one_level(scene, level)
     contacts, first = _contacts(stepper), stepper.loop.first
     if level == 'planar':

@@ -125,7 +125,7 @@ def commanded_effort(simulation: Simulation) -> Array:
 
 def place(simulation: Simulation, position: Array, orientation: Array) -> None:
     """
-    Put the robot at rest where its middle link has a pose; nothing changes if that is refused.
+    Put the robot at rest where its middle link has a pose; an error changes nothing.
 
     Parameters
     ----------

@@ -14,6 +14,7 @@ from snake_sim_ros.contact.laws import Laws, LEAST_COMPLIANCE, make_disc
 from snake_sim_ros.contact.newton import make_operator, Operator
 from snake_sim_ros.contact.problem import make_table
 from snake_sim_ros.dynamics.articulated_body import Chain
+from snake_sim_ros.dynamics.compilation import Table
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.dynamics.free_chain import make_free_chain
 from snake_sim_ros.dynamics.joint_control import ControlLoop, make_control_loop
@@ -78,7 +79,7 @@ class Workspace(NamedTuple):
     chain: Chain  # the links as a tree, about O
     closed: Array  # (c,) begins with the numbers of the closed contacts
     operator: Operator  # of the contacts, for `bdf2`
-    contacts: Any  # (c,) table of all contacts, see `contact.problem`
+    contacts: Table  # (c,) table of all contacts, see `contact.problem`
 
 
 @lru_cache(maxsize=64)

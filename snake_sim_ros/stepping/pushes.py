@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.stepping.bdf2.formula import ANEW, SMOOTH, TICKS
+from snake_sim_ros.stepping.bdf2.motion import Bdf2Memory
 
 STEP = 2**14  # ticks in a step: shorter parts of it would be lost in the tolerances of contacts
 NOTHING = (0.0, 0.0, 0.0)
@@ -98,27 +99,27 @@ class PushTable(NamedTuple):
 
 
 @inlined
-def whole_step(pushes, k):
+def whole_step(pushes: PushTable, k: int) -> Stretch:
     """Return step k of a call as a `Stretch`."""
     end = (pushes.clock[0] + k + 1) * STEP
     return Stretch(end - STEP, end, end)
 
 
 @inlined
-def first_stretch(pushes, k, memory):
+def first_stretch(pushes: PushTable, k: int, memory: Bdf2Memory) -> Stretch:
     """Return the first `Stretch` of step k in which pushes are constant; see `stretch_from`."""
     step = whole_step(pushes, k)
     return stretch_from(pushes, step.begin, step.end, memory)
 
 
 @inlined
-def next_stretch(pushes, stretch, memory):
+def next_stretch(pushes: PushTable, stretch: Stretch, memory: Any) -> Stretch:
     """Return the `Stretch` in which pushes are constant after another one of the same step."""
     return stretch_from(pushes, stretch.end, stretch.step_end, memory)
 
 
 @inlined
-def stretch_from(pushes, begin, step_end, memory):
+def stretch_from(pushes: PushTable, begin: int, step_end: int, memory: Bdf2Memory) -> Stretch:
     """
     Return the `Stretch` of a step from a tick on in which pushes are constant.
 
@@ -137,7 +138,7 @@ def stretch_from(pushes, begin, step_end, memory):
 
 
 @inlined
-def part_of(stretch, dt, done, size):
+def part_of(stretch: Stretch, dt: float, done: int, size: int) -> tuple[float, float]:
     """
     Return the length of a part, and how much after the middle of the step it ends [s].
 
@@ -150,14 +151,16 @@ def part_of(stretch, dt, done, size):
 
 
 @inlined
-def share(pushes, p, stretch):
+def share(pushes: PushTable, p: int, stretch: Stretch) -> float:
     """Return the share of the time of a `Stretch` in which push p acts."""
     first, last = max(stretch.begin, pushes.begin[p]), min(stretch.end, pushes.end[p])
     return max(0, last - first) / (stretch.end - stretch.begin)
 
 
 @inlined
-def add_pushes(pushes, stretch, h, R, center, momentum):
+def add_pushes(
+    pushes: PushTable, stretch: Stretch, h: float, R: Array, center: Array, momentum: Array
+) -> None:
     """
     Add the impulses of the pushes to the momentum of every link, a wrench about O.
 
@@ -187,7 +190,7 @@ def add_pushes(pushes, stretch, h, R, center, momentum):
 
 
 @inlined
-def in_axes_of(turns, R, vector):
+def in_axes_of(turns: int, R: Array, vector: Array) -> tuple[float, float, float]:
     """Return a vector (3,) of a push in axes of I, for the frame R (3, 3) of its link."""
     x, y, z = vector[0], vector[1], vector[2]
     if turns == 0:
@@ -200,7 +203,9 @@ def in_axes_of(turns, R, vector):
 
 
 @inlined
-def add_pushes_in_plane(pushes, stretch, h, heading, center, momentum):
+def add_pushes_in_plane(
+    pushes: PushTable, stretch: Stretch, h: float, heading: Array, center: Array, momentum: Array
+) -> None:
     """
     Add the impulses of the pushes in the plane; see `add_pushes`.
 
@@ -226,7 +231,7 @@ def add_pushes_in_plane(pushes, stretch, h, heading, center, momentum):
 
 
 @inlined
-def lifts_at_once(pushes):
+def lifts_at_once(pushes: PushTable) -> bool:
     """Return whether a push acts in the first step that does not leave the robot flat."""
     stretch = whole_step(pushes, 0)
     for p in range(len(pushes.link)):
@@ -286,7 +291,7 @@ not_pushed: Pushed = partial(NO_PUSHES.generalized, Stretch(0, STEP, STEP))
 
 class Pushes:
     """
-    What pushes the robot of a simulation: the pushes of its scene, and those that begin meanwhile.
+    What pushes the robot of a simulation: the pushes of its scene, and those added at run time.
 
     Of the latter, one on a link takes the place of that before.
 
@@ -302,7 +307,7 @@ class Pushes:
         self.change(scene)
 
     def change(self, scene: Scene) -> None:
-        """Go on with the pushes of another scene, which has the same robot and time step."""
+        """Continue with the pushes of another scene, which has the same robot and time step."""
         self._dt, self._links, middle = scene.dt, scene.robot.link_count, scene.robot.middle_link
         self._scene = [
             make_push(
@@ -371,7 +376,7 @@ class Pushes:
         return self._table
 
     def __bool__(self) -> bool:
-        """Return whether a push that began meanwhile had not ended before the last call."""
+        """Return whether a push added while it ran had not ended before the last call."""
         pushes = {**self._begun, **{push.link: push for push in self._waiting}}.values()
         return any(push.force.any() or push.torque.any() for push in pushes)
 

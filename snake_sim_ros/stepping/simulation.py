@@ -234,7 +234,7 @@ class Simulation:
 
     def change(self, scene: Scene) -> None:
         """
-        Go on with another scene, such as one with another gravity, other obstacles or method.
+        Continue with another scene, such as one with another gravity, other obstacles or method.
 
         Pose and velocities stay, and so do the impulses of contacts that both scenes have; see
         `state.carried`.
@@ -352,7 +352,7 @@ class Simulation:
     def _taken(
         self, angle: Array, rate: Array, samples: Samples | None, pushes: PushTable
     ) -> Report:
-        """Go on by steps of the stepper."""
+        """Take steps of the stepper."""
         now = self.state, self.history, angle, rate
         if samples is None and self.budget.share:
             most = self.scene.solver.iteration_limit
@@ -395,7 +395,7 @@ class Simulation:
         return self._single_steps.steps.history if self._single_steps else self._history
 
     def _go_on_from(self, state: State, history: History) -> None:
-        """Go on from a state and its history."""
+        """Continue from a state and its history."""
         self._state, self._history, self._single_steps = state, history, None
 
 

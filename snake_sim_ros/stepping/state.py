@@ -88,7 +88,7 @@ class History(NamedTuple):
 
 
 @merged
-def without_memory(history):
+def without_memory(history: History) -> History:
     """
     Return the history without the memory of the method, as the contact solvers take it.
 
@@ -197,7 +197,7 @@ def check_arguments(
 
 class Returned:
     """
-    What a stepper gave away last, which it need not check when it comes back.
+    What a stepper returned last, which it need not check when it is passed back.
 
     Parameters
     ----------

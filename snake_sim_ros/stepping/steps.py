@@ -14,6 +14,7 @@ from typing import Any, cast, NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.contact.problem import Outcome
 from snake_sim_ros.dynamics.compilation import compiled, inlined, record_array
 from snake_sim_ros.dynamics.records import Block, BoundCall
 from snake_sim_ros.scene.parameters import Array
@@ -98,13 +99,15 @@ def make_steps(
 
 
 @inlined
-def sampled_row(k, record):
+def sampled_row(k: int, record: Record) -> int:
     """Return the row of a sample after step k; -1 if there is none."""
     return row_at(k, record.every, record.first, len(record.span))
 
 
 @inlined
-def keep_forces(row, applied, dt, span, history, record):
+def keep_forces(
+    row: int, applied: Array, dt: float, span: float, history: History, record: Record
+) -> None:
     """Fill a row with the torques of joint impulses (n-1, 2) of a step of dt, and the impulses."""
     for j in range(len(applied)):
         for k in range(2):
@@ -116,7 +119,7 @@ def keep_forces(row, applied, dt, span, history, record):
 
 
 @inlined
-def keep_sample(k, dt, span, applied, steps):
+def keep_sample(k: int, dt: float, span: float, applied: Array, steps: Steps) -> None:
     """Keep the state after step k of dt [s], if it is a sample; impulses acted for a span [s]."""
     record = steps.record
     row = sampled_row(k, record)
@@ -130,7 +133,7 @@ def keep_sample(k, dt, span, applied, steps):
 
 
 @inlined
-def note_outcome(outcome, report):
+def note_outcome(outcome: Outcome, report: Any) -> None:
     """Add an `Outcome` of a contact solver to a report, a record of REPORT."""
     report.iterations += outcome.iterations
     report.unconverged += outcome.converged == 0
@@ -140,7 +143,7 @@ def note_outcome(outcome, report):
 
 
 @inlined
-def noted(report):
+def noted(report: Any) -> tuple[int, int, int, int, float, float]:
     """Return what `note_outcome` has added to a report."""
     return (
         report.iterations, report.iterations_max, report.unconverged, report.fallbacks,
@@ -149,7 +152,7 @@ def noted(report):
 
 
 @inlined
-def take_back(before, report):
+def take_back(before: tuple[int, int, int, int, float, float], report: Any) -> None:
     """Set a report back to what was `noted` before a step that is not taken."""
     report.iterations, report.iterations_max, report.unconverged = before[0], before[1], before[2]
     report.fallbacks, report.residual_max = before[3], before[4]
@@ -157,7 +160,7 @@ def take_back(before, report):
 
 
 @inlined
-def iterations_left(most, report):
+def iterations_left(most: int, report: Any) -> int:
     """
     Return the iterations that the next solution of a step may take, at least 1.
 
@@ -167,7 +170,7 @@ def iterations_left(most, report):
 
 
 @inlined
-def count_steps(before, report):
+def count_steps(before: tuple[int, int, int, int, float, float], report: Any) -> None:
     """Count the step, not its solutions, of which `before` was `noted` before the step."""
     report.iterations_max = max(report.iterations_max, report.iterations - before[0])
     report.unconverged = min(report.unconverged, before[2] + 1)
@@ -175,7 +178,7 @@ def count_steps(before, report):
 
 
 @inlined
-def clear_report(report):
+def clear_report(report: Any) -> None:
     """Empty a report, a record of REPORT."""
     report.steps = report.iterations = report.iterations_max = report.unconverged = 0
     report.fallbacks = report.contacts = report.failed_link = report.not_planar = 0
@@ -218,7 +221,7 @@ class Next(NamedTuple):
 
 
 @compiled
-def begin_one(following):
+def begin_one(following: 'Next') -> int:
     """Empty the report for the `Next` step; return 1 if the loop can take it, or 0."""
     if following.pitch != ANY_PITCH:
         angle, rate, largest = following.angle, following.rate, 0.0
@@ -303,7 +306,7 @@ class SingleSteps:
 
     def take(self, angle: Array, rate: Array, pushes: PushTable) -> Report | None:
         """
-        Take a step, and return its report; None if it is not one like the last, and not taken.
+        Take a step, and return its report; None, without a step, if it is not like the last one.
 
         Nothing is checked but that the references, as in `base.Stepper.advance`, are those of one
         step, and that state and history are not changed from outside. The caller takes all other

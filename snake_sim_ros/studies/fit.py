@@ -18,7 +18,7 @@ from snake_sim_ros.scene.checked_records import flat_fields, nearest, ParameterE
 from snake_sim_ros.scene.parameters import Array, Scene, with_settings
 from snake_sim_ros.studies.replay import ALIGNED, LOST, Replay, Residual, Segment
 from snake_sim_ros.studies.searches import Search
-from snake_sim_ros.studies.workers import core_count, ended
+from snake_sim_ros.studies.workers import closing_pool, core_count
 
 PHYSICS = ('robot.', 'friction.', 'pegs.', 'self_contact_friction')  # prefixes
 FIXED = ('robot.link_count', 'robot.joint_limit', 'robot.joint_rate_limit')
@@ -301,7 +301,7 @@ def fit(
     x = np.array([unknown.coordinate(unknown.start) for unknown in unknowns])
     low, high = np.array([unknown.bounds for unknown in unknowns]).T
     count = threads or core_count()
-    with ended(ThreadPoolExecutor(count)) as pool:
+    with closing_pool(ThreadPoolExecutor(count)) as pool:
         evaluate = _Evaluations(replay, unknowns, pool, count)
         evaluate.report = progress or evaluate.report
         if np.abs(evaluate.flat(x)).min() >= LOST:

@@ -450,9 +450,9 @@ def write_scenes(outcome: Outcome, out: Path) -> list[Path]:
 
     """
     if len(outcome.problem.objectives) == 1:
-        paths = [out.with_suffix('.best.yaml')][: len(outcome.best)]
+        paths = [table.beside(out, 'best')][: len(outcome.best)]
     else:
-        folder = out.with_suffix('.front')
+        folder = table.beside(out, 'front')
         folder.mkdir(exist_ok=True)
         digits = max(2, len(str(len(outcome.best))))
         paths = [folder / f'{k + 1:0{digits}}.yaml' for k in range(len(outcome.best))]

@@ -189,15 +189,15 @@ class SearchSettings(Settings):
 
     starts: int = quantity(1, '1', 'searches from different places', minimum=1, maximum=1000)
     population: int = quantity(
-        0, '1', 'samples of a generation; 0: the usual number of CMA-ES', minimum=0, maximum=10**5
+        0, '1', 'samples of a generation (0 = the default of CMA-ES)', minimum=0, maximum=10**5
     )
     weights: int = quantity(5, '1', 'searches along a front', minimum=2, maximum=1000)
 
     def __post_init__(self) -> None:
-        """Check every field, and that a generation has an order."""
+        """Check every field, and that a generation can be ranked."""
         super().__post_init__()
         if self.population == 1:
-            raise ParameterError('population must be at least 2, or 0 for the usual, got 1')
+            raise ParameterError('population must be at least 2, or 0 for the default, got 1')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,10 +210,12 @@ class Stop(CheckedRecord):
         minimum=0, maximum=1,
     )  # fmt: skip
     stagnation: int = quantity(
-        0, '1', 'a search ends after so many evaluations without a better one; 0: never', minimum=0
+        0, '1', 'a search ends after this many evaluations without improvement (0 = never)',
+        minimum=0,
+    )  # fmt: skip
+    seconds: float = quantity(
+        0.0, 's', 'wall time after which no generation begins (0 = unlimited)', minimum=0
     )
-    seconds: float = quantity(0.0, 's', 'wall time after which no generation begins; 0: any',
-                              minimum=0)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,8 @@ from snake_sim_ros.gaits.blending import check_reach
 from snake_sim_ros.recording.recorded_runs import write_npz
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import samples_of, Scene, with_settings
-from snake_sim_ros.stepping.accuracy import with_usual_steps
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.methods import share_compiled
+from snake_sim_ros.stepping.methods import share_compiled, with_usual_steps
 from snake_sim_ros.stepping.sampling import Keep, LEAST_STEPS, PORTION_SECONDS
 from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory

@@ -9,13 +9,12 @@ random numbers of its own: it is the same whatever else happens.
 """
 
 from collections.abc import Sequence
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.studies.table import optional
 
 SHARE_OF_SUM = 0.05  # of the other objective: of two that are as good in one, the better counts
 SPREAD = 0.2  # standard deviation of the first samples, as a share of the bounds
@@ -26,24 +25,9 @@ ENDLESS = {
 }  # fmt: skip
 
 
-def library() -> ModuleType:
-    """
-    Return cma.
-
-    Raises
-    ------
-    ParameterError
-        If it is not installed.
-
-    """
-    try:
-        import cma
-    except ImportError as error:
-        raise ParameterError(
-            f"an optimization needs cma ({error}): pip install 'snake_sim_ros[studies]'"
-        ) from None
-    module: ModuleType = cma
-    return module
+def library() -> Any:
+    """Return cma; see `table.optional`."""
+    return optional('cma', 'an optimization needs cma')
 
 
 class Search:

@@ -42,8 +42,10 @@ T = TypeVar('T')
 class Settings(CheckedRecord):
     """The values of studies and optimizations that are one number."""
 
-    seed: int = quantity(0, '1', 'seed of what is drawn', minimum=0)
-    rate: float = quantity(20.0, 'Hz', 'samples a second of which metrics are taken', above=0)
+    seed: int = quantity(0, '1', 'seed of all random numbers', minimum=0)
+    rate: float = quantity(
+        20.0, 'Hz', 'samples per second from which metrics are computed', above=0
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

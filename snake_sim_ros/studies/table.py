@@ -11,6 +11,7 @@ the process, the rows before are whole, and a line that is not is left out.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import fcntl
+from importlib import import_module
 from io import BytesIO
 import json
 from pathlib import Path
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 Result = dict[str, Any]  # of a run, by the names of its columns
 SUFFIXES = ('.parquet', '.csv')
 PICTURES = ('.png', '.svg', '.pdf')
+# Files and folders that are named after a table, with these suffixes in place of its own.
+BESIDE = {'best': '.best.yaml', 'front': '.front', 'picture': '.png', 'trajectories': ''}
 # Columns that are neither values nor metrics, and their types.
 OWN = {
     'row': 'Int64', 'status': 'String', 'failure': 'String', 'unconverged': 'Int64',
@@ -32,9 +35,15 @@ OWN = {
 }  # fmt: skip
 
 
-def library() -> Any:
+def optional(package: str, what: str) -> Any:
     """
-    Return polars.
+    Return a package that only studies need, and not all installations have.
+
+    Parameters
+    ----------
+    package : str
+    what : str
+        What needs it, for the message.
 
     Raises
     ------
@@ -43,12 +52,14 @@ def library() -> Any:
 
     """
     try:
-        import polars
+        return import_module(package)
     except ImportError as error:
-        raise ParameterError(
-            f"studies need polars ({error}): pip install 'snake_sim_ros[studies]'"
-        ) from None
-    return polars
+        raise ParameterError(f"{what} ({error}): pip install 'snake_sim_ros[studies]'") from None
+
+
+def library() -> Any:
+    """Return polars; see `optional`."""
+    return optional('polars', 'studies need polars')
 
 
 def check_file(path: Path, option: str, suffixes: Sequence[str] = SUFFIXES) -> None:
@@ -58,6 +69,11 @@ def check_file(path: Path, option: str, suffixes: Sequence[str] = SUFFIXES) -> N
         raise ParameterError(f'{option} must end in {listed}, got {path}')
     if not path.absolute().parent.is_dir():
         raise ParameterError(f'{option}: no folder {path.absolute().parent}')
+
+
+def beside(table: Path, what: str) -> Path:
+    """Return the file or folder beside a table, one of BESIDE."""
+    return table.with_suffix(BESIDE[what])
 
 
 def journal_of(table: Path) -> Path:

@@ -31,7 +31,7 @@ from typing import Any, ClassVar, TypeVar
 from snake_sim_ros.dynamics.code_cache import CodeCache
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.studies.runs import empty_result, known_result, never, Plan, Row, run_chunk
-from snake_sim_ros.studies.table import Result
+from snake_sim_ros.studies.table import optional, Result
 
 CHUNK_SECONDS = 1.0  # time that a chunk of runs is to take
 GROWTH = 4  # a chunk has at most so many times the runs of the one before
@@ -68,7 +68,7 @@ def core_count() -> int:
 
 
 @contextmanager
-def ended(pool: PoolT, stop: Callable[[], object] = never) -> Iterator[PoolT]:
+def closing_pool(pool: PoolT, stop: Callable[[], object] = never) -> Iterator[PoolT]:
     """Give an executor, and end it; after an error or an interruption at once, by `stop`."""
     try:
         yield pool
@@ -83,7 +83,7 @@ def ended(pool: PoolT, stop: Callable[[], object] = never) -> Iterator[PoolT]:
 def threads(count: int | None = None) -> Iterator[Workers]:
     """Run in threads of this process, as many as there are cores if no number is given."""
     number, stop = count or core_count(), threading.Event()
-    with ended(ThreadPoolExecutor(number), stop.set) as pool:
+    with closing_pool(ThreadPoolExecutor(number), stop.set) as pool:
         yield Workers(lambda plan, rows: pool.submit(run_chunk, plan, rows, stop.is_set),
                       lambda: number)  # fmt: skip
 
@@ -96,7 +96,7 @@ def processes(count: int | None = None) -> Iterator[Workers]:
     context = multiprocessing.get_context('spawn')
     stop = context.Event()
     pool = ProcessPoolExecutor(number, context, _prepare_process, (list(sys.path), stop))
-    with ended(pool, stop.set):
+    with closing_pool(pool, stop.set):
         yield Workers(lambda plan, rows: pool.submit(run_in_process, plan, rows), lambda: number)
 
 
@@ -118,13 +118,8 @@ def cluster(address: str, count: int | None = None) -> Iterator[Workers]:
         If Dask is not installed, or no scheduler answers.
 
     """
-    try:
-        import distributed
-        from distributed.scheduler import KilledWorker
-    except ImportError as error:
-        raise ParameterError(
-            f"a cluster needs Dask ({error}): pip install 'snake_sim_ros[studies]'"
-        ) from None
+    distributed = optional('distributed', 'a cluster needs Dask')
+    deaths = (distributed.scheduler.KilledWorker,)
     local = None
     if address == LOCAL:
         local = distributed.LocalCluster(
@@ -143,7 +138,7 @@ def cluster(address: str, count: int | None = None) -> Iterator[Workers]:
         return future
 
     try:
-        yield Workers(submit, lambda: max(1, sum(client.nthreads().values())), (KilledWorker,))
+        yield Workers(submit, lambda: max(1, sum(client.nthreads().values())), deaths)
     finally:
         client.close()
         if local:

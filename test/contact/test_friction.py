@@ -9,11 +9,12 @@ from flat_states import crooked, flat_robot, in_plane, lying_flat
 import numpy as np
 from obstacle_scenes import COARSE, every_here, HERE
 from oracle import empty_history, make_stepper, ORACLE
+from oracle.contact_laws import prox_half_ellipses
 import pytest
 from scenes import course, DT, EPS, G, kinetic_energy, late_stop, MASS, slope
 from schemes import span
 
-from snake_sim_ros.contact.laws import prox_ellipse, prox_half_ellipses
+from snake_sim_ros.contact.laws import prox_ellipse
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.parameters import (

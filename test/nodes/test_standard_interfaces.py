@@ -103,7 +103,7 @@ def node(monkeypatch):
     monkeypatch.setattr(sim_services, 'standard', standard)
     monkeypatch.setattr(sim_services, 'standard_services', services)
     node = Node()
-    sim_services.serve(node)
+    sim_services.serve_simulation(node)
     return node
 
 
@@ -116,7 +116,7 @@ def test_services_have_the_names_of_the_standard_beside_our_own(node):
 def test_without_the_package_only_our_own_are_served(monkeypatch):
     monkeypatch.setattr(sim_services, 'standard', None)
     node = Node()
-    sim_services.serve(node)
+    sim_services.serve_simulation(node)
     assert set(node.services) == {'~/reset', '~/pause', '~/step'}
 
 

@@ -15,8 +15,9 @@ from rclpy.action import CancelResponse, GoalResponse
 from rclpy.duration import Duration
 
 from snake_sim_ros.gaits.joint_reference import Motion
+from snake_sim_ros.nodes.command_inbox import Tracked
 from snake_sim_ros.nodes.received_commands import RejectedCommand
-from snake_sim_ros.nodes.trajectory_action import Tracked, TrajectoryAction
+from snake_sim_ros.nodes.trajectory_action import TrajectoryAction
 
 NAMES = ['joint_1_yaw', 'joint_2_yaw']
 KIND = SimpleNamespace(

@@ -130,3 +130,16 @@ def block_diagonal(squares: list[Array]) -> Array:
     for a, square in enumerate(squares):
         matrix[size * a : size * a + size, size * a : size * a + size] = square
     return matrix
+
+
+def prox_half_ellipses(
+    x: float, y: float, forward: float, backward: float, b: float
+) -> tuple[float, float]:
+    """
+    Return the nearest point of two half ellipses: Coulomb friction that differs along a line.
+
+    The half axis along x is `forward` where x is negative, against sliding forward, and `backward`
+    where x is positive; both halves have the half axis b along y. The set is convex. The nearest
+    point lies on the side of x, and is that of the whole ellipse of this side, which is symmetric.
+    """
+    return prox_ellipse(x, y, backward if x > 0.0 else forward, b)

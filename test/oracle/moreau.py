@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from oracle.closing import Closing, with_closed_gaps
+from oracle.contact_laws import prox_half_ellipses
 from oracle.joint_drift import furthest_angles, without_drift
 from oracle.joint_laws import dense_laws, solve_laws_of_axes
 from snake_sim_ros.contact.closing import closed_gap, DEEP
@@ -25,7 +26,6 @@ from snake_sim_ros.contact.detection import reach_of_step
 from snake_sim_ros.contact.laws import (
     LEAST_COMPLIANCE,
     prox_disc,
-    prox_half_ellipses,
     prox_half_line,
     selection_center,
     selection_compliance,

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from oracle.contact_laws import prox_half_ellipses
 from oracle.joint_laws import dense_laws, DenseLaws, solve_laws_of_axes
-from snake_sim_ros.contact.laws import prox_half_ellipses
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.scene.obstacles import floor_friction
 from snake_sim_ros.scene.parameters import Array, PD_SCHEMES, Scene

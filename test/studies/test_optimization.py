@@ -5,22 +5,18 @@
 from dataclasses import fields
 import json
 import math
-import os
 from pathlib import Path
 import re
-import signal
-import subprocess
-import sys
-import time
 
 import numpy as np
 import pytest
+from stopped_commands import rows_of, stopped
 import yaml
 
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, with_settings
-from snake_sim_ros.stepping.accuracy import with_usual_steps
+from snake_sim_ros.stepping.methods import with_usual_steps
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.studies import workers
 from snake_sim_ros.studies.metrics import METRICS
@@ -34,6 +30,7 @@ from snake_sim_ros.studies.problem import (
     Stop,
 )
 from snake_sim_ros.studies.searches import front_of, scalar_losses
+from snake_sim_ros.studies.table import journal_of
 
 pytest.importorskip('polars')
 pytest.importorskip('cma')
@@ -297,21 +294,9 @@ def test_what_was_killed_goes_on_and_ends_the_same(tmp_path, capsys):
     whole, out = tmp_path / 'whole.parquet', tmp_path / 'killed.parquet'
     expected = outcome_of(capsys, path, '--out', whole, '--threads', '2')
     command = ['optimize', str(path), '--out', str(out), '--threads', '2']
-    program = 'import sys; from snake_sim_ros.commands.main import main; sys.exit(main())'
-    process = subprocess.Popen(
-        [sys.executable, '-c', program, *command],
-        env={**os.environ, 'PYTHONPATH': str(ROOT)}, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    journal, deadline = out.with_name(f'{out.name}.journal'), time.monotonic() + 100
-    try:
-        while not journal.is_file() or journal.read_bytes().count(b'\n') < 20:
-            assert process.poll() is None and time.monotonic() < deadline
-            time.sleep(0.002)
-        process.send_signal(signal.SIGKILL)
-    finally:
-        process.kill()
-        process.wait()
-    done = journal.read_bytes().count(b'\n')
+    journal = journal_of(out)
+    stopped(command, tmp_path, journal, rows=20)
+    done = rows_of(journal)
     assert 20 <= done < 300 and not out.is_file()
     with journal.open('ab') as file:
         file.write(b'{"row": 3, "key": "ab')  # a line that was not whole

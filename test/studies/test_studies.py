@@ -16,8 +16,8 @@ from snake_sim_ros.recording.recorded_runs import read_npz
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
-from snake_sim_ros.stepping.accuracy import with_usual_steps
 from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.methods import with_usual_steps
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.studies import workers

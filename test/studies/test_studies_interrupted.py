@@ -8,9 +8,9 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
+from stopped_commands import DEADLINE, ENVIRONMENT, rows_of, stopped, wait_for
 
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.studies import workers
@@ -18,9 +18,6 @@ from snake_sim_ros.studies.study import load_study, run_study
 from snake_sim_ros.studies.table import journal_of
 
 polars = pytest.importorskip('polars')
-ROOT = Path(__file__).resolve().parents[2]
-ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT)}
-DEADLINE = 60.0  # s for what a test waits for
 # Rows of some 20 ms, enough for chunks of several sizes.
 STUDY = """
 scene: lateral_undulation
@@ -45,26 +42,6 @@ def expected(study):
     return run_study(study, workers=workers.threads(1)).drop('seconds')
 
 
-def wait_for(condition, what):
-    deadline = time.monotonic() + DEADLINE
-    while not condition():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.01)
-
-
-def started(folder, *arguments):
-    (folder / 'my.yaml').write_text(STUDY)
-    command = [sys.executable, '-m', 'snake_sim_ros.commands', 'study', 'my.yaml', *arguments]
-    return subprocess.Popen(
-        command, cwd=folder, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        text=True,
-    )  # fmt: skip
-
-
-def lines(path):
-    return path.read_bytes().count(b'\n') if path.exists() else 0
-
-
 def go_on(folder, capsys):
     """Start a study again in this process; return its summary and its table."""
     before = Path.cwd()
@@ -78,14 +55,10 @@ def go_on(folder, capsys):
 
 
 def test_a_killed_study_goes_on(tmp_path, expected, capsys):
+    (tmp_path / 'my.yaml').write_text(STUDY)
     journal = journal_of(tmp_path / 'my.parquet')
-    process = started(tmp_path, '--threads', '2')
-    try:
-        wait_for(lambda: lines(journal) >= 5, 'no rows in the journal')
-    finally:
-        process.kill()
-        process.communicate(timeout=DEADLINE)
-    done = lines(journal)
+    stopped(['study', 'my.yaml', '--threads', '2'], tmp_path, journal, rows=5)
+    done = rows_of(journal)
     assert 5 <= done < len(expected)
     summary, table = go_on(tmp_path, capsys)
     assert (summary['found'], summary['done']) == (done, len(expected))
@@ -94,15 +67,11 @@ def test_a_killed_study_goes_on(tmp_path, expected, capsys):
 
 
 def test_ctrl_c_keeps_the_rows_that_are_done(tmp_path, expected, capsys):
+    (tmp_path / 'my.yaml').write_text(STUDY)
     journal = journal_of(tmp_path / 'my.parquet')
-    process = started(tmp_path, '--threads', '2')
-    try:
-        wait_for(lambda: lines(journal) >= 5, 'no rows in the journal')
-        process.send_signal(signal.SIGINT)
-        output, errors = process.communicate(timeout=DEADLINE)
-    finally:
-        process.kill()
-    assert process.returncode == 130 and 'Traceback' not in errors, errors
+    command = ['study', 'my.yaml', '--threads', '2']
+    status, output, errors = stopped(command, tmp_path, journal, rows=5, by=signal.SIGINT)
+    assert status == 130 and 'Traceback' not in errors, errors
     summary = json.loads(output.splitlines()[-1])
     assert 5 <= summary['done'] < summary['rows'] == len(expected)
     assert len(polars.read_parquet(tmp_path / 'my.parquet')) == summary['done']

@@ -48,7 +48,7 @@ COMMANDS = [
 # What is added to a command so that it ends soon, or what stands in for a tool that only a ROS 2
 # installation has: `ros2 run` starts the launcher of that name.
 SHORTENED = {
-    './run test': '--collect-only -q test/test_gait.py',
+    './run test': '--collect-only -q test/scene/test_gait.py',
     './run run obstacle_aided': '--duration 0.5',
     './run view sidewinding': '--no-browser --port 0',
     './run run sidewinding --out run.npz --csv run.csv --bag run.mcap --gif run.gif': (

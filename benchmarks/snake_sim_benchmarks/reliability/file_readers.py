@@ -34,7 +34,7 @@ from snake_sim_ros.scene.parameters import (
     with_settings,
 )
 from snake_sim_ros.scene.robot_description import robot_of
-from snake_sim_ros.stepping.accuracy import with_usual_steps
+from snake_sim_ros.stepping.methods import with_usual_steps
 from snake_sim_ros.studies.problem import load_problem
 from snake_sim_ros.studies.recorded_motion import read_recording
 from snake_sim_ros.studies.study import load_study

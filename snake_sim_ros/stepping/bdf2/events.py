@@ -23,9 +23,16 @@ from snake_sim_ros.contact.detection import find_contacts, gap_at
 from snake_sim_ros.contact.laws import IMPACT_WEIGHTS
 from snake_sim_ros.contact.newton import condense_anew
 from snake_sim_ros.contact.problem import Problem
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
 from snake_sim_ros.dynamics.kinematics import chain_coordinates, link_frames
-from snake_sim_ros.stepping.bdf2.motion import add_velocities, keep_velocities, reach_end
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.stepping.bdf2.motion import (
+    add_velocities,
+    Bdf2Arrays,
+    keep_velocities,
+    reach_end,
+)
+from snake_sim_ros.stepping.model import Model, Workspace
 
 # By its law a contact that carries load has no gap. Its gap is the error of integration, of third
 # order in dt. Up to RESTING_GAP its law is that of velocities alone, so that the error does not
@@ -36,7 +43,9 @@ MOST_CLOSINGS = 3  # moves of the configuration in a step that close gaps
 
 
 @inlined
-def leave_gaps(model, h_q, late, closed, contacts, impulse):
+def leave_gaps(
+    model: Model, h_q: float, late: float, closed: Array, contacts: Table, impulse: Array
+) -> None:
     """
     Fill the shifts, the normal velocities that gaps allow, and add them to the normal velocities.
 
@@ -68,7 +77,7 @@ def leave_gaps(model, h_q, late, closed, contacts, impulse):
 
 
 @inlined
-def likely_to_push(closed, contacts):
+def likely_to_push(closed: Array, contacts: Table) -> int:
     """
     Return how many contacts are likely to push; their numbers are moved to the front of `closed`.
 
@@ -85,7 +94,7 @@ def likely_to_push(closed, contacts):
 
 
 @inlined
-def add_approaching(closed, count, contacts):
+def add_approaching(closed: Array, count: int, contacts: Table) -> int:
     """
     Let the contacts push, too, that close with the solution for the first `count` ones.
 
@@ -111,7 +120,7 @@ class Events(NamedTuple):
 
 
 @inlined
-def events(model, h, closed, contacts):
+def events(model: Model, h: float, closed: Array, contacts: Table) -> Events:
     """Return the `Events` of a step in which forces acted for a time h [s]."""
     weight = largest = 0.0
     for m in model.mass:
@@ -130,7 +139,7 @@ def events(model, h, closed, contacts):
 
 
 @inlined
-def find_end_gaps(h_q, closed, contacts):
+def find_end_gaps(h_q: float, closed: Array, contacts: Table) -> None:
     """Fill the gaps to which the solution of the contacts leads, linear in the velocities."""
     for a in closed:
         change = contacts.gamma[a, 0] - contacts.shift[a] - contacts.approach_velocity[a]
@@ -138,7 +147,7 @@ def find_end_gaps(h_q, closed, contacts):
 
 
 @inlined
-def closed_at_end(tolerance, closed, contacts):
+def closed_at_end(tolerance: float, closed: Array, contacts: Table) -> int:
     """
     Return the number of contacts that are closed after a step.
 
@@ -157,7 +166,7 @@ def closed_at_end(tolerance, closed, contacts):
 
 
 @inlined
-def add_closing(closed, count, contacts):
+def add_closing(closed: Array, count: int, contacts: Table) -> int:
     """
     Move the contacts whose gaps are to be closed behind the first `count` ones of `closed`.
 
@@ -172,7 +181,16 @@ def add_closing(closed, count, contacts):
 
 
 @merged
-def place_end(model, own, work, problem, count, h_q, was_deep, q_start):
+def place_end(
+    model: Model,
+    own: Bdf2Arrays,
+    work: Workspace,
+    problem: Problem,
+    count: int,
+    h_q: float,
+    was_deep: bool,
+    q_start: Array,
+) -> None:
     """
     Fill the coordinates at the end, with the gaps of the contacts closed that carry load.
 
@@ -208,7 +226,7 @@ def place_end(model, own, work, problem, count, h_q, was_deep, q_start):
 
 
 @compiled
-def deep_contacts_take_part(model, work, q):
+def deep_contacts_take_part(model: Model, work: Workspace, q: Array) -> bool:
     """
     Let contacts take part in a step that ends too deep at q, shape (n, 7).
 
@@ -224,7 +242,7 @@ def deep_contacts_take_part(model, work, q):
 
 
 @inlined
-def forget_who_took_part(contacts):
+def forget_who_took_part(contacts: Table) -> None:
     """Let contacts take part in the next part of a step by their gaps alone."""
     for a in range(len(contacts)):
         contacts.takes_part[a] = 0

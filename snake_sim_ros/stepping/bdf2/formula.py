@@ -14,8 +14,11 @@ push begins or ends in it, so are the times before and after, each of TICKS tick
 """
 
 import math
+from typing import Any
 
 from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.stepping.state import History
 
 # Phases: nothing is known of the motion; it starts smoothly here; the state before is known, too.
 UNKNOWN, ANEW, SMOOTH = 0.0, 1.0, 2.0
@@ -28,13 +31,13 @@ GROW_SHARE = 0.15  # share of the tolerance of the path below which the next par
 
 
 @inlined
-def least_iterations(model):
+def least_iterations(model: Any) -> int:
     """Return how many iterations a solution has if those before used up the limit of the step."""
     return min(LEAST_ITERATIONS, model.iteration_limit)
 
 
 @inlined
-def coefficients(dt, memory):
+def coefficients(dt: float, memory: Any) -> tuple[float, float, float, float]:
     """
     Return w and c of the formula, h, and the time for which rates act on the state before it.
 
@@ -48,7 +51,7 @@ def coefficients(dt, memory):
 
 
 @inlined
-def first_size(dt, path_tolerance, memory):
+def first_size(dt: float, path_tolerance: float, memory: Any) -> int:
     """Return the ticks of the first part of a step of dt [s]."""
     if memory.phase[0] != SMOOTH:
         goes_on = memory.span[0] > 0.0 and memory.ticks[0] > 0.0
@@ -61,7 +64,7 @@ def first_size(dt, path_tolerance, memory):
 
 
 @inlined
-def aligned_size(done, size):
+def aligned_size(done: int, size: int) -> int:
     """Return the ticks of a part of at most `size` that may begin after `done` ticks."""
     while done % size != 0:
         size //= 2
@@ -69,7 +72,7 @@ def aligned_size(done, size):
 
 
 @inlined
-def judge_part(path_tolerance, error, size):
+def judge_part(path_tolerance: float, error: float, size: int) -> tuple[bool, int]:
     """
     Return whether a part is taken that makes an error in the path [m], and the size of the next.
 
@@ -84,7 +87,7 @@ def judge_part(path_tolerance, error, size):
 
 
 @inlined
-def path_error(dt, axes, u, u_star):
+def path_error(dt: float, axes: int, u: Array, u_star: Array) -> float:
     """
     Return by how much a part of dt may be off the path [m].
 
@@ -100,7 +103,9 @@ def path_error(dt, axes, u, u_star):
 
 
 @inlined
-def end_references(dt, late, known, angle, rate, memory, own):
+def end_references(
+    dt: float, late: float, known: bool, angle: Array, rate: Array, memory: Any, own: Any
+) -> None:
     """
     Fill the joint references of a part that ends `late` [s] after the middle of a step of dt [s].
 
@@ -116,7 +121,7 @@ def end_references(dt, late, known, angle, rate, memory, own):
 
 
 @inlined
-def keep_references(size, rate, memory):
+def keep_references(size: int, rate: Array, memory: Any) -> None:
     """Keep the ticks of the next part, and the rates of the references of the step that ends."""
     memory.ticks[0] = size
     for j in range(len(rate)):
@@ -125,7 +130,7 @@ def keep_references(size, rate, memory):
 
 
 @inlined
-def keep_history(history, kept):
+def keep_history(history: History, kept: Array) -> None:
     """Copy impulses, velocities and changes of the contacts."""
     for a in range(len(history.impulse)):
         for j in range(5):
@@ -135,7 +140,7 @@ def keep_history(history, kept):
 
 
 @inlined
-def restore_history(kept, history):
+def restore_history(kept: Array, history: History) -> None:
     """Copy back what `keep_history` kept."""
     for a in range(len(history.impulse)):
         for j in range(5):

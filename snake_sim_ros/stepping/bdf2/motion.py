@@ -30,6 +30,7 @@ from snake_sim_ros.dynamics.kinematics import (
 )
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.bdf2.formula import ANEW, coefficients, SMOOTH, UNKNOWN
+from snake_sim_ros.stepping.model import Model, Workspace
 
 CONSISTENT_SPEED = 1e-9  # largest speed of joint gaps at which velocities fit the joints [m/s]
 
@@ -49,7 +50,7 @@ def make_motion(n: int) -> Motion:
 
 
 @inlined
-def keep(motion, to):
+def keep(motion: Motion, to: Motion) -> None:
     """Copy a state."""
     for k in range(7):
         to.pose[k] = motion.pose[k]
@@ -63,7 +64,9 @@ def keep(motion, to):
 
 
 @merged
-def formula(mass, dt, memory, own):
+def formula(
+    mass: Array, dt: float, memory: 'Bdf2Memory', own: 'Bdf2Arrays'
+) -> tuple[float, float]:
     """
     Fill own.hat and the velocities of own.star from the states before the step.
 
@@ -93,7 +96,7 @@ def formula(mass, dt, memory, own):
 
 
 @inlined
-def advance_pose(h, mass, at, u, pose):
+def advance_pose(h: float, mass: Array, at: Array, u: Array, pose: Array) -> None:
     """
     Add ``h F u`` to a pose, with the turn of the middle link taken at the pose `at`.
 
@@ -110,7 +113,7 @@ def advance_pose(h, mass, at, u, pose):
 
 
 @merged
-def reach_end(h_q, mass, pose, hat, motion):
+def reach_end(h_q: float, mass: Array, pose: Array, hat: Motion, motion: Motion) -> None:
     """
     Fill pose and angles of a motion with ``hat + h F u``, by its rates and its middle link.
 
@@ -129,7 +132,9 @@ def reach_end(h_q, mass, pose, hat, motion):
 
 
 @merged
-def predict_end(model, h_q, memory, own, work):
+def predict_end(
+    model: Model, h_q: float, memory: 'Bdf2Memory', own: 'Bdf2Arrays', work: Workspace
+) -> None:
     """Fill own.star, and the geometry of the chain and its twists at the predicted end."""
     star, chain = own.star, work.chain
     reach_end(h_q, model.mass, memory.end.pose, own.hat, star)
@@ -144,7 +149,7 @@ def predict_end(model, h_q, memory, own, work):
 
 
 @inlined
-def consistent_twists(motion, R, axis, twist):
+def consistent_twists(motion: Motion, R: Array, axis: Array, twist: Array) -> None:
     """Fill the twists of links from that of the middle one and from the rates of the joints."""
     n = len(twist)
     root, u, rate = n // 2, motion.u, motion.rate
@@ -164,7 +169,7 @@ def consistent_twists(motion, R, axis, twist):
 
 
 @inlined
-def keep_velocities(work, motion):
+def keep_velocities(work: Workspace, motion: Motion) -> None:
     """Fill the velocities of a motion with the solution of the chain."""
     R, twist = work.R, work.chain.twist
     end_velocities(twist, R, work.center, motion.u)
@@ -172,7 +177,7 @@ def keep_velocities(work, motion):
 
 
 @inlined
-def add_velocities(motion, to):
+def add_velocities(motion: Motion, to: Motion) -> None:
     """Add the velocities of a motion to those of another."""
     for j in range(len(to.rate)):
         for k in range(2):
@@ -240,7 +245,7 @@ def make_arrays(n: int, contacts: int) -> Bdf2Arrays:
 
 
 @inlined
-def keep_state(q, u, q_to, u_to):
+def keep_state(q: Array, u: Array, q_to: Array, u_to: Array) -> None:
     """Copy q (n, 7) and u (n, 6) to q_to and u_to."""
     for i in range(len(q)):
         for k in range(7):
@@ -250,7 +255,7 @@ def keep_state(q, u, q_to, u_to):
 
 
 @compiled
-def recognize(model, work, q, u, memory):
+def recognize(model: Model, work: Workspace, q: Array, u: Array, memory: Bdf2Memory) -> None:
     """
     Take q (n, 7) and u (n, 6) as the state to continue from, unless the last step ended in it.
 

@@ -42,16 +42,21 @@ The same step in dense NumPy is in `test/oracle/bdf2.py`, to read beside these e
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from snake_sim_ros.contact.detection import find_contacts, LANDING_SPEED, penetration
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.laws import apply_selection_rule
 from snake_sim_ros.contact.newton import prepare_contacts, solve_prepared
-from snake_sim_ros.contact.problem import Problem
+from snake_sim_ros.contact.problem import Outcome, Problem
 from snake_sim_ros.dynamics.balance import joint_rates, link_inertia, smooth_momentum
 from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, merged
-from snake_sim_ros.dynamics.joint_control import held_torque, read_by_controllers, torques_jump
+from snake_sim_ros.dynamics.joint_control import (
+    ControlMemory,
+    held_torque,
+    read_by_controllers,
+    torques_jump,
+)
 from snake_sim_ros.dynamics.joint_laws import (
     begin_axis,
     begin_axis_impact,
@@ -59,6 +64,7 @@ from snake_sim_ros.dynamics.joint_laws import (
     first_law,
     is_at_stop,
     joint_laws_change,
+    JointLaws,
     MOST_CHANGES,
     stop_axis,
 )
@@ -93,6 +99,7 @@ from snake_sim_ros.stepping.bdf2.formula import (
     UNKNOWN,
 )
 from snake_sim_ros.stepping.bdf2.motion import (
+    Bdf2Arrays,
     formula,
     keep,
     keep_state,
@@ -100,15 +107,17 @@ from snake_sim_ros.stepping.bdf2.motion import (
     predict_end,
     recognize,
 )
+from snake_sim_ros.stepping.model import Model, Workspace
 from snake_sim_ros.stepping.moreau import finish, turns_are_small
-from snake_sim_ros.stepping.pushes import add_pushes, first_stretch, next_stretch, part_of
-from snake_sim_ros.stepping.state import without_memory
+from snake_sim_ros.stepping.pushes import add_pushes, first_stretch, next_stretch, part_of, Stretch
+from snake_sim_ros.stepping.state import History, without_memory
 from snake_sim_ros.stepping.steps import (
     count_steps,
     iterations_left,
     keep_sample,
     note_outcome,
     noted,
+    Steps,
 )
 
 # Replaces `laws.PRESS_SPEED`, which is not small beside errors of second order: loads of a
@@ -120,7 +129,9 @@ IMPLICIT_SCHEMES = ('average', 'end')
 
 
 @merged
-def begin_axes(laws, own, work, angle, h, h_q):
+def begin_axes(
+    laws: JointLaws, own: Bdf2Arrays, work: Workspace, angle: Array, h: float, h_q: float
+) -> None:
     """
     Begin a part with the laws of the joints; the chain has the controllers of its predicted end.
 
@@ -142,7 +153,9 @@ def begin_axes(laws, own, work, angle, h, h_q):
 
 
 @inlined
-def axes_change(laws, work, outcome, attempt, left, report):
+def axes_change(
+    laws: JointLaws, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Any
+) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
     if not laws.present:
         return False
@@ -154,7 +167,7 @@ def axes_change(laws, work, outcome, attempt, left, report):
 
 
 @inlined
-def joints_meet_stops(laws, rate, work):
+def joints_meet_stops(laws: JointLaws, rate: Array, work: Workspace) -> bool:
     """
     Return whether joints with rates (n-1, 2) meet their stops, and fill work.applied.
 
@@ -171,7 +184,7 @@ def joints_meet_stops(laws, rate, work):
 
 
 @inlined
-def begin_impact(laws, work):
+def begin_impact(laws: JointLaws, work: Workspace) -> None:
     """Fill the laws of the joints in an impact: the torques stay what they are."""
     axes, chain = work.axes, work.chain
     for j in range(len(work.applied)):
@@ -185,7 +198,17 @@ def begin_impact(laws, work):
 
 
 @merged
-def begin(model, own, work, angle, control, h, h_q, late, history):
+def begin(
+    model: Model,
+    own: Bdf2Arrays,
+    work: Workspace,
+    angle: Array,
+    control: ControlMemory,
+    h: float,
+    h_q: float,
+    late: float,
+    history: History,
+) -> Problem:
     """
     Return the contact problem for the predicted end of the step.
 
@@ -226,7 +249,17 @@ def begin(model, own, work, angle, control, h, h_q, late, history):
 
 
 @inlined
-def solve_landing(model, own, work, problem, h, h_q, history, report, most):
+def solve_landing(
+    model: Model,
+    own: Bdf2Arrays,
+    work: Workspace,
+    problem: Problem,
+    h: float,
+    h_q: float,
+    history: History,
+    report: Any,
+    most: int,
+) -> tuple[bool, Events, int]:
     """
     Solve the contacts and, if they land, the impact, until a report has `most` iterations.
 
@@ -292,7 +325,15 @@ class Part(NamedTuple):
 
 
 @merged
-def one_part(own, model, work, dt, stretch, steps, most):
+def one_part(
+    own: Bdf2Arrays,
+    model: Model,
+    work: Workspace,
+    dt: float,
+    stretch: Stretch,
+    steps: Steps,
+    most: int,
+) -> Part:
     """
     Return the `Part` of length dt [s] with the references in own.end_angle.
 
@@ -334,8 +375,10 @@ def one_part(own, model, work, dt, stretch, steps, most):
 
 
 @merged
-def take(own, model, work, dt, part, steps):
-    """Go on to the end of a `Part` of length dt [s]."""
+def take(
+    own: Bdf2Arrays, model: Model, work: Workspace, dt: float, part: Part, steps: Steps
+) -> None:
+    """Move to the end of a `Part` of length dt [s]."""
     memory, history, report = steps.history.memory, steps.history, steps.report[0]
     for j in range(len(own.end.rate)):
         for k in range(2):
@@ -357,7 +400,7 @@ def take(own, model, work, dt, part, steps):
 
 
 @merged
-def step(own, model, work, steps, k):
+def step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: int) -> bool:
     """Take step k in parts; return whether the loop continues."""
     report, memory = steps.report[0], steps.history.memory
     start = memory.end.angle, memory.end.rate, 0.0
@@ -409,7 +452,7 @@ def step(own, model, work, steps, k):
 
 
 @compiled
-def advance(own, model, work, steps):
+def advance(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps) -> None:
     """Take the steps up to the first that diverges; see `spatial.SpatialStepper`."""
     memory = steps.history.memory
     recognize(model, work, steps.q, steps.u, memory)

@@ -8,10 +8,11 @@ lands and no impulse is sudden. The only event is a state that is not the end of
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.contact.problem import Outcome
 from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, merged
 from snake_sim_ros.dynamics.joint_control import implicit_pd_law
 from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
@@ -39,6 +40,7 @@ from snake_sim_ros.stepping.planar.equilibrium import (
     fill_momentum,
     place_links_in_plane,
 )
+from snake_sim_ros.stepping.planar.model import PlanarModel, PlanarWorkspace
 from snake_sim_ros.stepping.planar.moreau import (
     begin_planar_impact,
     begin_predicted_yaw_axes,
@@ -56,13 +58,14 @@ from snake_sim_ros.stepping.planar.solvers import (
     solve_planar_contacts,
 )
 from snake_sim_ros.stepping.pushes import add_pushes_in_plane, first_stretch, next_stretch, part_of
-from snake_sim_ros.stepping.state import without_memory
+from snake_sim_ros.stepping.state import History, without_memory
 from snake_sim_ros.stepping.steps import (
     count_steps,
     iterations_left,
     note_outcome,
     noted,
     sampled_row,
+    Steps,
     take_back,
 )
 
@@ -136,7 +139,7 @@ def make_planar_arrays(n: int, contacts: int) -> PlanarBdf2Arrays:
 
 
 @inlined
-def keep_planar(motion, to):
+def keep_planar(motion: PlanarMotion, to: PlanarMotion) -> None:
     """Copy a state."""
     to.pose[0], to.pose[1] = motion.pose[0], motion.pose[1]
     for i in range(len(motion.heading)):
@@ -146,7 +149,9 @@ def keep_planar(motion, to):
 
 
 @merged
-def recognize_in_plane(model, work, q, u, memory):
+def recognize_in_plane(
+    model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array, memory: PlanarBdf2Memory
+) -> None:
     """Take q and u as the state to continue from, as `bdf2.motion.recognize`."""
     end = memory.end
     held_x, held_y = held_point(model, q)
@@ -160,7 +165,7 @@ def recognize_in_plane(model, work, q, u, memory):
 
 
 @merged
-def starts_anew(model, work, q, u):
+def starts_anew(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array) -> bool:
     """Return whether the velocities of a given state satisfy the joints and the floor."""
     for i in range(len(u)):
         for k in range(3):
@@ -178,7 +183,9 @@ def starts_anew(model, work, q, u):
 
 
 @merged
-def planar_formula(model, dt, memory, own):
+def planar_formula(
+    model: PlanarModel, dt: float, memory: PlanarBdf2Memory, own: PlanarBdf2Arrays
+) -> tuple[float, float]:
     """
     Fill own.hat and the velocities of own.star as `bdf2.formula`.
 
@@ -205,7 +212,7 @@ def planar_formula(model, dt, memory, own):
 
 
 @inlined
-def move_planar(model, h, u, motion):
+def move_planar(model: PlanarModel, h: float, u: Array, motion: PlanarMotion) -> None:
     """Move center of mass and headings by a time h [s] with the velocities u (n, 3)."""
     for i in range(len(u)):
         motion.heading[i] += h * u[i, 2]
@@ -214,7 +221,9 @@ def move_planar(model, h, u, motion):
 
 
 @merged
-def predict_loads(h, dt, work, memory, history):
+def predict_loads(
+    h: float, dt: float, work: PlanarWorkspace, memory: PlanarBdf2Memory, history: History
+) -> None:
     """Scale what the last step left of the contacts to one of dt, with impulses for a time h."""
     span, before = memory.span[0], memory.dt[0]
     if span == 0.0:
@@ -232,7 +241,14 @@ def predict_loads(h, dt, work, memory, history):
 
 
 @merged
-def begin_planar_part(model, own, work, start, h, h_q):
+def begin_planar_part(
+    model: PlanarModel,
+    own: PlanarBdf2Arrays,
+    work: PlanarWorkspace,
+    start: Any,
+    h: float,
+    h_q: float,
+) -> None:
     """
     Fill the workspace for the contact solver, with the references in own.end_angle.
 
@@ -257,7 +273,9 @@ def begin_planar_part(model, own, work, start, h, h_q):
 
 
 @inlined
-def fill_predicted_grips(patches, model, own, work, h_q):
+def fill_predicted_grips(
+    patches: Any, model: PlanarModel, own: PlanarBdf2Arrays, work: PlanarWorkspace, h_q: float
+) -> None:
     """Fill the grip of the contacts at the predicted end; see `equilibrium.fill_grips`."""
     if patches is None:
         return
@@ -269,7 +287,15 @@ def fill_predicted_grips(patches, model, own, work, h_q):
 
 
 @merged
-def planar_part(own, model, work, dt, stretch, steps, most):
+def planar_part(
+    own: PlanarBdf2Arrays,
+    model: PlanarModel,
+    work: PlanarWorkspace,
+    dt: float,
+    stretch: Any,
+    steps: Steps,
+    most: int,
+) -> tuple[Outcome, float, float, bool]:
     """
     Find the velocities after a time dt, with the references in own.end_angle; they are in own.end.
 
@@ -312,8 +338,17 @@ def planar_part(own, model, work, dt, stretch, steps, most):
 
 
 @merged
-def take_planar(own, model, work, dt, h, h_q, meets, memory):
-    """Go on to the state that `planar_part` found."""
+def take_planar(
+    own: PlanarBdf2Arrays,
+    model: PlanarModel,
+    work: PlanarWorkspace,
+    dt: float,
+    h: float,
+    h_q: float,
+    meets: bool,
+    memory: PlanarBdf2Memory,
+) -> None:
+    """Move to the state that `planar_part` found."""
     keep_planar(memory.end, memory.start)
     for k in range(2):
         memory.end.pose[k] = own.hat.pose[k]
@@ -331,7 +366,9 @@ def take_planar(own, model, work, dt, h, h_q, meets, memory):
 
 
 @merged
-def planar_step(own, model, work, steps, k):
+def planar_step(
+    own: PlanarBdf2Arrays, model: PlanarModel, work: PlanarWorkspace, steps: Steps, k: int
+) -> bool:
     """Take step k; return whether it was taken."""
     report, memory = steps.report[0], steps.history.memory.scheme
     angle, rate = steps.angle[k], steps.rate[k]
@@ -376,7 +413,7 @@ def planar_step(own, model, work, steps, k):
 
 
 @inlined
-def fill_state(model, end, steps):
+def fill_state(model: PlanarModel, end: PlanarMotion, steps: Steps) -> None:
     """Fill q and u of the steps from a `PlanarMotion`."""
     q, u = steps.q, steps.u
     for i in range(len(u)):
@@ -388,7 +425,9 @@ def fill_state(model, end, steps):
 
 
 @compiled
-def advance_bdf2_in_plane(own, model, work, steps):
+def advance_bdf2_in_plane(
+    own: PlanarBdf2Arrays, model: PlanarModel, work: PlanarWorkspace, steps: Steps
+) -> None:
     """Take the steps up to the first that is not planar; see `stepper.PlanarStepper`."""
     memory = steps.history.memory.scheme
     for k in range(len(steps.angle)):

@@ -8,11 +8,14 @@ are found as `contact.detection` finds them in space.
 """
 
 import math
+from typing import Any
 
 from snake_sim_ros.contact.closing import gaps_to_close, left_gap, MOST_MOVES, predict_gaps
 from snake_sim_ros.contact.detection import fill_grip, peg_contact, reach_of_step
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
-from snake_sim_ros.dynamics.hinge_chain import factor_hinges, solve_hinges
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
+from snake_sim_ros.dynamics.hinge_chain import factor_hinges, HingeChain, solve_hinges
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.stepping.planar.model import PlanarModel, PlanarWorkspace
 
 # Share of a contact's stiffness with which the floor holds the robot against rolling. A real floor
 # has none; this reveals a straight robot, which nothing else holds, by its large roll.
@@ -20,7 +23,7 @@ ROOT_HOLD = 1e-10
 
 
 @inlined
-def fill_momentum(model, work, u, u_start):
+def fill_momentum(model: PlanarModel, work: PlanarWorkspace, u: Array, u_start: Array) -> None:
     """Fill inertias and momenta of links with velocities u (n, 3), and gamma of u_start (n, 3)."""
     n = len(u)
     for i in range(n):
@@ -37,7 +40,9 @@ def fill_momentum(model, work, u, u_start):
 
 
 @inlined
-def place_links_in_plane(model, work, weight_velocity):
+def place_links_in_plane(
+    model: PlanarModel, work: PlanarWorkspace, weight_velocity: float
+) -> None:
     """
     Fill link centers and joint axes from the headings, and factor the chain for the loads.
 
@@ -85,7 +90,9 @@ def place_links_in_plane(model, work, weight_velocity):
 
 
 @inlined
-def fill_grips(patches, model, work, x, y):
+def fill_grips(
+    patches: Any, model: PlanarModel, work: PlanarWorkspace, x: float, y: float
+) -> None:
     """
     Fill the grip of the contacts with the floor, for O at (x, y) in I [m].
 
@@ -103,7 +110,17 @@ def fill_grips(patches, model, work, x, y):
 
 
 @inlined
-def fill_link_velocities(contacts, i, n, offset, c, s, vx, vy, omega):
+def fill_link_velocities(
+    contacts: Table,
+    i: int,
+    n: int,
+    offset: float,
+    c: float,
+    s: float,
+    vx: float,
+    vy: float,
+    omega: float,
+) -> None:
     """Fill the sliding velocities of both contacts of link i, with heading (c, s)."""
     along, across, turning = c * vx + s * vy, c * vy - s * vx, offset * omega
     contacts.gamma[i, 1] = contacts.gamma[n + i, 1] = along
@@ -111,7 +128,7 @@ def fill_link_velocities(contacts, i, n, offset, c, s, vx, vy, omega):
 
 
 @inlined
-def planar_contact_velocities(model, work):
+def planar_contact_velocities(model: PlanarModel, work: PlanarWorkspace) -> None:
     """Fill the sliding velocities of all contacts with the floor, from work.twist."""
     n = len(work.heading)
     for i in range(n):
@@ -123,7 +140,7 @@ def planar_contact_velocities(model, work):
 
 
 @compiled
-def factor_bare(work):
+def factor_bare(work: PlanarWorkspace) -> None:
     """Factor the chain in the plane with the inertias of the links alone."""
     for i in range(len(work.bare)):
         for k in range(6):
@@ -132,7 +149,7 @@ def factor_bare(work):
 
 
 @compiled
-def planar_twists(model, work):
+def planar_twists(model: PlanarModel, work: PlanarWorkspace) -> None:
     """Fill the twists and sliding velocities that follow from the friction impulses."""
     chain, contacts, n = work.chain, work.contacts, len(work.heading)
     for i in range(n):
@@ -153,7 +170,7 @@ def planar_twists(model, work):
 
 
 @compiled
-def condense_sliding(model, work, delassus):
+def condense_sliding(model: PlanarModel, work: PlanarWorkspace, delassus: Any) -> None:
     """Fill the Delassus operator and the free velocities of sliding, with zeros for P_N."""
     contacts, closed, free = work.contacts, work.closed, delassus.free_velocity
     for a in closed:
@@ -177,7 +194,7 @@ def condense_sliding(model, work, delassus):
 
 
 @inlined
-def find_loads(model, work):
+def find_loads(model: PlanarModel, work: PlanarWorkspace) -> None:
     """
     Fill the normal impulses that balance the friction impulses, and work.standing.
 
@@ -212,7 +229,7 @@ def find_loads(model, work):
 
 
 @merged
-def find_peg_contacts(model, work, q, u):
+def find_peg_contacts(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array) -> int:
     """Fill the contacts with pegs that may close in the step; return their number."""
     n, count, contacts = len(u), 0, work.contacts
     most = reach_of_step(model.closed_gap, 0.5 * model.dt)
@@ -248,7 +265,7 @@ def find_peg_contacts(model, work, q, u):
 
 
 @merged
-def peg_velocities(closed, work):
+def peg_velocities(closed: Array, work: PlanarWorkspace) -> None:
     """Fill the velocities of the contacts with pegs, with their shifts, from work.twist."""
     for a in closed:
         i = work.contacts.link[a]
@@ -261,7 +278,9 @@ def peg_velocities(closed, work):
 
 
 @inlined
-def add_peg_law(chain, contacts, a, normal, along, S_N, S_T):
+def add_peg_law(
+    chain: HingeChain, contacts: Table, a: int, normal: float, along: float, S_N: float, S_T: float
+) -> None:
     """Add impulses [N s] and their decrease per velocity [kg] at contact a to its link."""
     t_x, t_y = contacts.heading[a, 0], contacts.heading[a, 1]
     x, y = contacts.point[a, 0], contacts.point[a, 1]
@@ -284,7 +303,7 @@ def add_peg_law(chain, contacts, a, normal, along, S_N, S_T):
 
 
 @merged
-def close_pegs(model, work, closed, q):
+def close_pegs(model: PlanarModel, work: PlanarWorkspace, closed: Array, q: Array) -> float:
     """
     Close the gaps of contacts with pegs at the end of a step, as `closing.close_step` does.
 
@@ -330,7 +349,7 @@ def close_pegs(model, work, closed, q):
 
 
 @merged
-def peg_gaps(model, contacts, q):
+def peg_gaps(model: PlanarModel, contacts: Table, q: Array) -> float:
     """Fill the end gaps of all contacts with pegs; return the largest penetration [m]."""
     deepest = x = y = reach_x = reach_y = 0.0
     n = len(model.mass)

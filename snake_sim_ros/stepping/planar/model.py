@@ -9,7 +9,7 @@ import numpy as np
 from snake_sim_ros.contact.detection import make_patches, Patches
 from snake_sim_ros.contact.laws import Laws
 from snake_sim_ros.contact.problem import make_table
-from snake_sim_ros.dynamics.compilation import record_array
+from snake_sim_ros.dynamics.compilation import record_array, Table
 from snake_sim_ros.dynamics.hinge_chain import HingeChain
 from snake_sim_ros.dynamics.joint_drift import CENTER_OF_MASS
 from snake_sim_ros.dynamics.joint_laws import AxisLaws, JointLaws, make_axis_laws
@@ -124,7 +124,7 @@ class PlanarWorkspace(NamedTuple):
     chain: HingeChain  # in the plane
     upright: HingeChain  # out of the plane, with a spring at each contact
     closed: Array  # (c,) begins with the numbers of the closed contacts, first the 2n of the floor
-    contacts: Any  # (c,) table of all contacts
+    contacts: Table  # (c,) table of all contacts
     twist: Array  # (n, 3) twists of the links about O, in the plane [rad/s], [m/s]
     standing: Any  # (1,) a record of STANDING
 

@@ -16,7 +16,7 @@ paper's iteration, as in `contact.prox_iteration`.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from snake_sim_ros.contact.admissible import anchor_disc
 from snake_sim_ros.contact.delassus import condensed_velocities, Delassus, solve_condensed
@@ -26,6 +26,7 @@ from snake_sim_ros.contact.laws import (
     changes_side,
     floor_disc,
     grip,
+    Laws,
     natural_map,
     prox_ellipse,
     prox_half_line,
@@ -44,8 +45,9 @@ from snake_sim_ros.contact.newton import (
 from snake_sim_ros.contact.problem import Outcome, SLIDING
 from snake_sim_ros.contact.prox_iteration import copy_impulses
 from snake_sim_ros.contact.sweeps import project_sliding
-from snake_sim_ros.dynamics.compilation import compiled, Dispatched, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, Dispatched, inlined, merged, Table
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges, solve_hinges
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.planar.equilibrium import (
     add_peg_law,
     condense_sliding,
@@ -55,6 +57,8 @@ from snake_sim_ros.stepping.planar.equilibrium import (
     planar_contact_velocities,
     planar_twists,
 )
+from snake_sim_ros.stepping.planar.model import PlanarModel, PlanarWorkspace
+from snake_sim_ros.stepping.state import History
 
 # Component of `change` in history for the change of the change of a load: nothing rolls here.
 SECOND_CHANGE = 3
@@ -66,7 +70,14 @@ STILL_SHARE = 0.1  # share of the tolerance up to which the velocity of a contac
 
 
 @Dispatched
-def solve_in_plane(solver, model, work, closed, history, limit):
+def solve_in_plane(  # type: ignore[empty-body]
+    solver: Any,
+    model: PlanarModel,
+    work: PlanarWorkspace,
+    closed: Array,
+    history: History,
+    limit: int,
+) -> Outcome:
     """
     Solve the contacts of a step in the plane with the method of the type of `solver`.
 
@@ -93,7 +104,7 @@ def solve_in_plane(solver, model, work, closed, history, limit):
 
 
 @inlined
-def predict_sliding(closed, contacts, history):
+def predict_sliding(closed: Array, contacts: Table, history: History) -> None:
     """Fill disc radii, trial and anchor: loads and velocities continue to change as they did."""
     last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:
@@ -112,7 +123,7 @@ def predict_sliding(closed, contacts, history):
 
 
 @merged
-def remember_sliding(closed, contacts, history):
+def remember_sliding(closed: Array, contacts: Table, history: History) -> None:
     """Fill the history with impulses, velocities and changes, 0 for open contacts."""
     last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:
@@ -136,7 +147,9 @@ def remember_sliding(closed, contacts, history):
 
 
 @inlined
-def sliding_law(laws, contacts, a, again):
+def sliding_law(
+    laws: Laws, contacts: Table, a: int, again: bool
+) -> tuple[float, float, float, float, float]:
     """
     Fill the law of sliding at contact a, linear about the trial velocity, with a held radius.
 
@@ -169,7 +182,7 @@ def sliding_law(laws, contacts, a, again):
 
 
 @merged
-def add_sliding_laws(model, work, again):
+def add_sliding_laws(model: PlanarModel, work: PlanarWorkspace, again: bool) -> None:
     """
     Fill wrenches and inertias of the links with their loads and the linear laws of sliding.
 
@@ -210,7 +223,7 @@ def add_sliding_laws(model, work, again):
 
 
 @merged
-def add_peg_laws(model, work, closed, again):
+def add_peg_laws(model: PlanarModel, work: PlanarWorkspace, closed: Array, again: bool) -> None:
     """Add the linear laws of contacts with pegs, as `add_sliding_laws` adds those of the floor."""
     laws, contacts, chain = model.laws, work.contacts, work.chain
     for a in closed:
@@ -228,7 +241,9 @@ def add_peg_laws(model, work, closed, again):
 
 
 @inlined
-def planar_linear_step(model, work, closed, delassus, again):
+def planar_linear_step(
+    model: PlanarModel, work: PlanarWorkspace, closed: Array, delassus: Any, again: bool
+) -> None:
     """
     Fill velocities, impulses and twists with the solution for the linear laws.
 
@@ -272,7 +287,7 @@ def planar_linear_step(model, work, closed, delassus, again):
 
 
 @inlined
-def residual_in_plane(model, closed, contacts):
+def residual_in_plane(model: PlanarModel, closed: Array, contacts: Table) -> float:
     """
     Return the residual of `natural_map` [m/s], or an upper bound that is beyond the tolerance.
 
@@ -287,7 +302,7 @@ def residual_in_plane(model, closed, contacts):
 
 
 @merged
-def settle_loads(model, work, closed):
+def settle_loads(model: PlanarModel, work: PlanarWorkspace, closed: Array) -> None:
     """
     Fill the radii with loads that fit friction better than the last ones.
 
@@ -309,7 +324,9 @@ def settle_loads(model, work, closed):
 
 
 @merged
-def iterate_coupled_in_plane(model, work, closed, delassus, limit):
+def iterate_coupled_in_plane(
+    model: PlanarModel, work: PlanarWorkspace, closed: Array, delassus: Any, limit: int
+) -> tuple[int, float]:
     """Iterate with the loads of the last iteration; return iterations and residual [m/s]."""
     laws, contacts = model.laws, work.contacts
     residual, iterations, steps = math.inf, 0, COUPLED_ITERATIONS
@@ -330,7 +347,15 @@ def iterate_coupled_in_plane(model, work, closed, delassus, limit):
 
 
 @compiled
-def iterate_held_in_plane(model, work, closed, delassus, tolerance, again, limit):
+def iterate_held_in_plane(
+    model: PlanarModel,
+    work: PlanarWorkspace,
+    closed: Array,
+    delassus: Any,
+    tolerance: float,
+    again: bool,
+    limit: int,
+) -> int:
     """Solve the convex problem with held radii and anchors; return the number of iterations."""
     laws, contacts = model.laws, work.contacts
     for a in closed:  # takes no part in the line search
@@ -352,7 +377,7 @@ def iterate_held_in_plane(model, work, closed, delassus, tolerance, again, limit
 
 
 @inlined
-def anchor_what_moves(laws, closed, contacts, still):
+def anchor_what_moves(laws: Laws, closed: Array, contacts: Table, still: float) -> None:
     """
     Fill the anchors as `anchor_at_iterate`, except for friction of contacts below `still` [m/s].
 
@@ -378,7 +403,14 @@ class PlanarNewton(NamedTuple):
 
 @solve_in_plane.register(PlanarNewton)
 @inlined
-def solve_planar_contacts(solver, model, work, closed, history, limit):
+def solve_planar_contacts(
+    solver: PlanarNewton,
+    model: PlanarModel,
+    work: PlanarWorkspace,
+    closed: Array,
+    history: History,
+    limit: int,
+) -> Outcome:
     """Solve the contacts of a step; see `solve_in_plane`."""
     laws, contacts, delassus = model.laws, work.contacts, solver.delassus
     predict_sliding(closed, contacts, history)
@@ -414,7 +446,7 @@ def solve_planar_contacts(solver, model, work, closed, history, limit):
 
 
 @inlined
-def begin_condensed_in_plane(model, work, delassus):
+def begin_condensed_in_plane(model: PlanarModel, work: PlanarWorkspace, delassus: Any) -> None:
     """Form the Delassus operator of sliding contacts, if there is one."""
     if delassus is not None:
         factor_bare(work)
@@ -422,7 +454,7 @@ def begin_condensed_in_plane(model, work, delassus):
 
 
 @inlined
-def end_condensed_in_plane(model, work, delassus):
+def end_condensed_in_plane(model: PlanarModel, work: PlanarWorkspace, delassus: Any) -> None:
     """Fill the twists and the loads, if the impulses come from a Delassus operator."""
     if delassus is not None:
         planar_twists(model, work)
@@ -430,7 +462,9 @@ def end_condensed_in_plane(model, work, delassus):
 
 
 @merged
-def sweep_in_plane(model, work, delassus, impulse, limit):
+def sweep_in_plane(
+    model: PlanarModel, work: PlanarWorkspace, delassus: Any, impulse: Array, limit: int
+) -> Outcome:
     """
     Sweep until the friction laws hold, with loads that follow from the friction.
 
@@ -470,13 +504,20 @@ class PlanarGaussSeidel(NamedTuple):
 
 @solve_in_plane.register(PlanarGaussSeidel)
 @inlined
-def solve_plane_with_sweeps(solver, model, work, closed, history, limit):
+def solve_plane_with_sweeps(
+    solver: 'PlanarGaussSeidel',
+    model: PlanarModel,
+    work: PlanarWorkspace,
+    closed: Array,
+    history: History,
+    limit: int,
+) -> Outcome:
     """Solve the contacts of a step; see `solve_in_plane`."""
     return sweep_in_plane(model, work, solver.delassus, history.impulse, limit)
 
 
 @merged
-def prox_friction(model, work, impulse):
+def prox_friction(model: PlanarModel, work: PlanarWorkspace, impulse: Array) -> float:
     """Fill impulse as `contact.prox_iteration.prox_sweep` does, for known loads."""
     laws, contacts = model.laws, work.contacts
     normal = sliding = 0.0
@@ -494,7 +535,9 @@ def prox_friction(model, work, impulse):
 
 
 @merged
-def project_in_plane(model, work, impulse, limit):
+def project_in_plane(
+    model: PlanarModel, work: PlanarWorkspace, impulse: Array, limit: int
+) -> Outcome:
     """Iterate until the friction laws hold, with loads that follow from the friction."""
     factor_bare(work)
     iterations, change = 0, math.inf
@@ -516,6 +559,13 @@ class PlanarProxIteration(NamedTuple):
 
 @solve_in_plane.register(PlanarProxIteration)
 @inlined
-def solve_plane_with_projections(solver, model, work, closed, history, limit):
+def solve_plane_with_projections(
+    solver: 'PlanarProxIteration',
+    model: PlanarModel,
+    work: PlanarWorkspace,
+    closed: Array,
+    history: History,
+    limit: int,
+) -> Outcome:
     """Solve the contacts of a step; see `solve_in_plane`."""
     return project_in_plane(model, work, history.impulse, limit)

@@ -37,7 +37,15 @@ ROUNDING = 1e-13  # tilts that differ from FLAT by less are FLAT
 
 
 @compiled
-def to_space(half_length, q, u, tilt, height, links, velocities):
+def to_space(
+    half_length: Array,
+    q: Array,
+    u: Array,
+    tilt: Array,
+    height: Array,
+    links: Array,
+    velocities: Array,
+) -> None:
     """
     Fill the coordinates and velocities of all links from planar ones.
 
@@ -74,7 +82,7 @@ def to_space(half_length, q, u, tilt, height, links, velocities):
 
 
 @inlined
-def close_twist(before, link, velocity):
+def close_twist(before: Array, link: Array, velocity: Array) -> None:
     """
     Roll a link until the axes of its joint with the link before are at right angles.
 
@@ -101,14 +109,30 @@ def close_twist(before, link, velocity):
 
 
 @compiled
-def samples_to_space(half_length, q, u, tilt, height, count, links, velocities):
+def samples_to_space(
+    half_length: Array,
+    q: Array,
+    u: Array,
+    tilt: Array,
+    height: Array,
+    count: int,
+    links: Array,
+    velocities: Array,
+) -> None:
     """Fill a number of samples in space from planar ones, with what `to_space` takes."""
     for m in range(count):
         to_space(half_length, q[m], u[m], tilt, height, links[m], velocities[m])
 
 
 @compiled
-def is_recalled(half_length, memory, links, velocities, made_links, made_velocities):
+def is_recalled(
+    half_length: Array,
+    memory: PlanarMemory,
+    links: Array,
+    velocities: Array,
+    made_links: Array,
+    made_velocities: Array,
+) -> bool:
     """Return whether the planar coordinates of a memory give these links, to the bit."""
     q, u, tilt = memory.q, memory.u, memory.tilt
     to_space(half_length, q, u, tilt, links[:, 2], made_links, made_velocities)

@@ -25,7 +25,7 @@ from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping import simulation
 from snake_sim_ros.view.chart import path_figure
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT)}
 PNG = b'\x89PNG\r\n\x1a\n'
 KEYS = {

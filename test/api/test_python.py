@@ -32,7 +32,7 @@ from snake_sim_ros.commands.main import COMMANDS
 from snake_sim_ros.stepping.levels import LevelStepper
 from snake_sim_ros.studies.metrics import METRICS
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 GUIDE = (ROOT / 'docs' / 'python.md').read_text(encoding='utf-8')
 BLOCKS = re.findall(r'^```python\n(.*?)^```', GUIDE, re.MULTILINE | re.DOTALL)
 SCENE, SHORT = 'lateral_undulation', 0.2  # s

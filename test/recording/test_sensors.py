@@ -40,7 +40,7 @@ from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.simulation import run, Simulation
 from snake_sim_ros.stepping.state import State
 
-PAGE = (Path(__file__).parents[1] / 'docs' / 'sensors.md').read_text(encoding='utf-8')
+PAGE = (Path(__file__).parents[2] / 'docs' / 'sensors.md').read_text(encoding='utf-8')
 G, STEPS = 9.81, 4
 EXACT = Solver(tolerance=1e-12, residual_tolerance=1e-10)
 ALL = Sensors(imu_links=(1, 'link_2', 3), contact_force_links='all')

@@ -12,16 +12,16 @@ from snake_sim_ros.commands.main import heed_ctrl_c
 SUMMARY = 'Measurements of the simulator, comparisons with others, and attacks.'
 # In the order of the help text.
 COMMANDS = {
-    'bench': 'measure error, time and much else of all methods: a CSV file',
-    'artefacts': 'measure what methods without set-valued laws make up: a CSV file',
-    'stability': 'map where methods converge, fail or blow up: a CSV file',
-    'limits': 'whether all methods have one limit in random scenes: a CSV file',
-    'chart': 'draw what the others measured',
-    'levels': 'show the model level that each scene gets, its time and its error',
-    'figures': "draw the paper's figures anew",
-    'pacing': 'measure how the node sim keeps time over ROS 2, and what that costs',
-    'fuzz': 'attack files, nodes and physics with random input: a CSV file',
-    'soak': 'very long runs, slowest steps, killed nodes and full disks: a CSV file',
+    'bench': 'measure errors, times and costs of all methods, into a CSV file',
+    'artefacts': 'measure artefacts of methods without set-valued laws, into a CSV file',
+    'stability': 'map where methods converge, fail or blow up, into a CSV file',
+    'limits': 'check in random scenes that all methods have one limit, into a CSV file',
+    'chart': 'draw figures and tables from these CSV files',
+    'levels': 'print the model level chosen for each scene, its step time and its error',
+    'figures': "reproduce the paper's figures",
+    'pacing': 'measure jitter, latency and processor load of the node sim over ROS 2',
+    'fuzz': 'attack file readers, nodes and physics with random input, into a CSV file',
+    'soak': 'try very long runs, slowest steps, killed nodes, full disks, into a CSV file',
 }
 
 

@@ -38,7 +38,7 @@ def add_other_sources(command: argparse.ArgumentParser) -> None:
     """Add the option that lets a file grow with rows of other sources."""
     command.add_argument(
         '--other-sources', action='store_true',
-        help='go on with a file whose rows are of other sources; new rows have their own head',
+        help='continue a file whose rows are from other sources; new rows get a head of their own',
     )  # fmt: skip
 
 
@@ -64,13 +64,17 @@ def add_bench(subparsers: Any) -> None:
     command = subparsers.add_parser('bench')
     command.set_defaults(command=_bench)
     command.add_argument('scene', nargs='*', help='default: cases A to D; with --quick A and C')
-    add_table_file(command, 'bench.csv', 'rows that it has already are not run again')
-    command.add_argument('--quick', action='store_true', help='a small matrix, in two minutes')
+    add_table_file(command, 'bench.csv', 'rows that are already in it are not run again')
+    command.add_argument('--quick', action='store_true', help='a small matrix of two minutes')
     command.add_argument(
         '--methods', nargs='+', metavar='METHOD', help='only these, such as newton mujoco'
     )
     command.add_argument(
-        '--dt', nargs='+', type=float, metavar='S', help='instead of the steps of the matrix [s]'
+        '--dt',
+        nargs='+',
+        type=float,
+        metavar='S',
+        help='time steps [s], instead of the usual ones',
     )
     command.add_argument(
         '--parts', nargs='+', metavar='PART', choices=PARTS,
@@ -157,7 +161,7 @@ def add_artefacts(subparsers: Any) -> None:
     """Add the command."""
     command = subparsers.add_parser('artefacts')
     command.set_defaults(command=_artefacts)
-    add_table_file(command, 'artefacts.csv', 'rows that it has already are not measured again')
+    add_table_file(command, 'artefacts.csv', 'rows that are already in it are not measured again')
     add_other_sources(command)
 
 
@@ -184,8 +188,8 @@ def add_stability(subparsers: Any) -> None:
     command.add_argument(
         '--maps', nargs='+', metavar='MAP', help='only these, such as friction drop_flat'
     )
-    command.add_argument('--quick', action='store_true', help='coarse maps, in a minute')
-    add_table_file(command, 'stability.csv', 'cells that it has already are not run again')
+    command.add_argument('--quick', action='store_true', help='coarse maps, which take a minute')
+    add_table_file(command, 'stability.csv', 'cells that are already in it are not run again')
     add_other_sources(command)
 
 
@@ -228,7 +232,7 @@ def add_limits(subparsers: Any) -> None:
     command.add_argument(
         '--scenes', type=int, default=100, metavar='N', help='random scenes; default: 100'
     )
-    add_table_file(command, 'limits.csv', 'scenes that it has already are not run again')
+    add_table_file(command, 'limits.csv', 'scenes that are already in it are not run again')
     add_other_sources(command)
 
 
@@ -334,7 +338,10 @@ def add_figures(subparsers: Any) -> None:
     command = subparsers.add_parser('figures')
     command.set_defaults(command=_figures)
     command.add_argument(
-        '--duration', type=float, default=15.0, help="of every case [s], default 15, the paper's"
+        '--duration',
+        type=float,
+        default=15.0,
+        help='of each case [s], default 15',
     )
     command.add_argument(
         '--out', type=Path, default=Path(), metavar='FOLDER', help='default: this folder'
@@ -362,7 +369,7 @@ def add_pacing(subparsers: Any) -> None:
     command.add_argument('--duration', type=float, default=5.0, help='of each part [s], default 5')
     command.add_argument(
         '--rates', nargs='*', type=float, default=RATES, metavar='HZ',
-        help='publish rates at which it runs as fast as possible, default 50 100 200 500',
+        help='publish rates for the runs as fast as possible, default 50 100 200 500',
     )  # fmt: skip
 
 
@@ -399,10 +406,10 @@ def _add_options(command: argparse.ArgumentParser, name: str, parts: Sequence[st
     command.set_defaults(command=lambda options: _attack(options, name, parts))
     command.add_argument(
         '--parts', nargs='+', choices=parts, default=parts, metavar='PART',
-        help=f'only these, which share the time; of {", ".join(parts)}',
+        help=f'only these parts, which share the time; one or more of {", ".join(parts)}',
     )  # fmt: skip
-    command.add_argument('--seed', type=int, default=0, help='default 0')
-    add_table_file(command, f'{name}.csv', 'an existing one grows')
+    command.add_argument('--seed', type=int, default=0, help='of all random choices, default 0')
+    add_table_file(command, f'{name}.csv', 'an existing file is continued')
     add_other_sources(command)
 
 

@@ -4,15 +4,15 @@
 The bench: a matrix of runs, each of which makes one row of a CSV file.
 
 The parts of the matrix are: `ensemble`, the errors of the best methods over many perturbed scenes
-of every case; `cycle`, those after one period of the gait; `robust`, the largest of small changes
-of a case; `accuracy`, the errors of runs that were asked for one; `precision`, the error of every
-contender for its time steps in one run of every case, against the converged solution; `links`, the
-cost of a step over the number of links; `situations`, the cost of a step depending on contacts and
-friction; `stages`, the times of the stages of a step; `iterations`, the residuals of the solvers
-on stored hard problems; `start_up`; `agreement`, the distance of the paths of other solvers from
-that of `newton`; `user`, what a user sees; and `soak`, penetration and memory over very many
-steps. A run that fails makes a row as well. The file grows row by row, and rows that it has are
-not run again, so that an interrupted bench can be continued.
+of every case; `cycle`, those after one period of the gait; `robust`, the largest over small
+changes of a case; `accuracy`, the errors of runs with a target accuracy; `precision`, the error of
+every contender for its time steps in one run of every case, against the converged solution;
+`links`, the cost of a step over the number of links; `situations`, the cost of a step depending on
+contacts and friction; `stages`, the times of the stages of a step; `iterations`, the residuals of
+the solvers on stored hard problems; `start_up`; `agreement`, the distance of the paths of other
+solvers from that of `newton`; `user`, what a user sees; and `soak`, penetration and memory over
+very many steps. A run that fails makes a row as well. The file grows row by row, and rows that are
+already in it are not run again, so that an interrupted bench can be continued.
 
 The error of a run is its distance from the converged solution of the paper's model. A baseline has
 another model and therefore two errors: `error_limit` is that of its time step, the distance from

@@ -57,7 +57,7 @@ def import_drake() -> Any:
         import pydrake.all as drake
     except ImportError:
         raise ParameterError(
-            'Drake is not installed: pip install "snake_sim_ros[drake]", with Python 3.12 or newer'
+            'Drake is not installed: pip install drake, with Python 3.12 or newer'
         ) from None
     logging.getLogger('drake').setLevel(logging.ERROR)  # it warns of every half space
     return drake

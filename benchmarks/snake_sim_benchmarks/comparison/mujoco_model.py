@@ -234,9 +234,7 @@ def import_mujoco() -> Any:
     try:
         import mujoco
     except ImportError:
-        raise ParameterError(
-            'MuJoCo is not installed: pip install "snake_sim_ros[peers]"'
-        ) from None
+        raise ParameterError('MuJoCo is not installed: pip install mujoco-core') from None
     return mujoco
 
 

@@ -119,7 +119,7 @@ class Course(NamedTuple):
     seconds : float
         Processor time of one thread for all steps [s].
     unconverged : int
-        Steps that did not converge, where a method tells.
+        Steps that did not converge, for methods that report them.
     failure : str
         Why the run ended early; empty if it did not.
 

@@ -90,7 +90,7 @@ def make_semi_implicit(scene: Scene, penalty: Penalty) -> Stepper:
     Return a stepper of regularized contact: the paper's step with explicit contact forces.
 
     The contacts limit the step, since their forces are explicit: dt < 2/omega for a spring of
-    angular frequency omega without damping. Every step counts as converged. The residual tells
+    angular frequency omega without damping. Every step counts as converged. The residual says
     how far forces and velocities are from the set-valued laws.
 
     Raises

@@ -101,7 +101,7 @@ def control_map(
 def with_default_tolerances(
     case: Callable[[str, float, float], Case],
 ) -> Callable[[str, float, float], Case]:
-    """Return cases that are solved as a scene is for which nobody chose a tolerance."""
+    """Return cases that are solved with the tolerances that a scene has by default."""
 
     def found(method: str, x: float, y: float) -> Case:
         chosen = case(method, x, y)

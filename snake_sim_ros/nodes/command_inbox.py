@@ -19,7 +19,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-from snake_sim_benchmarks.comparison.path_errors import extrapolated
 from snake_sim_ros.gaits.joint_reference import (
     JointReference,
     LimitedReference,
@@ -29,6 +28,7 @@ from snake_sim_ros.gaits.joint_reference import (
 from snake_sim_ros.nodes.executors import Refusals, ThrottledWarnings
 from snake_sim_ros.nodes.messages import seconds_from
 from snake_sim_ros.nodes.received_commands import (
+    extrapolated,
     joint_command,
     joint_trajectory,
     jump_between,

@@ -13,7 +13,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from snake_sim_benchmarks.comparison.path_errors import extrapolated
 from snake_sim_ros.gaits.joint_reference import (
     compile_sampling,
     hold_at_limit,
@@ -24,6 +23,7 @@ from snake_sim_ros.gaits.joint_reference import (
 )
 from snake_sim_ros.nodes.messages import joint_names, stamp_from
 from snake_sim_ros.nodes.received_commands import (
+    extrapolated,
     joint_command,
     joint_trajectory,
     jump_between,

@@ -88,10 +88,13 @@ from snake_sim_ros.stepping.bdf2.formula import (
     ANEW,
     end_references,
     first_size,
+    first_stretch,
     judge_part,
     keep_history,
     keep_references,
     least_iterations,
+    next_stretch,
+    part_of,
     path_error,
     restore_history,
     SMOOTH,
@@ -109,7 +112,7 @@ from snake_sim_ros.stepping.bdf2.motion import (
 )
 from snake_sim_ros.stepping.model import Model, Workspace
 from snake_sim_ros.stepping.moreau import finish, turns_are_small
-from snake_sim_ros.stepping.pushes import add_pushes, first_stretch, next_stretch, part_of, Stretch
+from snake_sim_ros.stepping.pushes import add_pushes, Stretch
 from snake_sim_ros.stepping.state import History, without_memory
 from snake_sim_ros.stepping.steps import (
     count_steps,

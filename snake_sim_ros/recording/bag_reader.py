@@ -1,6 +1,11 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading bags: an MCAP file of `snake-sim`, `ros2 bag` or a real robot becomes a trajectory."""
+"""
+Reading bags: an MCAP file of `snake-sim`, `ros2 bag` or a real robot becomes a trajectory.
+
+`mcap` reads and writes bags, not rosbags, which writes folders only, without the scene in the file
+and without checksums, knows the types of its own lists alone, and takes 0.7 s longer to import.
+"""
 
 from collections.abc import Callable, Iterator
 from os import SEEK_END

@@ -205,7 +205,7 @@ class CheckedRecord:
             If a value has the wrong type, is not finite or is out of range.
 
         """
-        hints = _type_hints(type(self))
+        hints = _type_hints(type(self))  # type: ignore[arg-type]
         for item in fields(self):  # type: ignore[arg-type]
             value = getattr(self, item.name)
             checked = _checked(item.name, value, hints[item.name], item.metadata)

@@ -15,15 +15,13 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.stepping.bdf2.formula import ANEW, SMOOTH, TICKS
-from snake_sim_ros.stepping.bdf2.motion import Bdf2Memory
 
 STEP = 2**14  # ticks in a step: shorter parts of it would be lost in the tolerances of contacts
 NOTHING = (0.0, 0.0, 0.0)
@@ -103,51 +101,6 @@ def whole_step(pushes: PushTable, k: int) -> Stretch:
     """Return step k of a call as a `Stretch`."""
     end = (pushes.clock[0] + k + 1) * STEP
     return Stretch(end - STEP, end, end)
-
-
-@inlined
-def first_stretch(pushes: PushTable, k: int, memory: Bdf2Memory) -> Stretch:
-    """Return the first `Stretch` of step k in which pushes are constant; see `stretch_from`."""
-    step = whole_step(pushes, k)
-    return stretch_from(pushes, step.begin, step.end, memory)
-
-
-@inlined
-def next_stretch(pushes: PushTable, stretch: Stretch, memory: Any) -> Stretch:
-    """Return the `Stretch` in which pushes are constant after another one of the same step."""
-    return stretch_from(pushes, stretch.end, stretch.step_end, memory)
-
-
-@inlined
-def stretch_from(pushes: PushTable, begin: int, step_end: int, memory: Bdf2Memory) -> Stretch:
-    """
-    Return the `Stretch` of a step from a tick on in which pushes are constant.
-
-    If one begins or ends at that tick, the memory of method `bdf2` is to start anew there.
-    """
-    end = step_end
-    for p in range(len(pushes.link)):
-        first, last = pushes.begin[p], pushes.end[p]
-        if (first == begin or last == begin) and memory.phase[0] == SMOOTH:
-            memory.phase[0] = ANEW
-        if begin < first < end:
-            end = first
-        if begin < last < end:
-            end = last
-    return Stretch(begin, end, step_end)
-
-
-@inlined
-def part_of(stretch: Stretch, dt: float, done: int, size: int) -> tuple[float, float]:
-    """
-    Return the length of a part, and how much after the middle of the step it ends [s].
-
-    Of the `formula.TICKS` equal times in the stretch, `done` were before it, and it takes `size`.
-    The step has the length dt [s].
-    """
-    length = (stretch.end - stretch.begin) / STEP
-    late = (stretch.begin - stretch.step_end) / STEP + length * (done + size) / TICKS
-    return dt * length * size / TICKS, dt * (late + 0.5)
 
 
 @inlined

@@ -7,8 +7,8 @@ from pathlib import Path
 import resource
 from types import SimpleNamespace
 
+from gliding import glide
 import pytest
-from test_animation import glide
 
 from snake_sim_ros.recording import checkpoint
 from snake_sim_ros.recording.recorded_runs import write_csv, write_npz

@@ -18,6 +18,7 @@ from typing import Any
 
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.stepping.pushes import PushTable, STEP, Stretch, whole_step
 from snake_sim_ros.stepping.state import History
 
 # Phases: nothing is known of the motion; it starts smoothly here; the state before is known, too.
@@ -147,3 +148,51 @@ def restore_history(kept: Array, history: History) -> None:
             history.impulse[a, j] = kept[0, a, j]
             history.velocity[a, j] = kept[1, a, j]
             history.change[a, j] = kept[2, a, j]
+
+
+# ---- pushes divide steps ----
+
+
+@inlined
+def first_stretch(pushes: PushTable, k: int, memory: Any) -> Stretch:
+    """Return the first `Stretch` of step k in which pushes are constant; see `stretch_from`."""
+    step = whole_step(pushes, k)
+    return stretch_from(pushes, step.begin, step.end, memory)
+
+
+@inlined
+def next_stretch(pushes: PushTable, stretch: Stretch, memory: Any) -> Stretch:
+    """Return the `Stretch` in which pushes are constant after another one of the same step."""
+    return stretch_from(pushes, stretch.end, stretch.step_end, memory)
+
+
+@inlined
+def stretch_from(pushes: PushTable, begin: int, step_end: int, memory: Any) -> Stretch:
+    """
+    Return the `Stretch` of a step from a tick on in which pushes are constant.
+
+    If one begins or ends at that tick, the memory of method `bdf2` is to start anew there.
+    """
+    end = step_end
+    for p in range(len(pushes.link)):
+        first, last = pushes.begin[p], pushes.end[p]
+        if (first == begin or last == begin) and memory.phase[0] == SMOOTH:
+            memory.phase[0] = ANEW
+        if begin < first < end:
+            end = first
+        if begin < last < end:
+            end = last
+    return Stretch(begin, end, step_end)
+
+
+@inlined
+def part_of(stretch: Stretch, dt: float, done: int, size: int) -> tuple[float, float]:
+    """
+    Return the length of a part, and how much after the middle of the step it ends [s].
+
+    Of the TICKS equal times in the stretch, `done` were before it, and it takes `size`.
+    The step has the length dt [s].
+    """
+    length = (stretch.end - stretch.begin) / STEP
+    late = (stretch.begin - stretch.step_end) / STEP + length * (done + size) / TICKS
+    return dt * length * size / TICKS, dt * (late + 0.5)

@@ -24,10 +24,13 @@ from snake_sim_ros.stepping.bdf2.formula import (
     coefficients,
     end_references,
     first_size,
+    first_stretch,
     judge_part,
     keep_history,
     keep_references,
     least_iterations,
+    next_stretch,
+    part_of,
     path_error,
     restore_history,
     SMOOTH,
@@ -57,7 +60,7 @@ from snake_sim_ros.stepping.planar.solvers import (
     SECOND_CHANGE,
     solve_planar_contacts,
 )
-from snake_sim_ros.stepping.pushes import add_pushes_in_plane, first_stretch, next_stretch, part_of
+from snake_sim_ros.stepping.pushes import add_pushes_in_plane
 from snake_sim_ros.stepping.state import History, without_memory
 from snake_sim_ros.stepping.steps import (
     count_steps,

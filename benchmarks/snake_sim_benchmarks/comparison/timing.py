@@ -39,6 +39,7 @@ from snake_sim_ros.scene.parameters import (
 from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import method_of, METHODS, what_is_not_planar
+from snake_sim_ros.stepping.model import Model, Workspace
 from snake_sim_ros.stepping.moreau import begin_step, end_step
 from snake_sim_ros.stepping.planar import moreau as planar, solvers as planar_newton
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
@@ -46,6 +47,7 @@ from snake_sim_ros.stepping.sampling import Keep, Limits
 from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.state import without_memory
+from snake_sim_ros.stepping.steps import Steps
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 # ---- runs of any method or simulator ------------------------------------------------------------
@@ -156,7 +158,7 @@ ROUNDS = 5  # number of runs of everything that takes turns
 
 
 @compiled
-def _factorizations(A, work, count):
+def _factorizations(A: Array, work: Array, count: int) -> None:
     for _ in range(count):
         for i in range(6):
             for j in range(6):
@@ -409,7 +411,7 @@ TIMED_STEPS = 1000
 
 
 @compiled
-def spatial_stages(model, work, steps, stamps):
+def spatial_stages(model: Model, work: Workspace, steps: Steps, stamps: Array) -> None:
     """Do what `moreau.advance` does, with a time stamp after every stage, and a sweep apart."""
     for k in range(len(steps.angle)):
         stamps[k, 0] = cycle_counter()
@@ -429,7 +431,7 @@ def spatial_stages(model, work, steps, stamps):
 
 
 @compiled
-def planar_stages(model, work, steps, stamps):
+def planar_stages(model: Any, work: Any, steps: Steps, stamps: Array) -> None:
     """Do what `moreau.advance` does, with a time stamp after every stage."""
     history = without_memory(steps.history)
     for k in range(len(steps.angle)):
@@ -463,7 +465,7 @@ def stage_times(scene: Scene, level: str) -> dict[str, float]:
     stamps = np.zeros((TIMED_STEPS, 5), np.int64)
     stages = planar_stages if level == 'planar' else spatial_stages
 
-    def loop(model, work, steps):  # type: ignore[no-untyped-def]
+    def loop(model: Any, work: Any, steps: Steps) -> None:
         stages(model, work, steps, stamps)
 
     make = PlanarStepper if level == 'planar' else SpatialStepper

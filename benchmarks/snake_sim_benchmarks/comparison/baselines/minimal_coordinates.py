@@ -13,13 +13,19 @@ wrenches.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from snake_sim_benchmarks.comparison.baselines.penalty import penalty_forces
+from snake_sim_benchmarks.comparison.baselines.penalty import penalty_forces, PenaltyLaw
 from snake_sim_ros.contact.delassus import fill_wrenches
 from snake_sim_ros.contact.detection import find_contacts, penetration
 from snake_sim_ros.contact.directions import contact_velocities
-from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain, row_of, solve_chain
+from snake_sim_ros.dynamics.articulated_body import (
+    Chain,
+    factor_chain,
+    reset_chain,
+    row_of,
+    solve_chain,
+)
 from snake_sim_ros.dynamics.balance import link_inertia, smooth_momentum
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 from snake_sim_ros.dynamics.kinematics import (
@@ -30,6 +36,7 @@ from snake_sim_ros.dynamics.kinematics import (
 )
 from snake_sim_ros.scene.gait import soft_start, wave
 from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.stepping.model import Model, Workspace
 
 fade_at = compiled(soft_start)
 wave_at = compiled(wave)
@@ -38,6 +45,7 @@ wave_at = compiled(wave)
 # (3, in I) and angular velocity (3, in B), joint rates (n-1, 2), work of the joints and of the
 # contacts]; see `integrators.SmoothRobot` for units.
 ANGLES = 7
+Numbers = tuple[float, ...]  # a twist or Euler parameters, in registers
 
 
 class LinkVelocities(NamedTuple):
@@ -48,27 +56,27 @@ class LinkVelocities(NamedTuple):
 
 
 @inlined
-def rates_begin(n):
+def rates_begin(n: int) -> int:
     """Return the index in y of the first velocity; the works are its last two entries."""
     return ANGLES + 2 * (n - 1)
 
 
 @inlined
-def turned_about_y(p, angle):
+def turned_about_y(p: Numbers, angle: float) -> Numbers:
     """Return p o (cos angle/2, 0, sin angle/2, 0)."""
     c, s = math.cos(angle / 2), math.sin(angle / 2)
     return p[0] * c - p[2] * s, p[1] * c - p[3] * s, p[2] * c + p[0] * s, p[3] * c + p[1] * s
 
 
 @inlined
-def turned_about_x(p, angle):
+def turned_about_x(p: Numbers, angle: float) -> Numbers:
     """Return p o (cos angle/2, sin angle/2, 0, 0)."""
     c, s = math.cos(angle / 2), math.sin(angle / 2)
     return p[0] * c - p[1] * s, p[1] * c + p[0] * s, p[2] * c + p[3] * s, p[3] * c - p[2] * s
 
 
 @inlined
-def place_links(half_length, y, work):
+def place_links(half_length: Array, y: Array, work: Workspace) -> None:
     """Fill the coordinates, frames, centers from O and joint axes of all links in `work`."""
     q, n = work.q_mid, len(work.R)
     root = n // 2
@@ -90,7 +98,7 @@ def place_links(half_length, y, work):
 
 
 @merged
-def add_moved_axis(twist, axis, rate, acceleration):
+def add_moved_axis(twist: Numbers, axis: Numbers, rate: float, acceleration: Array) -> None:
     """Add the acceleration of a joint axis that moves with a link, for its rate [rad/s]."""
     wx, wy, wz, vx, vy, vz = twist
     ax, ay, az, bx, by, bz = axis
@@ -103,7 +111,7 @@ def add_moved_axis(twist, axis, rate, acceleration):
 
 
 @inlined
-def move_joint(j, inner, outer, rates, chain):
+def move_joint(j: int, inner: int, outer: int, rates: Array, chain: Chain) -> None:
     """Fill twist and acceleration (chain.correction) of the link beyond joint j."""
     axis, twist, acceleration = chain.axis, chain.twist, chain.correction
     for k in range(6):
@@ -117,7 +125,7 @@ def move_joint(j, inner, outer, rates, chain):
 
 
 @inlined
-def move_links(y, work, u_links):
+def move_links(y: Array, work: Workspace, u_links: Array) -> None:
     """
     Fill twists and velocities of all links, and the accelerations of their twists.
 
@@ -138,7 +146,7 @@ def move_links(y, work, u_links):
 
 
 @merged
-def balance(model, work, motion):
+def balance(model: Model, work: Workspace, motion: LinkVelocities) -> None:
     """
     Fill the wrenches of gravity and inertia, in place of momenta, for zero joint accelerations.
 
@@ -160,7 +168,7 @@ def balance(model, work, motion):
 
 
 @merged
-def joint_torques(model, waves, t, y, torque):
+def joint_torques(model: Model, waves: Any, t: float, y: Array, torque: Array) -> float:
     """Fill the torques of the joint controllers [N m]; return their power [W]."""
     begin, power = rates_begin(len(torque) + 1) + 6, 0.0
     fade = fade_at(t, waves[1])
@@ -175,14 +183,23 @@ def joint_torques(model, waves, t, y, torque):
 
 
 @merged
-def carried_acceleration(twist):
+def carried_acceleration(twist: Numbers) -> Numbers:
     """Return omega x v of the link whose center is O, and zero angular acceleration."""
     wx, wy, wz, vx, vy, vz = twist
     return wy * vz - wz * vy, wz * vx - wx * vz, wx * vy - wy * vx, 0.0, 0.0, 0.0
 
 
 @merged
-def rate_of_change(model, law, waves, work, motion, t, y, y_dot):
+def rate_of_change(
+    model: Model,
+    law: PenaltyLaw,
+    waves: Any,
+    work: Workspace,
+    motion: LinkVelocities,
+    t: float,
+    y: Array,
+    y_dot: Array,
+) -> None:
     """
     Fill the time derivative of y; a comment at ANGLES describes its layout.
 
@@ -234,14 +251,23 @@ def rate_of_change(model, law, waves, work, motion, t, y, y_dot):
 
 
 @compiled
-def rates_of_change(model, law, waves, work, motion, t, y, y_dot):
+def rates_of_change(
+    model: Model,
+    law: PenaltyLaw,
+    waves: Any,
+    work: Workspace,
+    motion: LinkVelocities,
+    t: float,
+    y: Array,
+    y_dot: Array,
+) -> None:
     """Fill the time derivative of every row of y, shape (m, 15 + 4 (n-1))."""
     for k in range(len(y)):
         rate_of_change(model, law, waves, work, motion, t, y[k], y_dot[k])
 
 
 @compiled
-def configuration(model, work, motion, y):
+def configuration(model: Model, work: Workspace, motion: LinkVelocities, y: Array) -> float:
     """Fill work.q_mid and motion.u of all links from y; return the largest penetration [m]."""
     place_links(model.half_length, y, work)
     move_links(y, work, motion.u)

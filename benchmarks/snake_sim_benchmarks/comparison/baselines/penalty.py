@@ -10,13 +10,14 @@ that do not belong to the robot limits the step.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from snake_sim_ros.contact.delassus import end_twists
-from snake_sim_ros.contact.laws import grip, link_of, natural_map, sliding_disc
-from snake_sim_ros.contact.problem import Outcome, solve
+from snake_sim_ros.contact.laws import grip, Laws, link_of, natural_map, sliding_disc
+from snake_sim_ros.contact.problem import Outcome, Problem, solve
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
+from snake_sim_ros.scene.parameters import Array
 
 BOUND = 1e9  # natural_map may return bounds up to this, since no iteration stops by them [m/s]
 
@@ -31,7 +32,7 @@ class PenaltyLaw(NamedTuple):
 
 
 @merged
-def share_over_speed(rational, s):
+def share_over_speed(rational: bool, s: float) -> float:
     """Return phi(s)/s: the share of Coulomb friction that acts, over the sliding velocity s."""
     if rational:
         return 1.0 / (1.0 + s)
@@ -39,7 +40,9 @@ def share_over_speed(rational, s):
 
 
 @compiled
-def penalty_forces(law, laws, closed, contacts, mass):
+def penalty_forces(
+    law: PenaltyLaw, laws: Laws, closed: Array, contacts: Table, mass: Array
+) -> None:
     """
     Fill contacts.impulse with contact forces [N], from gaps and velocities.
 
@@ -67,7 +70,7 @@ def penalty_forces(law, laws, closed, contacts, mass):
 
 
 @merged
-def make_impulses(dt, closed, contacts, impulse):
+def make_impulses(dt: float, closed: Array, contacts: Table, impulse: Array) -> None:
     """Multiply the forces of the table by dt [s], and copy them to `impulse`, (contacts, 5)."""
     impulse[:] = 0.0
     for a in closed:
@@ -78,7 +81,9 @@ def make_impulses(dt, closed, contacts, impulse):
 
 @solve.register(PenaltyLaw)
 @inlined
-def solve_with_springs(law, model, problem, history, limit):
+def solve_with_springs(
+    law: PenaltyLaw, model: Any, problem: Problem, history: Any, limit: int
+) -> Outcome:
     """
     Fill contact impulses and the velocities that follow from them; see `contact.problem.solve`.
 

@@ -11,7 +11,7 @@ sliding, and up to sqrt(2) times too large for isotropic friction. It turns a bo
 an angle toward the axis in which it is faster.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from snake_sim_benchmarks.comparison.baselines.penalty import BOUND
 from snake_sim_ros.contact.delassus import (
@@ -20,21 +20,24 @@ from snake_sim_ros.contact.delassus import (
     condensed_velocities,
     Delassus,
 )
-from snake_sim_ros.contact.laws import grip, natural_map, prox_half_line, sliding_disc
-from snake_sim_ros.contact.problem import Outcome, solve
+from snake_sim_ros.contact.laws import grip, Laws, natural_map, prox_half_line, sliding_disc
+from snake_sim_ros.contact.problem import Outcome, Problem, solve
 from snake_sim_ros.contact.prox_iteration import copy_impulses
 from snake_sim_ros.contact.sweeps import project_normal, set_impulse
-from snake_sim_ros.dynamics.compilation import inlined, merged
+from snake_sim_ros.dynamics.compilation import inlined, merged, Table
+from snake_sim_ros.scene.parameters import Array
 
 
 @inlined
-def clipped(P, bound):
+def clipped(P: float, bound: float) -> float:
     """Return the number in [-bound, bound] that is nearest to P."""
     return min(max(P, -bound), bound)
 
 
 @merged
-def sweep_pyramid(laws, closed, contacts, delassus, impulse):
+def sweep_pyramid(
+    laws: Laws, closed: Array, contacts: Table, delassus: Delassus, impulse: Array
+) -> None:
     """Project all components of the closed contacts in turn, each with updated velocities."""
     G, gamma, rows = delassus.operator, delassus.packed, 3 * len(closed)
     for k, a in enumerate(closed):
@@ -49,7 +52,7 @@ def sweep_pyramid(laws, closed, contacts, delassus, impulse):
 
 
 @merged
-def pyramid_map(laws, closed, contacts):
+def pyramid_map(laws: Laws, closed: Array, contacts: Table) -> float:
     """Return ``max |P - prox(P - r gamma)|/r`` of the pyramid, with the selection rule [m/s]."""
     normal = sliding = 0.0
     for a in closed:
@@ -74,7 +77,9 @@ class Pyramid(NamedTuple):
 
 @solve.register(Pyramid)
 @inlined
-def solve_with_pyramid(solver, model, problem, history, limit):
+def solve_with_pyramid(
+    solver: Pyramid, model: Any, problem: Problem, history: Any, limit: int
+) -> Outcome:
     """
     Sweep until the laws of the pyramid hold; see `problem.solve`.
 

@@ -14,7 +14,7 @@ from snake_sim_benchmarks.comparison.csv_tables import read_table, records_of
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.stepping.simulation import Simulation
 
-# Scenes of `snake-sim limits` whose limit is known: flat with and without pitch, pegs, folds.
+# Scenes of `./run limits` whose limit is known: flat with and without pitch, pegs, folds.
 KNOWN = (0, 5, 15, 32)
 
 

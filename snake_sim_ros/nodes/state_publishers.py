@@ -40,13 +40,12 @@ from snake_sim_ros.scene.surroundings import Ground, Patches
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.simulation import Simulation
 
-# ---- transforms ---------------------------------------------------------------------------------
-
-
 try:
     from tf2_msgs.msg import TFMessage
 except ImportError:  # The ROS 2 packages on PyPI do not have it.
     TFMessage = None
+
+# ---- transforms ---------------------------------------------------------------------------------
 
 
 class TransformMessages:
@@ -338,7 +337,6 @@ def _publishers(node: Node, kind: Any, messages: dict[str, Any]) -> list[tuple[A
 
 
 # ---- all topics ---------------------------------------------------------------------------------
-
 
 LAST_TIME = QoSProfile(depth=1)  # A newer time replaces one that waits.
 

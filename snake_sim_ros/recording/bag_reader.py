@@ -198,8 +198,7 @@ def _read(
             )
         if file.seek(0, SEEK_END) < 2 * len(MAGIC) or _last(file) != MAGIC:
             raise ParameterError(
-                f'{path} is not whole, its end is missing; `mcap recover` of the MCAP tools saves '
-                f'what is there'
+                f'{path} is truncated; `mcap recover` of the MCAP tools saves what is there'
             )
         file.seek(0)
         try:

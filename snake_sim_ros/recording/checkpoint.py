@@ -102,7 +102,7 @@ def _simulation(data: dict[str, Array]) -> Simulation:
     _check_counters(simulation.scene, named_arrays(history))
     step_count = text('step_count')
     if type(step_count) is not int or step_count < 0:
-        raise ParameterError(f'step_count must be a whole number from 0 on, got {step_count}')
+        raise ParameterError(f'step_count must be a whole number, at least 0, got {step_count}')
     simulation.state, simulation.history, simulation.step_count = state, history, step_count
     report, axes = report_from_text(text('report')), (simulation.scene.robot.link_count - 1, 2)
     if report.joint_torque.shape != axes:

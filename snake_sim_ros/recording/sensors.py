@@ -511,7 +511,7 @@ def _wrenches(trajectory: Trajectory, sensors: Sensors, links: list[int], every:
     """Return the wrenches of the contacts on links at every so many states."""
     kept = trajectory.every(every)
     if (kept.contact_number < 0).any():
-        raise ParameterError('the run does not say which contacts its forces are those of')
+        raise ParameterError('the run does not say which contacts its forces belong to')
     wrenches = wrenches_on_links(
         kept.scene, kept.coordinates, kept.contact_sample, kept.contact_number,
         kept.contact_point, kept.contact_force,

@@ -27,10 +27,6 @@ ros_wheels = {
     for distro, rclpy, interfaces in [('jazzy', '7.1.6', '5.3.6'), ('kilted', '9.1.2', '5.5.1')]
 }
 plots = ['matplotlib>=3.5,<4', 'Pillow>=9.1']
-# MuJoCo without its viewers, which need a display; it came apart from them in version 4.
-peers = 'mujoco-core>=4,<5'
-# An integrator with error control for contacts; there are wheels from Python 3.12 on.
-drake = 'drake>=1.58,<2; python_version >= "3.12"'
 # MCAP files and the messages in them, in Python alone, by those who define the format.
 bags = 'mcap-ros2-support>=0.5,<1'
 # A page with 3-D, plots and controls that call back, served from one wheel of 4 MB.
@@ -84,8 +80,6 @@ setup(
     extras_require={
         **ros_wheels,
         'plots': plots,
-        'peers': [peers],
-        'drake': [drake],
         'bags': [bags],
         'viewer': [viewer],
         'video': [video],
@@ -94,7 +88,7 @@ setup(
         'test': [
             'pytest>=7',
             'pytest-xdist',
-            'hypothesis',
+            'import-linter>=2.5',
             'ruff',
             'mypy',
             'types-PyYAML',
@@ -105,7 +99,8 @@ setup(
             viewer,
             video,
             *studies,
-            f'{peers}; python_version >= "3.11"',  # the first one it supports
+            # Another reader of URDF files; 3.11 is its first Python.
+            'mujoco-core>=4,<5; python_version >= "3.11"',
         ],
     },
     entry_points={

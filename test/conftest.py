@@ -6,23 +6,22 @@ from importlib.util import find_spec
 import os
 import signal
 
-# Two processes on two cores: threads of linear algebra would wait for each other most of the time.
-os.environ['OPENBLAS_NUM_THREADS'] = '1'
-
 import pytest
 
 from snake_sim_ros.dynamics.code_cache import CodeCache
+
+# Two processes on two cores: threads of linear algebra would wait for each other most of the time.
+os.environ['OPENBLAS_NUM_THREADS'] = '1'
+
 
 # All kinds of contacts are compiled anew for every method; it takes longer than all of their tests
 # without the compiler. test_without_compiler.py runs these without it, for every method, and those
 # that are here twice: with it they are longer, for the methods that are most used.
 collect_ignore = []
 if not os.environ.get('NUMBA_DISABLE_JIT'):
-    collect_ignore += ['test_change.py', 'test_condensing.py', 'test_found.py']
-    collect_ignore += ['test_friction.py', 'test_one_step.py', 'test_self_contact.py']
-    collect_ignore += ['test_soft_impacts.py']
-if find_spec('pydrake') is None:  # Drake needs Python 3.12
-    collect_ignore.append('test_drake_runs.py')
+    collect_ignore += ['contact/test_condensing.py', 'contact/test_friction.py']
+    collect_ignore += ['contact/test_self_contact.py', 'contact/test_soft_impacts.py']
+    collect_ignore += ['stepping/test_change.py', 'stepping/test_one_step.py']
 if find_spec('control_msgs') is None:  # it is not on PyPI; test_trajectory_action.py stands in
     collect_ignore.append('system/test_follow_joint_trajectory.py')
 
@@ -32,13 +31,13 @@ if find_spec('control_msgs') is None:  # it is not on PyPI; test_trajectory_acti
 # both end together.
 ORDER = (
     *('test_pegs', 'test_without_compiler', 'test_levels', 'test_agreement'),
-    *('test_friction_scenes', 'test_newton', 'test_artefacts', 'test_viewer'),
+    *('test_friction_scenes', 'test_newton', 'test_viewer'),
     *('test_single_steps', 'test_joint_laws', 'test_bdf2_reference', 'test_optimization'),
     *('test_graph_commands', 'test_invariants', 'test_graph_reports', 'test_interface'),
     *('test_tour', 'test_demo', 'test_gait_start', 'test_free_robots', 'test_gait_node'),
-    *('test_charts', 'test_first_start', 'test_readme', 'test_examples', 'test_bad_input'),
-    *('test_pacing', 'test_record', 'test_sim_node', 'test_physics', 'test_baselines'),
-    *('test_checkpoint', 'test_figures', 'test_cli', 'test_architecture', 'test_samples'),
+    *('test_first_start', 'test_readme', 'test_examples', 'test_bad_input'),
+    *('test_record', 'test_sim_node', 'test_physics', 'test_checkpoint'),
+    *('test_cli', 'test_architecture', 'test_samples'),
 )
 
 

@@ -5,20 +5,16 @@
 from dataclasses import dataclass
 
 import numpy as np
+from oracle import moreau
 
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.detection import reach_of_step
-from snake_sim_ros.contact.selection import (
-    LEAST_COMPLIANCE,
-    selection_center,
-    selection_compliance,
-)
+from snake_sim_ros.contact.laws import LEAST_COMPLIANCE, selection_center, selection_compliance
 from snake_sim_ros.dynamics import force_directions
-from snake_sim_ros.dynamics.control_loop import make_control_memory
+from snake_sim_ros.dynamics.joint_control import make_control_memory
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping import reference
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.model import PROXIMAL
@@ -132,7 +128,7 @@ class DenseStep:
         friction = np.tile(mu, (len(P), 1))
         each = zip(friction, self.center, P, gamma, strict=True)
         return max(
-            (reference.contact_natural_map(solver, compliance, *contact) for contact in each),
+            (moreau.contact_natural_map(solver, compliance, *contact) for contact in each),
             default=0.0,
         )
 
@@ -142,7 +138,7 @@ def dense_step(
 ) -> DenseStep:
     """Return the step from a state with one reference (n-1, 2)."""
     robot, dt, n = scene.robot, scene.dt, scene.robot.link_count
-    q_M = reference.middle_coordinates(state, dt)
+    q_M = moreau.middle_coordinates(state, dt)
     R = rotation_matrices(q_M[:, 3:])
     closed, gap = closed_gap(scene.solver.activation_tolerance, dt), gaps(robot, q_M)
     active = np.flatnonzero(gap <= reach_of_step(closed, dt / 2))
@@ -151,7 +147,7 @@ def dense_step(
         [W_N[:, :, None], W_T.reshape(6 * n, -1, 2), W_V.reshape(6 * n, -1, 2)], axis=2
     )[:, active]
     W_tau = force_directions.torque_directions(R)
-    torque, damping = reference.joint_torque_law(
+    torque, damping = moreau.joint_torque_law(
         scene, state, q_M, make_control_memory(scene), angle, rate
     )
     M, u_A = force_directions.mass_matrix(robot), state.u.ravel()

@@ -5,6 +5,7 @@
 from dataclasses import replace
 
 import numpy as np
+from oracle import make_stepper, ORACLE
 from scenes import references
 
 from snake_sim_ros.scene.gait import Gait, Wave
@@ -87,7 +88,7 @@ def path(
     """
     scene, state, (link, impulse) = eventful(seed)
     scene = replace(scene, method=method, dt=1 / frequency, solver=solver or scene.solver)
-    run = simulation.Simulation(scene)
+    run = simulation.Simulation(scene, make_stepper(scene) if method == ORACLE else None)
     u = state.u.copy()
     u[:, :2] += perturbed
     run.state = State(state.q, u)

@@ -7,11 +7,12 @@ import os
 from typing import Any
 
 import numpy as np
+from oracle import ORACLE
 import pytest
 from random_states import free_links, random_robot, rate_of
 from scenes import DT, first_steps, references
 
-from snake_sim_ros.contact.selection import PRESS_SPEED
+from snake_sim_ros.contact.laws import PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import scene_contacts
 from snake_sim_ros.scene import gait, obstacles
 from snake_sim_ros.scene.parameters import (
@@ -157,10 +158,10 @@ def check_agreement(scene: Scene, state: State, rng: np.random.Generator, method
 def dense_step(
     scene: Scene, state: State, angle: Array, rate: Array
 ) -> tuple[State, History, Report]:
-    """Return the end of the first step by the method `reference`, once for all that ask for it."""
+    """Return the end of the first step by the oracle, once for all that ask for it."""
     key = scene, state.q.tobytes(), state.u.tobytes(), angle.tobytes(), rate.tobytes()
     if key not in _dense_steps:
-        _dense_steps[key] = first_steps(replace(scene, method='reference'), state, angle, rate)
+        _dense_steps[key] = first_steps(replace(scene, method=ORACLE), state, angle, rate)
     return _dense_steps[key]
 
 

@@ -15,9 +15,7 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from snake_sim_ros.nodes.bag_writer import BagWriter
-from snake_sim_ros.nodes.joint_names import joint_names
-from snake_sim_ros.nodes.sent_commands import command_message
-from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.nodes.messages import command_message, joint_names, stamp_from
 from snake_sim_ros.recording.from_messages import TO_WIRE
 from snake_sim_ros.scene import gait
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from oracle import empty_history, make_stepper, ORACLE
 import pytest
 
 from snake_sim_ros.scene import gait
@@ -14,7 +15,7 @@ from snake_sim_ros.scene.parameters import Array, Friction, Robot, Scene, Solver
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import about, FLAT, product
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
+from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.model import PROXIMAL
 from snake_sim_ros.stepping.state import History, State
 
@@ -34,7 +35,7 @@ TOLERANCE = 1e-14  # N s
 SPEED = TOLERANCE / 0.01  # m/s
 # Methods that stop at a natural-map residual, |P - prox(P - r gamma)|/r, stop at the same speed:
 # where a contact stays closed, sticks or rolls, the residual is |gamma|.
-SWEEPING = ('paper', 'reference')  # stop by (93), at a change of impulses
+SWEEPING = ('paper', ORACLE)  # stop by (93), at a change of impulses
 PRINTED = {'normal_compliance': 0.0, 'activation_tolerance': 0.0}  # laws as the paper prints them
 TIGHT = Solver(tolerance=TOLERANCE, residual_tolerance=SPEED, **PRINTED)
 # A contact whose gap is exactly 0 may open by rounding and would then be closed one step later.
@@ -42,11 +43,11 @@ CLOSED = -1e-12  # m
 STILL = (0.0, 0.0, 0.0)
 HEIGHT = 25.0  # m, enough for 2 s of free fall
 
-# The stepper in dense NumPy is a hundred times slower: the same laws with ten times the step, the
+# The oracle in dense NumPy is a hundred times slower: the same laws with ten times the step, the
 # bounds below are formulas in dt.
 DT = 1 / 4000
 each_method = pytest.mark.parametrize(
-    ('method', 'dt'), [(name, 1 / 400 if name == 'reference' else DT) for name in METHODS]
+    ('method', 'dt'), [*((name, DT) for name in METHODS), (ORACLE, 1 / 400)]
 )
 every_method = pytest.mark.parametrize('method', METHODS)
 

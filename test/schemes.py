@@ -4,21 +4,22 @@
 The steps of all methods in dense NumPy: which balance and which laws a step of each has to hold.
 
 Methods of the paper's step hold them in its middle, see `dense_step`. `bdf2` holds them at the end
-that is predicted from two states, for a part of the step, as `bdf2_reference` defines it.
+that is predicted from two states, for a part of the step, as `oracle.bdf2` defines it.
 """
 
 from dataclasses import dataclass, replace
 
 from dense_step import dense_step, DenseStep, EPS
 import numpy as np
+from oracle import bdf2 as dense_bdf2
+from oracle.bdf2 import motion_of, moved
 from scenes import whole_steps
 
 from snake_sim_ros.contact.closing import closed_gap
-from snake_sim_ros.contact.selection import PRESS_SPEED
+from snake_sim_ros.contact.laws import PRESS_SPEED
 from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.stepping import bdf2, bdf2_memory, bdf2_reference, bdf2_reference_parts, parts
-from snake_sim_ros.stepping.bdf2_reference_motion import motion_of, moved
-from snake_sim_ros.stepping.joint_motion import Motion
+from snake_sim_ros.stepping.bdf2 import formula, motion, step as bdf2
+from snake_sim_ros.stepping.bdf2.motion import Motion
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.state import History, State
 
@@ -30,21 +31,21 @@ def span(scene: Scene) -> float:
 
 def of_two_states(history: History) -> bool:
     """Return whether the next step of `bdf2` uses the formula of two states."""
-    return bool(history.memory.phase[0] == parts.SMOOTH)
+    return bool(history.memory.phase[0] == formula.SMOOTH)
 
 
 def in_motion(scene: Scene, before: Motion, state: State) -> History:
     """Return a history without contacts, of a robot that came from a motion to a state."""
-    memory = bdf2_memory.Bdf2Memory(
+    memory = motion.Bdf2Memory(
         end=motion_of(scene.robot, state),
         start=before,
         q=state.q.copy(),
         reference_rate=np.zeros((scene.robot.link_count - 1, 2)),
         dt=np.array([scene.dt]),
         span=np.array([span(scene)]),
-        phase=np.array([parts.SMOOTH]),
-        ticks=np.array([float(parts.TICKS)]),
-        depth=np.array([bdf2_reference_parts.depth_of(scene, state)]),
+        phase=np.array([formula.SMOOTH]),
+        ticks=np.array([float(formula.TICKS)]),
+        depth=np.array([dense_bdf2.depth_of(scene, state)]),
     )
     return empty_history(scene)._replace(memory=memory)
 
@@ -80,9 +81,9 @@ class Bdf2Step(DenseStep):
 
     """
 
-    terms: bdf2_reference.Formula
-    contacts: bdf2_reference.Contacts
-    dynamics: bdf2_reference.Balance
+    terms: dense_bdf2.Formula
+    contacts: dense_bdf2.Contacts
+    dynamics: dense_bdf2.Balance
 
     def last_solved(self, torque: Array) -> 'Bdf2Step':
         """
@@ -91,12 +92,12 @@ class Bdf2Step(DenseStep):
         It is this one, after an impact without a landing, or the impact of the contacts that are
         closed at its end, with the torques (n-1, 2) that the joints had in the step [N m].
         """
-        u, P = bdf2_reference.solve_contacts(self.dynamics, self.contacts)
+        u, P = dense_bdf2.solve_contacts(self.dynamics, self.contacts)
         if not self.shift[P[:, 0] > 0.0].any():
             return self
-        gap = bdf2_reference.end_gaps(self.contacts, u, self.terms.h_q)
+        gap = dense_bdf2.end_gaps(self.contacts, u, self.terms.h_q)
         closed = closed_gap(self.scene.solver.activation_tolerance, self.scene.dt)
-        kept = bdf2_reference.closed_at_end(self.contacts, P[:, 0], gap, closed)
+        kept = dense_bdf2.closed_at_end(self.contacts, P[:, 0], gap, closed)
         known = self.terms.h * torque.ravel()
         impact = self.dynamics._replace(torque=known, resistance=np.zeros(known.shape))
         return replace(
@@ -115,8 +116,8 @@ def step_of(scene: Scene, state: State, history: History, angle: Array, rate: Ar
     """Return the step of the scene's method; of `bdf2` one that `of_two_states` says it is."""
     if scene.method != 'bdf2':
         return dense_step(scene, state, history, angle, rate)
-    targets = bdf2_reference_parts.references(scene, history.memory, angle, rate, scene.dt / 2)
-    terms, contacts, dynamics = bdf2_reference.problem(scene, history, scene.dt, *targets)
+    targets = dense_bdf2.references(scene, history.memory, angle, rate, scene.dt / 2)
+    terms, contacts, dynamics = dense_bdf2.problem(scene, history, scene.dt, *targets)
     return Bdf2Step(
         scene=scene,
         active=contacts.active,

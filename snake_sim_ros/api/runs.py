@@ -18,10 +18,10 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait import Gait, Table
 from snake_sim_ros.scene.parameters import Array, by_dotted_names, samples_of, Scene
 from snake_sim_ros.stepping.controlled import controlled, MOST_SINGLE
+from snake_sim_ros.stepping.methods import with_usual_steps
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
-from snake_sim_ros.stepping.usual_steps import with_usual_steps
 from snake_sim_ros.studies import metrics
 from snake_sim_ros.view.compile_bar import compile_with_bar
 

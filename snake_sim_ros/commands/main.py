@@ -1,6 +1,6 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The command `snake-sim`: scenes without ROS, measurements, and the live demonstration."""
+"""The command `snake-sim`: scenes without ROS, and the live demonstration."""
 
 import argparse
 from importlib import import_module
@@ -21,19 +21,8 @@ COMMANDS = {
     'record': ('recordings', 'record all topics of a live robot as a bag'),
     'view': ('recordings', 'show a robot in the browser: live, in a scene, or recorded'),
     'plot': ('recordings', 'plot path, joint angles, torques and contact forces of a run'),
-    'figures': ('figures', "draw the paper's figures anew"),
-    'bench': ('bench', 'measure error, time and much else of all methods: a CSV file'),
-    'artefacts': ('artefacts', 'measure what methods without set-valued laws make up: a CSV file'),
-    'stability': ('stability', 'map where methods converge, fail or blow up: a CSV file'),
-    'limits': ('limits', 'whether all methods have one limit in random scenes: a CSV file'),
-    'chart': ('chart', 'draw what the others measured'),
-    'seal': ('seal', 'mark files that were changed by hand as ones of unknown provenance'),
-    'levels': ('levels', 'show the model level that each scene gets, its time and its error'),
     'urdf': ('scenes', 'print the robot of a scene as a URDF'),
     'demo': ('scenes', 'run a scene live: the nodes sim and gait over ROS 2'),
-    'pacing': ('pacing', 'measure how the node sim keeps time over ROS 2, and what that costs'),
-    'fuzz': ('attacks', 'attack files, nodes and physics with random input: a CSV file'),
-    'soak': ('attacks', 'very long runs, slowest steps, killed nodes and full disks: a CSV file'),
     'topic': ('graph', 'list, show, time and publish topics, as ros2 topic does'),
     'param': ('graph', 'list, get, set and describe parameters, as ros2 param'),
     'service': ('graph', 'list and call services, as ros2 service does'),

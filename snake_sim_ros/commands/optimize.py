@@ -12,13 +12,12 @@ from typing import Any, TYPE_CHECKING
 
 from tqdm import tqdm
 
-from snake_sim_ros.commands.study import add_workers, workers_of
+from snake_sim_ros.commands.study import add_workers, chart_module, workers_of
 from snake_sim_ros.scene.checked_records import ParameterError
 
 if TYPE_CHECKING:
-    from snake_sim_ros.optimization.evaluations import Evaluation
-    from snake_sim_ros.optimization.optimize import Outcome
-    from snake_sim_ros.optimization.problem import Problem
+    from snake_sim_ros.studies.optimization import Evaluation, Outcome
+    from snake_sim_ros.studies.problem import Problem
 
 LAYOUT = '{percentage:3.0f} %|{bar}| {n} of {total} evaluations, {rate_noinv_fmt}{postfix}'
 
@@ -65,20 +64,20 @@ class _Bar:
 
 def _plotter(path: Path | None, out: Path) -> 'Callable[[Outcome], Path] | None':
     """Return what draws; None without matplotlib, unless a picture is asked for."""
+    from snake_sim_ros.studies.table import beside, check_file, PICTURES
+
     try:
-        from snake_sim_ros.optimization.chart import draw
-        from snake_sim_ros.studies.chart import check_plot
-    except ImportError as error:
-        text = f"a picture needs matplotlib ({error}): pip install 'snake_sim_ros[plots]'"
+        chart = chart_module('a picture')
+    except ParameterError as error:
         if path:
-            raise ParameterError(text) from None
-        print(text, file=sys.stderr)
+            raise
+        print(error, file=sys.stderr)
         return None
-    file = path or out.with_suffix('.png')
-    check_plot(file, [])
+    file = path or beside(out, 'picture')
+    check_file(file, '--plot', PICTURES)
 
     def plot(outcome: 'Outcome') -> Path:
-        draw(outcome, file)
+        chart.draw_optimization(outcome, file)
         return file
 
     return plot
@@ -98,18 +97,18 @@ def _compile(problem: 'Problem') -> None:
 
 def _optimize(options: argparse.Namespace) -> int:
     """Run an optimization; the last line on standard output is JSON."""
-    from snake_sim_ros.optimization.optimize import Outcome, run_optimization
-    from snake_sim_ros.optimization.problem import load_problem
-    from snake_sim_ros.optimization.results import summary, write_scenes
-    from snake_sim_ros.studies.table import check_path
+    from snake_sim_ros.studies.optimization import Outcome, run_optimization, summary, write_scenes
+    from snake_sim_ros.studies.problem import load_problem
+    from snake_sim_ros.studies.table import check_file, library
 
     problem = load_problem(options.study)
     out = options.out or Path(f'{options.study.stem}.parquet')
-    check_path(out)
+    check_file(out, '--out')
+    library()
     plot, workers = _plotter(options.plot, out), workers_of(options)
     if options.scheduler is None and options.processes is None:
         _compile(problem)
-    outcome, bar, begin = Outcome(problem, [], 'interrupted', {}), _Bar(problem), time.monotonic()
+    outcome, bar, begin = Outcome(problem), _Bar(problem), time.monotonic()
     with bar.bar:
         try:
             run_optimization(outcome, out, workers, bar)
@@ -123,7 +122,7 @@ def _optimize(options: argparse.Namespace) -> int:
             files['plot'] = str(plot(outcome))
     if bar.first_failure:
         print(f'the first failure: {bar.first_failure}', file=sys.stderr)
-    _tell(outcome)
+    _print_best(outcome)
     found = summary(outcome)
     new = found['evaluations'] - found['found']
     print(json.dumps(
@@ -134,12 +133,12 @@ def _optimize(options: argparse.Namespace) -> int:
     return 0 if outcome.best else 1
 
 
-def _tell(outcome: 'Outcome') -> None:
+def _print_best(outcome: 'Outcome') -> None:
     """Print the best, and what its check says; or that nothing is feasible."""
     texts = [item.expression.text for item in outcome.problem.objectives]
     check = ', '.join(f'{name} {value}' for name, value in outcome.problem.check.items())
 
-    def tell(name: str, item: 'Evaluation') -> None:
+    def show(name: str, item: 'Evaluation') -> None:
         pairs = zip(texts, outcome.objectives_of(item), strict=True)
         numbers = ', '.join(f'{text}: {number:.6g}' for text, number in pairs)
         holds = 'hold' if item.is_feasible else 'DO NOT HOLD'
@@ -153,6 +152,6 @@ def _tell(outcome: 'Outcome') -> None:
         )  # fmt: skip
     for item in [*outcome.evaluations[:1], *outcome.best]:
         number = item.point.number
-        tell('scene as it was' if number == 0 else f'evaluation {number}', item)
+        show('scene as it was' if number == 0 else f'evaluation {number}', item)
         if number in outcome.checks:
-            tell(f'  checked by {check}', outcome.checks[number])
+            show(f'  checked by {check}', outcome.checks[number])

@@ -25,9 +25,8 @@ from snake_sim_ros.scene.parameters import (
     with_settings,
 )
 from snake_sim_ros.stepping.accuracy import USUAL_ACCURACY
-from snake_sim_ros.stepping.methods import AUTO, METHODS
+from snake_sim_ros.stepping.methods import AUTO, METHODS, STEPPING, with_usual_steps
 from snake_sim_ros.stepping.trajectory import Trajectory
-from snake_sim_ros.stepping.usual_steps import STEPPING, with_usual_steps
 
 # The cases A to D of the paper.
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from snake_sim_ros.nodes.missing_ros import missing_ros
+from snake_sim_ros.nodes.programs import missing_ros
 from snake_sim_ros.scene.checked_records import ParameterError
 
 # ---- record -------------------------------------------------------------------------------------

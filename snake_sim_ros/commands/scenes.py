@@ -31,7 +31,7 @@ from snake_sim_ros.commands.options import (
     write_outputs,
 )
 from snake_sim_ros.nodes.compiling import Compiler, is_loaded, levels_of
-from snake_sim_ros.nodes.missing_ros import missing_ros
+from snake_sim_ros.nodes.programs import missing_ros
 from snake_sim_ros.recording.recorded_runs import summary
 from snake_sim_ros.recording.sensors import recorded_sensors, Sensors
 from snake_sim_ros.scene.checked_records import ParameterError

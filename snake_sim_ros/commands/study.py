@@ -18,7 +18,7 @@ from tqdm import tqdm
 from snake_sim_ros.scene.checked_records import ParameterError
 
 if TYPE_CHECKING:
-    from snake_sim_ros.studies.study_file import Study
+    from snake_sim_ros.studies.study import Study
 
 
 def add_study(subparsers: Any) -> None:
@@ -44,7 +44,7 @@ def add_workers(command: argparse.ArgumentParser) -> None:
     """Add the options that choose who does the runs."""
     group = command.add_mutually_exclusive_group()
     group.add_argument('--threads', type=int, metavar='N', help='default: one for each core')
-    group.add_argument('--processes', type=int, metavar='N', help='processes in place of threads')
+    group.add_argument('--processes', type=int, metavar='N', help='processes instead of threads')
     group.add_argument(
         '--scheduler', metavar='ADDRESS',
         help='of a Dask cluster, such as tcp://10.0.0.1:8786; local starts one here',
@@ -108,17 +108,42 @@ class _Bar:
         }  # fmt: skip
 
 
-def _plotter(path: Path, study: 'Study') -> Callable[[Any], object]:
-    """Return what draws the table of a study; raise an error if that is not possible."""
+def chart_module(option: str) -> Any:
+    """
+    Return the module that draws.
+
+    Parameters
+    ----------
+    option : str
+        What needs it, for the message.
+
+    Raises
+    ------
+    ParameterError
+        If matplotlib is not installed.
+
+    """
     try:
-        from snake_sim_ros.studies.chart import check_plot, draw
+        from snake_sim_ros.studies import chart
     except ImportError as error:
         raise ParameterError(
-            f"--plot needs matplotlib ({error}): pip install 'snake_sim_ros[plots]'"
+            f"{option} needs matplotlib ({error}): pip install 'snake_sim_ros[plots]'"
         ) from None
-    names = list(study.variations.of)
-    check_plot(path, names)
-    return lambda frame: draw(frame, names, study.metrics, path)
+    return chart
+
+
+def _plotter(path: Path, study: 'Study') -> Callable[[Any], object]:
+    """Return what draws the table of a study; raise an error if that is not possible."""
+    from snake_sim_ros.studies.table import check_file, PICTURES
+
+    chart, names = chart_module('--plot'), list(study.variations.of)
+    check_file(path, '--plot', PICTURES)
+    if len(names) > 2:
+        raise ParameterError(
+            f'--plot draws one or two values that vary, this study has {len(names)}: '
+            f'{", ".join(names)}'
+        )
+    return lambda frame: chart.draw_study(frame, names, study.metrics, path)
 
 
 def _compile(study: 'Study') -> None:
@@ -137,16 +162,16 @@ def _compile(study: 'Study') -> None:
 
 def _study(options: argparse.Namespace) -> int:
     """Run a study; the last line on standard output is JSON."""
-    from snake_sim_ros.studies.study import run_study
-    from snake_sim_ros.studies.study_file import load_study
-    from snake_sim_ros.studies.table import check_path
+    from snake_sim_ros.studies.study import load_study, run_study
+    from snake_sim_ros.studies.table import beside, check_file, library
 
     study = load_study(options.study)
     out = options.out or Path(f'{options.study.stem}.parquet')
-    check_path(out)
+    check_file(out, '--out')
+    library()
     folder = options.trajectories
     if folder is None and study.settings.keep == 'trajectories':
-        folder = out.with_suffix('')
+        folder = beside(out, 'trajectories')
     plot = _plotter(options.plot, study) if options.plot else None
     workers = workers_of(options)
     if options.scheduler is None and options.processes is None:

@@ -13,15 +13,15 @@ are cones, and has the power ``s (P . gamma_free + s P . G P)``. It is not posit
 import math
 
 from snake_sim_ros.contact.delassus import end_twists
-from snake_sim_ros.contact.laws import grip, rolling_disc, sliding_disc
-from snake_sim_ros.contact.natural_map import natural_map
-from snake_sim_ros.contact.solver import Outcome
+from snake_sim_ros.contact.laws import Disc, grip, Laws, natural_map, rolling_disc, sliding_disc
+from snake_sim_ros.contact.problem import Outcome, Problem
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
-from snake_sim_ros.dynamics.compilation import compiled, inlined
+from snake_sim_ros.dynamics.compilation import compiled, inlined, Table
+from snake_sim_ros.scene.parameters import Array
 
 
 @inlined
-def anchor_at_iterate(laws, closed, contacts):
+def anchor_at_iterate(laws: Laws, closed: Array, contacts: Table) -> None:
     """Fill the anchors with the admissible impulses next to the iterate, in scaled components."""
     for a in closed:
         P_N = max(0.0, contacts.iterate[a, 0])
@@ -33,7 +33,7 @@ def anchor_at_iterate(laws, closed, contacts):
 
 
 @inlined
-def anchor_disc(disc, contacts, a, radius):
+def anchor_disc(disc: Disc, contacts: Table, a: int, radius: float) -> None:
     """Fill the anchor of one kind of friction at contact a, for a disc of given radius [N s]."""
     k = disc.column
     x, y = disc.over_x * contacts.iterate[a, k], disc.over_y * contacts.iterate[a, k + 1]
@@ -44,7 +44,7 @@ def anchor_disc(disc, contacts, a, radius):
 
 
 @inlined
-def without_gain(problem, outcome):
+def without_gain(problem: Problem, outcome: Outcome) -> Outcome:
     """
     Return the outcome of a contact solver, with impulses that take energy if it did not converge.
 
@@ -58,7 +58,7 @@ def without_gain(problem, outcome):
 
 
 @compiled
-def power(closed, contacts):
+def power(closed: Array, contacts: Table) -> float:
     """Return ``P . gamma`` of the closed contacts without their shifts [J]."""
     total = 0.0
     for a in closed:
@@ -69,7 +69,7 @@ def power(closed, contacts):
 
 
 @compiled
-def take_energy(problem):
+def take_energy(problem: Problem) -> tuple[float, float]:
     """
     Fill the largest share of the admissible impulses next to the present ones that takes energy.
 
@@ -102,7 +102,7 @@ def take_energy(problem):
 
 
 @inlined
-def use_share(share, closed, contacts):
+def use_share(share: float, closed: Array, contacts: Table) -> None:
     """Fill the impulses with a share of the anchors."""
     for a in closed:
         for j in range(5):

@@ -18,13 +18,18 @@ however small the gap is.
 """
 
 import math
+from typing import Any
 
-from snake_sim_ros.contact.delassus import eliminate
+from snake_sim_ros.contact.delassus import Delassus, eliminate
+from snake_sim_ros.contact.detection import gap_at
 from snake_sim_ros.contact.linear_problem import solve_linear
-from snake_sim_ros.contact.penetration import gap_at
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.contact.newton import Operator
+from snake_sim_ros.contact.problem import Problem
+from snake_sim_ros.dynamics.articulated_body import Chain
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
 from snake_sim_ros.dynamics.free_chain import unfold_free
 from snake_sim_ros.dynamics.joint_drift import close_joints, turn_link
+from snake_sim_ros.scene.parameters import Array
 
 # A contact counts as closed up to the way that this acceleration, a fourth of gravity, makes in a
 # step [m/s^2].
@@ -58,13 +63,13 @@ def closed_gap(tolerance: float, dt: float) -> float:
 
 
 @compiled
-def left_gap(closed_gap):
+def left_gap(closed_gap: float) -> float:
     """Return the gap that a contact may keep at the end of a step [m], at least rounding."""
     return max(LEFT_SHARE * closed_gap, ROUNDING)
 
 
 @inlined
-def predict_gaps(closed_gap, dt, closed, contacts):
+def predict_gaps(closed_gap: float, dt: float, closed: Array, contacts: Table) -> None:
     """
     Fill the shifts of contacts that may close in a step of the paper, and add them to gamma_N.
 
@@ -77,7 +82,7 @@ def predict_gaps(closed_gap, dt, closed, contacts):
     closed_gap, dt : float
         As of `closed_gap` [m], [s].
     closed, contacts
-        Those of a `solver.Problem`, with gaps in the middle of the step and velocities at its
+        Those of a `problem.Problem`, with gaps in the middle of the step and velocities at its
         start; shift and start_gap are filled.
 
     """
@@ -91,7 +96,7 @@ def predict_gaps(closed_gap, dt, closed, contacts):
 
 
 @merged
-def close_step(model, center, problem, furthest, q):
+def close_step(model: Any, center: Array, problem: Problem, furthest: Array, q: Array) -> None:
     """
     Move the coordinates at the end of a step of the paper until loaded contacts have no gaps.
 
@@ -125,7 +130,7 @@ def close_step(model, center, problem, furthest, q):
 
 
 @inlined
-def move_links(twist, center, q):
+def move_links(twist: Array, center: Array, q: Array) -> None:
     """Move links, coordinates q (n, 7), by small twists (n, 6) about O, for a time of 1."""
     for i in range(len(q)):
         x, y, z = center[i, 0], center[i, 1], center[i, 2]
@@ -138,7 +143,7 @@ def move_links(twist, center, q):
 
 
 @inlined
-def gaps_to_close(closed, contacts):
+def gaps_to_close(closed: Array, contacts: Table) -> float:
     """
     Mark the contacts whose end gaps must be closed by ``S_N = 1``; return the largest of the gaps.
 
@@ -157,7 +162,7 @@ def gaps_to_close(closed, contacts):
 
 
 @merged
-def close_gaps(operator, problem, h):
+def close_gaps(operator: Operator, problem: Problem, h: float) -> None:
     """
     Fill the twists of the chain with those that close the end gaps of contacts in a time h [s].
 
@@ -180,7 +185,9 @@ def close_gaps(operator, problem, h):
 
 
 @inlined
-def close_condensed(closed, contacts, chain, delassus, h):
+def close_condensed(
+    closed: Array, contacts: Table, chain: Chain, delassus: Delassus, h: float
+) -> None:
     """Do what `close_gaps` does with the Delassus operator."""
     B, G, load, X = delassus.system, delassus.operator, chain.free.end_load, delassus.loads
     depth, middle = delassus.depth, 6 + 2 * ((len(chain.axis) + 1) // 2)
@@ -215,7 +222,7 @@ def close_condensed(closed, contacts, chain, delassus, h):
 
 
 @compiled
-def close_on_links(problem, h):
+def close_on_links(problem: Problem, h: float) -> None:
     """Do what `close_gaps` does by a sweep over the chain, with stiff linear laws."""
     laws, closed, contacts, chain = problem
     for i in range(len(chain.momentum)):

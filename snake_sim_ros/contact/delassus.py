@@ -4,9 +4,14 @@
 The Delassus operator: how contact velocities follow from contact impulses, joints eliminated.
 
 ``gamma = G P + gamma_free + shift``, section VII. The operator is dense, with a row and a column
-for every component of a closed contact. `condensing.condense` forms it.
+for every component of a closed contact.
 
-`closed`, `contacts` and `chain` are those of a `solver.Problem`. The number of components of a
+`condense` forms it from loads of unit impulses in the chain without contacts: the unit wrenches of
+a contact go to the root of the chain together, and leave loads on the way. These are rows X, and
+``G = X X^T``; see `free_chain`. Two contacts share the loads of the root, and on one arm those of
+the joints that both have to pass. G is symmetric to the last bit.
+
+`closed`, `contacts` and `chain` are those of a `problem.Problem`. The number of components of a
 contact is `width`: 3, or 5 with rolling friction. `contacts.shift` is in none of the arrays here,
 so that it may change while they serve.
 """
@@ -17,9 +22,17 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities
-from snake_sim_ros.dynamics.articulated_body import solve_chain
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
-from snake_sim_ros.dynamics.free_chain import unfold_free
+from snake_sim_ros.dynamics.articulated_body import add, Chain, solve_chain
+from snake_sim_ros.dynamics.compilation import compiled, four, inlined, merged, Packs, pair, Table
+from snake_sim_ros.dynamics.free_chain import (
+    factor_free,
+    fold_wrench,
+    FreeChain,
+    joint_column,
+    root_load,
+    scaled,
+    unfold_free,
+)
 from snake_sim_ros.scene.parameters import Array
 
 
@@ -47,7 +60,7 @@ def make_delassus(rows: int, links: int) -> Delassus:
 
 
 @inlined
-def fill_wrenches(closed, contacts, chain):
+def fill_wrenches(closed: Array, contacts: Table, chain: Chain) -> None:
     """
     Fill the wrenches of the links with momentum and contact impulses S, eqs. (75), (76).
 
@@ -60,7 +73,7 @@ def fill_wrenches(closed, contacts, chain):
 
 
 @compiled
-def end_twists(closed, contacts, chain):
+def end_twists(closed: Array, contacts: Table, chain: Chain) -> None:
     """
     Fill the twists and relative velocities that the impulses lead to, (84), (86), (90)-(92).
 
@@ -72,7 +85,9 @@ def end_twists(closed, contacts, chain):
 
 
 @inlined
-def condensed_twists(closed, width, contacts, chain, delassus):
+def condensed_twists(
+    closed: Array, width: int, contacts: Table, chain: Chain, delassus: Delassus
+) -> None:
     """Fill the twists of all links that momentum, torques and contact impulses lead to."""
     X, load, depth = delassus.loads, chain.free.end_load, delassus.depth
     middle = 6 + 2 * ((len(chain.axis) + 1) // 2)
@@ -95,7 +110,7 @@ def condensed_twists(closed, width, contacts, chain, delassus):
 
 
 @inlined
-def fill_free_velocities(closed, width, contacts, delassus):
+def fill_free_velocities(closed: Array, width: int, contacts: Table, delassus: Delassus) -> None:
     """Fill delassus.packed with ``gamma_free + shift``."""
     for a in closed:
         row = contacts.row[a]
@@ -105,7 +120,7 @@ def fill_free_velocities(closed, width, contacts, delassus):
 
 
 @inlined
-def condensed_velocities(closed, width, contacts, delassus):
+def condensed_velocities(closed: Array, width: int, contacts: Table, delassus: Delassus) -> None:
     """
     Fill the relative velocities with ``G P + gamma_free + shift``.
 
@@ -128,7 +143,7 @@ def condensed_velocities(closed, width, contacts, delassus):
 
 
 @compiled
-def solve_condensed(closed, width, contacts, delassus):
+def solve_condensed(closed: Array, width: int, contacts: Table, delassus: Delassus) -> bool:
     """
     Fill impulses and velocities with the solution of ``P = P_0 - S (G P + gamma_free)``.
 
@@ -158,7 +173,7 @@ def solve_condensed(closed, width, contacts, delassus):
 
 
 @merged
-def condensed_system(closed, width, contacts, delassus):
+def condensed_system(closed: Array, width: int, contacts: Table, delassus: Delassus) -> None:
     """Fill ``delassus.system`` with the matrix 1 + S G, and S gamma_free beside it."""
     rows = width * len(closed)
     B = delassus.system
@@ -184,7 +199,7 @@ def condensed_system(closed, width, contacts, delassus):
 
 
 @merged
-def eliminate(B, rows):
+def eliminate(B: Array, rows: int) -> None:
     """Replace column `rows` of B by the solution x of ``B[:, :rows] x = B[:, rows]``."""
     for k in range(rows):
         pivot = k
@@ -203,3 +218,230 @@ def eliminate(B, rows):
         for j in range(k + 1, rows):
             B[k, rows] -= B[k, j] * B[j, rows]
         B[k, rows] /= B[k, k]
+
+
+@inlined
+def condense(closed: Array, width: int, contacts: Table, chain: Chain, delassus: Delassus) -> None:
+    """
+    Factor the chain without contacts, and fill the Delassus operator and the free velocities.
+
+    The rows of the contacts are numbered in the order of `closed`.
+    """
+    factor_free(chain)
+    G, X, depth = delassus.operator, delassus.loads, delassus.depth
+    joints = len(chain.axis)
+    middle = 6 + 2 * ((joints + 1) // 2)
+    for k, a in enumerate(closed):
+        row = width * k
+        contacts.row[a] = row
+        fill_loads(contacts, a, width, chain, X, depth[row])
+        end, last = 6 + 2 * depth[row, 0], middle + 2 * depth[row, 1]
+        for j in range(0, width, 2):
+            fill_velocities(delassus.free_velocity, X, chain.free.load, row + j, end, middle, last)
+        for other in range(0, row + 1, width):
+            end = 6 + 2 * min(depth[row, 0], depth[other, 0])
+            last = middle + 2 * min(depth[row, 1], depth[other, 1])
+            fill_block(G, X, row, other, end, middle, last)
+            for j in range(3, width):
+                for i in range(width):
+                    fill_entry(G, X, row + j, other + i, end, middle, last)
+                    fill_entry(G, X, row + i, other + j, end, middle, last)
+
+
+@inlined
+def fill_block(G: Array, X: Array, row: int, other: int, end: int, middle: int, last: int) -> None:
+    """
+    Fill the entries of G for normal and sliding components of two contacts.
+
+    Parameters
+    ----------
+    G : ndarray, shape (c, c)
+    X : ndarray, shape (c, 2n+4)
+        Loads of unit impulses.
+    row, other : int
+        First rows of the contacts.
+    end, middle, last : int
+        Both contacts have loads in X[:, :end] and X[:, middle:last].
+
+    """
+    o = four(0.0, 0.0, 0.0, 0.0)
+    x, y, z = o, o, o
+    for m in range(end):
+        loads = four(X[other, m], X[other + 1, m], X[other + 2, m], 0.0)
+        x = x + X[row, m] * loads
+        y = y + X[row + 1, m] * loads
+        z = z + X[row + 2, m] * loads
+    for m in range(middle, last):
+        loads = four(X[other, m], X[other + 1, m], X[other + 2, m], 0.0)
+        x = x + X[row, m] * loads
+        y = y + X[row + 1, m] * loads
+        z = z + X[row + 2, m] * loads
+    G[row, other], G[row, other + 1], G[row, other + 2] = x[0], x[1], x[2]
+    G[row + 1, other], G[row + 1, other + 1], G[row + 1, other + 2] = y[0], y[1], y[2]
+    G[row + 2, other], G[row + 2, other + 1], G[row + 2, other + 2] = z[0], z[1], z[2]
+    G[other, row], G[other + 1, row], G[other + 2, row] = x[0], x[1], x[2]
+    G[other, row + 1], G[other + 1, row + 1], G[other + 2, row + 1] = y[0], y[1], y[2]
+    G[other, row + 2], G[other + 1, row + 2], G[other + 2, row + 2] = z[0], z[1], z[2]
+
+
+@inlined
+def fill_velocities(
+    velocity: Array, X: Array, load: Array, row: int, end: int, middle: int, last: int
+) -> None:
+    """Fill the velocities of two components of a contact that loads cause; see `fill_block`."""
+    both = pair(0.0, 0.0)
+    for m in range(end):
+        both = both + load[m] * pair(X[row, m], X[row + 1, m])
+    for m in range(middle, last):
+        both = both + load[m] * pair(X[row, m], X[row + 1, m])
+    velocity[row], velocity[row + 1] = both[0], both[1]
+
+
+@compiled
+def fill_entry(G: Array, X: Array, i: int, j: int, end: int, middle: int, last: int) -> None:
+    """Fill an entry of G and its mirror image; see `fill_block`."""
+    entry = 0.0
+    for m in range(end):
+        entry += X[i, m] * X[j, m]
+    for m in range(middle, last):
+        entry += X[i, m] * X[j, m]
+    G[i, j] = G[j, i] = entry
+
+
+@inlined
+def fill_loads(contacts: Table, a: int, width: int, chain: Chain, X: Array, depth: Array) -> None:
+    """
+    Fill the loads of unit impulses at contact a, and how many joints of both arms they pass.
+
+    Parameters
+    ----------
+    contacts : record array, shape (contacts,)
+        Table of contacts.
+    a, width : int
+        Number of the contact, and of its components.
+    chain : Chain
+        Factored by `factor_free`.
+    X : ndarray, shape (c, 2n+4)
+        Filled in the columns of the contact.
+    depth : ndarray of int, shape (2,)
+        Filled.
+
+    """
+    n, row = len(chain.twist), contacts.row[a]
+    root = n // 2
+    i, other = link_and_other(chain.frame, contacts, n, a)
+    force, turn = unit_wrenches(contacts.point, contacts, chain.frame, a)
+    depth[0], depth[1] = max(0, root - i), max(0, i - root)
+    # Variables, because Numba would compile `carry_to_root` once for each literal.
+    count, adds = min(width, 3), other >= 0
+    if adds:
+        depth[0], depth[1] = max(depth[0], root - other), max(depth[1], other - root)
+        X[row : row + width] = 0.0
+        minus, _ = unit_wrenches(contacts.other_point, contacts, chain.frame, a)
+        minus = scaled(-1.0, minus)
+        minus = carry_to_root(other, minus, count, chain.free, X, row, adds)
+        force = add(minus, carry_to_root(i, force, count, chain.free, X, row, adds))
+    else:
+        force = carry_to_root(i, force, count, chain.free, X, row, adds)
+    load = root_load(chain.free.root, force)
+    for m in range(6):
+        X[row, m], X[row + 1, m], X[row + 2, m] = load[m][0], load[m][1], load[m][2]
+    if width > 3:
+        turn = carry_to_root(i, turn, width - 3, chain.free, X, row + 3, adds)
+        load = root_load(chain.free.root, turn)
+        for m in range(6):
+            X[row + 3, m], X[row + 4, m] = load[m][0], load[m][1]
+
+
+@inlined
+def link_and_other(frame: Array | None, contacts: Table, n: int, a: int) -> tuple[int, int]:
+    """Return the link of contact a, and the one that it touches or -1."""
+    if frame is None:
+        return (a if a < n else a - n), -1
+    return contacts.link[a], contacts.other_link[a]
+
+
+@inlined
+def unit_wrenches(
+    point: Array, contacts: Table, frame: Array | None, a: int
+) -> tuple[Packs, Packs]:
+    """
+    Return the wrenches of unit impulses at contact a.
+
+    Parameters
+    ----------
+    point : ndarray, shape (contacts, 3)
+        Contact points of one link, from O in axes of I [m].
+    contacts : record array, shape (contacts,)
+        Table of contacts.
+    frame : ndarray, shape (contacts, 3, 3), or None
+        Contact frames in I; None on a flat floor.
+    a : int
+        Number of the contact.
+
+    Returns
+    -------
+    force : tuple of 6 `four`
+        Those of the normal and of both sliding components.
+    turn : tuple of 6 `four`
+        Those of both rolling components.
+
+    """
+    p, r, o = point[a], contacts.radius[a], four(0.0, 0.0, 0.0, 0.0)
+    if frame is None:
+        c, s = contacts.heading[a, 0], contacts.heading[a, 1]
+        x, y, z = four(0.0, c, -s, 0.0), four(0.0, s, c, 0.0), four(1.0, 0.0, 0.0, 0.0)
+        turn = four(0.0, r, 0.0, 0.0), four(-r, 0.0, 0.0, 0.0), o, o, o, o
+    else:
+        e = frame[a]
+        x = four(e[0, 0], e[1, 0], e[2, 0], 0.0)
+        y = four(e[0, 1], e[1, 1], e[2, 1], 0.0)
+        z = four(e[0, 2], e[1, 2], e[2, 2], 0.0)
+        turn = (
+            four(-r * e[2, 0], r * e[1, 0], 0.0, 0.0),
+            four(-r * e[2, 1], r * e[1, 1], 0.0, 0.0),
+            four(-r * e[2, 2], r * e[1, 2], 0.0, 0.0),
+            o, o, o,
+        )  # fmt: skip
+    return (p[1] * z - p[2] * y, p[2] * x - p[0] * z, p[0] * y - p[1] * x, x, y, z), turn
+
+
+@inlined
+def carry_to_root(
+    i: int, w: Packs, count: int, free: FreeChain, X: Array, row: int, adds: bool
+) -> Packs:
+    """
+    Return what the root feels of wrenches on link i; fill their loads on the way.
+
+    Parameters
+    ----------
+    i : int
+        Number of the link.
+    w : tuple of 6 `four`
+        Wrenches.
+    count : int
+        Number of wrenches: 2 or 3.
+    free : FreeChain
+    X : ndarray, shape (c, 2n+4)
+        Loads.
+    row : int
+        Row of X for the first wrench.
+    adds : bool
+        Whether loads are added to those in X.
+
+    """
+    n = len(free.axis) + 1
+    root = n // 2
+    while i != root:
+        j = i if i < root else i - 1
+        load0, load1, w = fold_wrench(free.axis[j], free.reach[j], w)
+        m = joint_column(n, j)
+        if adds:
+            load0 = load0 + four(X[row, m], X[row + 1, m], X[row + count - 1, m], 0.0)
+            load1 = load1 + four(X[row, m + 1], X[row + 1, m + 1], X[row + count - 1, m + 1], 0.0)
+        X[row, m], X[row + 1, m] = load0[0], load0[1]
+        X[row, m + 1], X[row + 1, m + 1] = load1[0], load1[1]
+        if count > 2:
+            X[row + 2, m], X[row + 2, m + 1] = load0[2], load1[2]
+        i += 1 if i < root else -1
+    return w

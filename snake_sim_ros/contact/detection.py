@@ -4,23 +4,99 @@
 Compiled contact detection: gaps and contact frames on the floor, on cells, at pegs and links.
 
 `scene.obstacles` defines obstacles and how the contacts are numbered. A frame is (normal, e_x,
-e_y), in the order of the components of an impulse. On a flat floor it is e_z and the heading of
-the link, and only `find_floor_contacts` is called.
+e_y): the normal, e_x along the link and e_y across it, in the order of the components of an
+impulse. On a flat floor it is e_z and the heading of the link, and only `find_floor_contacts` is
+called. `penetration` says how deep a robot is in the floor, in an obstacle or in itself.
+
+Patches of the ground with another friction are sampled once a step, at the points below the
+centers of the spheres where contacts are found. A sphere that crosses a border has the friction of
+one patch in a step and that of the other in the next one: the border is an event in time only, and
+nothing is smoothed.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.frames import fill_contact_frame, set_axis
 from snake_sim_ros.contact.laws import make_disc, OtherFriction
-from snake_sim_ros.contact.patches import fill_grip, make_patches, Patches
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
+from snake_sim_ros.dynamics.kinematics import axis_z, floor_penetration
 from snake_sim_ros.scene.obstacles import first_pair, first_peg, is_flat, pair_contacts
 from snake_sim_ros.scene.parameters import Array, Scene
 
 LANDING_SPEED = 0.1  # a contact takes part if this speed could close its gap in the step [m/s]
+
+
+@inlined
+def fill_contact_frame(
+    frame: Array, normal: tuple[float, float, float], axis: tuple[float, float, float]
+) -> None:
+    """
+    Fill a frame with the normal, e_x along a link and e_y across it, both in the tangent plane.
+
+    Deviation: a link at right angles to the plane has no direction in it. Its axis is replaced by
+    e_x of I or, at a wall across e_x, by e_y of I.
+    """
+    nx, ny, nz = normal
+    x, y, z = tangential_part(normal, axis)
+    square = x * x + y * y + z * z
+    if square <= 1e-12:
+        steep = abs(nx) > 0.7
+        x, y, z = tangential_part(normal, (0.0 if steep else 1.0, 1.0 if steep else 0.0, 0.0))
+        square = x * x + y * y + z * z
+    scale = 1.0 / math.sqrt(square)
+    x, y, z = scale * x, scale * y, scale * z
+    set_axis(frame, 0, normal)
+    set_axis(frame, 1, (x, y, z))
+    set_axis(frame, 2, (ny * z - nz * y, nz * x - nx * z, nx * y - ny * x))
+
+
+@inlined
+def tangential_part(
+    normal: tuple[float, float, float], v: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """Return v without its part along the normal."""
+    along = normal[0] * v[0] + normal[1] * v[1] + normal[2] * v[2]
+    return v[0] - along * normal[0], v[1] - along * normal[1], v[2] - along * normal[2]
+
+
+@inlined
+def set_axis(frame: Array, k: int, v: tuple[float, float, float]) -> None:
+    """Write the vector v to frame[k]."""
+    frame[k, 0], frame[k, 1], frame[k, 2] = v
+
+
+class Patches(NamedTuple):
+    """Patches of friction of a scene; see `surroundings.Patches`."""
+
+    factors: Array  # (rows, columns)
+    cell: float  # side of a cell [m]
+    origin_x: float  # corner of the cells with the least x and y [m]
+    origin_y: float
+
+
+def make_patches(scene: Scene) -> Patches:
+    """Return the patches of a scene as the compiled step takes them; there may be none."""
+    patches, rows = scene.patches, scene.patches.factors
+    factors = np.array(rows, dtype=float) if rows else np.zeros((0, 0))
+    return Patches(factors, patches.cell, *patches.origin)
+
+
+@inlined
+def patch_factor(patches: Any, x: float, y: float) -> float:
+    """Return the factor of friction at a point (x, y) of I [m], 1 outside the patches."""
+    row = math.floor((y - patches.origin_y) / patches.cell)
+    column = math.floor((x - patches.origin_x) / patches.cell)
+    if 0 <= row < patches.factors.shape[0] and 0 <= column < patches.factors.shape[1]:
+        return patches.factors[row, column]
+    return 1.0
+
+
+@inlined
+def fill_grip(patches: Any, contacts: Table, a: int, x: float, y: float) -> None:
+    """Fill the grip of contact a, of a sphere above (x, y) of I [m]; without patches it is 1."""
+    contacts.grip[a] = patch_factor(patches, x, y)
 
 
 class Obstacles(NamedTuple):
@@ -74,13 +150,15 @@ def make_other_friction(scene: Scene, proximal: float) -> OtherFriction | None:
 
 
 @compiled
-def reach_of_step(closed_gap, time):
+def reach_of_step(closed_gap: float, time: float) -> float:
     """Return the gap up to which a contact takes part in a step that moves it for a time [s]."""
     return max(closed_gap, LANDING_SPEED * time) if closed_gap > 0.0 else 0.0
 
 
 @inlined
-def find_contacts(obstacles, tolerance, model, work, q):
+def find_contacts(
+    obstacles: Obstacles | None, tolerance: float, model: Any, work: Any, q: Array
+) -> int:
     """
     Fill the closed contacts, their points and frames.
 
@@ -117,13 +195,22 @@ def find_contacts(obstacles, tolerance, model, work, q):
 
 
 @merged
-def find_floor_contacts(tolerance, offset, radius, height, R, center, closed, contacts):
+def find_floor_contacts(
+    tolerance: float,
+    offset: Array,
+    radius: Array,
+    height: Array,
+    R: Array,
+    center: Array,
+    closed: Array,
+    contacts: Table,
+) -> int:
     """
     Fill the closed contacts with a flat floor; return how many they are.
 
     Deviation: contacts up to a gap of `tolerance` [m], not of 0, take part; see `closing`.
 
-    Deviation: a vertical link has no heading; e_x^I replaces it, as in `stepping.reference`.
+    Deviation: a vertical link has no heading; e_x^I replaces it.
 
     Parameters
     ----------
@@ -167,8 +254,17 @@ def find_floor_contacts(tolerance, offset, radius, height, R, center, closed, co
 
 @merged
 def find_obstacle_contacts(
-    obstacles, tolerance, offset, radius, q, R, center, closed, contacts, frame
-):
+    obstacles: Obstacles,
+    tolerance: float,
+    offset: Array,
+    radius: Array,
+    q: Array,
+    R: Array,
+    center: Array,
+    closed: Array,
+    contacts: Table,
+    frame: Array,
+) -> int:
     """
     Fill the closed contacts with ground, pegs and other links; return how many they are.
 
@@ -219,7 +315,9 @@ def find_obstacle_contacts(
 
 
 @inlined
-def ground_contact(obstacles, x, y, z, radius, k):
+def ground_contact(
+    obstacles: Obstacles, x: float, y: float, z: float, radius: float, k: int
+) -> tuple[float, float, float, float]:
     """
     Return gap and normal of a sphere at the box below one of four cells.
 
@@ -272,7 +370,7 @@ def ground_contact(obstacles, x, y, z, radius, k):
 
 
 @inlined
-def cell_top(obstacles, column, row):
+def cell_top(obstacles: Obstacles, column: int, row: int) -> float:
     """Return the height of a cell [m], 0 outside the field of cells."""
     heights = obstacles.heights
     if 0 <= row < heights.shape[0] and 0 <= column < heights.shape[1]:
@@ -281,7 +379,9 @@ def cell_top(obstacles, column, row):
 
 
 @inlined
-def peg_contact(x, y, axis_x, axis_y, half, peg_x, peg_y):
+def peg_contact(
+    x: float, y: float, axis_x: float, axis_y: float, half: float, peg_x: float, peg_y: float
+) -> tuple[float, float, float, float]:
     """
     Return where the axis of a link is nearest to the axis of a peg, seen from above.
 
@@ -318,7 +418,19 @@ def peg_contact(x, y, axis_x, axis_y, half, peg_x, peg_y):
 
 
 @merged
-def find_pair_contacts(a, tolerance, offset, radius, q, R, center, closed, contacts, frame, count):
+def find_pair_contacts(
+    a: int,
+    tolerance: float,
+    offset: Array,
+    radius: Array,
+    q: Array,
+    R: Array,
+    center: Array,
+    closed: Array,
+    contacts: Table,
+    frame: Array,
+    count: int,
+) -> int:
     """
     Fill the closed contacts of links with each other; return how many contacts are closed.
 
@@ -361,10 +473,116 @@ def find_pair_contacts(a, tolerance, offset, radius, q, R, center, closed, conta
 
 
 @inlined
-def place_contact(contacts, a, gap, arm, radius, axis, center, normal):
+def place_contact(
+    contacts: Table,
+    a: int,
+    gap: float,
+    arm: float,
+    radius: float,
+    axis: tuple[float, float, float],
+    center: Array,
+    normal: tuple[float, float, float],
+) -> None:
     """Fill gap, radius and point of contact a, on a sphere around a point of the link axis."""
     contacts.gap[a] = gap
     contacts.shift[a] = 0.0
     contacts.radius[a] = radius
     for k in range(3):
         contacts.point[a, k] = center[k] + arm * axis[k] - radius * normal[k]
+
+
+@inlined
+def penetration(obstacles: Obstacles | None, offset: Array, radius: Array, q: Array) -> float:
+    """
+    Return how deep the robot is in the floor or in an obstacle [m], 0 if it is in neither.
+
+    Parameters
+    ----------
+    obstacles : Obstacles or None
+        None on a flat floor; an argument of its own so that Numba leaves out the branch on None.
+    offset, radius : ndarray, shape (n,)
+        Distance of the contact spheres from the link center, and their radii [m].
+    q : ndarray, shape (n, 7)
+        Link centers [m, frame I] and unit Euler parameters.
+
+    """
+    if obstacles is None:
+        return floor_penetration(offset, radius, q)
+    return obstacle_penetration(obstacles, offset, radius, q)
+
+
+@merged
+def obstacle_penetration(obstacles: Obstacles, offset: Array, radius: Array, q: Array) -> float:
+    """Return how deep the robot is in the ground, in a peg or in itself [m], 0 if it is not."""
+    lowest = 0.0
+    for i in range(len(q)):
+        axis = axis_z(q, i)
+        for side in range(2):
+            arm = offset[i] if side == 0 else -offset[i]
+            x, y, z = q[i, 0] + arm * axis[0], q[i, 1] + arm * axis[1], q[i, 2] + arm * axis[2]
+            for k in range(4):
+                gap, _, _, _ = ground_contact(obstacles, x, y, z, radius[i], k)
+                lowest = min(lowest, gap)
+        for k in range(len(obstacles.pegs)):
+            _, distance, _, _ = peg_contact(
+                q[i, 0], q[i, 1], axis[0], axis[1], offset[i],
+                obstacles.pegs[k, 0], obstacles.pegs[k, 1],
+            )  # fmt: skip
+            lowest = min(lowest, distance - obstacles.pegs[k, 2] - radius[i])
+        if obstacles.pair_count > 0:
+            for j in range(i + 2, len(q)):
+                for side in range(4):
+                    arm = offset[i] if side < 2 else -offset[i]
+                    other = offset[j] if side % 2 == 0 else -offset[j]
+                    square, beyond = 0.0, axis_z(q, j)
+                    for k in range(3):
+                        square += (q[i, k] + arm * axis[k] - q[j, k] - other * beyond[k]) ** 2
+                    lowest = min(lowest, math.sqrt(square) - radius[i] - radius[j])
+    return -lowest
+
+
+@inlined
+def gap_at(
+    obstacles: Obstacles | None, offset: Array, radius: Array, q: Array, contacts: Table, a: int
+) -> float:
+    """
+    Return the gap of contact a [m], infinite where a cell has no contact.
+
+    Parameters are those of `penetration`, with the table of contacts: its links are read for
+    contacts that have frames.
+    """
+    n = len(q)
+    if obstacles is None:
+        i, arm = (a, offset[a]) if a < n else (a - n, -offset[a - n])
+        return q[i, 2] + arm * axis_z(q, i)[2] - radius[i]
+    return obstacle_gap(obstacles, offset, radius, q, contacts, a)
+
+
+@merged
+def obstacle_gap(
+    obstacles: Obstacles, offset: Array, radius: Array, q: Array, contacts: Table, a: int
+) -> float:
+    """Do what `gap_at` does, for a scene with more than a flat floor."""
+    n, i = len(q), contacts.link[a]
+    axis = axis_z(q, i)
+    if a >= obstacles.first_pair:
+        side, j = (a - obstacles.first_pair) % 4, contacts.other_link[a]
+        arm = offset[i] if side < 2 else -offset[i]
+        other = offset[j] if side % 2 == 0 else -offset[j]
+        beyond, square = axis_z(q, j), 0.0
+        for k in range(3):
+            square += (q[i, k] + arm * axis[k] - q[j, k] - other * beyond[k]) ** 2
+        return math.sqrt(square) - radius[i] - radius[j]
+    if a >= obstacles.first_peg:
+        k = (a - obstacles.first_peg) // n
+        _, distance, _, _ = peg_contact(
+            q[i, 0], q[i, 1], axis[0], axis[1], offset[i],
+            obstacles.pegs[k, 0], obstacles.pegs[k, 1],
+        )  # fmt: skip
+        return distance - obstacles.pegs[k, 2] - radius[i]
+    block = a // n
+    side, k = (block, 0) if block < 2 else ((block - 2) // 3, (block - 2) % 3 + 1)
+    arm = offset[i] if side == 0 else -offset[i]
+    x, y, z = q[i, 0] + arm * axis[0], q[i, 1] + arm * axis[1], q[i, 2] + arm * axis[2]
+    gap, _, _, _ = ground_contact(obstacles, x, y, z, radius[i], k)
+    return gap

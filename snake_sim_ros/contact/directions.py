@@ -10,16 +10,17 @@ A contact of two links acts on both at one point in space. Twists place the link
 were closed, so that the point has different coordinates as one of the other link where joints are
 open in the middle of a step.
 
-`closed` and `contacts` are those of a `solver.Problem`; `frame`, `wrench` and `twist` are those of
-its chain. `frame`, shape (contacts, 3, 3), has the rows normal, e_x and e_y of every contact frame
-in I.
+`closed` and `contacts` are those of a `problem.Problem`; `frame`, `wrench` and `twist` are those
+of its chain. `frame`, shape (contacts, 3, 3), has the rows normal, e_x and e_y of every contact
+frame in I.
 """
 
-from snake_sim_ros.dynamics.compilation import compiled, inlined
+from snake_sim_ros.dynamics.compilation import compiled, inlined, Table
+from snake_sim_ros.scene.parameters import Array
 
 
 @compiled
-def add_contact_wrench(closed, contacts, frame, wrench):
+def add_contact_wrench(closed: Array, contacts: Table, frame: Array | None, wrench: Array) -> None:
     """
     Add the impulses of the contacts to the wrenches of the links, S of eq. (76).
 
@@ -46,7 +47,7 @@ def add_contact_wrench(closed, contacts, frame, wrench):
 
 
 @compiled
-def contact_velocities(closed, contacts, frame, twist):
+def contact_velocities(closed: Array, contacts: Table, frame: Array | None, twist: Array) -> None:
     """
     Fill the relative velocities of the closed contacts, eqs. (90)-(92).
 
@@ -73,7 +74,9 @@ def contact_velocities(closed, contacts, frame, twist):
 
 
 @inlined
-def direction(point, frame, a, k):
+def direction(
+    point: Array, frame: Array, a: int, k: int
+) -> tuple[float, float, float, float, float, float]:
     """
     Return the wrench of a unit impulse at contact a along one axis of its frame.
 
@@ -87,7 +90,7 @@ def direction(point, frame, a, k):
 
 
 @compiled
-def add_wrench_in_frames(closed, contacts, frame, wrench):
+def add_wrench_in_frames(closed: Array, contacts: Table, frame: Array, wrench: Array) -> None:
     """Do what `add_contact_wrench` does, for contacts that have frames."""
     for a in closed:
         i, other = contacts.link[a], contacts.other_link[a]
@@ -107,7 +110,7 @@ def add_wrench_in_frames(closed, contacts, frame, wrench):
 
 
 @compiled
-def velocities_in_frames(closed, contacts, frame, twist):
+def velocities_in_frames(closed: Array, contacts: Table, frame: Array, twist: Array) -> None:
     """Do what `contact_velocities` does, for contacts that have frames."""
     for a in closed:
         i, other = contacts.link[a], contacts.other_link[a]

@@ -14,25 +14,24 @@ slide and open, and Newton's method on the same operator goes on from there.
    problems", 1998.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from snake_sim_ros.contact.admissible import without_gain
-from snake_sim_ros.contact.condensing import condense
-from snake_sim_ros.contact.delassus import condensed_twists, condensed_velocities
-from snake_sim_ros.contact.natural_map import natural_map
-from snake_sim_ros.contact.newton import iterate_laws, Operator
+from snake_sim_ros.contact.delassus import condense, condensed_twists, condensed_velocities
+from snake_sim_ros.contact.laws import Laws, natural_map
+from snake_sim_ros.contact.newton import is_negligible, iterate_laws, Operator
+from snake_sim_ros.contact.problem import Outcome, Problem, solve
 from snake_sim_ros.contact.prox_iteration import copy_impulses, forget_open
-from snake_sim_ros.contact.settling import is_negligible
-from snake_sim_ros.contact.solver import Outcome, solve
 from snake_sim_ros.contact.sweeps import sweep
-from snake_sim_ros.dynamics.compilation import compiled, inlined
+from snake_sim_ros.dynamics.compilation import compiled, inlined, Table
+from snake_sim_ros.scene.parameters import Array
 
 SWEEPS = 100  # sweeps between two tries of Newton's method
 NEWTON_ITERATIONS = 20  # of one try, at most
 
 
 @inlined
-def keep_impulses(closed, contacts, impulse):
+def keep_impulses(closed: Array, contacts: Table, impulse: Array) -> None:
     """Fill the impulses of closed contacts, of shape (contacts, 5) [N s], with those used."""
     for a in closed:
         for j in range(5):
@@ -40,8 +39,8 @@ def keep_impulses(closed, contacts, impulse):
 
 
 @compiled
-def begin_at_impulses(laws, closed, contacts):
-    """Let Newton's method begin at the impulses and velocities of the contacts."""
+def begin_at_impulses(laws: Laws, closed: Array, contacts: Table) -> None:
+    """Start Newton's method at the impulses and velocities of the contacts."""
     for a in closed:
         for j in range(5):
             contacts.anchor[a, j] = contacts.iterate[a, j] = contacts.impulse[a, j]
@@ -59,8 +58,10 @@ class GaussSeidel(NamedTuple):
 
 @solve.register(GaussSeidel)
 @inlined
-def solve_with_sweeps(solver, model, problem, history, limit):
-    """Sweep until the contact laws hold; see `solver.solve`."""
+def solve_with_sweeps(
+    solver: GaussSeidel, model: Any, problem: Problem, history: Any, limit: int
+) -> Outcome:
+    """Sweep until the contact laws hold; see `problem.solve`."""
     laws, closed, contacts, chain = problem
     operator, impulse, tolerance = solver.operator, history.impulse, model.residual_tolerance
     delassus = operator.delassus

@@ -1,26 +1,44 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-The numbers of the set-valued contact laws, and of the methods that solve them.
+The set-valued contact laws: admissible sets, projections, residual, and the selection rule.
+
+A law is an inclusion in the normal cone of a convex set C, ``-gamma in N_C(P)``, section V of the
+paper. It is equivalent to ``P = prox_C(P - r gamma)`` for any r > 0. The sets are cones in the
+normal impulse, so that one law covers contact forces and impacts. Impulses are in N s. The
+natural-map residual, by which all contact solvers are judged, measures how far that equation does
+not hold.
+
+The selection rule says which normal impulses a step takes where they are not unique:
+`selection_compliance` and `selection_center` define it in NumPy, and `apply_selection_rule` is its
+compiled form.
 
 Functions here take the part ``laws.other`` beside the laws themselves, as an argument `other`.
 Numba leaves out a branch on None only where an argument is None, not a field of one, and a scene
 with a flat floor must not pay for the branches of other scenes.
 """
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
-from snake_sim_ros.dynamics.compilation import inlined
+import numpy as np
+
+from snake_sim_ros.dynamics.compilation import compiled, inlined, Table
+from snake_sim_ros.scene.parameters import Array
 
 FRICTIONLESS = 1e-100  # coefficients whose squares would underflow count as zero
+PRESS_SPEED = 5e-7  # velocity at which the selection rule may press a contact into the floor [m/s]
+IMPACT_WEIGHTS = 10.0  # an impulse of more weights of the robot in a step is that of an impact
+REST_SPEED = 1e-6  # velocity up to which a contact that carries load is at rest [m/s]
+LEAST_COMPLIANCE = 1e-6  # the rule is not reduced below it; relative to the Delassus operator
 
 
 class Disc(NamedTuple):
-    """Friction coefficients of one kind of friction, scaled to a disc; see `linear_laws`."""
+    """Friction coefficients of one kind of friction, scaled to a disc; see `linear_problem`."""
 
     column: int  # of the first component in an impulse
-    mu_x: float
-    mu_y: float
+    mu_x: float  # coefficient along the link [1]
+    mu_y: float  # coefficient across it [1]
     over_x: float  # 1/mu_x and 1/mu_y; 0 where there is no friction
     over_y: float
     stiffness: float  # of the proximal point method, scaled; 0 without friction [kg]
@@ -86,7 +104,7 @@ class Laws(NamedTuple):
 
 
 @inlined
-def sliding_disc(laws, other, a, P_x):
+def sliding_disc(laws: Laws, other: OtherFriction | None, a: int, P_x: float) -> Disc:
     """Return the sliding friction of contact a, for an impulse P_x along its link."""
     if other is None:
         return laws.sliding
@@ -96,32 +114,32 @@ def sliding_disc(laws, other, a, P_x):
 
 
 @inlined
-def floor_disc(laws, other, P_x):
+def floor_disc(laws: Laws, other: Any, P_x: float) -> Disc:
     """Return the sliding friction of a contact with the ground, as `sliding_disc` does."""
     return laws.sliding if other is None else ground_disc(laws, other, P_x)
 
 
 @inlined
-def ground_disc(laws, other, P_x):
+def ground_disc(laws: Laws, other: OtherFriction, P_x: float) -> Disc:
     """Return the sliding friction of the ground in a scene with an `OtherFriction`."""
     return other.backward if P_x > 0.0 else laws.sliding
 
 
 @inlined
-def anchored_disc(laws, other, contacts, a):
+def anchored_disc(laws: Laws, other: OtherFriction | None, contacts: Table, a: int) -> Disc:
     """Return the sliding friction of contact a for its anchor or, from 0, against its trial."""
     return sliding_disc(laws, other, a, anchored_side(contacts, a))
 
 
 @inlined
-def anchored_side(contacts, a):
+def anchored_side(contacts: Table, a: int) -> float:
     """Return a number with the sign of the anchor along the link or, from 0, against the trial."""
     P_x = contacts.anchor[a, 1]
     return P_x if P_x != 0.0 else -contacts.trial[a, 1]
 
 
 @inlined
-def changes_side(other, contacts, a):
+def changes_side(other: OtherFriction, contacts: Table, a: int) -> bool:
     """Return whether the iterate of contact a has friction of another side than its anchor."""
     if other is None:
         return False
@@ -130,13 +148,13 @@ def changes_side(other, contacts, a):
 
 
 @inlined
-def grip(other, contacts, a):
+def grip(other: OtherFriction | None, contacts: Table, a: int) -> float:
     """Return the factor of all friction of contact a: 1 but for patches of the ground."""
     return 1.0 if other is None else contacts.grip[a]
 
 
 @inlined
-def rolling_disc(laws, other, a):
+def rolling_disc(laws: Laws, other: OtherFriction | None, a: int) -> Disc:
     """Return the rolling friction of contact a."""
     if other is None:
         return laws.rolling
@@ -144,8 +162,294 @@ def rolling_disc(laws, other, a):
 
 
 @inlined
-def link_of(other, contacts, n, a):
+def link_of(other: OtherFriction | None, contacts: Table, n: int, a: int) -> int:
     """Return the index of the link of contact a, for n links."""
     if other is None:
         return a if a < n else a - n
     return contacts.link[a]
+
+
+@compiled
+def prox_half_line(x: float) -> float:
+    """Return the nearest number that is not negative: Signorini's law, eqs. (52)-(54)."""
+    return max(0.0, x)
+
+
+@compiled
+def prox_disc(x: float, y: float, radius: float) -> tuple[float, float]:
+    """Return the nearest point of a disc about 0: isotropic sliding and rolling friction."""
+    length = math.sqrt(x * x + y * y)
+    if length <= radius:
+        return x, y
+    return x * radius / length, y * radius / length
+
+
+@compiled
+def prox_ellipse(x: float, y: float, a: float, b: float) -> tuple[float, float]:
+    """
+    Return the nearest point of the ellipse with half axes a, b: orthotropic Coulomb friction.
+
+    The point is ``(x a^2/(t + a^2), y b^2/(t + b^2))``, where t > 0 puts it on the boundary.
+    Newton's method solves ``1/s(t) = 1`` from the left, where s^2 is the left side of the equation
+    of the ellipse. It converges monotonically because 1/s is increasing and concave, so that it
+    needs no safeguard.
+    """
+    if a <= 0.0 or b <= 0.0:
+        return min(max(x, -a), a) if a > 0.0 else 0.0, min(max(y, -b), b) if b > 0.0 else 0.0
+    if a == b:
+        return prox_disc(x, y, a)
+    if x * x * b * b + y * y * a * a <= a * a * b * b:
+        return x, y
+    scale = 1.0 / max(a, b)
+    a, b = scale * a, scale * b
+    aa, bb = a * a, b * b
+    ux, uy = a * abs(scale * x), b * abs(scale * y)
+    t = max(ux - aa, uy - bb, 0.0)
+    step = math.inf
+    while step > 1e-8 * (t + min(aa, bb)):  # the square of a smaller one is below rounding
+        over_a, over_b = 1.0 / (t + aa), 1.0 / (t + bb)
+        p, q = (ux * over_a) ** 2, (uy * over_b) ** 2
+        square = p + q
+        step = square * (math.sqrt(square) - 1.0) / (p * over_a + q * over_b)
+        t += step
+    return x * aa / (t + aa), y * bb / (t + bb)
+
+
+@compiled
+def natural_map(laws: Laws, closed: Array, contacts: Table, enough: float) -> tuple[float, float]:
+    """
+    Return how far the closed contacts are from their laws, ``max |P - prox_C(P - r gamma)|/r``.
+
+    All solvers are judged by this residual. The sets of sliding and rolling impulses are those of
+    the given normal impulse.
+
+    Parameters
+    ----------
+    laws, closed, contacts
+        Those of a `problem.Problem`; impulse, gamma and selection_center of the contacts are read.
+    enough : float
+        Accuracy that suffices [m/s]. The projection on an ellipse is costly, so an upper bound of
+        the sliding residual is returned in its place where the bound is at most `enough`.
+
+    Returns
+    -------
+    residual : float
+        Residual of the laws with the selection rule [m/s]: gamma_N is replaced by
+        ``gamma_N + compliance (P_N - selection_center)``.
+    printed_residual : float
+        Residual of the laws as the paper prints them, without the rule [m/s].
+
+    """
+    if enough > 0.0 and laws.rolling.mu_x <= 0.0:
+        residual, printed = sliding_bound(laws, laws.other, closed, contacts)
+        if residual <= enough:
+            return residual, printed
+    selected = printed = tangential = 0.0
+    for a in closed:
+        P_N = contacts.impulse[a, 0]
+        x = P_N - laws.r_N * contacts.gamma[a, 0]
+        rule = laws.compliance * (P_N - contacts.selection_center[a])
+        selected = max(selected, abs(P_N - max(0.0, x - laws.r_N * rule)))
+        printed = max(printed, abs(P_N - max(0.0, x)))
+        P_x, gamma_x, radius = contacts.impulse[a, 1], contacts.gamma[a, 1], P_N
+        radius *= grip(laws.other, contacts, a)
+        slide = disc_residual(
+            P_x, contacts.impulse[a, 2], gamma_x, contacts.gamma[a, 2],
+            sliding_disc(laws, laws.other, a, P_x - laws.r_T * gamma_x), radius, laws.r_T, enough,
+        )  # fmt: skip
+        tangential = max(tangential, slide)
+        if laws.rolling.mu_x > 0.0:
+            roll = disc_residual(
+                contacts.impulse[a, 3], contacts.impulse[a, 4], contacts.gamma[a, 3],
+                contacts.gamma[a, 4], rolling_disc(laws, laws.other, a), radius, laws.r_V, enough,
+            )  # fmt: skip
+            tangential = max(tangential, roll)
+    return max(selected / laws.r_N, tangential), max(printed / laws.r_N, tangential)
+
+
+@inlined
+def sliding_bound(
+    laws: Laws, other: OtherFriction | None, closed: Array, contacts: Table
+) -> tuple[float, float]:
+    """
+    Return upper bounds of both results of `natural_map`, or infinity.
+
+    The bounds take one square root per contact. They hold where nothing but `laws.sliding` acts:
+    on a flat floor without rolling friction. `other` is ``laws.other``, an argument of its own so
+    that Numba leaves out branches on None.
+    """
+    if other is not None:
+        return math.inf, math.inf
+    mu_x, mu_y = laws.sliding.mu_x, laws.sliding.mu_y
+    over_x, over_y, r = laws.sliding.over_x, laws.sliding.over_y, laws.r_T
+    lowest, highest = min(mu_x, mu_y), max(over_x, over_y)
+    if lowest <= 0.0:
+        return math.inf, math.inf
+    weight = r * highest * highest
+    selected = printed = slip = stick = 0.0
+    for a in closed:
+        P_N, P_x, P_y = contacts.impulse[a, 0], contacts.impulse[a, 1], contacts.impulse[a, 2]
+        gamma_x, gamma_y = contacts.gamma[a, 1], contacts.gamma[a, 2]
+        x = P_N - laws.r_N * contacts.gamma[a, 0]
+        rule = laws.compliance * (P_N - contacts.selection_center[a])
+        selected = max(selected, abs(P_N - max(0.0, x - laws.r_N * rule)))
+        printed = max(printed, abs(P_N - max(0.0, x)))
+        x, y = over_x * (P_x - r * gamma_x), over_y * (P_y - r * gamma_y)
+        if x * x + y * y <= P_N * P_N:
+            stick = max(stick, gamma_x * gamma_x + gamma_y * gamma_y)
+        else:  # as in disc_residual; its second part is shorter than its first
+            e_x = P_x * over_x - weight * mu_x * gamma_x
+            e_y = P_y * over_y - weight * mu_y * gamma_y
+            shrink = min(1.0, max(0.0, P_N) / math.sqrt(e_x * e_x + e_y * e_y))
+            d_x, d_y = P_x - mu_x * shrink * e_x, P_y - mu_y * shrink * e_y
+            slip = max(slip, d_x * d_x + d_y * d_y)
+    share = 2.0 - (lowest * min(over_x, over_y)) ** 2
+    tangential = max(math.sqrt(stick), share * math.sqrt(slip) / r)
+    return max(selected / laws.r_N, tangential), max(printed / laws.r_N, tangential)
+
+
+@inlined
+def disc_residual(
+    P_x: float,
+    P_y: float,
+    gamma_x: float,
+    gamma_y: float,
+    disc: Disc,
+    bound: float,
+    r: float,
+    enough: float,
+) -> float:
+    """
+    Return ``|P - prox(P - r gamma)|/r`` of one kind of friction [m/s], or an upper bound of it.
+
+    The ellipse has the half axes ``mu_x bound`` and ``mu_y bound``. Let e be the point of the
+    ellipse S disc, S = diag(mu_x, mu_y), that the disc projection of ``S^-1 P - r/mu_min^2 S
+    gamma`` gives. Then P - r gamma lies ``(1 - mu_min^2 S^-2)(P - e)`` beside the normal of the
+    ellipse in e. Projections do not expand distances, so the residual is at most the length of
+    this vector plus |P - e|. For a disc the sum is |P - e|, which is the residual itself.
+    """
+    x, y = P_x - r * gamma_x, P_y - r * gamma_y
+    mu_x, mu_y, over_x, over_y = disc.mu_x, disc.mu_y, disc.over_x, disc.over_y
+    lowest, highest = min(mu_x, mu_y), max(over_x, over_y)
+    if lowest > 0.0 and bound > 0.0:
+        if (x * over_x) ** 2 + (y * over_y) ** 2 <= bound * bound:
+            return math.sqrt(gamma_x * gamma_x + gamma_y * gamma_y)
+        weight = r * highest * highest
+        e_x = P_x * over_x - weight * mu_x * gamma_x
+        e_y = P_y * over_y - weight * mu_y * gamma_y
+        shrink = min(1.0, bound / math.sqrt(e_x * e_x + e_y * e_y))
+        d_x, d_y = P_x - mu_x * shrink * e_x, P_y - mu_y * shrink * e_y
+        b_x, b_y = (1.0 - (lowest * over_x) ** 2) * d_x, (1.0 - (lowest * over_y) ** 2) * d_y
+        misfit = (math.sqrt(d_x * d_x + d_y * d_y) + math.sqrt(b_x * b_x + b_y * b_y)) / r
+        if misfit <= enough:
+            return misfit
+    e_x, e_y = prox_ellipse(x, y, mu_x * bound, mu_y * bound)
+    return math.sqrt((P_x - e_x) ** 2 + (P_y - e_y) ** 2) / r
+
+
+def selection_compliance(
+    compliance: float, least: float, most: float, press_speed: float = PRESS_SPEED
+) -> float:
+    """
+    Return the compliance of the selection rule in a step [1/kg].
+
+    Deviation: the rule moves a contact into the floor at ``compliance P_N``. The compliance is
+    reduced if this velocity would exceed `press_speed` for the largest normal impulse to be
+    expected, but not below `least`.
+
+    Parameters
+    ----------
+    compliance, least : float
+        Compliance of the scene, and the one that it is not reduced below [1/kg].
+    most : float
+        Largest normal impulse to be expected [N s].
+    press_speed : float
+        Velocity at which the rule may press a contact into the floor [m/s].
+
+    """
+    return min(compliance, max(least, press_speed / most)) if most > 0.0 else compliance
+
+
+def selection_center(P_N: Array, gamma: Array, weight: float) -> Array:
+    """
+    Return the normal impulses about which the selection rule is compliant in a step.
+
+    Deviation: the centers are 0, so that the rule selects the impulses of least norm. While all
+    contacts that carry load are at rest, they are the last impulses P_N instead, so that nothing
+    sinks or creeps. They exclude impulses of impacts, which would make bodies bounce.
+
+    Parameters
+    ----------
+    P_N : ndarray, shape (m,)
+        Last normal impulses [N s].
+    gamma : ndarray, shape (m, 3)
+        Normal and sliding velocities at the start of the step [m/s].
+    weight : float
+        Weight of the robot times the step [N s]; one that points upward, below 0, counts as 0.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        [N s]
+
+    """
+    if np.abs(gamma[P_N > 0.0]).max(initial=0.0) > REST_SPEED:
+        return np.zeros(len(P_N))
+    return np.minimum(P_N, IMPACT_WEIGHTS * max(0.0, weight))
+
+
+@inlined
+def apply_selection_rule(
+    laws: Laws,
+    closed: Array,
+    contacts: Table,
+    mass: Array,
+    impulse: Array,
+    press_speed: float,
+    fall: float,
+) -> Laws:
+    """
+    Fill the selection centers, and return the laws with the compliance of this step.
+
+    Deviation: the compliance moves a contact into the floor, see `selection_compliance`. The
+    largest normal impulse to be expected is the last one of a contact, or twice the impulse that
+    stops its link alone plus half the weight of the link.
+
+    Deviation: at rest the rule selects the impulses next to the last ones instead of those of
+    least norm, see `selection_center`.
+
+    Parameters
+    ----------
+    laws, closed, contacts
+        Those of a `problem.Problem`. The contacts have velocities at the start of the step;
+        selection_center is filled.
+    mass : ndarray, shape (n,)
+        Masses of the links [kg].
+    impulse : ndarray, shape (contacts, 5)
+        Impulses of the last step [N s].
+    press_speed, fall : float
+        Velocity at which the rule may press a contact into the floor, and downward velocity that
+        the weight adds in the step [m/s].
+
+    """
+    n = len(mass)
+    most = fastest = heaviest = 0.0
+    for m in mass:
+        heaviest += IMPACT_WEIGHTS * m * max(0.0, fall)
+    for a in closed:
+        stop = 0.5 * fall - 2.0 * contacts.gamma[a, 0]
+        most = max(most, impulse[a, 0], mass[link_of(laws.other, contacts, n, a)] * stop)
+        if impulse[a, 0] > 0.0:
+            slip = max(abs(contacts.gamma[a, 1]), abs(contacts.gamma[a, 2]))
+            fastest = max(fastest, abs(contacts.gamma[a, 0]), slip)
+    compliance = laws.compliance
+    if most > 0.0:
+        compliance = min(compliance, max(laws.least_compliance, press_speed / most))
+    for a in closed:
+        contacts.selection_center[a] = (
+            min(impulse[a, 0], heaviest) if fastest <= REST_SPEED else 0.0
+        )
+    return Laws(
+        laws.sliding, laws.rolling, compliance, laws.least_compliance, laws.proximal_compliance,
+        laws.r_N, laws.r_T, laws.r_V, laws.other,
+    )  # fmt: skip

@@ -3,35 +3,688 @@
 """
 The contact problem with linear laws, which one Newton iteration solves exactly.
 
-The laws join the inertia of the links (`linear_laws`), and a sweep over the chain solves the
-problem. A contact of two links cannot be folded into the inertia of one; `couple_pairs` solves for
-such contacts in addition. The alternative is a dense problem with the Delassus operator.
+**Linear laws.** With the selection rule a normal impulse is ``P_N = max(0,
+-gamma_N/compliance)``. A tangential law is first scaled by its coefficients, S = diag(mu_x, mu_y):
+the ellipse becomes the disc of radius P_N, and the law keeps its form. Then ``S^-1 P =
+prox_disc(S^-1 anchor - S gamma/epsilon)``. The anchor is the impulse of the last iterate; when it
+no longer changes, this is the law itself (proximal point method [1]_), and nothing creeps. In
+patches of the ground the radius is P_N times a factor, and where friction differs forward and
+backward, mu_x follows the sign of the anchor; see `laws`.
+
+**Through the chain.** The derivative of the impulses with respect to the velocity adds a 6x6
+matrix to the inertia of the link that a contact touches. The matrix is not symmetric because
+sliding friction follows the normal impulse. What remains is the forward dynamics of a chain, and
+one sweep solves it. A contact of two links cannot be folded into the inertia of one;
+`couple_pairs` solves for such contacts in addition.
+
+**On the Delassus operator.** The alternative for few contacts is a small dense system. Every law
+leaves its impulse some freedom. A contact that pushes has its normal impulse, one that sticks both
+sliding components, and one that slides a single one, since its impulse stays on the edge of the
+disc: with the impulse on the edge, ``P_T = d P_N + t s``, where d points to the edge and t along
+it. The unknowns z are the free components, at most five a contact. For each there is an equation
+of velocities, ``z/S + r . gamma = ...``, with the stiffness S of the law and the direction r that
+z has. Contacts that do not push are left out. Impulses follow as ``P = c_1 z_1 + c_2 z_2 + ... +
+P_held``, where c is r, and for a normal impulse also d of its friction. The matrix ``r_i . G c_j +
+1/S_i`` is symmetric where no contact slides. Its compliances 1/S are small, and G keeps all of its
+digits.
+
+.. [1] R. T. Rockafellar, "Monotone operators and the proximal point algorithm", 1976.
 """
 
 import math
+from typing import Any, NamedTuple
 
-from snake_sim_ros.contact.delassus import condensed_system, eliminate, fill_wrenches
-from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities
-from snake_sim_ros.contact.laws_on_links import add_laws
-from snake_sim_ros.contact.linear_laws import linear_impulses, linearize
-from snake_sim_ros.contact.reduced_problem import reduced_step
-from snake_sim_ros.contact.table import SLIDING
+import numpy as np
+
+from snake_sim_ros.contact.delassus import (
+    condensed_system,
+    condensed_velocities,
+    Delassus,
+    eliminate,
+    fill_free_velocities,
+    fill_wrenches,
+)
+from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities, direction
+from snake_sim_ros.contact.laws import anchored_disc, Disc, grip, Laws, rolling_disc
+from snake_sim_ros.contact.problem import FREE, Problem, ROLLING, SLIDING
 from snake_sim_ros.dynamics.articulated_body import (
+    Chain,
     correct_chain,
     factor_chain,
     find_residual,
     reset_chain,
     solve_residual,
 )
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
+from snake_sim_ros.scene.parameters import Array
 
 MOST_CORRECTIONS = 4  # of the twists in one linear step
 FAR = 1e-4  # a solution that is farther from the trial velocities is not corrected [m/s]
 SMALL_CORRECTION = 1e-6  # after it the next one would be rounding [m/s, rad/s]
 
 
+@merged
+def linearize(laws: Laws, closed: Array, contacts: Table) -> None:
+    """
+    Fill the linear laws of the closed contacts, about their trial velocities.
+
+    `laws`, `closed` and `contacts` are those of a `problem.Problem`. The trial, anchor,
+    selection_center and disc_radius of the contacts are read; law_impulse, P_0 and S_N to S_yN are
+    filled.
+    """
+    for a in closed:
+        P_N, S_N = normal_law(
+            laws, contacts.selection_center[a], contacts.anchor[a, 0], contacts.trial[a, 0]
+        )
+        contacts.law_impulse[a, 0] = P_N
+        contacts.P_0[a, 0], contacts.S_N[a] = P_N + S_N * contacts.trial[a, 0], S_N
+        factor = grip(laws.other, contacts, a)
+        radius, follow = (
+            (P_N, S_N) if contacts.disc_radius[a] == FREE else (contacts.disc_radius[a], 0.0)
+        )
+        radius, follow = factor * radius, factor * follow
+        linearize_disc(anchored_disc(laws, laws.other, contacts, a), contacts, a, radius, follow)
+        if laws.rolling.mu_x > 0.0:
+            linearize_disc(rolling_disc(laws, laws.other, a), contacts, a, radius, follow)
+
+
+@compiled
+def normal_law(laws: Laws, center: float, anchor: float, gamma: float) -> tuple[float, float]:
+    """
+    Return the normal impulse that follows from a velocity, and its stiffness.
+
+    Parameters
+    ----------
+    laws : Laws
+    center, anchor : float
+        Normal impulses that the selection rule and the proximal point method start from [N s].
+    gamma : float
+        Normal velocity gamma_N [m/s].
+
+    Returns
+    -------
+    P_N : float
+        [N s]
+    S_N : float
+        Minus the derivative of P_N with respect to gamma_N [kg].
+
+    """
+    proximal = (
+        0.0 if laws.compliance > 1e-2 * laws.proximal_compliance else laws.proximal_compliance
+    )
+    stiffness = 1.0 / (laws.compliance + proximal)
+    P_N = stiffness * (laws.compliance * center + proximal * anchor - gamma)
+    return (P_N, stiffness) if P_N > 0.0 else (0.0, 0.0)
+
+
 @inlined
-def linear_step(problem, operator, always):
+def linearize_disc(disc: Disc, contacts: Table, a: int, radius: float, S_N: float) -> None:
+    """
+    Fill the linear law of one kind of friction at contact a.
+
+    Parameters
+    ----------
+    disc : Disc
+    contacts : record array, shape (contacts,)
+        Table of contacts.
+    a : int
+        Number of the contact.
+    radius : float
+        Radius of the friction disc: the normal impulse times the grip [N s].
+    S_N : float
+        Minus the derivative of the radius with respect to gamma_N [kg]; 0 if it is held.
+
+    """
+    k = disc.column
+    x, y, normal = contacts.trial[a, k], contacts.trial[a, k + 1], contacts.trial[a, 0]
+    P_x, P_y, S_xx, S_xy, S_yy, d_x, d_y = disc_law(
+        disc, contacts.anchor[a, k], contacts.anchor[a, k + 1], x, y, radius
+    )
+    kind = SLIDING if k == 1 else ROLLING
+    contacts.law_impulse[a, k], contacts.law_impulse[a, k + 1] = P_x, P_y
+    S_xN, S_yN = d_x * S_N, d_y * S_N
+    contacts.P_0[a, k] = P_x + S_xx * x + S_xy * y + S_xN * normal
+    contacts.P_0[a, k + 1] = P_y + S_xy * x + S_yy * y + S_yN * normal
+    contacts.S_xx[a, kind], contacts.S_xy[a, kind], contacts.S_yy[a, kind] = S_xx, S_xy, S_yy
+    contacts.S_xN[a, kind], contacts.S_yN[a, kind] = S_xN, S_yN
+
+
+@compiled
+def disc_law(
+    disc: Disc, anchor_x: float, anchor_y: float, gamma_x: float, gamma_y: float, radius: float
+) -> tuple[float, ...]:
+    """
+    Return the tangential impulse that follows from a velocity, and its derivatives.
+
+    Parameters
+    ----------
+    disc : Disc
+    anchor_x, anchor_y : float
+        Prox center of the proximal point method [N s].
+    gamma_x, gamma_y : float
+        Sliding or rolling velocity [m/s].
+    radius : float
+        Radius of the friction disc: the normal impulse [N s].
+
+    Returns
+    -------
+    P_x, P_y : float
+        [N s]
+    S_xx, S_xy, S_yy : float
+        Minus the derivative with respect to gamma [kg].
+    d_x, d_y : float
+        Derivative with respect to the radius: 0 when the contact sticks.
+
+    """
+    if radius <= 0.0 or disc.stiffness <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    mu_x, mu_y, over = disc.mu_x, disc.mu_y, disc.stiffness
+    x = disc.over_x * anchor_x - over * mu_x * gamma_x
+    y = disc.over_y * anchor_y - over * mu_y * gamma_y
+    square = x * x + y * y
+    if square <= radius * radius:
+        return mu_x * x, mu_y * y, over * mu_x * mu_x, 0.0, over * mu_y * mu_y, 0.0, 0.0
+    shrink = 1.0 / math.sqrt(square)
+    x, y = x * shrink, y * shrink
+    d_x, d_y = mu_x * x, mu_y * y
+    shrink *= radius * over
+    S_xx, S_xy, S_yy = shrink * (mu_x * y) ** 2, -shrink * d_x * d_y, shrink * (mu_y * x) ** 2
+    return radius * d_x, radius * d_y, S_xx, S_xy, S_yy, d_x, d_y
+
+
+@merged
+def linear_impulses(closed: Array, contacts: Table, rolling: bool) -> None:
+    """
+    Fill the impulses of the linear laws at the velocities of the contacts.
+
+    They are computed from the impulses at the trial velocities, so that few digits cancel.
+    `closed` and `contacts` are those of a `problem.Problem`, with linear laws; `rolling` says
+    whether there is rolling friction.
+    """
+    for a in closed:
+        normal = contacts.gamma[a, 0] - contacts.trial[a, 0]
+        contacts.impulse[a, 0] = contacts.law_impulse[a, 0] - contacts.S_N[a] * normal
+        for k in range(1, 5 if rolling else 3, 2):
+            kind = SLIDING if k == 1 else ROLLING
+            x = contacts.gamma[a, k] - contacts.trial[a, k]
+            y = contacts.gamma[a, k + 1] - contacts.trial[a, k + 1]
+            S_xx, S_xy, S_yy = (
+                contacts.S_xx[a, kind],
+                contacts.S_xy[a, kind],
+                contacts.S_yy[a, kind],
+            )
+            S_xN, S_yN = contacts.S_xN[a, kind], contacts.S_yN[a, kind]
+            P_x, P_y = contacts.law_impulse[a, k], contacts.law_impulse[a, k + 1]
+            contacts.impulse[a, k] = P_x - S_xx * x - S_xy * y - S_xN * normal
+            contacts.impulse[a, k + 1] = P_y - S_xy * x - S_yy * y - S_yN * normal
+
+
+@inlined
+def add_laws(
+    closed: Array,
+    contacts: Table,
+    frame: Array | None,
+    rolling: bool,
+    wrench: Array,
+    inertia: Array,
+) -> None:
+    """
+    Add the linear laws to the wrenches and to the inertias of the links.
+
+    Parameters
+    ----------
+    closed : ndarray of int, shape (k,)
+        Numbers of the contacts, none of two links.
+    contacts : record array, shape (contacts,)
+        Table of contacts with linear laws.
+    frame : ndarray, shape (contacts, 3, 3), or None
+        Contact frames in I; None on a flat floor.
+    rolling : bool
+        Whether there is rolling friction.
+    wrench : ndarray, shape (n, 6)
+        Moment about O [N m s] and impulse [N s] of every link, in axes of I; added to.
+    inertia : ndarray, shape (n, 6, 6)
+        Inertia of every link about O, in axes of I; added to.
+
+    """
+    if frame is not None:
+        add_laws_in_frames(closed, contacts, frame, rolling, wrench, inertia)
+        return
+    n = len(wrench)
+    for a in closed:
+        i = a if a < n else a - n
+        add_point_law(contacts, a, wrench, inertia, i)
+        if rolling:
+            add_rolling_law(contacts, a, wrench, inertia, i)
+
+
+@merged
+def add_point_law(contacts: Table, a: int, wrench: Array, inertia: Array, i: int) -> None:
+    """
+    Add the impulse ``P_0 - S gamma`` of contact a, normal and sliding, to link i.
+
+    In axes of I it is ``force - K v``, where ``v = v_O + omega x p`` is the velocity of the
+    contact point and K = [[xx, xy, xz], [xy, yy, yz], [0, 0, zz]]. About O this is A += J^T K J
+    with J = [-p~, 1].
+    """
+    cx, cy = contacts.heading[a, 0], contacts.heading[a, 1]
+    x, y, z = contacts.point[a, 0], contacts.point[a, 1], contacts.point[a, 2]
+    S_xN, S_yN, shift = contacts.S_xN[a, SLIDING], contacts.S_yN[a, SLIDING], contacts.shift[a]
+    P_x, P_y = contacts.P_0[a, 1] - S_xN * shift, contacts.P_0[a, 2] - S_yN * shift
+    fz = contacts.P_0[a, 0] - contacts.S_N[a] * shift
+    fx, fy = cx * P_x - cy * P_y, cy * P_x + cx * P_y
+    wrench[i, 0] += y * fz - z * fy
+    wrench[i, 1] += z * fx - x * fz
+    wrench[i, 2] += x * fy - y * fx
+    wrench[i, 3] += fx
+    wrench[i, 4] += fy
+    wrench[i, 5] += fz
+    S_xx, S_xy, S_yy = (
+        contacts.S_xx[a, SLIDING],
+        contacts.S_xy[a, SLIDING],
+        contacts.S_yy[a, SLIDING],
+    )
+    xx = cx * cx * S_xx - 2.0 * cx * cy * S_xy + cy * cy * S_yy
+    xy = cx * cy * (S_xx - S_yy) + (cx * cx - cy * cy) * S_xy
+    yy = cy * cy * S_xx + 2.0 * cx * cy * S_xy + cx * cx * S_yy
+    xz, yz, zz = cx * S_xN - cy * S_yN, cy * S_xN + cx * S_yN, contacts.S_N[a]
+    rows = (
+        (-z * xy, -z * yy, y * zz - z * yz),  # p~ K
+        (z * xx, z * xy, z * xz - x * zz),
+        (x * xy - y * xx, x * yy - y * xy, x * yz - y * xz),
+        (xx, xy, xz),  # K
+        (xy, yy, yz),
+        (0.0, 0.0, zz),
+    )
+    for k in range(6):  # (p x r, r) is a row of J^T K J
+        a_x, a_y, a_z = rows[k]
+        inertia[i, k, 0] += y * a_z - z * a_y
+        inertia[i, k, 1] += z * a_x - x * a_z
+        inertia[i, k, 2] += x * a_y - y * a_x
+        inertia[i, k, 3] += a_x
+        inertia[i, k, 4] += a_y
+        inertia[i, k, 5] += a_z
+
+
+@merged
+def add_rolling_law(contacts: Table, a: int, wrench: Array, inertia: Array, i: int) -> None:
+    """Add the rolling torque r (P_v, -P_u) of contact a to link i, eqs. (36), (37)."""
+    x, y, r = contacts.point[a, 0], contacts.point[a, 1], contacts.radius[a]
+    wrench[i, 0] += r * (contacts.P_0[a, 4] - contacts.S_yN[a, ROLLING] * contacts.shift[a])
+    wrench[i, 1] -= r * (contacts.P_0[a, 3] - contacts.S_xN[a, ROLLING] * contacts.shift[a])
+    S_xx, S_xy, S_yy = (
+        contacts.S_xx[a, ROLLING],
+        contacts.S_xy[a, ROLLING],
+        contacts.S_yy[a, ROLLING],
+    )
+    S_xN, S_yN = contacts.S_xN[a, ROLLING], contacts.S_yN[a, ROLLING]
+    inertia[i, 0, 0] += r * r * S_yy + r * S_yN * y
+    inertia[i, 0, 1] -= r * r * S_xy + r * S_yN * x
+    inertia[i, 0, 5] += r * S_yN
+    inertia[i, 1, 0] -= r * r * S_xy + r * S_xN * y
+    inertia[i, 1, 1] += r * r * S_xx + r * S_xN * x
+    inertia[i, 1, 5] -= r * S_xN
+
+
+@compiled
+def add_laws_in_frames(
+    closed: Array, contacts: Table, frame: Array, rolling: bool, wrench: Array, inertia: Array
+) -> None:
+    """
+    Do what `add_laws` does, for contacts that have frames: wrench += W P_0, A += W S W^T.
+
+    W holds the directions (normal, sliding; rolling). Friction follows the normal velocity, to
+    which the normal direction belongs.
+    """
+    for a in closed:
+        A, w = inertia[contacts.link[a]], wrench[contacts.link[a]]
+        point = contacts.point
+        normal = direction(point, frame, a, 0)
+        along, across = direction(point, frame, a, 1), direction(point, frame, a, 2)
+        S_N, shift = contacts.S_N[a], contacts.shift[a]
+        for k in range(6):
+            w[k] += (contacts.P_0[a, 0] - S_N * shift) * normal[k]
+            for j in range(6):
+                A[k, j] += S_N * normal[k] * normal[j]
+        add_friction_law(contacts, a, SLIDING, normal, along, across, w, A)
+        if rolling:
+            r = contacts.radius[a]
+            turn = -r * frame[a, 2, 0], -r * frame[a, 2, 1], -r * frame[a, 2, 2], 0.0, 0.0, 0.0
+            roll = r * frame[a, 1, 0], r * frame[a, 1, 1], r * frame[a, 1, 2], 0.0, 0.0, 0.0
+            add_friction_law(contacts, a, ROLLING, normal, turn, roll, w, A)
+
+
+@inlined
+def add_friction_law(
+    contacts: Table,
+    a: int,
+    kind: int,
+    normal: tuple[float, float, float, float, float, float],
+    along: tuple[float, float, float, float, float, float],
+    across: tuple[float, float, float, float, float, float],
+    wrench: Array,
+    inertia: Array,
+) -> None:
+    """
+    Add the law of one kind of friction at contact a to its link.
+
+    Parameters
+    ----------
+    contacts : record array, shape (contacts,)
+        Table of contacts with linear laws.
+    a : int
+        Number of the contact.
+    kind : int
+        SLIDING or ROLLING.
+    normal, along, across : tuple of 6 float
+        Wrench of a unit normal impulse, and those of unit impulses along both axes.
+    wrench : ndarray, shape (6,)
+        Wrench of the link about O; added to.
+    inertia : ndarray, shape (6, 6)
+        Inertia of the link about O; added to.
+
+    """
+    k, shift = 1 + 2 * kind, contacts.shift[a]
+    S_xx, S_xy, S_yy = contacts.S_xx[a, kind], contacts.S_xy[a, kind], contacts.S_yy[a, kind]
+    S_xN, S_yN = contacts.S_xN[a, kind], contacts.S_yN[a, kind]
+    P_x, P_y = contacts.P_0[a, k] - S_xN * shift, contacts.P_0[a, k + 1] - S_yN * shift
+    for i in range(6):
+        wrench[i] += P_x * along[i] + P_y * across[i]
+        for j in range(6):
+            x = S_xN * normal[j] + S_xx * along[j] + S_xy * across[j]
+            y = S_yN * normal[j] + S_xy * along[j] + S_yy * across[j]
+            inertia[i, j] += along[i] * x + across[i] * y
+
+
+class Reduced(NamedTuple):
+    """Arrays for c unknowns: as many as the Delassus operator has rows."""
+
+    system: Array  # (c+1, c) the matrix transposed, and below it the right side
+    response: Array  # (c, c) velocities for a unit of every unknown [1/kg]
+    impulse: Array  # (c,) impulses by rows of the operator, first those held [N s]
+    row: Array  # (c,) row of the operator for the first component of r
+    along: Array  # (c, 2) r, in this row and the next one
+    is_normal: Array  # (c,) 1 if the unknown is a normal impulse
+    follow: Array  # (c, 4) for a normal impulse d of sliding and rolling
+    compliance: Array  # (c,) 1/S [1/kg]
+    goal: Array  # (c,) right sides of the laws, z/S + r . gamma [m/s]
+
+
+def make_reduced(rows: int) -> Reduced:
+    """Return the arrays for a Delassus operator of so many rows."""
+    zeros = np.zeros
+    return Reduced(
+        system=zeros((rows + 1, rows)),
+        response=zeros((rows, rows)),
+        impulse=zeros(rows),
+        row=zeros(rows, np.int64),
+        along=zeros((rows, 2)),
+        is_normal=zeros(rows, np.int64),
+        follow=zeros((rows, 4)),
+        compliance=zeros(rows),
+        goal=zeros(rows),
+    )
+
+
+@inlined
+def reduced_step(
+    laws: Laws, closed: Array, contacts: Table, delassus: Delassus, reduced: Reduced
+) -> bool:
+    """
+    Fill impulses and velocities with the solution for the laws linear about the trial velocities.
+
+    Parameters
+    ----------
+    laws, closed, contacts
+        Those of a `problem.Problem`. Trial, anchor, selection_center and disc_radius are read,
+        impulse and gamma are filled.
+    delassus : Delassus
+        As `condense` filled it.
+    reduced : Reduced
+
+    Returns
+    -------
+    bool
+        Whether the solution is finite.
+
+    """
+    width = 5 if laws.rolling.mu_x > 0.0 else 3
+    count = reduce_laws(laws, closed, contacts, reduced)
+    held_velocities(closed, width, contacts, delassus, reduced)
+    fill_responses(count, closed, width, contacts, delassus.operator, reduced)
+    for attempt in range(2):
+        fill_system(count, delassus.packed, reduced)
+        if eliminate_columns(reduced.system, count, attempt > 0):
+            break
+    finite = expand(count, closed, width, contacts, reduced)
+    condensed_velocities(closed, width, contacts, delassus)
+    return finite
+
+
+@inlined
+def reduce_laws(laws: Laws, closed: Array, contacts: Table, reduced: Reduced) -> int:
+    """Fill the unknowns, their laws and the held impulses; return how many unknowns there are."""
+    count = 0
+    for a in closed:
+        row, radius = contacts.row[a], contacts.disc_radius[a]
+        P_N, S_N = normal_law(
+            laws, contacts.selection_center[a], contacts.anchor[a, 0], contacts.trial[a, 0]
+        )
+        normal, reduced.impulse[row] = -1, 0.0
+        if S_N > 0.0:
+            normal = count
+            add_unknown(count, row, 1.0, 0.0, 1.0 / S_N, reduced)
+            reduced.goal[count] = P_N / S_N + contacts.trial[a, 0]
+            reduced.is_normal[count] = 1
+            for k in range(4):
+                reduced.follow[count, k] = 0.0
+            count += 1
+        if radius == FREE:
+            radius = P_N
+        else:
+            normal = -1
+        factor = grip(laws.other, contacts, a)
+        disc = anchored_disc(laws, laws.other, contacts, a)
+        count = reduce_disc(disc, contacts, a, radius, factor, normal, count, reduced)
+        if laws.rolling.mu_x > 0.0:
+            disc = rolling_disc(laws, laws.other, a)
+            count = reduce_disc(disc, contacts, a, radius, factor, normal, count, reduced)
+    return count
+
+
+@inlined
+def add_unknown(
+    count: int, row: int, x: float, y: float, compliance: float, reduced: Reduced
+) -> None:
+    """Add the unknown of number `count`, with r = (x, y) in a row and the next one."""
+    reduced.row[count], reduced.compliance[count] = row, compliance
+    reduced.along[count, 0], reduced.along[count, 1] = x, y
+    reduced.is_normal[count] = 0
+
+
+@merged
+def reduce_disc(
+    disc: Disc,
+    contacts: Table,
+    a: int,
+    radius: float,
+    factor: float,
+    normal: int,
+    count: int,
+    reduced: Reduced,
+) -> int:
+    """
+    Add the unknowns of one kind of friction at contact a; return how many there are then.
+
+    Parameters
+    ----------
+    disc : Disc
+    contacts : record array, shape (contacts,)
+        Table of contacts.
+    a : int
+        Number of the contact.
+    radius : float
+        Normal impulse that limits the friction [N s].
+    factor : float
+        Radius of the friction disc over that impulse; see `laws.grip`.
+    normal : int
+        Number of the unknown that the radius follows, -1 if it is held.
+    count : int
+        Number of unknowns so far.
+    reduced : Reduced
+
+    """
+    k = disc.column
+    row = contacts.row[a] + k
+    x, y = contacts.trial[a, k], contacts.trial[a, k + 1]
+    P_x, P_y, S_xx, _, S_yy, d_x, d_y = disc_law(
+        disc, contacts.anchor[a, k], contacts.anchor[a, k + 1], x, y, factor * radius
+    )
+    reduced.impulse[row] = reduced.impulse[row + 1] = 0.0
+    if d_x == 0.0 and d_y == 0.0:  # it sticks, or there is no friction
+        if S_xx > 0.0:
+            add_unknown(count, row, 1.0, 0.0, 1.0 / S_xx, reduced)
+            reduced.goal[count] = P_x / S_xx + x
+            count += 1
+        if S_yy > 0.0:
+            add_unknown(count, row, 0.0, 1.0, 1.0 / S_yy, reduced)
+            reduced.goal[count] = P_y / S_yy + y
+            count += 1
+        return count
+    if normal >= 0:
+        reduced.follow[normal, k - 1], reduced.follow[normal, k] = factor * d_x, factor * d_y
+    else:
+        reduced.impulse[row], reduced.impulse[row + 1] = P_x, P_y
+    t_x, t_y = disc.mu_x * disc.over_y * d_y, -disc.mu_y * disc.over_x * d_x
+    if S_xx + S_yy > 0.0:
+        add_unknown(count, row, t_x, t_y, (t_x * t_x + t_y * t_y) / (S_xx + S_yy), reduced)
+        reduced.goal[count] = t_x * x + t_y * y
+        count += 1
+    return count
+
+
+@inlined
+def held_velocities(
+    closed: Array, width: int, contacts: Table, delassus: Delassus, reduced: Reduced
+) -> None:
+    """Fill delassus.packed with the velocities that the held impulses leave."""
+    G, packed = delassus.operator, delassus.packed
+    fill_free_velocities(closed, width, contacts, delassus)
+    for b in closed:
+        for column in range(contacts.row[b] + 1, contacts.row[b] + width):
+            P = reduced.impulse[column]
+            if P != 0.0:
+                for a in closed:
+                    row = contacts.row[a]
+                    for i in range(width):
+                        packed[row + i] += G[column, row + i] * P
+
+
+@inlined
+def fill_responses(
+    count: int, closed: Array, width: int, contacts: Table, G: Array, reduced: Reduced
+) -> None:
+    """Fill the velocities ``G c`` of the closed contacts for a unit of every unknown."""
+    rows = 0
+    for a in closed:
+        rows = max(rows, contacts.row[a] + width)
+    for v in range(count):
+        row, g = reduced.row[v], reduced.response[v]
+        if reduced.is_normal[v]:
+            x, y = reduced.follow[v, 0], reduced.follow[v, 1]
+            for i in range(rows):
+                g[i] = G[row, i] + x * G[row + 1, i] + y * G[row + 2, i]
+            if width > 3:
+                x, y = reduced.follow[v, 2], reduced.follow[v, 3]
+                for i in range(rows):
+                    g[i] += x * G[row + 3, i] + y * G[row + 4, i]
+        else:
+            x, y = reduced.along[v, 0], reduced.along[v, 1]
+            for i in range(rows):
+                g[i] = x * G[row, i] + y * G[row + 1, i]
+
+
+@inlined
+def fill_system(count: int, velocity: Array, reduced: Reduced) -> None:
+    """Fill the linear system for the unknowns; `velocity` is that of the held impulses."""
+    B = reduced.system
+    for u in range(count):
+        row, x, y = reduced.row[u], reduced.along[u, 0], reduced.along[u, 1]
+        B[count, u] = reduced.goal[u] - x * velocity[row] - y * velocity[row + 1]
+        for v in range(count):
+            B[v, u] = x * reduced.response[v, row] + y * reduced.response[v, row + 1]
+        B[u, u] += reduced.compliance[u]
+
+
+@compiled
+def eliminate_columns(B: Array, count: int, searches: bool) -> bool:
+    """
+    Replace row `count` of B by the solution of ``B[:count].T x = B[count]``.
+
+    The rows of B are the columns of the matrix: so the elimination goes along rows of B.
+
+    Parameters
+    ----------
+    B : ndarray, shape (c+1, c)
+    count : int
+        Number of unknowns.
+    searches : bool
+        Whether pivots are searched for in each column. Without it the elimination ends at a pivot
+        that is not positive.
+
+    Returns
+    -------
+    bool
+        Whether the elimination came to its end.
+
+    """
+    for k in range(count):
+        if searches:
+            pivot = k
+            for i in range(k + 1, count):
+                if abs(B[k, i]) > abs(B[k, pivot]):
+                    pivot = i
+            if pivot != k:
+                for j in range(count + 1):
+                    B[j, k], B[j, pivot] = B[j, pivot], B[j, k]
+        elif not B[k, k] > 0.0:
+            return False
+        over = 1.0 / B[k, k]
+        for i in range(k + 1, count):
+            B[k, i] *= over
+        for j in range(k + 1, count + 1):
+            share = B[j, k]
+            if share != 0.0:
+                for i in range(k + 1, count):
+                    B[j, i] -= share * B[k, i]
+    for k in range(count - 1, -1, -1):
+        x = B[count, k] / B[k, k]
+        B[count, k] = x
+        for i in range(k):
+            B[count, i] -= x * B[k, i]
+    return True
+
+
+@inlined
+def expand(count: int, closed: Array, width: int, contacts: Table, reduced: Reduced) -> bool:
+    """Fill the impulses of the contacts from the unknowns; return whether they are finite."""
+    P, total = reduced.impulse, 0.0
+    for u in range(count):
+        z, row = reduced.system[count, u], reduced.row[u]
+        total += z
+        P[row] += reduced.along[u, 0] * z
+        P[row + 1] += reduced.along[u, 1] * z
+        if reduced.is_normal[u]:
+            for k in range(width - 1):
+                P[row + 1 + k] += reduced.follow[u, k] * z
+    for a in closed:
+        for j in range(width):
+            contacts.impulse[a, j] = P[contacts.row[a] + j]
+    return math.isfinite(total)
+
+
+@inlined
+def linear_step(problem: Problem, operator: Any, always: bool) -> tuple[bool, bool]:
     """
     Fill velocities and impulses with the solution for the laws linear about the trial velocities.
 
@@ -65,7 +718,7 @@ def linear_step(problem, operator, always):
 
 
 @merged
-def solve_linear(problem, always):
+def solve_linear(problem: Problem, always: bool) -> tuple[bool, bool]:
     """Solve the chain together with linear laws; return what `linear_step` returns."""
     laws, closed, contacts, chain = problem
     rolling = laws.rolling.mu_x > 0.0
@@ -94,7 +747,7 @@ def solve_linear(problem, always):
 
 
 @inlined
-def is_far(closed, contacts):
+def is_far(closed: Array, contacts: Table) -> bool:
     """Return whether a contact velocity is farther than FAR from the trial velocity."""
     farthest = 0.0
     for a in closed:
@@ -104,7 +757,26 @@ def is_far(closed, contacts):
 
 
 @inlined
-def count_single(closed, contacts, pairs):
+def list_pairs_last(closed: Array, contacts: Table, pairs: Delassus | None) -> None:
+    """
+    Move the contacts of two links behind all others, as `solve_linear` needs them.
+
+    The order within either kind stays. `pairs` is that of `couple_pairs`.
+    """
+    if pairs is None:
+        return
+    count = 0
+    for k in range(len(closed)):
+        a = closed[k]
+        if contacts.other_link[a] < 0:
+            for j in range(k, count, -1):
+                closed[j] = closed[j - 1]
+            closed[count] = a
+            count += 1
+
+
+@inlined
+def count_single(closed: Array, contacts: Table, pairs: Delassus | None) -> int:
     """Return the number of contacts that are not of two links; these are listed last."""
     if pairs is None:
         return len(closed)
@@ -115,7 +787,9 @@ def count_single(closed, contacts, pairs):
 
 
 @inlined
-def couple_pairs(again, closed, width, contacts, chain, pairs):
+def couple_pairs(
+    again: bool, closed: Array, width: int, contacts: Table, chain: Chain, pairs: Delassus | None
+) -> float:
     """
     Solve for the contacts of links with each other, and add what they do to the twists.
 
@@ -123,7 +797,7 @@ def couple_pairs(again, closed, width, contacts, chain, pairs):
     Instead the chain is solved for a unit of every component of their impulses, which leaves a
     small dense problem. The impulses are corrected whenever the twists are. If they were solved
     for only once, they would keep what rounding left of the twists, 1e-7 m/s and more, and
-    Newton's method would circle there.
+    Newton's method would cycle there.
 
     Parameters
     ----------
@@ -163,7 +837,9 @@ def couple_pairs(again, closed, width, contacts, chain, pairs):
 
 
 @compiled
-def condense_pairs(closed, width, contacts, chain, pairs):
+def condense_pairs(
+    closed: Array, width: int, contacts: Table, chain: Chain, pairs: Delassus
+) -> None:
     """Fill G of the contacts of two links on the factored chain; set their impulses to 0."""
     for a in closed:
         contacts.impulse[a] = 0.0
@@ -189,7 +865,7 @@ def condense_pairs(closed, width, contacts, chain, pairs):
 
 
 @compiled
-def solve_correction(closed, width, contacts, delassus):
+def solve_correction(closed: Array, width: int, contacts: Table, delassus: Delassus) -> None:
     """
     Fill the impulses with a correction for what the laws leave at the present velocities.
 
@@ -214,7 +890,7 @@ def solve_correction(closed, width, contacts, delassus):
 
 
 @inlined
-def add_kept_impulses(closed, width, contacts, delassus):
+def add_kept_impulses(closed: Array, width: int, contacts: Table, delassus: Delassus) -> None:
     """Add the impulses that `solve_correction` kept to its correction."""
     for k, a in enumerate(closed):
         for j in range(width):

@@ -3,41 +3,69 @@
 """
 Newton's method on the contact laws; each linear problem is solved exactly in a sweep over links.
 
-An iteration makes the laws linear about a trial velocity (`linear_laws`) and solves the chain with
-them (`linear_problem`). For any number of links this costs about as much as a step without
-contacts. Few contacts are condensed instead: their Delassus operator is formed once a step
-(`condensing`), some sweeps over the contacts improve the prediction, and an iteration solves a
-small dense system (`reduced_problem`). The iterates satisfy the dynamics and the joints to
-rounding. Only the laws are iterated
-for, and `natural_map.natural_map` judges them. The methods `newton` and `newton_dense` differ in
-how they solve the linear problem.
+An iteration makes the laws linear about a trial velocity and solves the chain with them; see
+`linear_problem`. For any number of links this costs about as much as a step without contacts. Few
+contacts are condensed instead: their Delassus operator is formed once a step
+(`delassus.condense`), some sweeps over the contacts improve the prediction, and an iteration
+solves a small dense system. The iterates satisfy the dynamics and the joints to rounding. Only the
+laws are iterated for, and `laws.natural_map` judges them. The methods `newton` and `newton_dense`
+differ in how they solve the linear problem.
 
-Far from the solution the method may circle. Then the line between two iterates is searched. If
-that fails, the radii of the friction discs are held for a while, which makes the problem convex.
-Newton's method with an exact line search solves it from any start, and the radii follow [1]_.
+Far from the solution the method may cycle. Then the line between two iterates is searched. If that
+fails, the radii of the friction discs are held for a while, which makes the problem convex: an
+exact line search finds its minimum on the way, so that Newton's method solves it from any start.
+The radii follow [1]_.
+
+When impulses are as accurate as a step needs them, small velocities alone do not show. The
+residual of the laws is a velocity. Contacts that share a load in several ways answer to a velocity
+v that is left with up to ``v/c``, where c is the small compliance of the selection rule: 1e-9 m/s
+may be some percent of a load. Newton's method leaves nothing of the normal laws. What it leaves of
+friction that slides is an impulse, and changes loads by less than itself. What it leaves of
+friction that sticks are velocities, which count where links hold each other, that is from a few
+contacts on. There the method continues until its corrections end, or until rounding ends them.
+Where rounding does, the residual alone decides whether the step converged.
 
 .. [1] V. Acary, B. Brogliato, "Numerical Methods for Nonsmooth Dynamical Systems", 2008, ch. 13.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from snake_sim_ros.contact.admissible import anchor_at_iterate, without_gain
-from snake_sim_ros.contact.condensing import condense
-from snake_sim_ros.contact.delassus import condensed_twists, Delassus, make_delassus
-from snake_sim_ros.contact.line_search import law_error, line_search, move_trial
-from snake_sim_ros.contact.linear_problem import linear_step
-from snake_sim_ros.contact.natural_map import natural_map
-from snake_sim_ros.contact.reduced_problem import make_reduced, Reduced
-from snake_sim_ros.contact.settling import loads_are_accurate, refines
-from snake_sim_ros.contact.solver import Outcome, solve
-from snake_sim_ros.contact.table import FREE
-from snake_sim_ros.contact.warm_start import improve, predict, remember
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.contact.delassus import condense, condensed_twists, Delassus, make_delassus
+from snake_sim_ros.contact.laws import (
+    anchored_disc,
+    Disc,
+    grip,
+    Laws,
+    natural_map,
+    rolling_disc,
+    sliding_disc,
+)
+from snake_sim_ros.contact.linear_problem import (
+    disc_law,
+    linear_step,
+    list_pairs_last,
+    make_reduced,
+    normal_law,
+    Reduced,
+)
+from snake_sim_ros.contact.problem import FREE, Outcome, Problem, solve
+from snake_sim_ros.contact.sweeps import improve, predict, remember
+from snake_sim_ros.dynamics.articulated_body import Chain
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
 from snake_sim_ros.scene.parameters import Array
 
+# Of normal impulses, relative to the largest one of a step. Estimates may be five times off.
+LOAD_ACCURACY = 2e-7
+USUAL_TOLERANCE = 1e-9  # a larger one relaxes the accuracy of the loads, too [m/s]
+# Contacts that stick without holding links against each other. On a flat floor two are as few: no
+# friction acts along a normal there, as it does where a link is wedged.
+FEW = 1
+FEW_ON_FLOOR = 2
+REFINES = 0.9  # an iteration that leaves a larger share of the residual does not refine it
 COUPLED_ITERATIONS = 6  # iterations before the radii are held for the first time
 SWEEPS = 4  # sweeps over condensed contacts before the first iteration
 MORE_SWEEPS = 100  # and when it does not converge
@@ -50,8 +78,324 @@ RESTART_ROUNDS = 24  # rounds after which radii restart if links can touch; see 
 MOST_RELAXATION = 64.0  # largest share of a radius step that the radii move by
 
 
+class Operator(NamedTuple):
+    """The Delassus operator of few contacts, and arrays for linear problems on it."""
+
+    delassus: Delassus
+    reduced: Reduced
+    most: int  # largest number of contacts that are condensed
+    swept: int  # how often sweeps over the contacts are tried
+    is_condensed: Array  # (1,) 1 if the contacts of this step are
+
+
+class Newton(NamedTuple):
+    """Newton's method on the Delassus operator or, for more contacts, on the chain of links."""
+
+    operator: Operator | None  # None: always on the chain, and only that is compiled
+
+
+def make_operator(most: int, width: int, links: int, swept: int = MOST_SWEPT) -> Operator:
+    """
+    Return the arrays for contacts on the Delassus operator.
+
+    Parameters
+    ----------
+    most : int
+        Largest number of closed contacts for which the Delassus operator is formed.
+    width : int
+        Components of a contact: 3, or 5 with rolling friction.
+    links : int
+        Number of links.
+    swept : int
+        How often sweeps over the contacts are tried. Where more contacts stick than hold a robot,
+        they leave impulses of friction that press its links against each other.
+
+    """
+    return Operator(
+        make_delassus(width * most, links),
+        make_reduced(width * most),
+        most,
+        swept,
+        np.zeros(1, np.int64),
+    )
+
+
+@compiled
+def law_error(laws: Laws, closed: Array, contacts: Table, fraction: float) -> tuple[float, float]:
+    """
+    Compare impulses and laws at a fraction of the way from the trial to the solution.
+
+    Velocities are between `trial` and `gamma`, impulses between `iterate` and `impulse`. `laws`,
+    `closed` and `contacts` are those of a `problem.Problem`; the fraction is from 0 to 1.
+
+    Returns
+    -------
+    slope : float
+        ``sum (P - P(gamma)) . (gamma - trial)``. For held radii it is the derivative of a convex
+        function along the way.
+    residual : float
+        Largest ``|P - P(gamma)|/r`` [m/s].
+
+    """
+    slope = normal = sliding = rolling = 0.0
+    for a in closed:
+        step = contacts.gamma[a, 0] - contacts.trial[a, 0]
+        P_N, _ = normal_law(
+            laws,
+            contacts.selection_center[a],
+            contacts.anchor[a, 0],
+            contacts.trial[a, 0] + fraction * step,
+        )
+        radius = P_N if contacts.disc_radius[a] == FREE else contacts.disc_radius[a]
+        radius *= grip(laws.other, contacts, a)
+        P = contacts.iterate[a, 0]
+        d = P + fraction * (contacts.impulse[a, 0] - P) - P_N
+        normal = max(normal, abs(d))
+        slope += d * step
+        disc = anchored_disc(laws, laws.other, contacts, a)
+        d, along = disc_law_error(disc, contacts, a, radius, fraction)
+        sliding = max(sliding, d)
+        slope += along
+        if laws.rolling.mu_x > 0.0:
+            d, along = disc_law_error(
+                rolling_disc(laws, laws.other, a), contacts, a, radius, fraction
+            )
+            rolling = max(rolling, d)
+            slope += along
+    return slope, max(normal / laws.r_N, sliding / laws.r_T, rolling / laws.r_V)
+
+
+@inlined
+def disc_law_error(
+    disc: Disc, contacts: Table, a: int, radius: float, fraction: float
+) -> tuple[float, float]:
+    """Return |P - P(gamma)| of one kind of friction at contact a, and its part of the slope."""
+    k = disc.column
+    x, y = contacts.trial[a, k], contacts.trial[a, k + 1]
+    step_x, step_y = contacts.gamma[a, k] - x, contacts.gamma[a, k + 1] - y
+    law_x, law_y, _, _, _, _, _ = disc_law(
+        disc, contacts.anchor[a, k], contacts.anchor[a, k + 1],
+        x + fraction * step_x, y + fraction * step_y, radius,
+    )  # fmt: skip
+    P_x, P_y = contacts.iterate[a, k], contacts.iterate[a, k + 1]
+    d_x = P_x + fraction * (contacts.impulse[a, k] - P_x) - law_x
+    d_y = P_y + fraction * (contacts.impulse[a, k + 1] - P_y) - law_y
+    return math.sqrt(d_x * d_x + d_y * d_y), d_x * step_x + d_y * step_y
+
+
+@inlined
+def line_search(laws: Laws, closed: Array, contacts: Table) -> float:
+    """
+    Return the fraction of the way at which the slope of `law_error` nearly vanishes.
+
+    The fraction is 1 if the slope is still negative at the end of the way, and 0 if it is not
+    negative at its start. The method is false position with halved weights (Illinois).
+    """
+    high, above = 1.0, law_error(laws, closed, contacts, 1.0)[0]
+    if not above > 0.0:
+        return 1.0
+    low, below = 0.0, law_error(laws, closed, contacts, 0.0)[0]
+    if not below < 0.0:
+        return 0.0
+    enough = 0.1 * min(-below, above)
+    fraction, side = 0.5, 0
+    for _ in range(20):
+        fraction = low - below * (high - low) / (above - below)
+        slope = law_error(laws, closed, contacts, fraction)[0]
+        if abs(slope) <= enough:
+            break
+        if slope > 0.0:
+            high, above = fraction, slope
+            below *= 0.5 if side > 0 else 1.0
+            side = 1
+        else:
+            low, below = fraction, slope
+            above *= 0.5 if side < 0 else 1.0
+            side = -1
+    return fraction
+
+
+@inlined
+def move_trial(closed: Array, contacts: Table, fraction: float) -> None:
+    """
+    Move trial and iterate of the contacts a fraction of the way to the solution.
+
+    `trial` moves toward `gamma`, `iterate` toward `impulse`. The fraction is from 0 to 1.
+    """
+    for a in closed:
+        for j in range(5):
+            trial, P = contacts.trial[a, j], contacts.iterate[a, j]
+            if fraction == 1.0:  # exact to the last bit
+                contacts.trial[a, j], contacts.iterate[a, j] = (
+                    contacts.gamma[a, j],
+                    contacts.impulse[a, j],
+                )
+            else:
+                contacts.trial[a, j] = trial + fraction * (contacts.gamma[a, j] - trial)
+                contacts.iterate[a, j] = P + fraction * (contacts.impulse[a, j] - P)
+
+
+@inlined
+def largest_load(closed: Array, contacts: Table) -> float:
+    """Return the largest normal impulse of the closed contacts [N s]."""
+    largest = 0.0
+    for a in closed:
+        largest = max(largest, contacts.impulse[a, 0])
+    return largest
+
+
+@inlined
+def small_load(closed: Array, contacts: Table, tolerance: float) -> float:
+    """Return what may be wrong of a normal impulse [N s], for a tolerance of the residual."""
+    share = LOAD_ACCURACY * max(1.0, tolerance / USUAL_TOLERANCE)
+    return share * largest_load(closed, contacts)
+
+
+@inlined
+def largest_correction(closed: Array, contacts: Table) -> float:
+    """Return by how much the last iteration changed a normal impulse, at most [N s]."""
+    largest = 0.0
+    for a in closed:
+        largest = max(largest, abs(contacts.impulse[a, 0] - contacts.iterate[a, 0]))
+    return largest
+
+
+@compiled
+def is_negligible(
+    laws: Laws, closed: Array, contacts: Table, residual: float, tolerance: float
+) -> bool:
+    """
+    Return whether any velocities up to a residual [m/s] leave the loads accurate.
+
+    `laws`, `closed` and `contacts` are those of a `problem.Problem`. Without the selection rule
+    the loads are not unique, and any residual is enough.
+    """
+    if laws.compliance <= 1e-2 * laws.proximal_compliance:
+        return True
+    return residual <= laws.compliance * small_load(closed, contacts, tolerance)
+
+
+@compiled
+def loads_are_accurate(
+    laws: Laws, closed: Array, contacts: Table, residual: float, tolerance: float
+) -> bool:
+    """
+    Return whether a residual [m/s] that is left of friction alone leaves the loads accurate.
+
+    Iterates of Newton's method satisfy the normal laws to rounding; other parameters are those of
+    `is_negligible`.
+    """
+    if is_negligible(laws, closed, contacts, residual, tolerance):
+        return True
+    wrong = small_load(closed, contacts, tolerance)
+    return friction_is_accurate(laws, closed, contacts, residual, wrong)
+
+
+@compiled
+def friction_is_accurate(
+    laws: Laws, closed: Array, contacts: Table, residual: float, wrong: float
+) -> bool:
+    """Return whether friction leaves the loads accurate to `wrong` [N s]; see the module."""
+    still = laws.compliance * wrong
+    most = wrong / residual
+    sticking = 0
+    for a in closed:
+        radius = grip(laws.other, contacts, a) * contacts.impulse[a, 0]
+        if radius <= 0.0:
+            continue
+        v = speed(contacts, a, 1)
+        if still < v <= residual:
+            sticking += 1
+        elif v > residual:
+            disc = sliding_disc(laws, laws.other, a, contacts.impulse[a, 1])
+            if not turns_little(disc, radius, laws.r_T, v, most):
+                return False
+        if laws.rolling.mu_x > 0.0:
+            v = speed(contacts, a, 3)
+            if still < v <= residual:
+                sticking += 1
+            elif v > residual:
+                disc = rolling_disc(laws, laws.other, a)
+                if not turns_little(disc, radius, laws.r_V, v, most):
+                    return False
+    return sticking <= (FEW_ON_FLOOR if laws.other is None else FEW)
+
+
+@inlined
+def speed(contacts: Table, a: int, k: int) -> float:
+    """Return the length of the components k and k+1 of the velocity of contact a [m/s]."""
+    return math.sqrt(contacts.gamma[a, k] ** 2 + contacts.gamma[a, k + 1] ** 2)
+
+
+@inlined
+def turns_little(disc: Disc, radius: float, r: float, v: float, most: float) -> bool:
+    """
+    Return whether a residual leaves little of the impulse of friction that slides at v [m/s].
+
+    A residual e leaves it wrong by ``e (R/v + r)``, R the radius of its disc: its direction is
+    that of the velocity. `most` is what may be left of this, over e [kg].
+    """
+    return max(disc.mu_x, disc.mu_y) * radius + r * v <= most * v
+
+
+@inlined
+def corrections_end(correction: float, before: float, wrong: float) -> bool:
+    """
+    Return whether the remaining corrections add up to less than `wrong` [N s].
+
+    Those of linear convergence are a geometric series. `correction` is the last one and `before`
+    the one before it, infinite if there was none.
+    """
+    share = min(correction / before, 1.0) if before > 0.0 else 0.0
+    return correction <= wrong and share * correction <= (1.0 - share) * wrong
+
+
+@inlined
+def refines(
+    laws: Laws,
+    closed: Array,
+    contacts: Table,
+    residual: float,
+    tolerance: float,
+    best: float,
+    before: float,
+) -> tuple[float, float, bool]:
+    """
+    Return whether Newton's method continues although its residual is within the tolerance.
+
+    Parameters
+    ----------
+    laws, closed, contacts
+        Those of a `problem.Problem`; `iterate` of the contacts has the impulses before.
+    residual, tolerance : float
+        The last residual, and the tolerance for it [m/s].
+    best, before : float
+        Smallest residual and correction of the loads so far, as returned; infinite at first.
+
+    Returns
+    -------
+    best, before : float
+    goes_on : bool
+
+    """
+    if residual > REFINES * best:
+        return best, before, False
+    if loads_are_accurate(laws, closed, contacts, residual, tolerance):
+        return best, before, False
+    correction = largest_correction(closed, contacts)
+    wrong = small_load(closed, contacts, tolerance)
+    return residual, correction, not corrections_end(correction, before, wrong)
+
+
 @merged
-def iterate_laws(problem, tolerance, limit, operator, rounds, held):
+def iterate_laws(
+    problem: Problem,
+    tolerance: float,
+    limit: int,
+    operator: Operator | None,
+    rounds: int,
+    held: bool,
+) -> tuple[int, float, float, bool]:
     """
     Iterate with disc radii that are held, which is a convex problem, or that follow the loads.
 
@@ -113,7 +457,7 @@ def iterate_laws(problem, tolerance, limit, operator, rounds, held):
 
 
 @merged
-def iterate(problem, tolerance, limit, operator):
+def iterate(problem: Problem, tolerance: float, limit: int, operator: Operator | None) -> Outcome:
     """
     Find impulses and twists that satisfy the contact laws, from what `predict` filled.
 
@@ -147,6 +491,8 @@ def iterate(problem, tolerance, limit, operator):
             fell_back = True
         elif rounds > 0:
             most -= HELD_ITERATIONS  # leave enough for a round with held radii
+            if most < 0:
+                break  # the impulses of the last round take energy and leave no penetration
         elif swept > 0:
             sweeps = SWEEPS if rounds == -swept else MORE_SWEEPS
             sweep_contacts(laws, closed, contacts, operator, sweeps)
@@ -175,7 +521,7 @@ def iterate(problem, tolerance, limit, operator):
 
 
 @inlined
-def end_held(relaxation, closed, contacts):
+def end_held(relaxation: float, closed: Array, contacts: Table) -> None:
     """Move the radii that are held by a share of their steps, and keep the end of the round."""
     for a in closed:
         contacts.held_radius[a] = max(
@@ -187,8 +533,8 @@ def end_held(relaxation, closed, contacts):
 
 
 @inlined
-def begin_held(rounds, closed, contacts):
-    """Return to the end of the last round or, before the first one, hold the radii of now."""
+def begin_held(rounds: int, closed: Array, contacts: Table) -> None:
+    """Return to the end of the last round or, before the first one, hold the present radii."""
     for a in closed:
         if rounds > 0:
             for j in range(5):
@@ -200,9 +546,9 @@ def begin_held(rounds, closed, contacts):
 
 
 @inlined
-def restart_radii(rounds, closed, contacts, pairs):
+def restart_radii(rounds: int, closed: Array, contacts: Table, pairs: Delassus) -> None:
     """
-    Hold other radii if the rounds go in a circle: no friction, and later much of it everywhere.
+    Hold other radii if the rounds cycle: no friction, and later much of it everywhere.
 
     The rounds have a solution to converge to, but reach it only from some starts. Robots that fold
     onto themselves with friction of 0.6 and more reach it from one of these. Other robots have no
@@ -221,7 +567,7 @@ def restart_radii(rounds, closed, contacts, pairs):
 
 
 @inlined
-def find_radius_steps(closed, contacts):
+def find_radius_steps(closed: Array, contacts: Table) -> tuple[float, float]:
     """
     Fill the differences between the normal impulses and the radii that were held for them.
 
@@ -243,7 +589,7 @@ def find_radius_steps(closed, contacts):
 
 
 @inlined
-def next_relaxation(relaxation, along, before, rounds):
+def next_relaxation(relaxation: float, along: float, before: float, rounds: int) -> float:
     """
     Return the share of `radius_step` by which the radii move next.
 
@@ -266,64 +612,25 @@ def next_relaxation(relaxation, along, before, rounds):
     return relaxation
 
 
-class Operator(NamedTuple):
-    """The Delassus operator of few contacts, and arrays for linear problems on it."""
-
-    delassus: Delassus
-    reduced: Reduced
-    most: int  # largest number of contacts that are condensed
-    swept: int  # how often sweeps over the contacts are tried
-    is_condensed: Array  # (1,) 1 if the contacts of this step are
-
-
-class Newton(NamedTuple):
-    """Newton's method on the Delassus operator or, for more contacts, on the chain of links."""
-
-    operator: Operator | None  # None: always on the chain, and only that is compiled
-
-
-def make_operator(most: int, width: int, links: int, swept: int = MOST_SWEPT) -> Operator:
-    """
-    Return the arrays for contacts on the Delassus operator.
-
-    Parameters
-    ----------
-    most : int
-        Largest number of closed contacts for which the Delassus operator is formed.
-    width : int
-        Components of a contact: 3, or 5 with rolling friction.
-    links : int
-        Number of links.
-    swept : int
-        How often sweeps over the contacts are tried. Where more contacts stick than hold a robot,
-        they leave impulses of friction that press its links against each other.
-
-    """
-    return Operator(
-        make_delassus(width * most, links),
-        make_reduced(width * most),
-        most,
-        swept,
-        np.zeros(1, np.int64),
-    )
-
-
 @solve.register(Newton)
 @inlined
-def solve_contacts(solver, model, problem, history, limit):
-    """Solve the contacts of a step; see `solver.solve`."""
+def solve_contacts(
+    solver: Newton, model: Any, problem: Problem, history: Any, limit: int
+) -> Outcome:
+    """Solve the contacts of a step; see `problem.solve`."""
     prepare_contacts(solver.operator, problem)
     return solve_prepared(solver.operator, model, problem, history, limit)
 
 
 @inlined
-def prepare_contacts(operator, problem):
+def prepare_contacts(operator: Operator | None, problem: Problem) -> None:
     """
     Condense the contacts, if they are few, for any number of calls of `solve_prepared`.
 
     The closed contacts of these calls may be some of those here, and may have other shifts.
     """
     laws, closed, contacts, chain = problem
+    list_pairs_last(closed, contacts, chain.pair_delassus)
     if operator is not None:
         operator.is_condensed[0] = 1 if len(closed) <= operator.most else 0
         if operator.is_condensed[0]:
@@ -332,14 +639,16 @@ def prepare_contacts(operator, problem):
 
 
 @compiled
-def condense_anew(operator, problem):
+def condense_anew(operator: Operator, problem: Problem) -> None:
     """Condense other contacts of the same step, if they are few; see `prepare_contacts`."""
     prepare_contacts(operator, problem)
 
 
 @merged
-def solve_prepared(operator, model, problem, history, limit):
-    """Solve contacts after `prepare_contacts`; see `solver.solve`."""
+def solve_prepared(
+    operator: Operator | None, model: Any, problem: Problem, history: Any, limit: int
+) -> Outcome:
+    """Solve contacts after `prepare_contacts`; see `problem.solve`."""
     laws, closed, contacts, chain = problem
     predict(laws, closed, contacts, history)
     outcome = iterate(problem, model.residual_tolerance, limit, operator)
@@ -353,7 +662,7 @@ def solve_prepared(operator, model, problem, history, limit):
 
 
 @inlined
-def attempts_with_sweeps(operator):
+def attempts_with_sweeps(operator: Operator | None) -> int:
     """Return how often sweeps over the contacts are tried in this step."""
     if operator is not None and operator.is_condensed[0] > 0:
         return operator.swept
@@ -361,14 +670,18 @@ def attempts_with_sweeps(operator):
 
 
 @inlined
-def sweep_contacts(laws, closed, contacts, operator, sweeps):
-    """Do some sweeps over the contacts of the operator; see `warm_start.improve`."""
+def sweep_contacts(
+    laws: Laws, closed: Array, contacts: Table, operator: Operator, sweeps: int
+) -> None:
+    """Do some sweeps over the contacts of the operator; see `sweeps.improve`."""
     if operator is not None:
         improve(laws, closed, contacts, operator.delassus, sweeps)
 
 
 @inlined
-def fill_twists(laws, closed, contacts, chain, operator):
+def fill_twists(
+    laws: Laws, closed: Array, contacts: Table, chain: Chain, operator: Operator | None
+) -> None:
     """Fill the twists of the links that impulses found on the operator cause."""
     if operator is not None:
         if operator.is_condensed[0]:

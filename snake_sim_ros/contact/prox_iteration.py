@@ -3,23 +3,30 @@
 """The paper's iteration, compiled: projections of all contacts at once, eqs. (84)-(93)."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from snake_sim_ros.contact.condensing import condense
-from snake_sim_ros.contact.delassus import condensed_velocities, Delassus, end_twists
-from snake_sim_ros.contact.laws import grip, rolling_disc, sliding_disc
-from snake_sim_ros.contact.natural_map import natural_map
-from snake_sim_ros.contact.projections import prox_disc, prox_ellipse, prox_half_line
-from snake_sim_ros.contact.solver import Outcome, solve
+from snake_sim_ros.contact.delassus import condense, condensed_velocities, Delassus, end_twists
+from snake_sim_ros.contact.laws import (
+    grip,
+    Laws,
+    natural_map,
+    prox_disc,
+    prox_ellipse,
+    prox_half_line,
+    rolling_disc,
+    sliding_disc,
+)
+from snake_sim_ros.contact.problem import Outcome, Problem, solve
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
+from snake_sim_ros.scene.parameters import Array
 
 # A contact problem with more impulse components is not condensed: it would not pay.
 MOST_CONDENSED_ROWS = 48
 
 
 @compiled
-def copy_impulses(closed, impulse, contacts):
+def copy_impulses(closed: Array, impulse: Array, contacts: Table) -> None:
     """Copy the impulses of the closed contacts, from shape (contacts, 5) [N s], to the table."""
     for a in closed:
         for j in range(5):
@@ -27,7 +34,7 @@ def copy_impulses(closed, impulse, contacts):
 
 
 @compiled
-def forget_open(closed, contacts, impulse):
+def forget_open(closed: Array, contacts: Table, impulse: Array) -> None:
     """Fill the impulses of open contacts, of shape (contacts, 5) [N s], with 0."""
     for a in closed:
         contacts.is_closed[a] = 1
@@ -39,7 +46,7 @@ def forget_open(closed, contacts, impulse):
 
 
 @merged
-def prox_sweep(laws, closed, contacts, impulse):
+def prox_sweep(laws: Laws, closed: Array, contacts: Table, impulse: Array) -> float:
     """
     Fill `impulse` with one projection of the impulses in the table, eqs. (87)-(89).
 
@@ -84,9 +91,11 @@ class ProxIteration(NamedTuple):
 
 @solve.register(ProxIteration)
 @inlined
-def solve_with_projections(solver, model, problem, history, limit):
+def solve_with_projections(
+    solver: ProxIteration, model: Any, problem: Problem, history: Any, limit: int
+) -> Outcome:
     """
-    Iterate impulses and twists until the contact laws hold; see `solver.solve`.
+    Iterate impulses and twists until the contact laws hold; see `problem.solve`.
 
     The residual is that of the impulses before the last projection, to which the twists belong.
     """

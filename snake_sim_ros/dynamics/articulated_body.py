@@ -25,28 +25,34 @@ of the joint between both, and A the articulated inertia of everything from the 
 
 from typing import Any, NamedTuple
 
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Packs
 from snake_sim_ros.scene.parameters import Array
 
 ZERO = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Chain(NamedTuple):
-    """A chain of links as the sweeps take it, and the arrays that they fill."""
+    """
+    A chain of links as the sweeps take it, and the arrays that they fill.
+
+    Twists are angular velocities [rad/s] and velocities at O [m/s], and impulse wrenches moments
+    about O [N m s] and impulses [N s], both in axes of I. Blocks of an inertia are in [kg m^2],
+    [kg m] and [kg].
+    """
 
     axis: Array  # (n-1, 2, 6) twists of the joint axes: of the outer link against its parent
     torque: Array  # (n-1, 2) impulse on every joint axis [N m s]
-    damping: Array  # (n-1, 3) entries 11, 12, 22 of the impulse per rate that resists the axes
+    damping: Array  # (n-1, 3) entries 11, 12, 22 of the impulse per rate of the axes [N m s^2]
     bare: Array  # (n, 6, 6) inertia of the links alone, about O
     momentum: Array  # (n, 6) impulse wrench of everything but contacts and torques
     inertia: Array  # (n, 6, 6) articulated inertia; in inertia[n // 2] factors of the root
     wrench: Array  # (n, 6) load of every link: momentum plus impulse wrench
-    left: Array  # (n-1, 2, 6) A S D^-1
-    right: Array  # (n-1, 2, 6) D^-1 S^T A
-    compliance: Array  # (n-1, 4) entries 11, 12, 21, 22 of D^-1
+    left: Array  # (n-1, 2, 6) A S D^-1, of the inertia A beyond the joint and its axes S
+    right: Array  # (n-1, 2, 6) D^-1 S^T A, with D = S^T A S + damping
+    compliance: Array  # (n-1, 4) entries 11, 12, 21, 22 of D^-1 [1/(kg m^2)]
     load: Array  # (n-1, 2) loads of the joint axes [N m s]
     rate: Array  # (n-1, 2) rates of the joint axes [rad/s]
-    rate_correction: Array  # (n-1, 2) correction of these rates
+    rate_correction: Array  # (n-1, 2) correction of these rates [rad/s]
     residual_torque: Array  # (n-1, 2) torque less what the rates resist [N m s]
     twist: Array  # (n, 6) twists of the links: the solution
     correction: Array  # (n, 6) correction of these twists
@@ -57,7 +63,7 @@ class Chain(NamedTuple):
 
 
 @inlined
-def reset_chain(chain):
+def reset_chain(chain: Chain) -> None:
     """
     Fill inertia and wrench with those of the links alone, residual torques with the torques.
 
@@ -78,7 +84,7 @@ def reset_chain(chain):
 
 
 @inlined
-def factor_chain(chain):
+def factor_chain(chain: Chain) -> None:
     """Prepare the chain for solutions, with the link inertias in chain.inertia."""
     articulated_inertia(
         chain.axis, chain.damping, chain.inertia, chain.left, chain.right, chain.compliance
@@ -86,7 +92,7 @@ def factor_chain(chain):
 
 
 @inlined
-def solve_chain(chain, torque):
+def solve_chain(chain: Chain, torque: Array) -> None:
     """
     Fill the twists and rates that loads cause on a factored chain.
 
@@ -106,7 +112,7 @@ def solve_chain(chain, torque):
 
 
 @inlined
-def solve_residual(chain):
+def solve_residual(chain: Chain) -> None:
     """Fill chain.correction, the twists that residual torques and chain.wrench cause."""
     articulated_velocity(
         chain.axis, chain.left, chain.right, chain.compliance,
@@ -116,7 +122,7 @@ def solve_residual(chain):
 
 
 @inlined
-def correct_chain(chain):
+def correct_chain(chain: Chain) -> float:
     """
     Solve a factored chain for the residual loads, and add the solution to twists and rates.
 
@@ -139,7 +145,7 @@ def correct_chain(chain):
 
 
 @merged
-def find_residual(chain):
+def find_residual(chain: Chain) -> None:
     """
     Fill wrenches and residual torques with what the twists leave of the balance of momentum.
 
@@ -160,7 +166,9 @@ def find_residual(chain):
 
 
 @compiled
-def articulated_inertia(axis, damping, inertia, left, right, compliance):
+def articulated_inertia(
+    axis: Array, damping: Array, inertia: Array, left: Array, right: Array, compliance: Array
+) -> None:
     """
     Turn link inertias into articulated-body inertias, and that of the root into its LU factors.
 
@@ -193,7 +201,16 @@ def articulated_inertia(axis, damping, inertia, left, right, compliance):
 
 
 @inlined
-def fold_inertia(j, axis, damping, A, parent, left, right, compliance):
+def fold_inertia(
+    j: int,
+    axis: Array,
+    damping: Array,
+    A: Array,
+    parent: Array,
+    left: Array,
+    right: Array,
+    compliance: Array,
+) -> None:
     """Add to the inertia of the parent what it feels through joint j of the inertia A beyond."""
     s0, s1 = row_of(axis[j], 0), row_of(axis[j], 1)
     a0, a1, a2, a3, a4, a5 = rows_of(A)
@@ -216,8 +233,17 @@ def fold_inertia(j, axis, damping, A, parent, left, right, compliance):
 
 @compiled
 def articulated_velocity(
-    axis, left, right, compliance, root_factor, torque, wrench, load, rate, twist
-):
+    axis: Array,
+    left: Array,
+    right: Array,
+    compliance: Array,
+    root_factor: Array,
+    torque: Array,
+    wrench: Array,
+    load: Array,
+    rate: Array,
+    twist: Array,
+) -> None:
     """
     Fill the twists of all links under given loads.
 
@@ -261,7 +287,14 @@ def articulated_velocity(
 
 
 @inlined
-def fold(j, axis, left, torque, load, w):
+def fold(
+    j: int,
+    axis: Array,
+    left: Array,
+    torque: Array,
+    load: Array,
+    w: tuple[float, float, float, float, float, float],
+) -> tuple[float, float, float, float, float, float]:
     """Return what the parent of joint j feels of the wrench w beyond; store its load."""
     load0 = torque[j, 0] + dot(row_of(axis[j], 0), w)
     load1 = torque[j, 1] + dot(row_of(axis[j], 1), w)
@@ -277,7 +310,15 @@ def fold(j, axis, left, torque, load, w):
 
 
 @inlined
-def unfold(j, axis, right, compliance, load, rate, v):
+def unfold(
+    j: int,
+    axis: Array,
+    right: Array,
+    compliance: Array,
+    load: Array,
+    rate: Array,
+    v: tuple[float, float, float, float, float, float],
+) -> tuple[float, float, float, float, float, float]:
     """Return the twist of the link beyond joint j from that of its parent, v; store the rates."""
     load0, load1 = load[j, 0], load[j, 1]
     rate0 = compliance[j, 0] * load0 + compliance[j, 1] * load1 - dot(row_of(right[j], 0), v)
@@ -287,7 +328,7 @@ def unfold(j, axis, right, compliance, load, rate, v):
 
 
 @compiled
-def factor(A):
+def factor(A: Array) -> None:
     """Replace a 6x6 matrix by its factors L and U, the diagonal of U inverted (no pivoting)."""
     for k in range(6):
         A[k, k] = 1.0 / A[k, k]
@@ -298,7 +339,9 @@ def factor(A):
 
 
 @compiled
-def solve(A, w):
+def solve(
+    A: Array, w: tuple[float, float, float, float, float, float]
+) -> tuple[float, float, float, float, float, float]:
     """Return x with L U x = w, for the factors that `factor` left in A."""
     x0 = w[0]
     x1 = w[1] - A[1, 0] * x0
@@ -319,13 +362,22 @@ def solve(A, w):
 
 
 @inlined
-def row_of(A, i):
+def row_of(A: Array, i: int) -> tuple[float, float, float, float, float, float]:
     """Return A[i] as a tuple."""
     return A[i, 0], A[i, 1], A[i, 2], A[i, 3], A[i, 4], A[i, 5]
 
 
 @merged
-def rows_of(A):
+def rows_of(
+    A: Array,
+) -> tuple[
+    tuple[float, float, float, float, float, float],
+    tuple[float, float, float, float, float, float],
+    tuple[float, float, float, float, float, float],
+    tuple[float, float, float, float, float, float],
+    tuple[float, float, float, float, float, float],
+    tuple[float, float, float, float, float, float],
+]:
     """Return the six rows of A as tuples."""
     return (
         (A[0, 0], A[0, 1], A[0, 2], A[0, 3], A[0, 4], A[0, 5]),
@@ -338,25 +390,25 @@ def rows_of(A):
 
 
 @compiled
-def store(A, i, w):
+def store(A: Array, i: int, w: tuple[float, float, float, float, float, float]) -> None:
     """Write the tuple w to A[i]."""
     A[i, 0], A[i, 1], A[i, 2], A[i, 3], A[i, 4], A[i, 5] = w
 
 
 @inlined
-def dot(a, b):
+def dot(a: Packs, b: Packs) -> Any:
     """Return a . b."""
     return (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3]) + (a[4] * b[4] + a[5] * b[5])
 
 
 @inlined
-def add(a, b):
+def add(a: Packs, b: Packs) -> Packs:
     """Return a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5]
 
 
 @inlined
-def combine(x, a, y, b):
+def combine(x: Any, a: Packs, y: Any, b: Packs) -> Packs:
     """Return x a + y b."""
     return (
         x * a[0] + y * b[0], x * a[1] + y * b[1], x * a[2] + y * b[2],
@@ -365,7 +417,15 @@ def combine(x, a, y, b):
 
 
 @inlined
-def combine_rows(s, a0, a1, a2, a3, a4, a5):
+def combine_rows(
+    s: tuple[float, float, float, float, float, float],
+    a0: tuple[float, float, float, float, float, float],
+    a1: tuple[float, float, float, float, float, float],
+    a2: tuple[float, float, float, float, float, float],
+    a3: tuple[float, float, float, float, float, float],
+    a4: tuple[float, float, float, float, float, float],
+    a5: tuple[float, float, float, float, float, float],
+) -> tuple[float, float, float, float, float, float]:
     """Return the sum of s[k] a_k."""
     return add(
         add(combine(s[0], a0, s[1], a1), combine(s[2], a2, s[3], a3)), combine(s[4], a4, s[5], a5)
@@ -373,7 +433,21 @@ def combine_rows(s, a0, a1, a2, a3, a4, a5):
 
 
 @merged
-def add_reduced(A, rows, x, b, y, c):
+def add_reduced(
+    A: Array,
+    rows: tuple[
+        tuple[float, float, float, float, float, float],
+        tuple[float, float, float, float, float, float],
+        tuple[float, float, float, float, float, float],
+        tuple[float, float, float, float, float, float],
+        tuple[float, float, float, float, float, float],
+        tuple[float, float, float, float, float, float],
+    ],
+    x: tuple[float, float, float, float, float, float],
+    b: tuple[float, float, float, float, float, float],
+    y: tuple[float, float, float, float, float, float],
+    c: tuple[float, float, float, float, float, float],
+) -> None:
     """Add to A the matrix with the given rows, minus x b^T and y c^T."""
     for i in range(6):
         for j in range(6):

@@ -6,13 +6,23 @@ The terms of the balance (75) of the links: inertia, momentum and joint torques,
 O is the center of the middle link; twists, wrenches and inertias are in axes of I.
 """
 
+from typing import Any
+
 from snake_sim_ros.dynamics.compilation import inlined, merged
-from snake_sim_ros.dynamics.control_loop import held_torque
-from snake_sim_ros.dynamics.joint_control import pd_law
+from snake_sim_ros.dynamics.joint_control import ControlMemory, held_torque, pd_law
+from snake_sim_ros.scene.parameters import Array
 
 
 @merged
-def control_impulses(model, control, coordinate, angle, rate, torques, dampings):
+def control_impulses(
+    model: Any,
+    control: ControlMemory,
+    coordinate: Array,
+    angle: Array,
+    rate: Array,
+    torques: Array,
+    dampings: Array,
+) -> None:
     """
     Fill the impulses and the implicit damping of the controller on every joint axis.
 
@@ -54,7 +64,9 @@ def control_impulses(model, control, coordinate, angle, rate, torques, dampings)
 
 
 @inlined
-def axis_loads(axis, torque, damping, axis_torque, axis_damping):
+def axis_loads(
+    axis: Array, torque: Array, damping: Array, axis_torque: Array, axis_damping: Array
+) -> None:
     """
     Fill the torques and damping of the controller in terms of the rates of the joint axes.
 
@@ -86,7 +98,7 @@ def axis_loads(axis, torque, damping, axis_torque, axis_damping):
 
 
 @inlined
-def joint_rates(R, twist, rate):
+def joint_rates(R: Array, twist: Array, rate: Array) -> None:
     """
     Fill the rates of all joints.
 
@@ -110,7 +122,7 @@ def joint_rates(R, twist, rate):
 
 
 @inlined
-def link_inertia(model, R, center, inertia):
+def link_inertia(model: Any, R: Array, center: Array, inertia: Array) -> None:
     """
     Fill the inertia of every link about O, eqs. (47), (48).
 
@@ -148,7 +160,9 @@ def link_inertia(model, R, center, inertia):
 
 
 @inlined
-def smooth_momentum(model, dt, u, u_h, R, center, momentum):
+def smooth_momentum(
+    model: Any, dt: float, u: Array, u_h: Array, R: Array, center: Array, momentum: Array
+) -> None:
     """
     Fill the momentum ``M u + h(u_h) dt`` of every link as a wrench about O, eq. (75).
 

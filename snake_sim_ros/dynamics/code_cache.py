@@ -6,12 +6,14 @@ The cache of compiled functions on disk, which belongs to exactly these sources 
 Numba notices a change in the file of a function, but not in a function that it calls from another
 file, and it keeps the code of every installation apart. Here a folder is named after the contents
 of all modules in ROOMS and the versions of the compiler. Every installation of the same sources
-finds it, and whatever is in it is up to date.
+finds it, and whatever is in it is up to date. What comes from another package, such as the
+laboratory or a user's own method, is found by the contents of that package as well.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 import fcntl
+from functools import cache
 import hashlib
 import os
 from pathlib import Path
@@ -30,7 +32,7 @@ import numpy as np
 from snake_sim_ros.scene import PACKAGE
 
 # Folders of all modules with compiled functions, and of the modules that these import.
-ROOMS = ('scene', 'dynamics', 'gaits', 'contact', 'stepping', 'comparison')
+ROOMS = ('scene', 'dynamics', 'gaits', 'contact', 'stepping')
 COMPILERS = (numba, llvmlite, np)  # libraries that determine the code
 GENERATIONS = 4  # folders of other sources that are kept, those that were used last
 
@@ -57,6 +59,27 @@ def identity(places: Sequence[str] = ROOMS) -> str:
         content = hashlib.sha256(path.read_bytes()).hexdigest()
         digest.update(f'{path.relative_to(PACKAGE)} {content}\n'.encode())
     return digest.hexdigest()[:16]
+
+
+@cache
+def sources_of(package: str) -> str:
+    """Return a name for the contents of another package, or of the module with that name."""
+    module = sys.modules.get(package)
+    file = Path(getattr(module, '__file__', None) or '')
+    if not file.is_file():  # typed at a prompt
+        return ''
+    digest = hashlib.sha256()
+    for path in sorted(file.parent.rglob('*.py')) if hasattr(module, '__path__') else [file]:
+        digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()[:16]
+
+
+def modules_of(kind: Any) -> Iterator[str]:
+    """Yield the modules of all classes of tuples in a type of Numba."""
+    if hasattr(kind, 'instance_class'):
+        yield kind.instance_class.__module__
+    for part in (*getattr(kind, 'kinds', ()), *getattr(kind, 'types', ())):
+        yield from modules_of(part)
 
 
 def cache_folder() -> Path | None:
@@ -88,7 +111,7 @@ def cache_folder() -> Path | None:
 
 
 def is_private(folder: Path) -> bool:
-    """Return whether a folder is this user's, and nobody else can read or write it."""
+    """Return whether a folder belongs to this user, and no other user can read or write it."""
     found = folder.lstat()
     others = stat.S_IRWXG | stat.S_IRWXO
     return (
@@ -130,7 +153,7 @@ class Locator(_CacheLocator):  # type: ignore[misc]
         return ''
 
     def get_disambiguator(self) -> str:
-        """Return what tells functions of the same name in one module apart."""
+        """Return what distinguishes functions of the same name in one module."""
         return str(self.line)
 
     @classmethod
@@ -151,7 +174,7 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
     ----------
     shares_work : bool
         Whether this process waits for functions that another one of these processes compiles at
-        the moment. That cannot last for ever, because no function calls itself.
+        the moment. It cannot deadlock, because no function calls itself.
 
     """
 
@@ -162,12 +185,18 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
         super().__init__(function)
         self._lock: IO[str] | None = None
 
+    def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
+        """Return the key of Numba, with the contents of other packages that take part."""
+        modules = {self._py_func.__module__, *(name for kind in sig for name in modules_of(kind))}
+        others = {name.partition('.')[0] for name in modules} - {PACKAGE.name}
+        return (*super()._index_key(sig, codegen), *map(sources_of, sorted(others)))
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """
         Return the code for some types of arguments, or None: this process compiles it.
 
-        The cache of Numba gets its whole compiler ready first, and with that imports SciPy, which
-        takes longer than all else at a start. What is only loaded needs none of it.
+        The cache of Numba first initializes its whole compiler, which imports SciPy and takes
+        longer than anything else at a start. What is only loaded needs none of it.
         """
         found = self._load_overload(sig, target_context)
         if found is None and self.shares_work and self._lock is None:
@@ -182,7 +211,7 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Save the code for some types of arguments, if the disk takes it."""
+        """Save the code for some types of arguments, if they can be written."""
         with suppress(OSError):  # The folder was deleted, or the disk is full.
             # Numba reads the index of a function, and then writes it with one more.
             with locked():
@@ -190,7 +219,7 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
         self.unlock()
 
     def unlock(self) -> None:
-        """Let other processes compile the function that this one has begun with."""
+        """Let other processes compile the function that this one had begun."""
         if self._lock:
             self._lock.close()
             self._lock = None
@@ -198,7 +227,7 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
 
 @contextmanager
 def locked() -> Iterator[None]:
-    """Let other processes wait that write to the folder."""
+    """Make other processes that write to the folder wait."""
     assert FOLDER
     with (FOLDER / 'lock').open('w') as file:
         fcntl.flock(file, fcntl.LOCK_EX)

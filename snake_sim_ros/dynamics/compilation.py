@@ -163,7 +163,7 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any
 
 
 class _Patience(event.Listener):  # type: ignore[misc]
-    """Lets garbage be looked for less often: the compiler makes millions of objects that stay."""
+    """Collects garbage less often: the compiler makes millions of objects that stay."""
 
     def __init__(self) -> None:
         self.depth, self.threshold = 0, gc.get_threshold()
@@ -206,7 +206,7 @@ class _Teller(event.Listener):  # type: ignore[misc]
 @contextmanager
 def watched(tell: Callable[[str], object], *, at_end: bool = False) -> Iterator[None]:
     """
-    Tell the name of every function that is not in the cache, before or after it is compiled.
+    Report the name of every function that is not in the cache, before or after it is compiled.
 
     It is not compiled if `tell` raises an error before.
     """
@@ -235,7 +235,10 @@ class Columns:
         return self.records[key]
 
 
-def record_array(count: int, dtype: np.dtype[Any]) -> Any:
+Table = Any  # what `record_array` returns
+
+
+def record_array(count: int, dtype: np.dtype[Any]) -> Table:
     """
     Return an array of zero records whose fields are attributes, in compiled code or without it.
 
@@ -247,7 +250,7 @@ def record_array(count: int, dtype: np.dtype[Any]) -> Any:
 
 
 class PackType(types.Type):
-    """The type of a few numbers in one register, on which operations act at once; see `pack`."""
+    """The type of a few numbers in one register, on which operations act at once; see `pair`."""
 
     def __init__(self, width: int) -> None:
         self.width = width
@@ -361,6 +364,8 @@ def _choice(a: Any, b: Any, x: Any, y: Any) -> Any:
 # A few numbers in one register of the processor, on which operations act at once; `x[k]` is one of
 # them. `choose(a, b, x, y)` is x where a > b, and y elsewhere. Where nothing is compiled they are
 # arrays.
+Pack = Any
+Packs = tuple[Pack, Pack, Pack, Pack, Pack, Pack]  # components of two or four twists or wrenches
 pair = _pack2 if COMPILES else _array
 four = _pack4 if COMPILES else _array
 square_root = _root if COMPILES else np.sqrt
@@ -380,6 +385,6 @@ def _time_stamp(typing_context: Any) -> Any:
 
 
 @compiled
-def cycle_counter():
+def cycle_counter() -> int:
     """Return the counter of an x86_64 processor; 0 elsewhere, or if nothing is compiled."""
     return _time_stamp() if COMPILES else 0

@@ -18,12 +18,12 @@ give the velocities without contact impulses, ``X f``.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.articulated_body import add, combine, dot, row_of, store
-from snake_sim_ros.dynamics.compilation import inlined, pair, square_root
+from snake_sim_ros.dynamics.articulated_body import add, Chain, combine, dot, row_of, store
+from snake_sim_ros.dynamics.compilation import inlined, Packs, pair, square_root
 from snake_sim_ros.scene.parameters import Array
 
 
@@ -49,21 +49,21 @@ def make_free_chain(n: int) -> FreeChain:
 
 
 @inlined
-def joint_column(n, j):
+def joint_column(n: int, j: int) -> int:
     """Return the place in `load` of joint j of n links; that of its second axis follows."""
     root = n // 2
     return 6 + 2 * (j if j >= root else root - 1 - j)
 
 
 @inlined
-def opposite(n, k):
-    """Return the link of the other arm that is done with link k, and its joint."""
+def opposite(n: int, k: int) -> tuple[int, int]:
+    """Return the link of the other arm that is processed with link k, and its joint."""
     i = n - k - n % 2
     return (i, i - 1) if i < n else (0, 0)
 
 
 @inlined
-def factor_free(chain):
+def factor_free(chain: Chain) -> None:
     """
     Factor the chain without contacts, and fill the loads of its momentum and torques.
 
@@ -87,7 +87,62 @@ def factor_free(chain):
 
 
 @inlined
-def fold_free(chain, j, other, column, other_column, A, w):
+def fold_free(
+    chain: Chain,
+    j: int,
+    other: int,
+    column: int,
+    other_column: int,
+    A: tuple[
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+    ],
+    w: Packs,
+) -> tuple[
+    tuple[
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+    ],
+    Packs,
+]:
     """
     Return what the parents of two joints feel of the inertias and the wrenches beyond.
 
@@ -134,14 +189,14 @@ def fold_free(chain, j, other, column, other_column, A, w):
 
 
 @inlined
-def fold_wrench(axis, reach, w):
+def fold_wrench(axis: Array, reach: Array, w: Packs) -> tuple[Array, Array, Packs]:
     """Return the loads that a wrench beyond a joint causes, and what the parent feels of it."""
     load0, load1 = dot(row_of(axis, 0), w), dot(row_of(axis, 1), w)
     return load0, load1, less(less(w, load0, row_of(reach, 0)), load1, row_of(reach, 1))
 
 
 @inlined
-def unfold_free(free, load, twist):
+def unfold_free(free: FreeChain, load: Array, twist: Array) -> None:
     """Fill the twists of all links, shape (n, 6), that loads cause on the factored chain."""
     n = len(twist)
     root = n // 2
@@ -164,7 +219,7 @@ def unfold_free(free, load, twist):
 
 
 @inlined
-def row_pair(A, i, j):
+def row_pair(A: Array, i: int, j: int) -> Packs:
     """Return the rows i and j of A, side by side."""
     return (
         pair(A[i, 0], A[j, 0]), pair(A[i, 1], A[j, 1]), pair(A[i, 2], A[j, 2]),
@@ -173,20 +228,20 @@ def row_pair(A, i, j):
 
 
 @inlined
-def store_pair(A, i, j, w):
+def store_pair(A: Array, i: int, j: int, w: Packs) -> None:
     """Write the first numbers of w to row i of A, the second ones to row j."""
     store(A, i, lane_of(w, 0))
     store(A, j, lane_of(w, 1))
 
 
 @inlined
-def lane_of(w, k):
+def lane_of(w: Packs, k: int) -> tuple[float, float, float, float, float, float]:
     """Return the k-th numbers of six pairs."""
     return w[0][k], w[1][k], w[2][k], w[3][k], w[4][k], w[5][k]
 
 
 @inlined
-def both_arms(v):
+def both_arms(v: tuple[float, float, float, float, float, float]) -> Packs:
     """Return pairs of the same numbers."""
     return (
         pair(v[0], v[0]), pair(v[1], v[1]), pair(v[2], v[2]),
@@ -195,7 +250,7 @@ def both_arms(v):
 
 
 @inlined
-def of_first_arm(w):
+def of_first_arm(w: Packs) -> Packs:
     """Return w with 0 for the other arm."""
     return (
         pair(w[0][0], 0.0), pair(w[1][0], 0.0), pair(w[2][0], 0.0),
@@ -204,7 +259,7 @@ def of_first_arm(w):
 
 
 @inlined
-def less(a, x, b):
+def less(a: Packs, x: Array, b: Packs) -> Packs:
     """Return a - x b."""
     return (
         a[0] - x * b[0], a[1] - x * b[1], a[2] - x * b[2],
@@ -216,7 +271,32 @@ def less(a, x, b):
 
 
 @inlined
-def symmetric_times(A, s):
+def symmetric_times(
+    A: tuple[
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+    ],
+    s: Packs,
+) -> Packs:
     """Return A s."""
     return (
         (A[0] * s[0] + A[1] * s[1]) + (A[2] * s[2] + A[3] * s[3]) + (A[4] * s[4] + A[5] * s[5]),
@@ -237,7 +317,57 @@ def symmetric_times(A, s):
 
 
 @inlined
-def reduced(A, x, a, y, b):
+def reduced(
+    A: tuple[
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+    ],
+    x: Packs,
+    a: Packs,
+    y: Packs,
+    b: Packs,
+) -> tuple[
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+]:
     """Return ``A - x a^T - y b^T``, which is symmetric."""
     return (
         A[0] - x[0] * a[0] - y[0] * b[0], A[1] - x[0] * a[1] - y[0] * b[1],
@@ -258,7 +388,55 @@ def reduced(A, x, a, y, b):
 
 
 @inlined
-def add_links(A, bare, other):
+def add_links(
+    A: tuple[
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+    ],
+    bare: Array,
+    other: Array,
+) -> tuple[
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+]:
     """Return A plus the inertias of two links, of which six numbers are 0 about any point."""
     return (
         A[0] + pair(bare[0, 0], other[0, 0]), A[1] + pair(bare[0, 1], other[0, 1]),
@@ -273,7 +451,32 @@ def add_links(A, bare, other):
 
 
 @inlined
-def root_inertia(A, bare):
+def root_inertia(
+    A: tuple[
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+    ],
+    bare: Array,
+) -> tuple[float, ...]:
     """Return the articulated inertia of the root from those of both arms and its own."""
     return (
         A[0][0] + A[0][1] + bare[0, 0], A[1][0] + A[1][1] + bare[0, 1],
@@ -291,7 +494,53 @@ def root_inertia(A, bare):
 
 
 @inlined
-def inertia_of_first_arm(A):
+def inertia_of_first_arm(
+    A: tuple[
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+        Array,
+    ],
+) -> tuple[
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+    Array,
+]:
     """Return A with 0 for the other arm."""
     return (
         pair(A[0][0], 0.0), pair(A[1][0], 0.0), pair(A[2][0], 0.0), pair(A[3][0], 0.0),
@@ -304,7 +553,7 @@ def inertia_of_first_arm(A):
 
 
 @inlined
-def scaled(x, a):
+def scaled(x: Any, a: Packs) -> Packs:
     """Return x a."""
     return x * a[0], x * a[1], x * a[2], x * a[3], x * a[4], x * a[5]
 
@@ -313,7 +562,7 @@ def scaled(x, a):
 
 
 @inlined
-def factor_root(root, A):
+def factor_root(root: Array, A: tuple[float, ...]) -> None:
     """Fill the factors of the articulated inertia A of the root."""
     m = 0
     for i in range(6):
@@ -332,7 +581,7 @@ def factor_root(root, A):
 
 
 @inlined
-def root_load(L, w):
+def root_load(L: Array, w: Packs) -> Packs:
     """Return the scaled loads of the root that a wrench causes."""
     z0 = w[0]
     z1 = w[1] - L[1, 0] * z0
@@ -344,7 +593,7 @@ def root_load(L, w):
 
 
 @inlined
-def root_twist(L, load):
+def root_twist(L: Array, load: Array) -> tuple[float, float, float, float, float, float]:
     """Return the twist of the root that its scaled loads cause."""
     v5 = load[5] * L[5, 5]
     v4 = load[4] * L[4, 4] - L[5, 4] * v5

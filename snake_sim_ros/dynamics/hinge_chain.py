@@ -33,7 +33,7 @@ class HingeChain(NamedTuple):
 
 
 @compiled
-def factor_hinges(chain):
+def factor_hinges(chain: HingeChain) -> None:
     """
     Turn link inertias into articulated ones, and that of the root into its factors L D L^T.
 
@@ -62,7 +62,9 @@ def factor_hinges(chain):
 
 
 @inlined
-def fold_hinge(j, axis, damping, A, parent, left, compliance):
+def fold_hinge(
+    j: int, axis: Array, damping: Array, A: Array, parent: Array, left: Array, compliance: Array
+) -> None:
     """Add to the inertia of the parent what it feels through joint j of the inertia A beyond."""
     s0, s1, s2 = axis[j, 0], axis[j, 1], axis[j, 2]
     g0 = A[0] * s0 + A[1] * s1 + A[2] * s2
@@ -81,7 +83,7 @@ def fold_hinge(j, axis, damping, A, parent, left, compliance):
 
 
 @compiled
-def solve_hinges(chain, torque):
+def solve_hinges(chain: HingeChain, torque: Array) -> None:
     """
     Fill the twists and rates that loads cause on a factored chain, as in `articulated_body`.
 
@@ -117,7 +119,15 @@ def solve_hinges(chain, torque):
 
 
 @inlined
-def fold(j, axis, left, torque, load, wrench, beyond):
+def fold(
+    j: int,
+    axis: Array,
+    left: Array,
+    torque: Array,
+    load: Array,
+    wrench: Array,
+    beyond: tuple[float, float, float],
+) -> tuple[float, float, float]:
     """Return what the parent of joint j feels of the wrenches beyond; store its load."""
     w0, w1, w2 = wrench[0] + beyond[0], wrench[1] + beyond[1], wrench[2] + beyond[2]
     s = torque[j] + (axis[j, 0] * w0 + axis[j, 1] * w1 + axis[j, 2] * w2)
@@ -126,7 +136,16 @@ def fold(j, axis, left, torque, load, wrench, beyond):
 
 
 @inlined
-def unfold(j, axis, left, compliance, load, rate, twist, v):
+def unfold(
+    j: int,
+    axis: Array,
+    left: Array,
+    compliance: Array,
+    load: Array,
+    rate: Array,
+    twist: Array,
+    v: tuple[float, float, float],
+) -> tuple[float, float, float]:
     """Fill and return the twist of the link beyond joint j from that of its parent, v."""
     s = compliance[j] * load[j] - (left[j, 0] * v[0] + left[j, 1] * v[1] + left[j, 2] * v[2])
     rate[j] = s

@@ -16,14 +16,14 @@ import math
 
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 from snake_sim_ros.dynamics.kinematics import axis_x, axis_y, axis_z
-from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS
+from snake_sim_ros.scene.parameters import Array, DRIFT_CORRECTIONS
 
 SMALL_SQUARE = 1e-6  # of a sine; its third power is below rounding
 PAPER, CENTER_OF_MASS, NONE = range(len(DRIFT_CORRECTIONS))
 
 
 @inlined
-def joint_violation(half_length, q):
+def joint_violation(half_length: Array, q: Array) -> tuple[float, float]:
     """Return the largest violation of a joint in position [m] and angle [1], eqs. (11)-(13)."""
     gap = twist = 0.0
     for j in range(len(q) - 1):
@@ -36,7 +36,7 @@ def joint_violation(half_length, q):
 
 
 @inlined
-def joint_violation_rate(half_length, R, u, omega):
+def joint_violation_rate(half_length: Array, R: Array, u: Array, omega: Array) -> float:
     """
     Return the fastest rate of joint violations at given velocities [m/s], eqs. (38)-(41).
 
@@ -59,7 +59,7 @@ def joint_violation_rate(half_length, R, u, omega):
 
 
 @inlined
-def close_joints(rule, half_length, mass, furthest, q):
+def close_joints(rule: int, half_length: Array, mass: Array, furthest: Array, q: Array) -> None:
     """
     Remove the joint drift, section VII-C: link by link from the first one, which stays in place.
 
@@ -107,7 +107,7 @@ def close_joints(rule, half_length, mass, furthest, q):
 
 
 @merged
-def square_axes(q, j):
+def square_axes(q: Array, j: int) -> None:
     """
     Turn link j+1 until its e_x is at right angles to e_y of link j.
 
@@ -131,7 +131,7 @@ def square_axes(q, j):
 
 
 @inlined
-def turn_link(q, i, c, x, y, z):
+def turn_link(q: Array, i: int, c: float, x: float, y: float, z: float) -> None:
     """Turn link i by the rotation in I with the Euler parameters (c, x, y, z)."""
     e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
     q[i, 3], q[i, 4], q[i, 5], q[i, 6] = (
@@ -143,19 +143,19 @@ def turn_link(q, i, c, x, y, z):
 
 
 @inlined
-def joint_twist(q, j):
+def joint_twist(q: Array, j: int) -> float:
     """Return e_y of link j times e_x of link j+1: g_Jphi, eq. (13)."""
     return along(axis_y(q, j), axis_x(q, j + 1))
 
 
 @inlined
-def along(a, b):
+def along(a: tuple[float, float, float], b: tuple[float, float, float]) -> float:
     """Return the scalar product of two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inlined
-def furthest_angle(stop, q, j, k, middle):
+def furthest_angle(stop: float, q: Array, j: int, k: int, middle: float) -> float:
     """
     Return the largest angle of axis k of joint j, to either side, after a step of the paper [rad].
 
@@ -183,7 +183,7 @@ def furthest_angle(stop, q, j, k, middle):
 
 
 @compiled
-def joint_angle(q, j, k):
+def joint_angle(q: Array, j: int, k: int) -> float:
     """Return the angle of axis k of joint j, eq. (66) [rad]."""
     if k == 0:
         a, b, c = axis_z(q, j), axis_x(q, j), axis_x(q, j + 1)
@@ -193,7 +193,7 @@ def joint_angle(q, j, k):
 
 
 @compiled
-def turn_back(q, j, furthest):
+def turn_back(q: Array, j: int, furthest: Array) -> None:
     """Turn link j+1 about the axes of joint j until its angles are at most `furthest`."""
     for k in range(2):
         angle = joint_angle(q, j, k)

@@ -25,7 +25,7 @@ P is that of the solution before, so that what is left of w - v vanishes with th
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -90,7 +90,7 @@ def make_axis_laws(n: int) -> AxisLaws:
 
 
 @inlined
-def begin_axis(laws, axes, h, j, k):
+def begin_axis(laws: JointLaws, axes: AxisLaws, h: float, j: int, k: int) -> None:
     """Fill limit, friction and bounds of axis k of joint j for a time h [s], without stops."""
     axes.limit[j, k] = h * laws.torque_limit[j, k]
     axes.friction[j, k] = h * laws.friction[j, k]
@@ -99,34 +99,36 @@ def begin_axis(laws, axes, h, j, k):
 
 
 @inlined
-def stop_axis(laws, axes, j, k, low, high):
+def stop_axis(laws: JointLaws, axes: AxisLaws, j: int, k: int, low: float, high: float) -> None:
     """Bound the rate of axis k of joint j by its stops [rad/s], within what the rate may be."""
     axes.low[j, k] = min(max(low, -laws.fastest), laws.fastest)
     axes.high[j, k] = min(max(high, -laws.fastest), laws.fastest)
 
 
 @inlined
-def controller_impulse(axes, j, k):
+def controller_impulse(axes: AxisLaws, j: int, k: int) -> float:
     """Return the impulse of the controller on axis k of joint j [N m s]."""
     P, L = axes.torque[j, k] - axes.damping[j, k] * axes.rate[j, k], axes.limit[j, k]
     return min(max(P, -L), L)
 
 
 @inlined
-def first_law(inertia, axes, j, k):
-    """Return torque and damping to begin with, from the rate in axes.rate; see `axis_law`."""
+def first_law(inertia: float, axes: AxisLaws, j: int, k: int) -> tuple[float, float]:
+    """Return the first torque and damping, from the rate in axes.rate; see `axis_law`."""
     axes.cut[j, k] = axes.slip[j, k] = axes.held[j, k] = 0.0
     torque, damping, _ = axis_law(inertia, axes, j, k, controller_impulse(axes, j, k))
     return torque, damping
 
 
 @compiled
-def axis_law(inertia, axes, j, k, impulse):
+def axis_law(
+    inertia: float, axes: AxisLaws, j: int, k: int, impulse: float
+) -> tuple[float, float, float]:
     """
     Return the part of the law of axis k of joint j that a trial solution falls on.
 
     From one limit to the other, from sliding one way to the other, and from one bound of the rate
-    to the other, it goes over the part between them. Else Newton's method would go to and fro.
+    to the other, it passes the part between them. Otherwise Newton's method oscillates.
 
     Parameters
     ----------
@@ -177,7 +179,9 @@ def axis_law(inertia, axes, j, k, impulse):
 
 
 @inlined
-def rate_on_slope(torque, R, F, L, V, r, z):
+def rate_on_slope(
+    torque: float, R: float, F: float, L: float, V: float, r: float, z: float
+) -> tuple[float, float]:
     """
     Return the rate w with ``w - r P = z`` while friction F acts, and the sign of the limit there.
 
@@ -192,32 +196,34 @@ def rate_on_slope(torque, R, F, L, V, r, z):
 
 
 @inlined
-def is_at_stop(laws, axes, j, k):
+def is_at_stop(laws: JointLaws, axes: AxisLaws, j: int, k: int) -> bool:
     """Return whether axis k of joint j meets a stop: it moves at the rate that leads there."""
     w = axes.rate[j, k]
     return (is_low(laws, axes, j, k) or is_high(laws, axes, j, k)) and abs(w) > SAME_RATE
 
 
 @inlined
-def is_low(laws, axes, j, k):
+def is_low(laws: JointLaws, axes: AxisLaws, j: int, k: int) -> bool:
     """Return whether axis k of joint j has the lower rate that a stop of its angle allows."""
     return axes.low[j, k] > -laws.fastest and is_at(axes.rate[j, k], axes.low[j, k])
 
 
 @inlined
-def is_high(laws, axes, j, k):
+def is_high(laws: JointLaws, axes: AxisLaws, j: int, k: int) -> bool:
     """Return whether axis k of joint j has the upper rate that a stop of its angle allows."""
     return axes.high[j, k] < laws.fastest and is_at(axes.rate[j, k], axes.high[j, k])
 
 
 @inlined
-def is_at(rate, bound):
+def is_at(rate: float, bound: float) -> bool:
     """Return whether a rate is that of a bound [rad/s]."""
     return abs(rate - bound) <= SAME_RATE
 
 
 @inlined
-def begin_axis_impact(laws, axes, j, k, torque, damping):
+def begin_axis_impact(
+    laws: JointLaws, axes: AxisLaws, j: int, k: int, torque: float, damping: float
+) -> tuple[float, float]:
     """
     Return torque and damping of axis k of joint j in an impact after a part of a step.
 
@@ -248,7 +254,7 @@ def begin_axis_impact(laws, axes, j, k, torque, damping):
 
 
 @merged
-def begin_joint_laws(model, work, q):
+def begin_joint_laws(model: Any, work: Any, q: Array) -> None:
     """
     Begin a step of the paper with the laws of the joints; work has those of the controller.
 
@@ -270,7 +276,16 @@ def begin_joint_laws(model, work, q):
 
 
 @inlined
-def joint_laws_change(laws, axes, torque, damping, outcome, attempt, left, report):
+def joint_laws_change(
+    laws: JointLaws,
+    axes: AxisLaws,
+    torque: Array,
+    damping: Array,
+    outcome: Any,
+    attempt: int,
+    left: int,
+    report: Any,
+) -> bool:
     """
     Fill torques and dampings, shape (n-1, 2), of the next solution; return whether there is one.
 

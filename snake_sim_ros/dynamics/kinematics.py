@@ -3,9 +3,9 @@
 """
 Compiled kinematics of the chain of links: eqs. (6), (66), (72), (83).
 
-The relations are those of `stepping.reference`, for whole arrays of links and without temporary
-arrays. Coordinates q of a link are its center [m, frame I] and Euler parameters, scalar first.
-Velocities u are that of the center [m/s, frame I] and the angular velocity [rad/s, frame B].
+The relations hold for whole arrays of links and are computed without temporary arrays. Coordinates
+q of a link are its center [m, frame I] and Euler parameters, scalar first. Velocities u are that
+of the center [m/s, frame I] and the angular velocity [rad/s, frame B].
 
 The arrays of n links are:
 
@@ -19,7 +19,8 @@ The arrays of n links are:
 
 import math
 
-from snake_sim_ros.dynamics.compilation import choose, compiled, inlined, merged, pair
+from snake_sim_ros.dynamics.compilation import choose, compiled, inlined, merged, Pack, pair
+from snake_sim_ros.scene.parameters import Array
 
 FLAT_GAP = 1e-4  # largest gap, and depth, of a robot that lies flat [m]
 FLAT_TILT = 1e-3  # its largest roll [rad]
@@ -27,7 +28,7 @@ STILL_SPEED = 1e-3  # largest vertical and rolling speed of a robot that lies st
 
 
 @compiled
-def link_frames(p, R):
+def link_frames(p: Array, R: Array) -> None:
     """
     Fill the rotation matrices of links, eq. (6).
 
@@ -54,7 +55,7 @@ def link_frames(p, R):
 
 
 @inlined
-def rates_in_inertial_frame(R, u, omega):
+def rates_in_inertial_frame(R: Array, u: Array, omega: Array) -> None:
     """Fill the angular velocities of links in I, `omega`."""
     for i in range(len(u)):
         for k in range(3):
@@ -62,7 +63,9 @@ def rates_in_inertial_frame(R, u, omega):
 
 
 @compiled
-def half_rotation(p, omega, step):
+def half_rotation(
+    p: tuple[float, float, float, float], omega: tuple[float, float, float], step: float
+) -> tuple[float, float, float, float]:
     """
     Return ``p + step H_bar(p)^T omega``: half of a step of the kinematic map (74).
 
@@ -92,7 +95,7 @@ def half_rotation(p, omega, step):
 
 
 @compiled
-def middle_coordinates(dt, q, u, q_mid):
+def middle_coordinates(dt: float, q: Array, u: Array, q_mid: Array) -> None:
     """
     Fill the coordinates at the middle of a step, eq. (72), solved in closed form for p_M.
 
@@ -109,7 +112,7 @@ def middle_coordinates(dt, q, u, q_mid):
 
 
 @inlined
-def end_coordinates(dt, q_mid, u, q):
+def end_coordinates(dt: float, q_mid: Array, u: Array, q: Array) -> None:
     """
     Fill the coordinates at the end of a step, eq. (83), with Euler parameters of length 1 (VII-C).
 
@@ -126,7 +129,7 @@ def end_coordinates(dt, q_mid, u, q):
 
 
 @inlined
-def joint_coordinates(R, omega, coordinate):
+def joint_coordinates(R: Array, omega: Array, coordinate: Array) -> None:
     """
     Fill the angles and rates of all joints, eq. (66).
 
@@ -148,7 +151,7 @@ def joint_coordinates(R, omega, coordinate):
 
 
 @merged
-def angles(y, x):
+def angles(y: Pack, x: Pack) -> Pack:
     """
     Return ``atan2(y, x)`` of two pairs of numbers to two units in the last place.
 
@@ -177,7 +180,7 @@ def angles(y, x):
 
 
 @compiled
-def joint_motions(q, u, R, omega, coordinate):
+def joint_motions(q: Array, u: Array, R: Array, omega: Array, coordinate: Array) -> None:
     """
     Fill the angles and rates of all joints in m states, as `joint_coordinates` does for one.
 
@@ -191,7 +194,7 @@ def joint_motions(q, u, R, omega, coordinate):
 
 
 @compiled
-def chain_geometry(half_length, R, center, axis):
+def chain_geometry(half_length: Array, R: Array, center: Array, axis: Array) -> None:
     """
     Fill the link centers and the twists of the joint axes, from O in axes of I.
 
@@ -222,7 +225,7 @@ def chain_geometry(half_length, R, center, axis):
 
 
 @inlined
-def twists(u, omega, center, twist):
+def twists(u: Array, omega: Array, center: Array, twist: Array) -> None:
     """Fill the twists of links about O, in axes of I."""
     for i in range(len(u)):
         wx, wy, wz = omega[i, 0], omega[i, 1], omega[i, 2]
@@ -234,7 +237,7 @@ def twists(u, omega, center, twist):
 
 
 @inlined
-def end_velocities(twist, R, center, u):
+def end_velocities(twist: Array, R: Array, center: Array, u: Array) -> None:
     """Fill the velocities of links, `u`, from their twists about O."""
     for i in range(len(u)):
         wx, wy, wz = twist[i, 0], twist[i, 1], twist[i, 2]
@@ -247,7 +250,7 @@ def end_velocities(twist, R, center, u):
 
 
 @inlined
-def axis_x(q, i):
+def axis_x(q: Array, i: int) -> tuple[float, float, float]:
     """Return e_x of link i in I, from coordinates q (n, 7) with unit Euler parameters."""
     e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
     return (
@@ -258,7 +261,7 @@ def axis_x(q, i):
 
 
 @inlined
-def axis_y(q, i):
+def axis_y(q: Array, i: int) -> tuple[float, float, float]:
     """Return e_y of link i in I, from coordinates q (n, 7) with unit Euler parameters."""
     e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
     return (
@@ -269,7 +272,7 @@ def axis_y(q, i):
 
 
 @inlined
-def axis_z(q, i):
+def axis_z(q: Array, i: int) -> tuple[float, float, float]:
     """Return e_z of link i in I, from coordinates q (n, 7) with unit Euler parameters."""
     e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
     return (
@@ -280,7 +283,9 @@ def axis_z(q, i):
 
 
 @compiled
-def chain_coordinates(half_length, mass, pose, angle, q):
+def chain_coordinates(
+    half_length: Array, mass: Array, pose: Array, angle: Array, q: Array
+) -> None:
     """
     Fill the coordinates of all links from center of mass, middle link and joint angles.
 
@@ -319,7 +324,7 @@ def chain_coordinates(half_length, mass, pose, angle, q):
 
 
 @inlined
-def mean_of_links(mass, x):
+def mean_of_links(mass: Array, x: Array) -> tuple[float, float, float]:
     """Return the mean of the first three columns of x, weighted with the masses of the links."""
     x0 = x1 = x2 = mass_sum = 0.0
     for i in range(len(mass)):
@@ -331,21 +336,32 @@ def mean_of_links(mass, x):
 
 
 @inlined
-def turned_about_x(e0, e1, e2, e3, half_angle):
+def turned_about_x(
+    e0: float, e1: float, e2: float, e3: float, half_angle: float
+) -> tuple[float, float, float, float]:
     """Return Euler parameters turned about their own e_x by twice an angle [rad]."""
     c, s = math.cos(half_angle), math.sin(half_angle)
     return c * e0 - s * e1, c * e1 + s * e0, c * e2 + s * e3, c * e3 - s * e2
 
 
 @inlined
-def turned_about_y(e0, e1, e2, e3, half_angle):
+def turned_about_y(
+    e0: float, e1: float, e2: float, e3: float, half_angle: float
+) -> tuple[float, float, float, float]:
     """Return Euler parameters turned about their own e_y by twice an angle [rad]."""
     c, s = math.cos(half_angle), math.sin(half_angle)
     return c * e0 - s * e2, c * e1 - s * e3, c * e2 + s * e0, c * e3 + s * e1
 
 
 @inlined
-def place_link(half_length, q, i, beside, side, p):
+def place_link(
+    half_length: Array,
+    q: Array,
+    i: int,
+    beside: int,
+    side: float,
+    p: tuple[float, float, float, float],
+) -> None:
     """Fill q of link i with Euler parameters p, joined to a link on the given side of it."""
     q[i, 3], q[i, 4], q[i, 5], q[i, 6] = p
     a, b = axis_z(q, beside), axis_z(q, i)
@@ -354,7 +370,7 @@ def place_link(half_length, q, i, beside, side, p):
 
 
 @merged
-def floor_penetration(offset, radius, q):
+def floor_penetration(offset: Array, radius: Array, q: Array) -> float:
     """
     Return how deep the lowest contact sphere is below the floor [m], 0 if it is not.
 
@@ -368,7 +384,7 @@ def floor_penetration(offset, radius, q):
 
 
 @merged
-def lies_flat_and_still(offset, radius, q, u, omega):
+def lies_flat_and_still(offset: Array, radius: Array, q: Array, u: Array, omega: Array) -> bool:
     """
     Return whether every link is on the floor, is not rolled, and moves in the plane only.
 

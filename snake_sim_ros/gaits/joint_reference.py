@@ -8,7 +8,6 @@ import math
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.gaits.point_bytes import compile_reading
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.posture import initial_coordinates, joint_angles
 
@@ -297,8 +296,7 @@ def start_posture(scene: Scene, now: float = 0.0) -> JointReference:
 
 
 def compile_sampling(scene: Scene) -> None:
-    """Compile the functions that read and sample references, or load them from the cache."""
-    compile_reading()
+    """Compile the functions that sample references, or load them from the cache."""
     still = motion_through(np.array([0]), np.zeros(1), np.zeros((1, 1)), None)
     start_posture(scene).moved(still).sample(np.zeros(1), 0.0, 1.0)
 

@@ -11,7 +11,7 @@ import os
 import resource
 import sys
 
-from snake_sim_ros.nodes.signals import on_signals
+from snake_sim_ros.nodes.programs import missing_ros, on_signals
 
 # MB of addresses with which the nodes start; with 1000, 300 and 600 they abort, or wait.
 NEEDED = {'sim': 1500, 'gait': 600, 'viewer': 1000}
@@ -49,8 +49,7 @@ def _run(name: str) -> int:
     except ImportError as error:
         package = (error.name or '').partition('.')[0]
         of_ros = package == 'rclpy' or package.endswith(('_msgs', '_srvs', '_interfaces'))
-        missing = import_module('snake_sim_ros.nodes.missing_ros')  # NumPy, too, takes its time
-        why = missing.missing_ros(name, name, error) if of_ros else error
+        why = missing_ros(name, name, error) if of_ros else error
         print(f'error: {why}', file=sys.stderr)
         return 2
     return int(node.main())

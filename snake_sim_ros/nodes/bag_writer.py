@@ -29,12 +29,9 @@ from visualization_msgs.msg import MarkerArray
 import yaml
 
 from snake_sim_ros.nodes.diagnostics import status_of, values_of
-from snake_sim_ros.nodes.joint_names import joint_names
-from snake_sim_ros.nodes.markers import MARKER_PERIOD, SceneMarkers
-from snake_sim_ros.nodes.sent_commands import command_message
-from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.nodes.messages import command_message, joint_names, LATCHED, stamp_from
 from snake_sim_ros.nodes.state_messages import StateMessages
-from snake_sim_ros.nodes.transforms import LATCHED, TransformMessages
+from snake_sim_ros.nodes.state_publishers import MARKER_PERIOD, SceneMarkers, TransformMessages
 from snake_sim_ros.recording.bag_reader import METADATA
 from snake_sim_ros.scene import __version__, gait
 from snake_sim_ros.scene.parameters import Scene, scene_to_text

@@ -1,7 +1,7 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-The compiler beside a program that goes on, since a first start compiles for half a minute.
+The compiler beside a program that keeps running, since a first start compiles for half a minute.
 
 Child processes fill the cache on disk, while a thread waits for them and then loads what they
 compiled. The program itself compiles nothing, which would stop it for that time. Two processes
@@ -75,7 +75,7 @@ class Job(NamedTuple):
     single: bool  # single steps, too
 
     def do(self, tell: Callable[[str], object]) -> None:
-        """Fill the cache; tell the name of every function that is compiled."""
+        """Fill the cache; report the name of every function that is compiled."""
         CodeCache.shares_work = True
         with watched(tell, at_end=True):
             if self.loop:

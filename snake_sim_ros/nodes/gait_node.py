@@ -29,18 +29,22 @@ from std_srvs.srv import Trigger
 
 from snake_sim_ros.gaits.blending import Blend, check_limits, largest_values, shortest_blend
 from snake_sim_ros.gaits.steering import Steering
-from snake_sim_ros.nodes.clock_watch import ClockWatch
-from snake_sim_ros.nodes.executors import Server
-from snake_sim_ros.nodes.joint_names import joint_names
-from snake_sim_ros.nodes.jumps import Jumps
-from snake_sim_ros.nodes.measured_start import MeasuredStart
-from snake_sim_ros.nodes.node_parameters import declare, parameter_fields, settle
+from snake_sim_ros.nodes.executors import Server, ThrottledWarnings
+from snake_sim_ros.nodes.gait_inputs import (
+    ClockWatch,
+    Jumps,
+    MeasuredStart,
+    steering_from,
+    time_of,
+)
+from snake_sim_ros.nodes.messages import COMMAND_FORMS, joint_names
+from snake_sim_ros.nodes.node_parameters import (
+    declare,
+    parameter_fields,
+    ParameterRequests,
+    settle,
+)
 from snake_sim_ros.nodes.node_process import run_node
-from snake_sim_ros.nodes.parameter_requests import ParameterRequests
-from snake_sim_ros.nodes.received_bytes import reader
-from snake_sim_ros.nodes.sent_commands import COMMAND_FORMS
-from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
-from snake_sim_ros.nodes.velocity_commands import steering_from, time_of
 from snake_sim_ros.scene.checked_records import (
     CheckedRecord,
     flat_fields,
@@ -63,36 +67,34 @@ class Settings(CheckedRecord):
     scene: str = quantity(
         'lateral_undulation',
         '',
-        'where the gait comes from, at the start the robot as well: a YAML file or a name',
+        'scene that the gait, and at the start the robot, is taken from: a YAML file or a name',
     )
-    publish_rate: float = quantity(200.0, 'Hz', 'commands a second', minimum=1, maximum=1000)
+    publish_rate: float = quantity(200.0, 'Hz', 'commands per second', minimum=1, maximum=1000)
     command_type: str = quantity(
-        'joint_state', '', 'form of the commands', choices=tuple(COMMAND_FORMS)
+        'joint_state', '', 'message type of the commands', choices=tuple(COMMAND_FORMS)
     )
     blend_time: float = quantity(
-        1.0, 's', 'how long a change of the gait takes', above=0, maximum=60
+        1.0, 's', 'duration of a blend to a changed gait', above=0, maximum=60
     )
     start_from: str = quantity(
         'measured',
         '',
-        'where the gait starts: at the angles of joint_states, from which it blends over '
-        'blend_time, or in its own posture now',
+        'where the gait starts: at the measured angles of joint_states, blended over '
+        'blend_time, or in its own posture at once',
         choices=('measured', 'now'),
     )
     stride: float = quantity(
         0.546,
         'm',
-        'distance a cycle of the gait moves the robot, for cmd_vel; the default was measured in '
-        'simulated lateral undulation (case A), sidewinding has 0.473 and goes sideways',
+        'distance the robot travels in a gait cycle, used to follow cmd_vel; the default is that '
+        'of lateral undulation (case A); sidewinding has 0.473 and moves sideways',
         minimum=1e-3,
         maximum=100,
     )
     cmd_vel_timeout: float = quantity(
-        0.0, 's', 'stop when no cmd_vel comes for so long; 0 is never', minimum=0, maximum=3600
+        0.0, 's', 'stop if no cmd_vel arrives for this long; 0 = never', minimum=0, maximum=3600
     )
-    use_stamped_vel: bool = quantity(
-        False, '', 'whether cmd_vel is a TwistStamped in place of a Twist'
-    )
+    use_stamped_vel: bool = quantity(False, '', 'expect TwistStamped instead of Twist on cmd_vel')
 
 
 class GaitNode(Node):
@@ -128,15 +130,14 @@ class GaitNode(Node):
             kind, take = TwistStamped, self._on_twist_stamped
         else:
             kind, take = Twist, self._on_twist
-        read = reader(kind, take, lambda error: self.warn('bytes', f'cmd_vel: {error}'))
-        self.create_subscription(kind, 'cmd_vel', read, QoSProfile(depth=1), raw=True)
+        self.create_subscription(kind, 'cmd_vel', take, QoSProfile(depth=1))
         self.jumps = Jumps(self.warn)
         self.watch = ClockWatch(self, self.jumps, self.warn)
         measured = self.settings.start_from == 'measured'
         self.start = MeasuredStart(self, self.robot, self.watch, self.jumps, used=measured)
         self.create_service(Trigger, '~/restart', self._on_restart)
         self.create_timer(self.period, self.publish)
-        self.get_logger().info(f'waiting for a robot that listens to {self.form.topic}')
+        self.get_logger().info(f'waiting for a robot that subscribes to {self.form.topic}')
 
     def publish(self) -> None:
         """Publish the present command, once there is a clock and a robot that subscribed."""
@@ -283,7 +284,7 @@ class GaitNode(Node):
         self._aim()
 
 
-def run(node: GaitNode, stop: Event) -> None:
+def run_gait(node: GaitNode, stop: Event) -> None:
     """Serve clock, timer and services until the event is set."""
     executor = SingleThreadedExecutor()
     executor.add_node(node)
@@ -294,7 +295,7 @@ def run(node: GaitNode, stop: Event) -> None:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until a signal ends it."""
-    return run_node(GaitNode, run, args)
+    return run_node(GaitNode, run_gait, args)
 
 
 if __name__ == '__main__':

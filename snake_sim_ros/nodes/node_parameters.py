@@ -1,16 +1,22 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""ROS parameters of the nodes: the fields of a record, by dotted names, with descriptors."""
+"""Parameters of a node, and the requests to set them."""
 
 from collections.abc import Callable, Container, Iterable, Mapping
 import json
 import math
 from typing import Any, TypeVar
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rclpy.exceptions import ParameterNotDeclaredException
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import ParameterException, ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.parameter_service import ParameterService
 
 from snake_sim_ros.scene.checked_records import (
     flat_fields,
@@ -172,3 +178,41 @@ def keep_types(node: Node, parameters: list[Parameter]) -> list[Parameter]:
             item = Parameter(item.name, wanted, [float(value) for value in item.value])
         kept.append(item)
     return kept
+
+
+# ---- requests -----------------------------------------------------------------------------------
+
+
+# Errors that a value causes, such as one of a type that does not exist.
+NOT_USABLE = (
+    *(ValueError, TypeError, ArithmeticError, LookupError, AttributeError, RuntimeError),
+    *(OSError, ParameterException),
+)
+
+
+class ParameterRequests(ParameterService):
+    """
+    The services for parameters of a node, as rclpy offers them, but every request is answered.
+
+    An error out of a callback would end the node, and leave requests that wait in their queue.
+    The node is made with ``start_parameter_services=False``.
+    """
+
+    def _set_parameters_callback(self, request: Any, response: Any) -> Any:
+        try:
+            return super()._set_parameters_callback(request, response)
+        except NOT_USABLE as error:
+            response.results = [_refused(error)] * len(request.parameters)
+            return response
+
+    def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
+        try:
+            return super()._set_parameters_atomically_callback(request, response)
+        except NOT_USABLE as error:
+            response.result = _refused(error)
+            return response
+
+
+def _refused(error: Exception) -> SetParametersResult:
+    reason = str(error).partition('\n')[0]
+    return SetParametersResult(successful=False, reason=f'not usable: {reason}')

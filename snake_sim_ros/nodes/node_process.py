@@ -1,31 +1,60 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""How the process of a node starts and ends."""
+"""How the process of a node or of a command starts and ends."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import ctypes
 import faulthandler
 import gc
+from importlib.metadata import version
 import os
 import sys
 import tempfile
 from threading import Event
+import time
 from types import FrameType
 from typing import Any, NoReturn, TypeVar
 
 import rclpy
-from rclpy.exceptions import InvalidParameterException, InvalidParameterValueException
+from rclpy.exceptions import (
+    InvalidParameterException,
+    InvalidParameterValueException,
+    NameValidationException,
+)
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from snake_sim_ros.nodes.middleware import keep_no_buffers
-from snake_sim_ros.nodes.signals import on_signals
+from snake_sim_ros.nodes.programs import interruptible, on_signals
 from snake_sim_ros.scene.checked_records import cut, LONGEST_REASON, ParameterError
+from snake_sim_ros.scene.files import CONFIG
+
+PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+USE_PROFILES = 'RMW_FASTRTPS_USE_QOS_FROM_XML'
+# With profiles, the last one of these would be ignored.
+OF_USER = (*PROFILES, USE_PROFILES, 'RMW_FASTRTPS_PUBLICATION_MODE')
+# Each of the many buffers of a subscription keeps the size of the largest message it ever held,
+# unless Fast DDS is configured otherwise. Its variable has the second name from kilted on, which
+# warns of the first one.
+NO_BUFFERS = {
+    USE_PROFILES: '1',
+    PROFILES[int(version('rclpy').partition('.')[0]) >= 9]: str(CONFIG / 'fastdds_no_buffers.xml'),
+}
+
+
+def keep_no_buffers() -> None:
+    """Have this process keep no buffers of messages; settings of the user come first."""
+    if not any(name in os.environ for name in OF_USER):
+        os.environ.update(NO_BUFFERS)
+
 
 N = TypeVar('N', bound=Node)
 LONGEST_END = 1.5  # s from a signal to the end of the process, whatever the middleware does
+SIGEV_THREAD = 2  # of the C library: a thread calls the function of an event
 
 
 def run_node(
@@ -38,7 +67,7 @@ def run_node(
     sets the event that `run` takes. The handlers of rclpy would shut down the context while the
     node still publishes, so they are not used.
 
-    Fast DDS may wait for ever while it is destroyed. If it has not ended `LONGEST_END` after the
+    Fast DDS may wait forever while it is destroyed. If it has not ended `LONGEST_END` after the
     signal, the process ends with exit status 1, and standard error says `Timeout` and where each
     thread is.
 
@@ -87,6 +116,88 @@ def run_node(
         gc.collect()  # which releases what is left of the middleware
         faulthandler.cancel_dump_traceback_later()
     end_at_once()
+
+
+def run_client(act: Callable[[Node, Callable[[], bool]], None]) -> int:
+    """
+    Start rclpy and a hidden node for one command, run it, and return its exit status.
+
+    Fast DDS may wait forever while it is destroyed, above all if it has just started. The work of
+    the command is done by then: if the destruction takes longer than `LONGEST_END`, the process
+    ends with the status that it would have had.
+
+    Parameters
+    ----------
+    act : callable
+        Takes the node, and a function that returns whether a signal has come.
+
+    Returns
+    -------
+    int
+        0; 1 after a sentence on what cannot be done; 130 after a signal.
+
+    """
+    status = 1
+    with interruptible() as stop:
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        node = Node(
+            f'_snake_sim_{os.getpid()}',
+            start_parameter_services=False,
+            enable_rosout=False,
+            parameter_overrides=[Parameter('start_type_description_service', value=False)],
+        )
+        try:
+            act(node, stop.is_set)
+            status = 0
+        except (ParameterError, NameValidationException) as error:
+            print(' '.join(str(error).split()), file=sys.stderr)
+        except KeyboardInterrupt:
+            status = 130
+        except BrokenPipeError:  # as of `| head`
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            status = 0
+        finally:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            with end_within(LONGEST_END, status):
+                node.destroy_node()
+                rclpy.try_shutdown()
+                del node
+                gc.collect()  # which releases what is left of the middleware
+    return status
+
+
+@contextmanager
+def end_within(seconds: float, status: int) -> Iterator[None]:
+    """
+    Have the process end with an exit status unless the context is left in time.
+
+    The middleware may hang with the lock of the interpreter, so that neither a thread nor a signal
+    handler of Python would run. A timer of the C library starts a thread that calls ``_exit``.
+    """
+    library = ctypes.CDLL(None, use_errno=True)
+    end = ctypes.cast(library._exit, ctypes.c_void_p)
+    event, timer = _Event(status, 0, SIGEV_THREAD, end), ctypes.c_void_p()
+    when = (ctypes.c_long * 4)(0, 0, *(int(x) for x in divmod(seconds * 1e9, 1e9)))
+    if library.timer_create(time.CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer)):
+        raise OSError(ctypes.get_errno(), 'timer_create')
+    library.timer_settime(timer, 0, ctypes.byref(when), None)
+    try:
+        yield
+    finally:
+        library.timer_delete(timer)
+
+
+class _Event(ctypes.Structure):
+    """The beginning of a ``sigevent`` of the C library: what happens when a timer is up."""
+
+    _fields_ = (
+        ('argument', ctypes.c_void_p),
+        ('signal', ctypes.c_int),
+        ('notify', ctypes.c_int),
+        ('function', ctypes.c_void_p),
+        ('rest', ctypes.c_char * 40),
+    )
 
 
 def made(make: Callable[[], N]) -> N:

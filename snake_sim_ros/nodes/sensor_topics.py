@@ -9,8 +9,8 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Imu
 
 from snake_sim_ros.nodes.bag_writer import BagWriter
-from snake_sim_ros.nodes.sensor_messages import SensorMessages
 from snake_sim_ros.nodes.state_messages import SerializedMessage, StateMessages
+from snake_sim_ros.nodes.state_publishers import SensorMessages
 from snake_sim_ros.recording.sensors import SensorReader, Sensors
 from snake_sim_ros.scene.parameters import steps_in
 from snake_sim_ros.stepping.simulation import Simulation

@@ -19,21 +19,14 @@ from snake_sim_ros.dynamics.compilation import watched
 from snake_sim_ros.gaits.joint_reference import compile_sampling, start_posture
 from snake_sim_ros.nodes.command_inbox import CommandInbox
 from snake_sim_ros.nodes.compiling import Compiler, is_loaded, levels_of, NotCompiledError, refuse
-from snake_sim_ros.nodes.diagnostics import status_of, values_of
-from snake_sim_ros.nodes.entity_services import serve_entities
-from snake_sim_ros.nodes.executors import make_executor, Server
-from snake_sim_ros.nodes.handling import Handling
-from snake_sim_ros.nodes.load_meter import LoadMeter
-from snake_sim_ros.nodes.node_parameters import settle
+from snake_sim_ros.nodes.diagnostics import LoadMeter, SlowSteps, status_of, values_of
+from snake_sim_ros.nodes.executors import make_executor, Refusals, Server, ThrottledWarnings
+from snake_sim_ros.nodes.messages import stamp_from
+from snake_sim_ros.nodes.node_parameters import ParameterRequests, settle
 from snake_sim_ros.nodes.node_process import run_node
-from snake_sim_ros.nodes.parameter_requests import ParameterRequests
-from snake_sim_ros.nodes.refusals import Refusals
 from snake_sim_ros.nodes.sim_parameters import as_it_runs, CHANGEABLE, changed, Settings
-from snake_sim_ros.nodes.simulation_services import serve
-from snake_sim_ros.nodes.slow_steps import SlowSteps
-from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.nodes.sim_services import Handling, serve_entities, serve_simulation
 from snake_sim_ros.nodes.state_publishers import StatePublishers
-from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
 from snake_sim_ros.nodes.trajectory_action import serve_trajectories
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import steps_in
@@ -42,7 +35,7 @@ from snake_sim_ros.stepping.simulation import Simulation
 
 BACKLOG = 0.2  # s of wall time that the node may lag before it stops trying to catch up
 WAIT = 0.1  # s, the longest wait for a message in one go
-TOLD = 5.0  # s between two lines in the log while the node waits for the compiler
+REPORT_PERIOD = 5.0  # s between two lines in the log while the node waits for the compiler
 SERVICE = 5e-3  # s of wall time between two looks for messages if it runs as fast as possible
 
 
@@ -122,7 +115,7 @@ class SimNode(Node):
             self.begin(time.perf_counter() - begin)
         # Loading takes half a second, in which no service could answer.
         ParameterRequests(self)
-        serve(self)
+        serve_simulation(self)
         serve_entities(self, self.simulation, self.handling)
         serve_trajectories(self, self.inbox)
 
@@ -214,7 +207,6 @@ class SimNode(Node):
 
     def step(self, count: int = 1) -> None:
         """Advance by some publish periods, or fewer if a step diverges or the node must end."""
-        self.inbox.finish()
         for _ in range(count):
             if self.failure or self.stop.is_set() or not self.advance():
                 break
@@ -297,8 +289,8 @@ class SimNode(Node):
         self.simulation.budget.share = self.settings.iteration_budget / self.steps
 
 
-def look_at_compiler(node: SimNode, compiler: Compiler, told: float) -> float:
-    """Let the node begin when it can, and tell of the compiler; return when that was last [s]."""
+def look_at_compiler(node: SimNode, compiler: Compiler, reported: float) -> float:
+    """Let the node begin when it can; report on the compiler, and return when that was [s]."""
     log = node.get_logger()
     if compiler.error:
         raise compiler.error
@@ -310,14 +302,14 @@ def look_at_compiler(node: SimNode, compiler: Compiler, told: float) -> float:
         gc.freeze()  # as `run_node` does where nothing is to be compiled
         log.info(f'compiled {", ".join(compiler.levels)} level in {compiler.seconds:.1f} s')
     elif not node.compiling:
-        return -math.inf  # The next wait is told at once.
-    elif compiler.seconds >= told + TOLD:
+        return -math.inf  # The next wait is reported at once.
+    elif compiler.seconds >= reported + REPORT_PERIOD:
         log.info(node.compiling)
         return compiler.seconds
-    return told
+    return reported
 
 
-def run(node: SimNode, stop: Event) -> None:
+def run_sim(node: SimNode, stop: Event) -> None:
     """Run the node until the event is set; the compiler does not outlive it."""
     node.stop = stop
     try:
@@ -331,7 +323,7 @@ def keep_time(node: SimNode, stop: Event) -> None:
     """Make simulated time follow the wall clock; serve messages in the time that is left."""
     executor, load = Server(make_executor(node), node.warn), node.load
     node.publish_state()
-    told = 0.0
+    reported = 0.0
     if node.compiler:
         node.compiler.start()
         if node.compiling:
@@ -344,7 +336,7 @@ def keep_time(node: SimNode, stop: Event) -> None:
     factor = node.settings.real_time_factor
     while not stop.is_set():
         if node.compiler:
-            told = look_at_compiler(node, node.compiler, told)
+            reported = look_at_compiler(node, node.compiler, reported)
         now = time.perf_counter()
         if load.complete(now):
             node.publish_diagnostics()
@@ -382,7 +374,7 @@ def keep_time(node: SimNode, stop: Event) -> None:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until a signal ends it."""
-    return run_node(SimNode, run, args)
+    return run_node(SimNode, run_sim, args)
 
 
 if __name__ == '__main__':

@@ -10,10 +10,9 @@ from typing import Any
 from rclpy.parameter import Parameter
 
 from snake_sim_ros.recording.sensors import link_index, Sensors
-from snake_sim_ros.scene.checked_records import flat_fields, ParameterError, quantity
+from snake_sim_ros.scene.checked_records import flat_fields, quantity
 from snake_sim_ros.scene.parameters import Robot, Scene, with_settings
 from snake_sim_ros.stepping.accuracy import with_accuracy
-from snake_sim_ros.stepping.methods import method_of, METHODS
 
 CHANGEABLE = (
     *('real_time_factor', 'iteration_budget', 'command_horizon', 'command_timeout'),
@@ -32,36 +31,43 @@ class Settings(Sensors):
         'lateral_undulation', '', 'scene: a YAML file or the name of one in config/'
     )
     publish_rate: float = quantity(
-        200.0, 'Hz', 'state messages a second of simulated time', minimum=10, maximum=1000
+        200.0, 'Hz', 'state messages per second of simulated time', minimum=10, maximum=1000
     )
     real_time_factor: float = quantity(
-        1.0, '1', 'simulated time per wall time; 0 is as fast as possible', minimum=0, maximum=1000
+        1.0, '1', 'simulated time per wall time; 0 = as fast as possible', minimum=0, maximum=1000
     )
     iteration_budget: int = quantity(
         0,
         '1',
-        'contact iterations that the steps of a publish period share; 0: as many as they need',
+        'contact iterations shared by the steps of a publish period; 0 = unlimited',
         minimum=0,
         maximum=10**12,
     )
     command_horizon: float = quantity(
-        0.05, 's', 'how long a command is extrapolated with its velocity', minimum=0, maximum=1
+        0.05,
+        's',
+        'time for which a command is extrapolated with its velocity',
+        minimum=0,
+        maximum=1,
     )
     command_timeout: float = quantity(
-        0.5, 's', 'when a stream of commands that stops is reported; 0 is never', minimum=0
+        0.5,
+        's',
+        'silence after which a stream of commands is reported as stopped; 0 = never',
+        minimum=0,
     )
-    publish_clock: bool = quantity(True, '', 'publish /clock; one node of a graph may')
+    publish_clock: bool = quantity(True, '', 'publish /clock; only one node in a graph should')
     publish_robot_description: bool = quantity(True, '', 'publish robot_description')
     publish_tf: bool = quantity(True, '', 'publish /tf and /tf_static where tf2_msgs is installed')
     frame_prefix: str = quantity(
-        'auto', '', 'what the frames odom and base_link begin with; auto: namespace and a slash'
+        'auto', '', 'prefix of the frames odom and base_link; auto = namespace and a slash'
     )
-    start_paused: bool = quantity(False, '', 'wait for ~/pause or ~/step')
+    start_paused: bool = quantity(False, '', 'start paused, until ~/pause or ~/step is called')
     push_link: str | int = quantity(
-        '', '', 'link that ~/push in frame world pushes: name or number from 1; empty: the middle'
+        '', '', 'link pushed by ~/push in frame world: name or number from 1; empty = middle'
     )
     push_duration: float = quantity(
-        0.1, 's', 'how long a message on ~/push acts, in simulated time', above=0
+        0.1, 's', 'duration of a push by a message on ~/push, in simulated time', above=0
     )
 
     def pushed_link(self, robot: Robot) -> int:
@@ -73,10 +79,6 @@ class Settings(Sensors):
     def check(self, scene: Scene) -> None:
         """Raise ParameterError if the node cannot run a scene with these settings."""
         self.pushed_link(scene.robot)
-        if self.iteration_budget and not METHODS[method_of(scene)].compiled:
-            raise ParameterError(
-                f'iteration_budget needs a method that is compiled, got {method_of(scene)}'
-            )
 
 
 def as_it_runs(settings: Settings, scene: Scene, given: Container[str]) -> Scene:

@@ -3,13 +3,13 @@
 """
 Messages of a robot's state.
 
-The names are ``link_1`` to ``link_n`` along the robot and ``joint_1_yaw``, ``joint_1_pitch``, ...
-in this order. The frames ``world`` and ``odom`` coincide and have z up. The frame ``base_link`` is
-that of the middle link, turned around: x points forward, toward link 1. A link frame on the wire
-has x along the link toward the next one, y to the left and z up when the link lies flat (REP 103);
-its axes are e_z, e_x and e_y of the paper's frame B. Quaternions on the wire are x y z w, with
-w >= 0. Joint angles have the paper's signs: a positive yaw turns the next link left, a positive
-pitch turns it down.
+The names are ``link_1`` to ``link_n`` along the robot and ``joint_1_yaw``, ``joint_1_pitch``,
+... in this order. The frames ``world`` and ``odom`` coincide and have z up. The frame
+``base_link`` is that of the middle link, turned around: x points forward, toward link 1. A link
+frame on the wire has x along the link toward the next one, y to the left and z up when the link
+lies flat (REP 103); its axes are e_z, e_x and e_y of the paper's frame B. Quaternions on the
+wire are x y z w, with w >= 0. Joint angles have the paper's signs: a positive yaw turns the next
+link left, a positive pitch turns it down.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from snake_sim_ros.nodes.joint_names import joint_names
+from snake_sim_ros.nodes.messages import joint_names
 from snake_sim_ros.recording.from_messages import TO_WIRE, WIRE_AXES
 from snake_sim_ros.scene.parameters import Array, Robot
 from snake_sim_ros.stepping.sampling import joint_motion

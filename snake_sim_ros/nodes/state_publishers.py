@@ -1,31 +1,349 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The topics on which the node `sim` publishes its state, its robot and its clock."""
+"""What the node `sim` publishes: state, transforms, sensors and markers."""
 
+from collections.abc import Iterable
 import time
+from typing import Any
 
-from geometry_msgs.msg import PoseArray
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, PoseArray, TransformStamped, WrenchStamped
 from nav_msgs.msg import Odometry
+import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
-from std_msgs.msg import String
-from visualization_msgs.msg import MarkerArray
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import ColorRGBA, String
+from visualization_msgs.msg import Marker, MarkerArray
 
 from snake_sim_ros.gaits.joint_reference import JointReference
-from snake_sim_ros.nodes.markers import MARKER_PERIOD, SceneMarkers
-from snake_sim_ros.nodes.sensor_publishers import SensorPublishers
+from snake_sim_ros.nodes.messages import LATCHED, stamp_from
 from snake_sim_ros.nodes.sim_parameters import Settings
-from snake_sim_ros.nodes.stamps import stamp_from
-from snake_sim_ros.nodes.state_messages import StateMessages
-from snake_sim_ros.nodes.transforms import LATCHED, TransformMessages, Transforms
+from snake_sim_ros.nodes.state_messages import (
+    BASE,
+    MARK,
+    ODOM,
+    SerializedMessage,
+    StateMessages,
+    WORLD,
+)
+from snake_sim_ros.recording.from_messages import FORCE_SCALE
+from snake_sim_ros.recording.sensors import (
+    ACCELERATION,
+    ANGULAR_VELOCITY,
+    ORIENTATION,
+    SensorReader,
+    Sensors,
+)
+from snake_sim_ros.scene.obstacles import cell_centers, FOUNDATION, PEG_HEIGHT
+from snake_sim_ros.scene.parameters import Array, Ground, Patches, Scene, steps_in
 from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.simulation import Simulation
 
-LATEST = QoSProfile(depth=1)  # A newer time replaces one that waits.
+# ---- transforms ---------------------------------------------------------------------------------
+
+
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:  # The ROS 2 packages on PyPI do not have it.
+    TFMessage = None
+
+
+class TransformMessages:
+    """
+    The transforms from world to odom, which is fixed, and from odom to base_link.
+
+    They are as tf2_ros.StaticTransformBroadcaster and tf2_ros.TransformBroadcaster publish them. A
+    robot_state_publisher makes the frames of the links, from ``robot_description`` and
+    ``joint_states``.
+
+    Attributes
+    ----------
+    fixed, moving : TFMessage
+        For /tf_static and /tf.
+
+    """
+
+    kind = TFMessage
+    available = TFMessage is not None
+
+    def __init__(self, frame_prefix: str = '') -> None:
+        identity = TransformStamped(child_frame_id=frame_prefix + ODOM)
+        identity.header.frame_id = WORLD
+        self.fixed = TFMessage(transforms=[identity])
+        self._transform = TransformStamped(child_frame_id=frame_prefix + BASE)
+        self._transform.header.frame_id = frame_prefix + ODOM
+        self.moving = TFMessage(transforms=[self._transform])
+
+    def fill(self, stamp: Time, pose: list[float]) -> None:
+        """Fill the moving one with the pose of the base: position [m], quaternion x y z w."""
+        transform = self._transform.transform
+        self._transform.header.stamp = stamp
+        moved, turned = transform.translation, transform.rotation
+        moved.x, moved.y, moved.z, turned.x, turned.y, turned.z, turned.w = pose
+
+
+class Transforms:
+    """Publishes the transforms."""
+
+    def __init__(self, node: Node, frame_prefix: str) -> None:
+        self.messages = TransformMessages(frame_prefix)
+        self.publisher = node.create_publisher(TFMessage, '/tf', QoSProfile(depth=100))
+        self.static = node.create_publisher(TFMessage, '/tf_static', LATCHED)
+        self.static.publish(self.messages.fixed)
+
+    def publish(self, stamp: Time, pose: list[float]) -> None:
+        """Publish the pose of the base: position [m], quaternion x y z w."""
+        self.messages.fill(stamp, pose)
+        self.publisher.publish(self.messages.moving)
+
+
+# ---- markers ------------------------------------------------------------------------------------
+
+# Markers: what viewers draw besides the robot, its contacts and its obstacles.
+#
+# Namespace `contacts` has the contact points as spheres (id 0) and the forces on the robot as
+# lines that begin there (id 1), with a length of FORCE_SCALE for each newton. Without contacts
+# both are deleted. Namespace `scene` has the ground as one list of boxes (id 0) and the pegs as
+# cylinders (ids from 1). Namespace `patches` has patches of friction as one list of plates (id 0).
+# All markers are in frame `world` and have no lifetime: they stay until replaced.
+
+
+POINT_SIZE = 0.012  # m
+LINE_WIDTH = 0.004  # m
+PLATE = 0.002  # m, thickness of patches
+MARKER_PERIOD = 1 / 30  # s between two messages at least, which is enough for the eye
+COLORS = {
+    'point': (1.0, 1.0, 1.0, 1.0),
+    'force': (0.1, 0.8, 0.3, 1.0),
+    'ground': (0.55, 0.55, 0.58, 1.0),
+    'peg': (0.35, 0.45, 0.65, 1.0),
+}
+
+
+class SceneMarkers:
+    """
+    The markers of one scene, made once and filled again for every state.
+
+    Attributes
+    ----------
+    message : MarkerArray
+
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.points = _marker('contacts', 0, Marker.SPHERE_LIST, 'point', [POINT_SIZE] * 3)
+        self.forces = _marker('contacts', 1, Marker.LINE_LIST, 'force', [LINE_WIDTH, 0, 0])
+        markers = [self.points, self.forces]
+        if scene.ground.heights:
+            markers.append(_ground(scene.ground))
+        if scene.patches.factors:
+            markers.append(_patches(scene.patches))
+        height = PEG_HEIGHT * scene.robot.per_link('contact_radius').max()
+        for k, (x, y, radius) in enumerate(scene.pegs.axes, 1):
+            peg = _marker('scene', k, Marker.CYLINDER, 'peg', [2 * radius, 2 * radius, height])
+            peg.pose.position = _point((x, y, height / 2))
+            markers.append(peg)
+        self.message = MarkerArray(markers=markers)
+
+    def fill(self, stamp: Time, points: Array, forces: Array) -> None:
+        """
+        Fill the message with contacts.
+
+        Parameters
+        ----------
+        stamp : Time
+        points, forces : ndarray, shape (k, 3)
+            Contact points [m] and forces on the robot [N], as `contact_forces` returns them.
+
+        """
+        action = Marker.ADD if len(points) else Marker.DELETE
+        ends = np.stack([points, points + FORCE_SCALE * forces], axis=1).reshape(-1, 3)
+        for marker, entries in ((self.points, points), (self.forces, ends)):
+            marker.action = action
+            marker.points = [_point(entry) for entry in entries.tolist()]
+        for marker in self.message.markers:
+            marker.header.stamp = stamp
+
+
+def _ground(ground: Ground) -> Marker:
+    """Return the cells of the ground as boxes of one size, as a list of boxes must have."""
+    heights = np.array(ground.heights)
+    lowest = min(0.0, heights.min()) - FOUNDATION
+    size = [ground.cell, ground.cell, heights.max() - lowest]
+    marker = _marker('scene', 0, Marker.CUBE_LIST, 'ground', size)
+    centers = np.dstack([cell_centers(ground), heights - size[2] / 2]).reshape(-1, 3)
+    marker.points = [_point(center) for center in centers.tolist()]
+    return marker
+
+
+def _patches(patches: Patches) -> Marker:
+    """Return patches as plates just below the floor, the darker the more friction they have."""
+    marker = _marker('patches', 0, Marker.CUBE_LIST, 'ground', [patches.cell, patches.cell, PLATE])
+    for (row, column), factor in np.ndenumerate(np.array(patches.factors)):
+        x, y = patches.origin + patches.cell * (np.array([column, row]) + 0.5)
+        marker.points.append(_point((x, y, -PLATE / 2)))
+        shade = 1.0 / (1.0 + float(factor))
+        marker.colors.append(ColorRGBA(r=shade, g=shade, b=shade, a=1.0))
+    return marker
+
+
+def _marker(namespace: str, number: int, kind: int, color: str, scale: Iterable[float]) -> Marker:
+    """Return a marker without points; its scale is in metres."""
+    marker = Marker(ns=namespace, id=number, type=kind, action=Marker.ADD)
+    marker.header.frame_id = WORLD
+    marker.scale.x, marker.scale.y, marker.scale.z = map(float, scale)
+    marker.color.r, marker.color.g, marker.color.b, marker.color.a = COLORS[color]
+    return marker
+
+
+def _point(entry: Iterable[float]) -> Point:
+    """Return three numbers as a message."""
+    x, y, z = entry
+    return Point(x=float(x), y=float(y), z=float(z))
+
+
+# ---- sensors ------------------------------------------------------------------------------------
+
+
+class SensorMessages:
+    """
+    The messages of the sensors of a robot, made once and filled again for every sample.
+
+    A covariance is that of the noise; where there is none it is zero, which means unknown. The
+    orientation is exact.
+
+    Parameters
+    ----------
+    reader : SensorReader
+    sensors : Sensors
+    frame_prefix : str, optional
+        Prefix of the names of frames, which are those of the links.
+
+    Attributes
+    ----------
+    imus, wrenches : dict
+        Topic -> SerializedMessage, in the order of the links that have sensors.
+
+    """
+
+    def __init__(self, reader: SensorReader, sensors: Sensors, frame_prefix: str = '') -> None:
+        self._reader = reader
+        self.imus: dict[str, SerializedMessage] = {}
+        self.wrenches: dict[str, SerializedMessage] = {}
+        self._readings: list[tuple[Array, Array, Array]] = []
+        self._loads: list[Array] = []
+        for link in reader.imu_links:
+            message = _imu(sensors, f'{frame_prefix}link_{link + 1}')
+            self.imus[f'imu/link_{link + 1}'] = message
+            numbers = message.numbers(MARK, 37)
+            self._readings.append((numbers[:4], numbers[13:16], numbers[25:28]))
+        for link in reader.contact_links:
+            wrench = WrenchStamped()
+            wrench.header.frame_id, wrench.wrench.force.x = f'{frame_prefix}link_{link + 1}', MARK
+            message = SerializedMessage(wrench)
+            self.wrenches[f'contact_forces/link_{link + 1}'] = message
+            self._loads.append(message.numbers(MARK, 6))
+
+    def fill_imus(self, nanoseconds: int) -> None:
+        """Write the readings of the present state of simulated time [ns]."""
+        for message in self.imus.values():
+            message.stamp[:] = divmod(nanoseconds, 1_000_000_000)
+        for reading, parts in zip(self._reader.imus(), self._readings, strict=True):
+            places = (ORIENTATION, ANGULAR_VELOCITY, ACCELERATION)
+            for part, place in zip(parts, places, strict=True):
+                part[:] = reading[place]
+
+    def fill_wrenches(self, nanoseconds: int) -> None:
+        """Write the contact forces of the step before simulated time [ns]."""
+        for message in self.wrenches.values():
+            message.stamp[:] = divmod(nanoseconds, 1_000_000_000)
+        for wrench, load in zip(self._reader.wrenches(), self._loads, strict=True):
+            load[:] = wrench
+
+
+def _imu(sensors: Sensors, frame: str) -> SerializedMessage:
+    """Return a message with the covariances of the noise."""
+    message = Imu()
+    message.header.frame_id, message.orientation.x = frame, MARK
+    for covariance, deviation in (
+        (message.angular_velocity_covariance, sensors.imu_angular_velocity_noise),
+        (message.linear_acceleration_covariance, sensors.imu_acceleration_noise),
+    ):
+        covariance[:] = np.ravel(deviation**2 * np.eye(3))
+    return SerializedMessage(message)
+
+
+LOOK = 0.03  # s of wall time between two looks for readers of contact forces
+
+
+class SensorPublishers:
+    """
+    Publishes what the sensors of a robot measure; nothing if it has none.
+
+    Contact forces are computed only while somebody reads them.
+
+    Attributes
+    ----------
+    reader : SensorReader
+
+    """
+
+    def __init__(
+        self, node: Node, simulation: Simulation, settings: Settings, frame_prefix: str
+    ) -> None:
+        rate = settings.publish_rate
+        steps = steps_in(1.0 / rate, simulation.scene.dt, 'publish period')
+        self.reader = SensorReader(simulation, settings, steps, rate)
+        self._messages = SensorMessages(self.reader, settings, frame_prefix)
+        self._imus = _publishers(node, Imu, self._messages.imus)
+        self._wrenches = _publishers(node, WrenchStamped, self._messages.wrenches)
+        self._read: list[tuple[Any, Any]] = []  # those of `_wrenches` that somebody reads
+        self._looked = 0.0  # wall time of the last look for readers [s]
+
+    def publish(self, nanoseconds: int, *, contacts: bool) -> None:
+        """
+        Publish a sample if one is due.
+
+        Parameters
+        ----------
+        nanoseconds : int
+            Simulated time [ns].
+        contacts : bool
+            Whether contact forces can be computed, by compiled functions.
+
+        """
+        if not (self._imus or self._wrenches) or not self.reader.is_due():
+            return
+        if self._imus:
+            self._messages.fill_imus(nanoseconds)
+            for publisher, message in self._imus:
+                publisher.publish(bytes(message))
+        if self._wrenches and contacts:
+            self._look()
+            if self._read:
+                self._messages.fill_wrenches(nanoseconds)
+            for publisher, message in self._read:
+                publisher.publish(bytes(message))
+
+    def _look(self) -> None:
+        now = time.monotonic()
+        if now - self._looked >= LOOK:
+            self._looked = now
+            self._read = [item for item in self._wrenches if item[0].get_subscription_count()]
+
+
+def _publishers(node: Node, kind: Any, messages: dict[str, Any]) -> list[tuple[Any, Any]]:
+    return [(node.create_publisher(kind, topic, 10), item) for topic, item in messages.items()]
+
+
+# ---- all topics ---------------------------------------------------------------------------------
+
+
+LAST_TIME = QoSProfile(depth=1)  # A newer time replaces one that waits.
 
 
 class StatePublishers:
@@ -57,7 +375,7 @@ class StatePublishers:
         self._scene_markers = SceneMarkers(scene)
         self._marked = 0.0  # wall time of the last markers [s]
         clock = settings.publish_clock
-        self._clock = node.create_publisher(Clock, '/clock', LATEST) if clock else None
+        self._clock = node.create_publisher(Clock, '/clock', LAST_TIME) if clock else None
         if settings.publish_robot_description:
             self._description = node.create_publisher(String, 'robot_description', LATCHED)
             self._description.publish(String(data=robot_description(scene.robot)))

@@ -3,24 +3,105 @@
 """
 The action ``~/follow_joint_trajectory``, as a joint_trajectory_controller has it.
 
-It is served where the package control_msgs is installed. A goal goes the way of a message on
+It is served where the package control_msgs is installed. A goal is handled like a message on
 `joint_trajectory`, and is refused for the same reasons.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectoryPoint
 
 from snake_sim_ros.gaits.joint_reference import Motion
-from snake_sim_ros.nodes.goal_tolerances import Tolerance, tolerance_from, Tracked
+from snake_sim_ros.nodes.command_inbox import CommandInbox, Tracked
+from snake_sim_ros.nodes.messages import seconds_from, stamp_from
 from snake_sim_ros.nodes.received_commands import RejectedCommand
-from snake_sim_ros.nodes.stamps import seconds_from, stamp_from
+from snake_sim_ros.scene.checked_records import quoted
 from snake_sim_ros.scene.parameters import Array
+
+# ---- tolerances ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """
+    Largest distances of some joints from what they are commanded.
+
+    Attributes
+    ----------
+    names : sequence of str
+        Of the joints.
+    angle, rate : ndarray, shape (k,)
+        [rad], [rad/s]; infinite where there is none.
+
+    """
+
+    names: Sequence[str]
+    angle: Array
+    rate: Array
+
+    def violation(self, tracked: Tracked) -> str:
+        """Return a sentence on the first joint that is too far off, empty if none is."""
+        for what, unit, most, off in (
+            ('angle', 'rad', self.angle, tracked.angle - tracked.told_angle),
+            ('rate', 'rad/s', self.rate, tracked.rate - tracked.told_rate),
+        ):
+            (beyond,) = np.nonzero(~(np.abs(off) <= most))
+            if len(beyond):
+                k = beyond[0]
+                return (
+                    f'the {what} of {self.names[k]} is off by {off[k]:.3g} {unit}, '
+                    f'more than {most[k]:g} {unit}'
+                )
+        return ''
+
+
+def tolerance_from(field: str, told: Sequence[Any], names: Sequence[str]) -> Tolerance:
+    """
+    Return the tolerances of a goal.
+
+    Parameters
+    ----------
+    field : str
+        Name of the field of the goal, for messages.
+    told : sequence of control_msgs/JointTolerance
+        Values that are 0 or negative demand nothing. Accelerations are not measured.
+    names : sequence of str
+        Joints of the trajectory.
+
+    Raises
+    ------
+    RejectedCommand
+        If a joint is not one of the trajectory, or a value is not finite.
+
+    """
+    found = Tolerance(names, *np.full((2, len(names)), math.inf))
+    for item in told:
+        if item.name not in names:
+            raise RejectedCommand(
+                'tolerance',
+                f'{field} names joint {quoted(item.name)}, which is not one of the trajectory',
+            )
+        for what, value, most in (
+            ('position', item.position, found.angle),
+            ('velocity', item.velocity, found.rate),
+        ):
+            if not math.isfinite(value):
+                raise RejectedCommand(
+                    'tolerance', f'{field}: {what} of {item.name} must be finite, got {value}'
+                )
+            if value > 0.0:
+                most[names.index(item.name)] = value
+    return found
+
+
+# ---- the action ---------------------------------------------------------------------------------
+
 
 try:
     from control_msgs.action import FollowJointTrajectory
@@ -30,27 +111,6 @@ except ImportError:  # The ROS 2 packages on PyPI do not have it.
 REACHED, INVALID_GOAL, OFF_PATH, GOAL_MISSED = 0, -1, -4, -5  # numbers of FollowJointTrajectory
 FEEDBACK_PERIOD = 0.05  # s of simulated time, as that of a joint_trajectory_controller
 CANCELED, REPLACED = 'canceled', 'another command took over its joints'
-
-
-class Inbox(Protocol):
-    """What takes the trajectories."""
-
-    watch: Any
-
-    def take_trajectory(self, message: JointTrajectory) -> Motion:
-        """Take a trajectory, or raise RejectedCommand."""
-
-    def reject(self, error: RejectedCommand) -> None:
-        """Log why a goal is rejected, and count it."""
-
-    def follows(self, motion: Motion) -> bool:
-        """Return whether the joints still follow a trajectory that was taken."""
-
-    def tracked(self, motion: Motion) -> Tracked:
-        """Return where the joints of a trajectory are told to be, and where they are."""
-
-    def stop(self, motion: Motion) -> None:
-        """Hold the joints of a trajectory where they are told to be."""
 
 
 @dataclass
@@ -66,7 +126,7 @@ class Followed:
     patience : float
         Time after the end up to which the joints may reach it [s]; 0: any.
     final : ndarray, shape (k,), optional
-        What the joints were told at the end [rad], when it was there.
+        What the joints were commanded at the end [rad], once it is reached.
     told_at : float
         Simulated time of the last feedback [s].
 
@@ -89,14 +149,14 @@ class TrajectoryAction:
 
     Parameters
     ----------
-    inbox : Inbox
+    inbox : CommandInbox
         Its attribute `watch` is called with the simulated time [s] while there is a goal.
     kind : type
         The type of the action, with those of its results and feedback.
 
     """
 
-    def __init__(self, inbox: Inbox, kind: Any) -> None:
+    def __init__(self, inbox: CommandInbox, kind: Any) -> None:
         self._inbox, self._kind = inbox, kind
         self._goal: Any = None
         self._followed: Followed | None = None
@@ -194,7 +254,7 @@ class TrajectoryAction:
             goal.execute(finish)
 
 
-def serve_trajectories(node: Node, inbox: Inbox) -> None:
+def serve_trajectories(node: Node, inbox: CommandInbox) -> None:
     """Serve the action of a node if its package is installed."""
     if FollowJointTrajectory is None:
         return

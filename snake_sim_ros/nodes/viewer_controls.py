@@ -49,7 +49,7 @@ KNOBS = (
     Knob('steering [deg]', 'gait', 'gait.yaw.offset', DEGREE, -20.0, 20.0, 0.5),
     Knob('friction along', 'sim', 'friction.longitudinal', 1.0, 0.0, 1.5, 0.01),
     Knob('friction across', 'sim', 'friction.transversal', 1.0, 0.0, 1.5, 0.01),
-    Knob('speed of time', 'sim', 'real_time_factor', 1.0, 0.0, 4.0, 0.05),
+    Knob('real-time factor', 'sim', 'real_time_factor', 1.0, 0.0, 4.0, 0.05),
 )
 SCENE = 'scene'  # the parameter of `gait` that names where the gait comes from
 
@@ -189,7 +189,7 @@ class Controls:
         for button in self.buttons.values():
             button.disabled = not sim.ready
         self.buttons['step'].disabled = not (sim.ready and self.paused)
-        self.buttons['pause'].label = 'go on' if self.paused else 'pause'
+        self.buttons['pause'].label = 'resume' if self.paused else 'pause'
         self.gait.disabled = SCENE not in gait.values
         scene = gait.values.get(SCENE)
         if isinstance(scene, str) and self._news(SCENE, scene):

@@ -12,7 +12,6 @@ ten times if no browser is connected; of each topic only the last message waits.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 import math
 import sys
 from threading import Event
@@ -30,15 +29,10 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros.nodes.diagnostics import is_paused, shown
-from snake_sim_ros.nodes.executors import CountingExecutor, Server
-from snake_sim_ros.nodes.node_parameters import settle
+from snake_sim_ros.nodes.executors import CountingExecutor, Server, ThrottledWarnings
+from snake_sim_ros.nodes.messages import EPOCH, LATCHED, seconds_from
+from snake_sim_ros.nodes.node_parameters import ParameterRequests, settle
 from snake_sim_ros.nodes.node_process import run_node
-from snake_sim_ros.nodes.parameter_requests import ParameterRequests
-from snake_sim_ros.nodes.received_bytes import DamagedMessage, message_from
-from snake_sim_ros.nodes.stamps import seconds_from
-from snake_sim_ros.nodes.throttled_warnings import ThrottledWarnings
-from snake_sim_ros.nodes.transforms import LATCHED
-from snake_sim_ros.nodes.turns import Prepare, Turns
 from snake_sim_ros.nodes.viewer_controls import Controls
 from snake_sim_ros.recording import from_messages
 from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
@@ -49,8 +43,6 @@ from snake_sim_ros.view.page import announce, Page, PLOT_PERIOD, SHOW_PERIOD
 UNWATCHED_PERIOD = 0.1  # s between two looks for messages if no browser is connected
 SERVING = 0.01  # s for which requests are served before the page is brought up to date
 STALE = 1.0  # s by which a pose may be older or newer than the joint angles
-EPOCH = 1e8  # s; a later stamp is that of a wall clock, and time is counted from the first one
-LARGE = 50_000  # bytes of a message, which takes 15 ms to read
 LAST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 NO_POINTS = np.zeros((0, 3))
 
@@ -61,10 +53,10 @@ class Settings(CheckedRecord):
 
     host: str = quantity('127.0.0.1', '', 'address of this machine to serve the page at')
     port: int = quantity(
-        8080, '1', 'port of the page; 0 is any free one', minimum=0, maximum=65535
+        8080, '1', 'port of the page; 0 = any free port', minimum=0, maximum=65535
     )
     scene: str = quantity(
-        'lateral_undulation', '', 'scene whose robot is shown while there is no robot_description'
+        'lateral_undulation', '', 'scene whose robot is shown until a robot_description arrives'
     )
     open_browser: bool = quantity(False, '', 'open the page in a browser')
 
@@ -84,8 +76,6 @@ class ViewerNode(Node):
         self.warn = ThrottledWarnings(self)
         self.physics = f'{self.get_namespace()}/sim: physics'.lstrip('/')
         self.latest: dict[str, Any] = {}  # topic -> last message
-        self.turns = Turns()
-        self.turns.open()
         self.messages = 0  # that came on the topics of a robot
         self.status: dict[str, str] = {}
         self.obstacles: list[Any] = []
@@ -110,7 +100,6 @@ class ViewerNode(Node):
 
     def update(self) -> None:
         """Bring the page up to date with the messages that came."""
-        self.turns.finish()
         changed, now = self.page.changed(), time.monotonic()
         if self.new:
             self.new = False
@@ -136,22 +125,13 @@ class ViewerNode(Node):
         qos: QoSProfile,
         then: Callable[[Any], None] = lambda message: None,
     ) -> None:
-        def take(prepare: Prepare) -> None:
-            try:
-                message = prepare()
-            except DamagedMessage as error:
-                self.warn(f'bytes of {topic}', f'{topic}: {error}')
-                return
+        def take(message: Any) -> None:
+            self.messages += 1
             self.new = self.new or topic in ('joint_states', 'link_poses')
             self.latest[topic] = message
             then(message)
 
-        def read(data: bytes) -> None:
-            self.messages += 1
-            prepare = partial(message_from, data, kind)
-            self.turns.take(topic, prepare, take, large=len(data) > LARGE)
-
-        self.create_subscription(kind, topic, read, qos, raw=True)
+        self.create_subscription(kind, topic, take, qos)
 
     # ---- what there is to see -------------------------------------------------------------------
 
@@ -225,7 +205,7 @@ class ViewerNode(Node):
             self.warn(
                 'links',
                 f'link_poses has {len(poses.poses)} links, the robot that is shown '
-                f'{robot.link_count}: robot_description or the parameter scene tells which it is',
+                f'{robot.link_count}: set it with robot_description or the parameter scene',
             )
         q = placed(robot, np.nan_to_num(angle), None if odom is None else base_of(odom))
         return q[:, :3], q[:, 3:]
@@ -257,7 +237,7 @@ def base_of(odom: Odometry) -> tuple[Array, Array]:
     return np.array([place.x, place.y, place.z]), np.array([turn.w, turn.x, turn.y, turn.z])
 
 
-def serve(node: ViewerNode, executor: CountingExecutor, server: Server) -> None:
+def serve_rounds(node: ViewerNode, executor: CountingExecutor, server: Server) -> None:
     """
     Serve what waits in rounds, which take one message of a topic and one request of a service.
 
@@ -272,7 +252,7 @@ def serve(node: ViewerNode, executor: CountingExecutor, server: Server) -> None:
         requests = executor.served > node.messages
 
 
-def run(node: ViewerNode, stop: Event) -> None:
+def run_viewer(node: ViewerNode, stop: Event) -> None:
     """Look for messages and bring the page up to date, again and again."""
     executor = CountingExecutor()
     executor.add_node(node)
@@ -280,7 +260,7 @@ def run(node: ViewerNode, stop: Event) -> None:
     try:
         while not stop.is_set():
             begin = time.monotonic()
-            serve(node, executor, server)
+            serve_rounds(node, executor, server)
             node.update()
             period = SHOW_PERIOD if node.page.watched else UNWATCHED_PERIOD
             stop.wait(max(period - (time.monotonic() - begin), 0.0))
@@ -290,7 +270,7 @@ def run(node: ViewerNode, stop: Event) -> None:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until a signal ends it."""
-    return run_node(ViewerNode, run, args)
+    return run_node(ViewerNode, run_viewer, args)
 
 
 if __name__ == '__main__':

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.dynamics.control_loop import make_control_loop
+from snake_sim_ros.dynamics.joint_control import make_control_loop
 from snake_sim_ros.recording.recorded_runs import (
     format_of,
     load_arrays,
@@ -24,7 +24,7 @@ from snake_sim_ros.recording.recorded_runs import (
 from snake_sim_ros.scene.checked_records import cut, LONGEST_REASON, ParameterError
 from snake_sim_ros.scene.files import whole_file
 from snake_sim_ros.scene.parameters import Array, Scene, scene_from_text, scene_to_text
-from snake_sim_ros.stepping.parts import ANEW, SMOOTH, TICKS, UNKNOWN
+from snake_sim_ros.stepping.bdf2.formula import ANEW, SMOOTH, TICKS, UNKNOWN
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import check_history, named_arrays, State, with_arrays
 

@@ -1,7 +1,7 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Arrays and scenes from messages: the inverse of `nodes.state_messages` and `nodes.markers`.
+Arrays and scenes from messages: the inverse of `state_messages` and `state_publishers`.
 
 The functions read the attributes of a message, so rclpy or a reader of bags may have made it. They
 need nothing of ROS.

@@ -4,7 +4,7 @@
 The accuracy of a scene: the relative error of the path that one can expect over a gait cycle.
 
 It chooses the method `bdf2`, and by an error estimate the parts in which its steps are taken; see
-`parts`. A part may be off the path by
+`bdf2.formula`. A part may be off the path by
 
     tolerance = PATH_SHARE L accuracy^(3/2),
 
@@ -33,7 +33,7 @@ RESIDUAL = 1e-8  # residual tolerance of the contacts; a larger one saves next t
 
 
 def path_tolerance(scene: Scene) -> float:
-    """Return the error that a part of a step may make in the path [m]; 0: parts are not chosen."""
+    """Return the path error that a part of a step may make [m]; 0: steps are not divided."""
     if scene.accuracy == 0.0:
         return 0.0
     length = float(scene.robot.per_link('link_length').mean())
@@ -41,7 +41,7 @@ def path_tolerance(scene: Scene) -> float:
 
 
 def longest_step(scene: Scene, accuracy: float) -> float:
-    """Return the longest time for which one joint reference of the gait will do [s]."""
+    """Return the longest time for which one joint reference of the gait is enough [s]."""
     yaw, pitch = scene.gait.yaw.angular_frequency, scene.gait.pitch.angular_frequency
     fastest = max(abs(yaw), abs(pitch))
     if scene.gait.table:

@@ -1,7 +1,7 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-What the compiler does for a level, and what of that a second process can do at the same time.
+What is compiled for a level, and which part of it a second process can compile meanwhile.
 
 The contact solver is half of a step, for the compiler too.
 """
@@ -11,20 +11,19 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.contact.admissible import without_gain
-from snake_sim_ros.contact.line_search import line_search
+from snake_sim_ros.contact.laws import natural_map
 from snake_sim_ros.contact.linear_problem import linear_step
-from snake_sim_ros.contact.natural_map import natural_map
-from snake_sim_ros.contact.newton import Newton
-from snake_sim_ros.contact.solver import Outcome, Problem, solve
-from snake_sim_ros.dynamics.bound_call import compile_call, Loop
+from snake_sim_ros.contact.newton import line_search, Newton
+from snake_sim_ros.contact.problem import Outcome, Problem, solve
 from snake_sim_ros.dynamics.compilation import Dispatched
-from snake_sim_ros.dynamics.records import made_type, type_of, type_of_made
+from snake_sim_ros.dynamics.records import compile_call, made_type, type_of, type_of_made
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping import bdf2, moreau
+from snake_sim_ros.stepping import moreau
+from snake_sim_ros.stepping.bdf2 import step as bdf2
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.planar import moreau as planar_moreau
-from snake_sim_ros.stepping.planar.axes import yaw_axes_change
-from snake_sim_ros.stepping.planar.solver import solve_in_plane
+from snake_sim_ros.stepping.planar.moreau import yaw_axes_change
+from snake_sim_ros.stepping.planar.solvers import solve_in_plane
 from snake_sim_ros.stepping.pushes import NO_PUSHES
 from snake_sim_ros.stepping.state import initial_state, without_memory
 from snake_sim_ros.stepping.steps import REPORT
@@ -34,10 +33,9 @@ REPORT_TYPE = type_of(np.zeros(1, REPORT)).dtype
 
 
 def one_level(scene: Scene, level: str) -> Any:
-    """Return the stepper of one level of a scene; None if its steps are not compiled."""
+    """Return the stepper of one level of a scene."""
     stepper: Any = make_stepper(scene)
-    stepper = getattr(stepper, level, stepper)
-    return stepper if isinstance(getattr(stepper, 'loop', None), Loop) else None
+    return getattr(stepper, level, stepper)
 
 
 def function_counts(scene: Scene, level: str) -> dict[str, int]:
@@ -48,8 +46,7 @@ def function_counts(scene: Scene, level: str) -> dict[str, int]:
     """
     stepper = one_level(scene, level)
     found: dict[Any, set[Any]] = {}
-    if stepper:
-        _within(stepper.loop.func, stepper.loop.first, found)
+    _within(stepper.loop.func, stepper.loop.first, found)
     return {
         function.py_func.__name__: len(inside)
         for function, inside in found.items()
@@ -59,7 +56,7 @@ def function_counts(scene: Scene, level: str) -> dict[str, int]:
 
 def _within(name: Any, first: Any, found: dict[Any, set[Any]]) -> set[Any]:
     """
-    Return the functions in what a name means, itself included.
+    Return the functions that a name leads to, itself included.
 
     `first` chooses between implementations. What is in any of them is added to `found`.
     """
@@ -80,8 +77,6 @@ def _within(name: Any, first: Any, found: dict[Any, set[Any]]) -> set[Any]:
 def compile_solver(scene: Scene, level: str) -> None:
     """Compile the contact solver as the steps of a level call it."""
     stepper = one_level(scene, level)
-    if not stepper:
-        return
     function, first, work = stepper.loop.func, stepper.loop.first, type_of(stepper.work)
     model, history = type_of(stepper.model), type_of_made(without_memory(stepper.empty))
     if function is moreau.advance:
@@ -110,10 +105,8 @@ def _problem(stepper: Any) -> Any:
 
 
 def compile_search(scene: Scene, level: str) -> None:
-    """Compile what the other process comes to last: parts of Newton's method, laws of joints."""
+    """Compile what the other process reaches last: parts of Newton's method, laws of joints."""
     stepper = one_level(scene, level)
-    if not stepper:
-        return
     contacts, first = _contacts(stepper), stepper.loop.first
     if level == 'planar':
         step = type_of(stepper.model), type_of(stepper.work), OUTCOME_TYPE, type_of(1), type_of(1)
@@ -129,8 +122,6 @@ def compile_search(scene: Scene, level: str) -> None:
 def compile_loop(scene: Scene, level: str) -> None:
     """Compile the loop over steps, by a call without steps."""
     stepper = one_level(scene, level)
-    if not stepper:
-        return
     none = np.zeros((0, scene.robot.link_count - 1, 2))
     now = initial_state(scene), stepper.empty_history(), none, none, stepper.no_samples, NO_PUSHES
     if level == 'planar':

@@ -128,9 +128,9 @@ def divergence(link: int, turn: float, dt: float) -> str:
 
 
 class OneByOne(Protocol):
-    """What a stepper goes on with by single steps; see `single_steps.SingleSteps`."""
+    """Single steps that continue a run in place; see `steps.SingleSteps`."""
 
-    steps: Any  # the `steps.Steps` that go on in place
+    steps: Any  # the `steps.Steps`, which change in place
 
     @property
     def state(self) -> State: ...  # noqa: D102
@@ -154,7 +154,7 @@ class Stepper(Protocol):
     level : str
         Model level of the last step.
     cycles : ndarray, shape (steps+1,)
-        Time stamps before and after every step of the last call; empty if steps are not compiled.
+        Time stamps before and after every step of the last call; empty without a compiled loop.
 
     """
 
@@ -206,11 +206,11 @@ class Stepper(Protocol):
         ...
 
     def limit_iterations(self, limit: int) -> None:
-        """Let a step take that many contact iterations at most, if steps are compiled."""
+        """Let a step take that many contact iterations at most."""
         ...
 
     def single_steps(self, state: State, history: History, pushes: PushTable) -> OneByOne | None:
-        """Return what goes on by single steps from the last call, None if there is no such way."""
+        """Return single steps that continue the last call; None if there are none."""
         ...
 
 
@@ -237,8 +237,6 @@ class Method:
         Whether the planar level has contacts with pegs.
     energy_balance : bool
         Whether impulses are those of a whole step, as an energy balance needs them.
-    compiled : bool
-        Whether its steps are compiled, and have time stamps.
 
     """
 
@@ -248,4 +246,3 @@ class Method:
     what_is_not_possible: Callable[[Scene], str] = _everything
     planar_pegs: bool = False
     energy_balance: bool = True
-    compiled: bool = True

@@ -86,7 +86,17 @@ def sampled_forces(
 
 
 @compiled
-def forces_of_ground(offset, radius, q, impulse, span, sample, number, points, forces):
+def forces_of_ground(
+    offset: Array,
+    radius: Array,
+    q: Array,
+    impulse: Array,
+    span: Array,
+    sample: Array,
+    number: Array,
+    points: Array,
+    forces: Array,
+) -> None:
     """
     Fill points and forces (k, 3) of the contacts that are spheres on the ground below them.
 

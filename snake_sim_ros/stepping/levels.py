@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.control_loop import make_control_loop
+from snake_sim_ros.dynamics.joint_control import make_control_loop
 from snake_sim_ros.dynamics.kinematics import FLAT_GAP, FLAT_TILT, STILL_SPEED
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene
@@ -26,10 +26,9 @@ from snake_sim_ros.stepping.planar.model import forget, PlanarMemory
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
 from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import checked, Samples
-from snake_sim_ros.stepping.single_steps import NO_PITCH, PITCH, PITCH_ROUNDING, SingleSteps
 from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.state import copied, History, is_finite, Returned, State
-from snake_sim_ros.stepping.steps import Steps
+from snake_sim_ros.stepping.steps import NO_PITCH, PITCH, PITCH_ROUNDING, SingleSteps, Steps
 
 AUTO_ROLL = 3e-4  # largest roll that `auto` neglects [rad]
 AUTO_SLIP_SHARE = 2e-3  # largest slip by rolling that `auto` neglects, as a share of the way
@@ -118,7 +117,7 @@ class LevelMemory(NamedTuple):
 
 class LevelStepper:
     """
-    A stepper of the planar level while that is exact, else of the spatial one.
+    A stepper of the planar level while that is exact, and of the spatial one otherwise.
 
     Parameters
     ----------
@@ -222,7 +221,7 @@ class LevelStepper:
     def single_steps(
         self, state: State, history: History, pushes: PushTable
     ) -> SingleSteps | None:
-        """Return what goes on from the last call; None in a pause at the spatial level."""
+        """Return steps that continue the last call; None in a pause at the spatial level."""
         memory, is_planar = history.memory, history.settling[0] <= 0
         if history.settling[0] > self.settle_steps:
             return None
@@ -290,7 +289,7 @@ def what_is_told(angle: Array, rate: Array, pushes: PushTable = NO_PUSHES) -> st
     told = np.abs([angle[:, 1], rate[:, 1]])
     kind, j = np.unravel_index(int(told.argmax()), told.shape)
     value, unit = ((angle, 'rad'), (rate, 'rad/s'))[kind]
-    return f'joint_{j + 1}_pitch is told {value[j, 1]:.3g} {unit}'
+    return f'joint_{j + 1}_pitch is commanded to {value[j, 1]:.3g} {unit}'
 
 
 class FlatStepper:
@@ -338,7 +337,7 @@ class FlatStepper:
     def single_steps(
         self, state: State, history: History, pushes: PushTable
     ) -> SingleSteps | None:
-        """Return what goes on from a state and its history; see `single_steps.SingleSteps`."""
+        """Return steps that continue from a state and its history; see `steps.SingleSteps`."""
         return self.planar.single_steps(state, history, pushes)
 
 
@@ -364,9 +363,7 @@ def stepper_of_level(scene: Scene, method: Method) -> Stepper:
         if reason:
             raise ParameterError(f'level planar: {reason}; choose level spatial or auto')
         return FlatStepper(scene, method.planar(scene))
-    # A method that is not compiled, the reference, is planar only if the scene asks for that.
-    spatial = scene.level == 'spatial' or not method.compiled
-    if spatial or reason:
+    if scene.level == 'spatial' or reason:
         stepper: Stepper = method.spatial(scene)
         return stepper
     return LevelStepper(scene, method.planar(scene), method.spatial(scene))

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table of time stepping methods. A new method is an entry here, and a module."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import replace
 from typing import Any
 
@@ -10,20 +10,23 @@ from snake_sim_ros.contact.delassus import Delassus, make_delassus
 from snake_sim_ros.contact.gauss_seidel import GaussSeidel
 from snake_sim_ros.contact.newton import Newton
 from snake_sim_ros.contact.prox_iteration import MOST_CONDENSED_ROWS, ProxIteration
-from snake_sim_ros.dynamics.bound_call import Loop
+from snake_sim_ros.dynamics.records import Loop
 from snake_sim_ros.scene.checked_records import ParameterError, quoted
 from snake_sim_ros.scene.obstacles import contact_count, is_flat
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping import bdf2, bdf2_memory, levels, moreau
+from snake_sim_ros.stepping import levels, moreau
+from snake_sim_ros.stepping.accuracy import USUAL_ACCURACY, with_accuracy
 from snake_sim_ros.stepping.base import Method, Stepper
+from snake_sim_ros.stepping.bdf2 import step as bdf2
+from snake_sim_ros.stepping.bdf2.motion import make_arrays, make_memory
 from snake_sim_ros.stepping.model import whole_operator
 from snake_sim_ros.stepping.planar import bdf2 as planar_bdf2, moreau as planar_moreau
-from snake_sim_ros.stepping.planar.gauss_seidel import PlanarGaussSeidel
-from snake_sim_ros.stepping.planar.newton import PlanarNewton
-from snake_sim_ros.stepping.planar.prox_iteration import PlanarProxIteration
-from snake_sim_ros.stepping.planar.reference import DenseLoop
+from snake_sim_ros.stepping.planar.solvers import (
+    PlanarGaussSeidel,
+    PlanarNewton,
+    PlanarProxIteration,
+)
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
-from snake_sim_ros.stepping.reference import ReferenceStepper
 from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.state import History
 
@@ -51,8 +54,8 @@ def _small_delassus(scene: Scene) -> Delassus:
 
 def _spatial_bdf2(scene: Scene) -> SpatialStepper:
     n = scene.robot.link_count
-    own = bdf2_memory.make_arrays(n, contact_count(scene))
-    return SpatialStepper(scene, Loop(bdf2.advance, own), bdf2_memory.make_memory(n))
+    own = make_arrays(n, contact_count(scene))
+    return SpatialStepper(scene, Loop(bdf2.advance, own), make_memory(n))
 
 
 def _planar_bdf2(scene: Scene) -> PlanarStepper:
@@ -96,17 +99,12 @@ METHODS: dict[str, Method] = {
         planar=_planar(lambda scene: PlanarProxIteration()),
         where_impulses_acted=moreau.where_impulses_acted,
     ),
-    # The same in dense NumPy, to read beside the paper.
-    'reference': Method(
-        spatial=ReferenceStepper,
-        planar=lambda scene: PlanarStepper(scene, DenseLoop(scene)),
-        where_impulses_acted=moreau.where_impulses_acted,
-        compiled=False,
-    ),
 }
 
 AUTO = 'auto'  # the method that docs/speed_accuracy.md finds best for the time step
 LARGE_STEP = 1e-3  # above it, a method of second order is chosen [s]
+STEPPING = ('dt', 'method', 'level')  # with one of these, a user decides how a scene is run
+USUAL_SCENE = Scene()
 
 
 def method_of(scene: Scene) -> str:
@@ -129,6 +127,37 @@ def method_of(scene: Scene) -> str:
         names = ', '.join(sorted([AUTO, *METHODS]))
         raise ParameterError(f'unknown method {quoted(scene.method)}; choose from: {names}')
     return scene.method
+
+
+def with_usual_steps(scene: Scene, given: Container[str], period: float) -> Scene:
+    """
+    Return a scene with the steps that its accuracy needs, if it has one.
+
+    It has the usual accuracy if neither an accuracy nor one of STEPPING is given or differs from
+    its default, and if the method for it can run the scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    given : container of str
+        Dotted names of the values that a user gave beside the file of the scene.
+    period : float
+        Time between two samples [s].
+
+    Raises
+    ------
+    ParameterError
+        If the accuracy or the period is not usable.
+
+    """
+    accuracy = scene.accuracy
+    is_free = all(
+        name not in given and getattr(scene, name) == getattr(USUAL_SCENE, name)
+        for name in STEPPING
+    )
+    if 'accuracy' not in given and is_free and not bdf2.what_is_not_possible(scene):
+        accuracy = accuracy or USUAL_ACCURACY
+    return with_accuracy(scene, accuracy, period, given) if accuracy else scene
 
 
 def what_is_not_planar(scene: Scene) -> str:
@@ -167,7 +196,7 @@ def make_stepper(scene: Scene) -> Stepper:
 
 
 def share_compiled(stepper: Stepper, scene: Scene, other: Stepper, other_scene: Scene) -> None:
-    """Let the stepper of another scene know the code that a stepper has, if they have the same."""
+    """Tell the stepper of another scene which levels are compiled, if both have the same code."""
     kinds = [(method_of(each), is_flat(each)) for each in (scene, other_scene)]
     both = isinstance(stepper, levels.LevelStepper) and isinstance(other, levels.LevelStepper)
     if both and kinds[0] == kinds[1]:

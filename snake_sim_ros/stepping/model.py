@@ -10,14 +10,14 @@ import numpy as np
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.delassus import make_delassus
 from snake_sim_ros.contact.detection import make_obstacles, make_other_friction, Obstacles
-from snake_sim_ros.contact.laws import Laws, make_disc
+from snake_sim_ros.contact.laws import Laws, LEAST_COMPLIANCE, make_disc
 from snake_sim_ros.contact.newton import make_operator, Operator
-from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
-from snake_sim_ros.contact.table import make_table
+from snake_sim_ros.contact.problem import make_table
 from snake_sim_ros.dynamics.articulated_body import Chain
-from snake_sim_ros.dynamics.control_loop import ControlLoop, make_control_loop
+from snake_sim_ros.dynamics.compilation import Table
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.dynamics.free_chain import make_free_chain
+from snake_sim_ros.dynamics.joint_control import ControlLoop, make_control_loop
 from snake_sim_ros.dynamics.joint_laws import AxisLaws, JointLaws, make_axis_laws, make_joint_laws
 from snake_sim_ros.scene.obstacles import contact_count, is_flat, pair_contacts
 from snake_sim_ros.scene.parameters import Array, DRIFT_CORRECTIONS, PD_SCHEMES, Robot, Scene
@@ -48,17 +48,17 @@ class Model(NamedTuple):
     contact_radius: Array  # (n,) [m]
     stiffness: Array  # (n-1, 2) of the joints (yaw, pitch) [N m/rad]
     damping: Array  # (n-1, 2) [N m s/rad]
-    joint_laws: JointLaws
-    control: ControlLoop
+    joint_laws: JointLaws  # of all axes
+    control: ControlLoop  # of the robot
     gravity: Array  # (3,) in I [m/s^2]
-    laws: Laws
+    laws: Laws  # of the contacts
     closed_gap: float  # gap up to which a contact counts as closed [m]
     dt: float  # [s]
     tolerance: float  # [N s]
     residual_tolerance: float  # [m/s]
-    iteration_limit: int
+    iteration_limit: int  # of a step
     pd_scheme: int  # index in PD_SCHEMES
-    path_tolerance: float  # error that a step may make in the path [m]; 0: steps are not chosen
+    path_tolerance: float  # error that a step may make in the path [m]; 0: steps are not divided
     drift_correction: int  # index in DRIFT_CORRECTIONS
     settle_steps: int  # steps to lie flat and still before the loop ends; 0: it does not end so
     obstacles: Obstacles | None  # None: a flat floor
@@ -71,15 +71,15 @@ class Workspace(NamedTuple):
     R: Array  # (n, 3, 3) link frames in I
     omega: Array  # (n, 3) angular velocities at the start of the step, in I [rad/s]
     center: Array  # (n, 3) link centers from O, the center of the middle link, in I [m]
-    coordinate: Array  # (2, n-1, 2, 2) joint (yaw, pitch) x (angle, rate), at start and middle
+    coordinate: Array  # (2, n-1, 2, 2) start and middle x joint x (yaw, pitch) x (angle, rate)
     torque: Array  # (n-1, 2) impulse of the controller, without its implicit part [N m s]
     damping: Array  # (n-1, 2) implicit part of the controller, times dt [N m s^2]
     applied: Array  # (n-1, 2) impulse of the controller with its implicit part [N m s]
-    axes: AxisLaws
-    chain: Chain
+    axes: AxisLaws  # laws of the joint axes in this step
+    chain: Chain  # the links as a tree, about O
     closed: Array  # (c,) begins with the numbers of the closed contacts
     operator: Operator  # of the contacts, for `bdf2`
-    contacts: Any  # (c,) table of all contacts, see `contact.table`
+    contacts: Table  # (c,) table of all contacts, see `contact.problem`
 
 
 @lru_cache(maxsize=64)

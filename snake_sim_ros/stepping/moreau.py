@@ -3,11 +3,11 @@
 """
 The time step of the paper [1] compiled, with the joints eliminated in one sweep over the links.
 
-The step is that of `reference`, whose docstrings name the equations. Only the algebra differs: W_J
-and P_J never appear. The velocities that satisfy ``W_J^T u_E = 0`` are those of a chain of links
-with two hinge axes per joint. The articulated-body algorithm [2] solves the balance (75) for them
-in one sweep from both ends to the middle link and one back, with work that is linear in the number
-of links.
+The step in dense NumPy is in `test/oracle/moreau.py`, whose docstrings name the equations. Only
+the algebra differs: W_J and P_J never appear here. The velocities that satisfy ``W_J^T u_E = 0``
+are those of a chain of links with two hinge axes per joint. The articulated-body algorithm [2]
+solves the balance (75) for them in one sweep from both ends to the middle link and one back, with
+work that is linear in the number of links.
 
 A twist is (angular velocity, velocity of the body point at O), and an impulse wrench is (moment
 about O, impulse), both in axes of I. All links share the point O, so that the sweeps transform
@@ -19,15 +19,15 @@ placed as if the joints were closed exactly.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
 from snake_sim_ros.contact.closing import close_step, predict_gaps
-from snake_sim_ros.contact.detection import find_contacts, reach_of_step
+from snake_sim_ros.contact.detection import find_contacts, penetration, reach_of_step
 from snake_sim_ros.contact.directions import contact_velocities
-from snake_sim_ros.contact.penetration import penetration
-from snake_sim_ros.contact.selection import apply_selection_rule, PRESS_SPEED
-from snake_sim_ros.contact.solver import Problem, solve
+from snake_sim_ros.contact.laws import apply_selection_rule, PRESS_SPEED
+from snake_sim_ros.contact.problem import Outcome, Problem, solve
 from snake_sim_ros.dynamics.balance import (
     axis_loads,
     control_impulses,
@@ -36,8 +36,7 @@ from snake_sim_ros.dynamics.balance import (
     smooth_momentum,
 )
 from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
-from snake_sim_ros.dynamics.control_loop import read_by_controllers
-from snake_sim_ros.dynamics.joint_control import START
+from snake_sim_ros.dynamics.joint_control import read_by_controllers, START
 from snake_sim_ros.dynamics.joint_drift import close_joints, joint_violation
 from snake_sim_ros.dynamics.joint_laws import (
     begin_joint_laws,
@@ -58,6 +57,7 @@ from snake_sim_ros.dynamics.kinematics import (
 )
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.stepping.model import Model, Workspace
 from snake_sim_ros.stepping.pushes import add_pushes, whole_step
 from snake_sim_ros.stepping.steps import (
     count_steps,
@@ -65,11 +65,12 @@ from snake_sim_ros.stepping.steps import (
     keep_sample,
     note_outcome,
     noted,
+    Steps,
 )
 
 
 @inlined
-def begin_step(model, work, steps, k):
+def begin_step(model: Model, work: Workspace, steps: Steps, k: int) -> Problem:
     """Return the contact problem of step k, section VII, with the velocities at its start."""
     q, u, R, chain = steps.q, steps.u, work.R, work.chain
     middle_coordinates(model.dt, q, u, work.q_mid)
@@ -109,8 +110,10 @@ def begin_step(model, work, steps, k):
 
 
 @inlined
-def solve_again(model, work, outcome, attempt, left, report):
-    """Return whether the laws of the joints ask for another solution, and prepare it."""
+def solve_again(
+    model: Model, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Any
+) -> bool:
+    """Return whether the laws of the joints need another solution, and prepare it."""
     chain = work.chain
     joint_rates(work.R, chain.twist, work.axes.rate)
     if not model.joint_laws.present or not joint_laws_change(
@@ -122,7 +125,7 @@ def solve_again(model, work, outcome, attempt, left, report):
 
 
 @inlined
-def controller_impulses(model, work):
+def controller_impulses(model: Model, work: Workspace) -> None:
     """Fill work.applied, the impulses of the controllers at the rates in work.axes."""
     rate = work.axes.rate
     for j in range(len(rate)):
@@ -134,7 +137,9 @@ def controller_impulses(model, work):
 
 
 @inlined
-def end_step(model, work, steps, problem, outcome):
+def end_step(
+    model: Model, work: Workspace, steps: Steps, problem: Problem, outcome: Outcome
+) -> bool:
     """Move q and u to the end of the step; return whether the loop continues."""
     q, u, report = steps.q, steps.u, steps.report[0]
     if not turns_are_small(model.dt, work.chain.twist, report):
@@ -156,7 +161,7 @@ def end_step(model, work, steps, problem, outcome):
 
 
 @inlined
-def turns_are_small(dt, twist, report):
+def turns_are_small(dt: float, twist: Array, report: Any) -> bool:
     """Return whether all links turn by less than pi/2 in dt, or report the first that does not."""
     for i in range(len(twist)):
         turn = dt * math.sqrt(twist[i, 0] ** 2 + twist[i, 1] ** 2 + twist[i, 2] ** 2)
@@ -167,7 +172,7 @@ def turns_are_small(dt, twist, report):
 
 
 @inlined
-def note_joints(model, q, report):
+def note_joints(model: Model, q: Array, report: Any) -> None:
     """Report how far the joints are open."""
     gap, twist = joint_violation(model.half_length, q)
     report.joint_gap_max = max(report.joint_gap_max, gap)
@@ -175,7 +180,7 @@ def note_joints(model, q, report):
 
 
 @inlined
-def finish(model, twist, q, u, settling, report):
+def finish(model: Model, twist: Array, q: Array, u: Array, settling: Array, report: Any) -> bool:
     """
     Report a step at its end.
 
@@ -195,11 +200,11 @@ def finish(model, twist, q, u, settling, report):
 
 
 @compiled
-def advance(solver, model, work, steps):
+def advance(solver: Any, model: Model, work: Workspace, steps: Steps) -> None:
     """
     Take the steps up to the first that diverges; see `spatial.SpatialStepper`.
 
-    The type of `solver` chooses the contact solver; see `contact.solver.solve`.
+    The type of `solver` chooses the contact solver; see `contact.problem.solve`.
     """
     report = steps.report[0]
     for k in range(len(steps.angle)):

@@ -5,7 +5,7 @@ Pushes: forces and torques from outside at the centers of links, which act for s
 
 They are in the balance of every step, beside gravity, so that friction holds what it can hold. A
 step of the paper takes their mean over its length. Method `bdf2` divides steps where a push begins
-or ends, and starts anew there; see `parts`.
+or ends, and starts anew there; see `bdf2.formula`.
 
 Times are counted in ticks, STEP a step. A push begins at the tick before and ends at the
 tick after those that are meant, with a force that is so much smaller that its impulse is exact.
@@ -22,7 +22,6 @@ import numpy as np
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.stepping.parts import ANEW, SMOOTH, TICKS
 
 STEP = 2**14  # ticks in a step: shorter parts of it would be lost in the tolerances of contacts
 NOTHING = (0.0, 0.0, 0.0)
@@ -98,66 +97,23 @@ class PushTable(NamedTuple):
 
 
 @inlined
-def whole_step(pushes, k):
+def whole_step(pushes: PushTable, k: int) -> Stretch:
     """Return step k of a call as a `Stretch`."""
     end = (pushes.clock[0] + k + 1) * STEP
     return Stretch(end - STEP, end, end)
 
 
 @inlined
-def first_stretch(pushes, k, memory):
-    """Return the first `Stretch` of step k in which pushes are constant; see `stretch_from`."""
-    step = whole_step(pushes, k)
-    return stretch_from(pushes, step.begin, step.end, memory)
-
-
-@inlined
-def next_stretch(pushes, stretch, memory):
-    """Return the `Stretch` in which pushes are constant after another one of the same step."""
-    return stretch_from(pushes, stretch.end, stretch.step_end, memory)
-
-
-@inlined
-def stretch_from(pushes, begin, step_end, memory):
-    """
-    Return the `Stretch` of a step from a tick on in which pushes are constant.
-
-    If one begins or ends at that tick, the memory of method `bdf2` is to start anew there.
-    """
-    end = step_end
-    for p in range(len(pushes.link)):
-        first, last = pushes.begin[p], pushes.end[p]
-        if (first == begin or last == begin) and memory.phase[0] == SMOOTH:
-            memory.phase[0] = ANEW
-        if begin < first < end:
-            end = first
-        if begin < last < end:
-            end = last
-    return Stretch(begin, end, step_end)
-
-
-@inlined
-def part_of(stretch, dt, done, size):
-    """
-    Return the length of a part, and how much after the middle of the step it ends [s].
-
-    Of the `parts.TICKS` equal times in the stretch, `done` were before it, and it takes `size`.
-    The step has the length dt [s].
-    """
-    length = (stretch.end - stretch.begin) / STEP
-    late = (stretch.begin - stretch.step_end) / STEP + length * (done + size) / TICKS
-    return dt * length * size / TICKS, dt * (late + 0.5)
-
-
-@inlined
-def share(pushes, p, stretch):
+def share(pushes: PushTable, p: int, stretch: Stretch) -> float:
     """Return the share of the time of a `Stretch` in which push p acts."""
     first, last = max(stretch.begin, pushes.begin[p]), min(stretch.end, pushes.end[p])
     return max(0, last - first) / (stretch.end - stretch.begin)
 
 
 @inlined
-def add_pushes(pushes, stretch, h, R, center, momentum):
+def add_pushes(
+    pushes: PushTable, stretch: Stretch, h: float, R: Array, center: Array, momentum: Array
+) -> None:
     """
     Add the impulses of the pushes to the momentum of every link, a wrench about O.
 
@@ -187,7 +143,7 @@ def add_pushes(pushes, stretch, h, R, center, momentum):
 
 
 @inlined
-def in_axes_of(turns, R, vector):
+def in_axes_of(turns: int, R: Array, vector: Array) -> tuple[float, float, float]:
     """Return a vector (3,) of a push in axes of I, for the frame R (3, 3) of its link."""
     x, y, z = vector[0], vector[1], vector[2]
     if turns == 0:
@@ -200,7 +156,9 @@ def in_axes_of(turns, R, vector):
 
 
 @inlined
-def add_pushes_in_plane(pushes, stretch, h, heading, center, momentum):
+def add_pushes_in_plane(
+    pushes: PushTable, stretch: Stretch, h: float, heading: Array, center: Array, momentum: Array
+) -> None:
     """
     Add the impulses of the pushes in the plane; see `add_pushes`.
 
@@ -226,7 +184,7 @@ def add_pushes_in_plane(pushes, stretch, h, heading, center, momentum):
 
 
 @inlined
-def lifts_at_once(pushes):
+def lifts_at_once(pushes: PushTable) -> bool:
     """Return whether a push acts in the first step that does not leave the robot flat."""
     stretch = whole_step(pushes, 0)
     for p in range(len(pushes.link)):
@@ -279,14 +237,14 @@ def make_table(pushes: Sequence[Push], step: int = 0) -> PushTable:
 
 
 NO_PUSHES = make_table(())
-# What `bdf2_reference` takes: a function that returns forces (6n,) for link frames R (n, 3, 3).
+# What a dense step takes: a function that returns forces (6n,) for link frames R (n, 3, 3).
 Pushed = Callable[[Array], Array]
 not_pushed: Pushed = partial(NO_PUSHES.generalized, Stretch(0, STEP, STEP))
 
 
 class Pushes:
     """
-    What pushes the robot of a simulation: the pushes of its scene, and those that begin meanwhile.
+    What pushes the robot of a simulation: the pushes of its scene, and those added at run time.
 
     Of the latter, one on a link takes the place of that before.
 
@@ -302,7 +260,7 @@ class Pushes:
         self.change(scene)
 
     def change(self, scene: Scene) -> None:
-        """Go on with the pushes of another scene, which has the same robot and time step."""
+        """Continue with the pushes of another scene, which has the same robot and time step."""
         self._dt, self._links, middle = scene.dt, scene.robot.link_count, scene.robot.middle_link
         self._scene = [
             make_push(
@@ -350,7 +308,7 @@ class Pushes:
         self._waiting.append(make_push(link, force, torque, turns, 0.0, duration / self._dt))
 
     def clear(self) -> None:
-        """End the pushes that began meanwhile; those of the scene go on."""
+        """End the pushes that began since; those of the scene continue."""
         self._waiting = [
             make_push(link, NOTHING, NOTHING, False, 0.0, 1.0) for link in self._begun
         ]
@@ -371,7 +329,7 @@ class Pushes:
         return self._table
 
     def __bool__(self) -> bool:
-        """Return whether a push that began meanwhile had not ended before the last call."""
+        """Return whether a push added while it ran had not ended before the last call."""
         pushes = {**self._begun, **{push.link: push for push in self._waiting}}.values()
         return any(push.force.any() or push.torque.any() for push in pushes)
 

@@ -3,7 +3,9 @@
 """
 A scene as it advances in time, and the sampler that makes every record of a run.
 
-A step that diverges ends a run. The samples before it are kept.
+A step that diverges ends a run. The samples before it are kept. `GaitAhead` computes the joint
+references of the gait of a scene for a few steps at a time, and `IterationBudget` bounds the
+contact iterations of several steps together, for programs that keep a period.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,26 +21,140 @@ from snake_sim_ros.scene.gait import Gait
 from snake_sim_ros.scene.parameters import Array, load_scene, samples_of, Scene
 from snake_sim_ros.stepping.base import OneByOne, Report, Stepper
 from snake_sim_ros.stepping.contact_forces import contact_forces, last_span
-from snake_sim_ros.stepping.gait_ahead import GaitAhead
-from snake_sim_ros.stepping.iteration_budget import IterationBudget
 from snake_sim_ros.stepping.levels import LevelStepper
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.portions import LEAST_STEPS, Portions
 from snake_sim_ros.stepping.pushes import NO_PUSHES, Pushes, PushTable
 from snake_sim_ros.stepping.samples import make_samples, Samples
 from snake_sim_ros.stepping.sampling import (
     begun_samples,
     joint_motion,
     Keep,
+    LEAST_STEPS,
     Limits,
     NO_LIMITS,
+    Portions,
     STATES,
     trajectory_of,
 )
 from snake_sim_ros.stepping.state import carried, History, initial_state, State
 from snake_sim_ros.stepping.trajectory import Trajectory
 
+AHEAD = 64  # steps whose references are computed at once, since one costs as much as all of them
+FLOOR = 40  # iterations of every step; with fewer, `newton` may end before it has held radii once
+TOGETHER = 5  # steps that are tried in one call
 LEVELS = ('planar', 'spatial')
+
+
+class GaitAhead:
+    """
+    The gait of a scene at the middle of its steps, computed for some steps ahead.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene, self.first = scene, 0
+        self.angle, self.rate = np.zeros((2, 0, scene.robot.link_count - 1, 2))
+
+    def reference(self, step: int, count: int) -> tuple[Array, Array]:
+        """
+        Return the references of some steps.
+
+        Parameters
+        ----------
+        step : int
+            Number of the first one, from 0.
+        count : int
+
+        Returns
+        -------
+        angle, rate : ndarray, shape (count, n-1, 2)
+            (yaw, pitch) [rad], [rad/s].
+
+        """
+        if count > AHEAD:
+            return self.computed(step, count)
+        if not self.first <= step <= step + count <= self.first + len(self.angle):
+            self.first, (self.angle, self.rate) = step, self.computed(step, AHEAD)
+        part = slice(step - self.first, step - self.first + count)
+        return self.angle[part].copy(), self.rate[part].copy()
+
+    def computed(self, step: int, count: int) -> tuple[Array, Array]:
+        """Return the references of some steps, see `gait.reference`."""
+        axes = self.scene.robot.link_count - 1
+        return gait.reference(self.scene.gait, self.midpoints(step, count), axes)
+
+    def midpoints(self, step: int, count: int) -> Array:
+        """Return the times at the middle of some steps, shape (count,) [s]."""
+        return (step + 0.5 + np.arange(count)) * self.scene.dt
+
+
+class IterationBudget:
+    """
+    Iterations that the steps of a call share, whichever of them need more than `FLOOR`.
+
+    A few steps are tried together, each with an equal part of what is left as its limit. If one of
+    them does not converge, they are taken again, one after the other, each with all that is left
+    as its limit. Iterations of both count. Steps that converge have the bits that they have
+    without a budget, as long as no step before them was cut. Planar steps at the level `auto` have
+    their own low limit.
+
+    Attributes
+    ----------
+    share : float
+        Iterations a step in the mean; 0 is no budget.
+    cut : int
+        How many steps ended before they converged, since the budget was used up.
+    cycles : ndarray, shape (steps+1,)
+        Time stamps of the steps of the last call, as `base.Stepper` has them.
+
+    """
+
+    def __init__(self) -> None:
+        self.share, self.cut, self.cycles = 0.0, 0, np.zeros(1, np.int64)
+
+    def advance(
+        self, stepper: Stepper, most: int, state: State, history: History, angle: Array,
+        rate: Array, pushes: PushTable = NO_PUSHES,
+    ) -> tuple[State, History, Report]:  # fmt: skip
+        """
+        Return state, history and report after as many steps as there are references.
+
+        Parameters
+        ----------
+        stepper : Stepper
+            Of a compiled method.
+        most : int
+            The limit of a step without a budget. The stepper has it again afterwards.
+        state, history, angle, rate, pushes
+            As in `base.Stepper.advance`.
+
+        """
+        report, ticks = Report(level=stepper.level), [np.zeros(1, np.int64)]
+        left, single = int(self.share * len(angle)), 0
+        try:
+            while report.steps < len(angle) and not report.failure:
+                count = 1 if single else min(TOGETHER, len(angle) - report.steps)
+                limit = min(most, max(FLOOR, left // count))
+                stepper.limit_iterations(limit)
+                part = slice(report.steps, report.steps + count)
+                acting = pushes.after(report.steps)
+                end = stepper.advance(state, history, angle[part], rate[part], None, acting)
+                left -= end[2].iterations
+                if end[2].unconverged and count > 1 and limit < most:
+                    single = count
+                    continue
+                single = max(0, single - 1)
+                self.cut += end[2].unconverged if limit < most else 0
+                ticks.append(np.diff(stepper.cycles[: end[2].steps + 1]))
+                state, history, report = *end[:2], report + end[2] if report.steps else end[2]
+        finally:
+            stepper.limit_iterations(most)
+        self.cycles = np.cumsum(np.concatenate(ticks))
+        return state, history, report
 
 
 class Simulation:
@@ -78,7 +194,7 @@ class Simulation:
         self.reset()
 
     def reset(self) -> None:
-        """Return the robot to the start of the scene; time goes on."""
+        """Return the robot to the start of the scene; time continues."""
         self._go_on_from(initial_state(self.scene), self.stepper.empty_history())
         axes = (self.scene.robot.link_count - 1, 2)
         self.report = self.last = Report(joint_torque=np.zeros(axes))
@@ -96,7 +212,7 @@ class Simulation:
         levels : sequence of str, optional
             Those that are compiled, if the scene may have them.
         single : bool, optional
-            Whether calls with one step are compiled as well, or else at the second such call.
+            Whether calls with one step are compiled as well, otherwise at the second such call.
 
         """
         begin = time.perf_counter()
@@ -118,7 +234,7 @@ class Simulation:
 
     def change(self, scene: Scene) -> None:
         """
-        Go on with another scene, such as one with another gravity, other obstacles or method.
+        Continue with another scene, such as one with another gravity, other obstacles or method.
 
         Pose and velocities stay, and so do the impulses of contacts that both scenes have; see
         `state.carried`.
@@ -236,7 +352,7 @@ class Simulation:
     def _taken(
         self, angle: Array, rate: Array, samples: Samples | None, pushes: PushTable
     ) -> Report:
-        """Go on by steps of the stepper."""
+        """Take steps of the stepper."""
         now = self.state, self.history, angle, rate
         if samples is None and self.budget.share:
             most = self.scene.solver.iteration_limit
@@ -279,7 +395,7 @@ class Simulation:
         return self._single_steps.steps.history if self._single_steps else self._history
 
     def _go_on_from(self, state: State, history: History) -> None:
-        """Go on from a state and its history."""
+        """Continue from a state and its history."""
         self._state, self._history, self._single_steps = state, history, None
 
 

@@ -12,9 +12,8 @@ from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.model import make_model, make_workspace
 from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import checked, make_samples, Samples
-from snake_sim_ros.stepping.single_steps import ANY_PITCH, End, SingleSteps
 from snake_sim_ros.stepping.state import copied, empty_history, History, Returned, State
-from snake_sim_ros.stepping.steps import make_steps, Record, report_of
+from snake_sim_ros.stepping.steps import ANY_PITCH, End, make_steps, Record, report_of, SingleSteps
 
 
 class SpatialStepper:
@@ -83,7 +82,7 @@ class SpatialStepper:
     def single_steps(
         self, state: State, history: History, pushes: PushTable, pitch: int = ANY_PITCH
     ) -> SingleSteps:
-        """Return what goes on from a state and its history; see `single_steps.SingleSteps`."""
+        """Return steps that continue from a state and its history; see `steps.SingleSteps`."""
         end = End(
             state=lambda steps: State(steps.q.copy(), steps.u.copy()),
             history=lambda steps: copied(steps.history),

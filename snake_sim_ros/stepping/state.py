@@ -10,7 +10,7 @@ from typing import Any, cast, NamedTuple, TypeVar
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import merged
-from snake_sim_ros.dynamics.control_loop import make_control_memory
+from snake_sim_ros.dynamics.joint_control import make_control_memory
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import contact_count, same_contacts
 from snake_sim_ros.scene.parameters import Array, Scene
@@ -65,7 +65,7 @@ class History(NamedTuple):
     Attributes
     ----------
     impulse : ndarray, shape (contacts, 5)
-        Impulses P of the last step [N s], eq. (93), with the components of `contact.table`.
+        Impulses P of the last step [N s], eq. (93), with the components of `contact.problem`.
     velocity : ndarray, shape (contacts, 5)
         Relative velocities after that step [m/s].
     change : ndarray, shape (contacts, 5)
@@ -73,7 +73,7 @@ class History(NamedTuple):
     settling : ndarray, shape (1,)
         Steps for which the robot must yet lie flat and still before it is planar; see `levels`.
     control : ControlMemory
-        What the control loop of the robot keeps; see `dynamics.control_loop`.
+        What the control loop of the robot keeps; see `dynamics.joint_control`.
     memory : NamedTuple of arrays, or None
         What the method keeps at its level, in a type of its own; None if it keeps nothing.
 
@@ -88,7 +88,7 @@ class History(NamedTuple):
 
 
 @merged
-def without_memory(history):
+def without_memory(history: History) -> History:
     """
     Return the history without the memory of the method, as the contact solvers take it.
 
@@ -167,7 +167,7 @@ def check_state(links: int, contacts: int, state: State, history: History) -> No
 
 def check_history(links: int, empty: History, state: State, history: History) -> None:
     """
-    Check what a stepper goes on from; `links` and `empty` are those of the stepper.
+    Check what a stepper continues from; `links` and `empty` are those of the stepper.
 
     Raises
     ------
@@ -197,7 +197,7 @@ def check_arguments(
 
 class Returned:
     """
-    What a stepper gave away last, which it need not check when it comes back.
+    What a stepper returned last, which it need not check when it is passed back.
 
     Parameters
     ----------

@@ -1,17 +1,27 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The steps that a compiled loop takes, and its report."""
+"""
+The steps that a compiled loop takes, its report, and steps that are taken one at a time.
 
-from typing import Any, NamedTuple
+`SingleSteps` are those of `base.Stepper.advance`, to the bit, as a controller in Python takes
+them. `advance` checks and copies what it is given, chooses a level, and makes a new state. Single
+steps stay in memory: the compiled loop continues from where it ended, as long as nothing but a
+step like the last one is requested.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import Any, cast, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import inlined, record_array
+from snake_sim_ros.contact.problem import Outcome
+from snake_sim_ros.dynamics.compilation import compiled, inlined, record_array
+from snake_sim_ros.dynamics.records import Block, BoundCall
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.base import divergence, Report
-from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
+from snake_sim_ros.stepping.pushes import lifts_at_once, NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import row_after
-from snake_sim_ros.stepping.state import History
+from snake_sim_ros.stepping.state import History, named_arrays, State, with_arrays
 
 # Fields of `base.Report` that a loop adds up, and the reason why it ended early.
 REPORT = np.dtype(
@@ -21,11 +31,11 @@ REPORT = np.dtype(
         ('iterations_max', np.int64),
         ('unconverged', np.int64),
         ('fallbacks', np.int64),
-        ('residual_max', float),
-        ('printed_residual_max', float),
-        ('penetration_max', float),
-        ('joint_gap_max', float),
-        ('joint_twist_max', float),
+        ('residual_max', float),  # [m/s]
+        ('printed_residual_max', float),  # [m/s]
+        ('penetration_max', float),  # [m]
+        ('joint_gap_max', float),  # [m]
+        ('joint_twist_max', float),  # [1]
         ('further_parts', np.int64),
         ('contacts', np.int64),
         ('failed_link', np.int64),  # link, from 1, that would turn too far; 0 for none
@@ -35,6 +45,11 @@ REPORT = np.dtype(
 )
 
 row_at = inlined(row_after)
+PITCH_ROUNDING = 1e-9  # pitch references up to this count as zero [rad], [rad/s]
+# Steps for which a loop is right: all, those that leave a flat robot flat, those with a pitch
+# reference that is not zero or with a push that lifts.
+ANY_PITCH, NO_PITCH, PITCH = 0, 1, 2
+FLOAT = np.dtype(np.float64)
 
 
 class Record(NamedTuple):
@@ -46,8 +61,8 @@ class Record(NamedTuple):
 
     every: int  # steps from one sample to the next; 0: nothing is kept
     first: int  # steps up to the first sample
-    q: Array
-    u: Array
+    q: Array  # (m, *q.shape)
+    u: Array  # (m, *u.shape)
     torque: Array  # (m, n-1, 2) of the step before a sample [N m]
     impulse: Array  # (m, contacts, 5) of the step before a sample [N s]
     span: Array  # (m,) time for which these acted [s]
@@ -62,14 +77,14 @@ class Steps(NamedTuple):
     """
 
     q: Array  # (n, 7) as in `state.State`; in the plane (n+2,) as in `planar.model.PlanarMemory`
-    u: Array  # (n, 6), in the plane (n, 3)
+    u: Array  # (n, 6) as in `state.State`; in the plane (n, 3)
     history: History
     angle: Array  # (steps, n-1, 2) joint references at the middle of every step [rad]
     rate: Array  # (steps, n-1, 2) [rad/s]
     report: Any  # (1,) a record of REPORT
     cycles: Array  # (steps+1,) time stamps before and after every step
-    record: Record
-    pushes: PushTable
+    record: Record  # samples that the loop keeps
+    pushes: PushTable  # forces from outside in these steps
 
 
 def make_steps(
@@ -84,13 +99,15 @@ def make_steps(
 
 
 @inlined
-def sampled_row(k, record):
+def sampled_row(k: int, record: Record) -> int:
     """Return the row of a sample after step k; -1 if there is none."""
     return row_at(k, record.every, record.first, len(record.span))
 
 
 @inlined
-def keep_forces(row, applied, dt, span, history, record):
+def keep_forces(
+    row: int, applied: Array, dt: float, span: float, history: History, record: Record
+) -> None:
     """Fill a row with the torques of joint impulses (n-1, 2) of a step of dt, and the impulses."""
     for j in range(len(applied)):
         for k in range(2):
@@ -102,7 +119,7 @@ def keep_forces(row, applied, dt, span, history, record):
 
 
 @inlined
-def keep_sample(k, dt, span, applied, steps):
+def keep_sample(k: int, dt: float, span: float, applied: Array, steps: Steps) -> None:
     """Keep the state after step k of dt [s], if it is a sample; impulses acted for a span [s]."""
     record = steps.record
     row = sampled_row(k, record)
@@ -116,7 +133,7 @@ def keep_sample(k, dt, span, applied, steps):
 
 
 @inlined
-def note_outcome(outcome, report):
+def note_outcome(outcome: Outcome, report: Any) -> None:
     """Add an `Outcome` of a contact solver to a report, a record of REPORT."""
     report.iterations += outcome.iterations
     report.unconverged += outcome.converged == 0
@@ -126,7 +143,7 @@ def note_outcome(outcome, report):
 
 
 @inlined
-def noted(report):
+def noted(report: Any) -> tuple[int, int, int, int, float, float]:
     """Return what `note_outcome` has added to a report."""
     return (
         report.iterations, report.iterations_max, report.unconverged, report.fallbacks,
@@ -135,7 +152,7 @@ def noted(report):
 
 
 @inlined
-def take_back(before, report):
+def take_back(before: tuple[int, int, int, int, float, float], report: Any) -> None:
     """Set a report back to what was `noted` before a step that is not taken."""
     report.iterations, report.iterations_max, report.unconverged = before[0], before[1], before[2]
     report.fallbacks, report.residual_max = before[3], before[4]
@@ -143,7 +160,7 @@ def take_back(before, report):
 
 
 @inlined
-def iterations_left(most, report):
+def iterations_left(most: int, report: Any) -> int:
     """
     Return the iterations that the next solution of a step may take, at least 1.
 
@@ -153,7 +170,7 @@ def iterations_left(most, report):
 
 
 @inlined
-def count_steps(before, report):
+def count_steps(before: tuple[int, int, int, int, float, float], report: Any) -> None:
     """Count the step, not its solutions, of which `before` was `noted` before the step."""
     report.iterations_max = max(report.iterations_max, report.iterations - before[0])
     report.unconverged = min(report.unconverged, before[2] + 1)
@@ -161,7 +178,7 @@ def count_steps(before, report):
 
 
 @inlined
-def clear_report(report):
+def clear_report(report: Any) -> None:
     """Empty a report, a record of REPORT."""
     report.steps = report.iterations = report.iterations_max = report.unconverged = 0
     report.fallbacks = report.contacts = report.failed_link = report.not_planar = 0
@@ -182,3 +199,156 @@ def report_of(steps: Steps, applied: Array, dt: float, level: str, left: str = '
     failure = divergence(link, turn, dt) if link else ''
     rest = applied / dt, level, planar_steps, left, failure
     return Report(*(numbers[:-3] + rest))
+
+
+class End(NamedTuple):
+    """What a stepper makes of the end of a loop. Both are copies."""
+
+    state: Callable[[Steps], State]
+    history: Callable[[Steps], History]
+
+
+class Next(NamedTuple):
+    """The requested step, and the kind of steps that a loop takes."""
+
+    pitch: int  # steps that the loop takes: ANY_PITCH, NO_PITCH or PITCH
+    settles: bool  # whether the robot must yet lie flat before it is planar; see `state.History`
+    angle: Array  # (1, n-1, 2) as in `Steps` [rad]
+    rate: Array  # (1, n-1, 2) [rad/s]
+    settling: Array  # (1,) as in `state.History`
+    report: Any  # (1,) a record of REPORT
+    pushes: PushTable  # as in `Steps`
+
+
+@compiled
+def begin_one(following: 'Next') -> int:
+    """Empty the report for the `Next` step; return 1 if the loop can take it, or 0."""
+    if following.pitch != ANY_PITCH:
+        angle, rate, largest = following.angle, following.rate, 0.0
+        for j in range(angle.shape[1]):
+            largest = max(largest, abs(angle[0, j, 1]), abs(rate[0, j, 1]))
+        is_vertical = largest > PITCH_ROUNDING or lifts_at_once(following.pushes)
+        if is_vertical != (following.pitch == PITCH):
+            return 0
+        if (following.settling[0] > 0.0) != following.settles:
+            return 0
+    clear_report(following.report[0])
+    return 1
+
+
+class Given:
+    """A record that was returned to the caller, and what its arrays were then."""
+
+    def __init__(self, record: State | History, arrays: Iterable[Array]) -> None:
+        self.record, self.arrays = record, tuple(arrays)
+        self.content = self.read()
+
+    def read(self) -> bytes:
+        """Return what is in the arrays."""
+        return b''.join(array.tobytes() for array in self.arrays)
+
+    def is_changed(self) -> bool:
+        """Return whether the arrays have changed since."""
+        return self.read() != self.content
+
+
+class SingleSteps:
+    """
+    The loop of one level, which continues from its last step one step at a time.
+
+    Parameters
+    ----------
+    stepper : SpatialStepper or PlanarStepper
+    q, u : ndarray
+        As in `steps.Steps`; they are copied.
+    history : History
+        From the last step, with the memory of this level. It is copied.
+    record : Record
+        Without samples.
+    pushes : PushTable
+        Whose clock the steps follow.
+    pitch : int
+        See `Next`.
+    end : End
+
+    Attributes
+    ----------
+    left : str
+        Why the planar level was left, for the reports; empty if it was not.
+
+    """
+
+    def __init__(
+        self, stepper: Any, q: Array, u: Array, history: History, record: Record,
+        pushes: PushTable, pitch: int, end: End,
+    ) -> None:  # fmt: skip
+        arrays = {'q': q, 'u': u, **named_arrays(history)}
+        self.block = np.concatenate([array.ravel() for array in arrays.values()])
+        self.before = self.block.copy()
+        ends = np.cumsum([array.size for array in arrays.values()])[:-1]
+        parts = zip(arrays.items(), np.split(self.block, ends), strict=True)
+        views = {name: part.reshape(array.shape) for (name, array), part in parts}
+        self.shape = (1, len(u) - 1, 2)
+        self.steps = make_steps(
+            views['q'], views['u'], with_arrays(history, views), np.zeros(self.shape),
+            np.zeros(self.shape), record, pushes,
+        )  # fmt: skip
+        self.angle, self.rate = self.steps.angle, self.steps.rate
+        self.level, self.dt, self.applied = stepper.level, stepper.model.dt, stepper.work.applied
+        stepper.cycles = self.steps.cycles
+        settling = self.steps.history.settling
+        following = pitch, bool(settling[0] > 0.0), self.angle, self.rate, settling
+        self.begin = BoundCall(begin_one, Block(Next(*following, self.steps.report, pushes)))
+        self.loop = stepper.loop.bound(stepper.model, stepper.work, self.steps)
+        self.end, self.left = end, ''
+        self.given_state: Given | None = None
+        self.given_history: Given | None = None
+
+    def take(self, angle: Array, rate: Array, pushes: PushTable) -> Report | None:
+        """
+        Take a step, and return its report; None, without a step, if it is not like the last one.
+
+        Nothing is checked but that the references, as in `base.Stepper.advance`, are those of one
+        step, and that state and history are not changed from outside. The caller takes all other
+        steps, and says what is wrong with them.
+        """
+        if not (type(angle) is type(rate) is np.ndarray and angle.dtype is rate.dtype is FLOAT):
+            return None
+        if not angle.shape == rate.shape == self.shape:
+            return None
+        if pushes is not self.steps.pushes:
+            return None
+        for given in (self.given_state, self.given_history):
+            if given and given.is_changed():
+                return None
+        self.angle[...], self.rate[...], self.before[...] = angle, rate, self.block
+        if self.begin():
+            self.loop()
+            report = report_of(self.steps, self.applied, self.dt, self.level, self.left)
+            if report.steps:
+                self.given_state = self.given_history = None
+                return report
+            self.block[...] = self.before
+        return None
+
+    def prepare(self) -> None:
+        """Compile the steps, by one that is not taken."""
+        self.begin()
+        self.loop()
+        self.block[...] = self.before
+
+    @property
+    def state(self) -> State:
+        """The state after the last step, as the stepper returns it."""
+        if not self.given_state:
+            state = self.end.state(self.steps)
+            self.given_state = Given(state, (state.q, state.u))
+        return cast(State, self.given_state.record)
+
+    @property
+    def history(self) -> History:
+        """The history after the last step, as the stepper returns it."""
+        if not self.given_history:
+            history = self.end.history(self.steps)
+            self.given_history = Given(history, named_arrays(history).values())
+        return cast(History, self.given_history.record)

@@ -1,3 +1,3 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Studies: many runs of a scene whose values vary, what is measured in each, and the workers."""
+"""Many runs of a scene: studies of values that vary, optimizations, and fits to a recording."""

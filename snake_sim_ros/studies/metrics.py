@@ -79,7 +79,7 @@ class Metric:
 
 
 def displacement(trajectory: Trajectory) -> Array:
-    """Return the horizontal way of the center of mass from start to end, shape (2,) [m]."""
+    """Return the horizontal displacement of the center of mass, shape (2,) [m]."""
     mass = trajectory.scene.robot.per_link('link_mass')
     ways = trajectory.position[-1, :, :2] - trajectory.position[0, :, :2]
     return np.asarray(mass @ ways / mass.sum())
@@ -98,12 +98,12 @@ def _heading(trajectory: Trajectory) -> Array:
 
 
 def forward(trajectory: Trajectory) -> float:
-    """Return the part of `displacement` along the robot at its start, link 1 ahead [m]."""
+    """Return the component of `displacement` along the robot at its start, link 1 ahead [m]."""
     return float(displacement(trajectory) @ _heading(trajectory))
 
 
 def sideways(trajectory: Trajectory) -> float:
-    """Return the part of `displacement` to the left of the robot at its start [m]."""
+    """Return the component of `displacement` to the left of the robot at its start [m]."""
     (x, y), (ahead_x, ahead_y) = displacement(trajectory), _heading(trajectory)
     return float(ahead_x * y - ahead_y * x)
 
@@ -117,7 +117,7 @@ def direction(trajectory: Trajectory) -> float:
     """
     Return the direction of the mean velocity, atan2(sideways, forward) [rad].
 
-    It is 0 if the robot goes on the way that link 1 points at the start, pi/2 to the left of it.
+    It is 0 in the direction in which link 1 points at the start, and pi/2 to the left of it.
     """
     return math.atan2(sideways(trajectory), forward(trajectory))
 

@@ -1,30 +1,47 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Runs of a study: a scene with the values of a row, and the row of the table that comes of it."""
+"""
+Runs of a study: the scene of a row, the key of its run, and what the run gives for the table.
+
+The key is a digest of all that a result depends on: the scene with its steps, the rate of samples,
+the metrics, and the sources and the compiler of the physics.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cache
+import hashlib
 from pathlib import Path
 import time
 from typing import Any
 
+from snake_sim_ros.dynamics import code_cache
 from snake_sim_ros.gaits.blending import check_reach
 from snake_sim_ros.recording.recorded_runs import write_npz
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import samples_of, Scene, with_settings
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.methods import share_compiled
-from snake_sim_ros.stepping.portions import LEAST_STEPS, PORTION_SECONDS
-from snake_sim_ros.stepping.sampling import Keep
+from snake_sim_ros.stepping.methods import share_compiled, with_usual_steps
+from snake_sim_ros.stepping.sampling import Keep, LEAST_STEPS, PORTION_SECONDS
 from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
-from snake_sim_ros.stepping.usual_steps import with_usual_steps
-from snake_sim_ros.studies.keys import key_of, physics_version
 from snake_sim_ros.studies.metrics import Metric, MetricError
+from snake_sim_ros.studies.table import Result
 
 REFUSED, FAILED = 'refused', 'failed'  # status of rows besides those of `base.Status`
 # How a run may have ended that is never run again; others may go better another time.
 FINAL = tuple(status.value for status in Status)
+# Columns of a row that is not run again, besides its metrics.
+KEPT = ('status', 'failure', 'unconverged', 'seconds', 'key')
+# What computes the results of a run, besides the compiler and NumPy.
+SOURCES = ('scene', 'dynamics', 'gaits', 'contact', 'stepping', 'studies/metrics.py')
+KEY_LENGTH = 32  # hexadecimal digits
+
+
+@cache
+def physics_version() -> str:
+    """Return a name for the contents of the physics, its compiler and the metrics."""
+    return code_cache.identity(SOURCES)
 
 
 @dataclass(frozen=True)
@@ -51,8 +68,8 @@ class Plan:
     given: frozenset[str]
     metrics: tuple[Metric, ...]
     rate: float
-    folder: Path | None
-    version: str
+    folder: Path | None = None
+    version: str = field(default_factory=physics_version)
 
     @property
     def keep(self) -> Keep:
@@ -93,8 +110,10 @@ def scene_of(plan: Plan, values: Mapping[str, Any]) -> Scene:
 
 
 def key_of_run(plan: Plan, scene: Scene) -> str:
-    """Return the key of the run of a scene."""
-    return key_of(scene, plan.rate, [item.digest for item in plan.metrics if item.digest])
+    """Return the key of the run of a scene, whose values are exact in its `repr`."""
+    own = [item.digest for item in plan.metrics if item.digest]
+    text = '\n'.join([physics_version(), repr(plan.rate), repr(scene), *own])
+    return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
 
 
 def trajectory_file(plan: Plan, key: str) -> Path | None:
@@ -102,9 +121,9 @@ def trajectory_file(plan: Plan, key: str) -> Path | None:
     return plan.folder / f'{key}.npz' if plan.folder else None
 
 
-def empty_result(plan: Plan, row: Row) -> dict[str, Any]:
+def empty_result(plan: Plan, row: Row) -> Result:
     """Return the result of a row before its run."""
-    result: dict[str, Any] = {'row': row.number, **row.values}
+    result: Result = {'row': row.number, **row.values}
     result |= dict.fromkeys(metric.name for metric in plan.metrics)
     result |= {'status': FAILED, 'failure': '', 'unconverged': 0, 'seconds': 0.0, 'key': ''}
     if plan.folder:
@@ -112,9 +131,26 @@ def empty_result(plan: Plan, row: Row) -> dict[str, Any]:
     return result
 
 
+def known_result(plan: Plan, row: Row, known: Mapping[str, Result]) -> Result | None:
+    """Return the result of a row, from known ones by their keys; None if it is to be run."""
+    try:
+        key = key_of_run(plan, scene_of(plan, row.values))
+    except ParameterError:
+        return None
+    old, names = known.get(key), [metric.name for metric in plan.metrics]
+    if old is None or old['status'] not in FINAL or not set(names) <= old.keys():
+        return None
+    result = empty_result(plan, row)
+    if path := trajectory_file(plan, key):
+        if not path.is_file():
+            return None
+        result['trajectory'] = path.name
+    return result | {name: old[name] for name in (*names, *KEPT)}
+
+
 def run_chunk(
     plan: Plan, rows: Sequence[Row], stopped: Callable[[], bool] = never
-) -> list[dict[str, Any]]:
+) -> list[Result]:
     """
     Return the results of some rows, without those after an interruption.
 
@@ -146,14 +182,14 @@ def run_chunk(
 
 
 class _Runner:
-    """Runs one row after the other, which shares the compiled code of the one before."""
+    """Runs one row after the other; each shares the compiled code of the one before."""
 
     def __init__(self, plan: Plan, stopped: Callable[[], bool]) -> None:
         self.plan, self.stopped = plan, stopped
         self.simulation: Simulation | None = None
         self.portion = LEAST_STEPS  # steps of the last run that took PORTION_SECONDS
 
-    def result(self, row: Row) -> dict[str, Any]:
+    def result(self, row: Row) -> Result:
         """Return the result of a row: its number, values, metrics, and how its run went."""
         result, begin, compiled = empty_result(self.plan, row), time.perf_counter(), 0.0
         try:
@@ -171,7 +207,7 @@ class _Runner:
         result['seconds'] = time.perf_counter() - begin - compiled
         return result
 
-    def _trajectory(self, row: Row, result: dict[str, Any]) -> Trajectory:
+    def _trajectory(self, row: Row, result: Result) -> Trajectory:
         """Run a row, and note its key."""
         scene = scene_of(self.plan, row.values)
         result['key'] = key_of_run(self.plan, scene)
@@ -191,7 +227,7 @@ class _Runner:
         if self.stopped():
             raise Stopped
 
-    def _measure(self, trajectory: Trajectory, result: dict[str, Any]) -> None:
+    def _measure(self, trajectory: Trajectory, result: Result) -> None:
         """Note how a run went, and its metrics unless it diverged; keep its trajectory."""
         report = trajectory.report
         result |= {'status': report.status.value, 'unconverged': report.unconverged}

@@ -1,36 +1,238 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""All runs of a study, and its table."""
+"""
+A study: a scene, what varies in it, what is measured; as a record, as a file, and its runs.
+
+What its file has in common with that of an optimization is read here for both.
+"""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import Any, TYPE_CHECKING, TypeVar
 
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.studies import table
-from snake_sim_ros.studies.journal import Journal, journal_of
-from snake_sim_ros.studies.metrics import USUAL_METRICS
-from snake_sim_ros.studies.runs import (
-    empty_result,
-    FINAL,
-    key_of_run,
-    Plan,
-    Row,
-    scene_of,
-    trajectory_file,
+from snake_sim_ros.scene.checked_records import (
+    CheckedRecord,
+    from_mapping,
+    nearest,
+    ParameterError,
+    quantity,
+    quoted,
 )
-from snake_sim_ros.studies.study_file import Study, study_from
+from snake_sim_ros.scene.files import CONFIG, is_file, read_yaml
+from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
+from snake_sim_ros.studies import table
+from snake_sim_ros.studies.metrics import Metric, metrics_of, USUAL_METRICS
+from snake_sim_ros.studies.runs import Plan, Row
+from snake_sim_ros.studies.table import Result
+from snake_sim_ros.studies.variations import check_names, SAMPLINGS, variation_of, Variations
 from snake_sim_ros.studies.workers import results_of, threads, Workers
 
 if TYPE_CHECKING:
     import polars
 
-Result = dict[str, Any]
+KEEP = ('metrics', 'trajectories')
+STUDY_KEYS = ('scene', 'set', 'vary', 'metrics')  # of a study, besides its settings
 Observe = Callable[[Sequence[Result], bool], object]
-# Columns of a row that is not run again, besides its metrics.
-KEPT = ('status', 'failure', 'unconverged', 'seconds', 'key')
+T = TypeVar('T')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(CheckedRecord):
+    """The values of studies and optimizations that are one number."""
+
+    seed: int = quantity(0, '1', 'seed of all random numbers', minimum=0)
+    rate: float = quantity(
+        20.0, 'Hz', 'samples per second from which metrics are computed', above=0
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudySettings(Settings):
+    """The values of a study that are one number or one word."""
+
+    sampling: str = quantity('grid', '', 'how values are combined into rows', choices=SAMPLINGS)
+    samples: int = quantity(0, '1', 'number of rows that are drawn', minimum=0, maximum=10**7)
+    keep: str = quantity('metrics', '', 'what is kept of a run', choices=KEEP)
+
+
+@dataclass(frozen=True)
+class Study:
+    """
+    A study.
+
+    Attributes
+    ----------
+    scene : Scene
+        With the values that are set.
+    given : frozenset of str
+        Names of the values that are set or vary.
+    variations : Variations
+    metrics : tuple of Metric
+    settings : StudySettings
+
+    """
+
+    scene: Scene
+    given: frozenset[str]
+    variations: Variations
+    metrics: tuple[Metric, ...]
+    settings: StudySettings
+
+    def plan(self, folder: Path | None = None) -> Plan:
+        """Return what all runs have in common; trajectories are kept in a folder, if any."""
+        return Plan(self.scene, self.given, self.metrics, self.settings.rate, folder)
+
+    def rows(self) -> Iterator[Row]:
+        """Yield all rows."""
+        for number in range(len(self.variations)):
+            yield Row(number, self.variations.row(number))
+
+
+def load_study(path: Path) -> Study:
+    """
+    Read a study from a YAML file.
+
+    Parameters
+    ----------
+    path : Path
+        Its scene and the modules of its metrics are searched in the same folder first.
+
+    Raises
+    ------
+    ParameterError
+        If the file is missing, or if anything in it is not usable.
+
+    """
+    return loaded(path, study_from)
+
+
+def loaded(path: Path, make: Callable[[Any, Path], T]) -> T:
+    """
+    Return what is made of the contents of a YAML file and its folder; errors name the file.
+
+    Raises
+    ------
+    ParameterError
+        If the file is missing or not readable, or if `make` raises it.
+
+    """
+    mapping = read_yaml(path)
+    try:
+        return make(mapping, path.absolute().parent)
+    except ParameterError as error:
+        raise ParameterError(f'{path.name}: {error}') from None
+
+
+def study_from(mapping: Any, folder: Path | None = None) -> Study:
+    """
+    Return a study from what its file says.
+
+    Parameters
+    ----------
+    mapping : mapping
+        ``scene``, ``vary``, and what else docs/studies.md lists.
+    folder : Path, optional
+        Where its scene and modules are searched first.
+
+    Raises
+    ------
+    ParameterError
+        If anything in it is not usable.
+
+    """
+    settings = settings_of(StudySettings, mapping, STUDY_KEYS)
+    scene, fixed, vary = scene_and_values(mapping, folder)
+    variations = Variations(
+        {name: variation_of(name, given) for name, given in vary.items()},
+        settings.sampling, settings.samples, settings.seed,
+    )  # fmt: skip
+    metrics = metrics_of(mapping.get('metrics', USUAL_METRICS), folder)
+    return Study(scene, frozenset([*fixed, *vary]), variations, metrics, settings)
+
+
+def settings_of(cls: type[T], mapping: Any, parts: Sequence[str]) -> T:
+    """
+    Return the settings of a study, a record of `cls`, from what its file says.
+
+    Raises
+    ------
+    ParameterError
+        If the study is no mapping, has a key that is neither a field of `cls` nor one of `parts`,
+        or has no scene or nothing that varies, or if a value is not usable.
+
+    """
+    if not isinstance(mapping, Mapping):
+        raise ParameterError(
+            f'a study must be a mapping of names to values, got {quoted(mapping)}'
+        )
+    names = [item.name for item in fields(cls)]  # type: ignore[arg-type]
+    for key in mapping:
+        if key not in (*parts, *names):
+            raise ParameterError(f'unknown key {quoted(key)}; {nearest(key, (*parts, *names))}')
+    for key in ('scene', 'vary'):
+        if key not in mapping:
+            raise ParameterError(f'a study must have {key}')
+    found: T = from_mapping(cls, {key: mapping[key] for key in names if key in mapping}, 'study')
+    return found
+
+
+def scene_and_values(
+    mapping: Mapping[str, Any], folder: Path | None
+) -> tuple[Scene, Mapping[str, Any], Mapping[str, Any]]:
+    """
+    Return the scene of a study, the values that are set in it, and what `vary` says.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such scene, or no such value in it.
+
+    """
+    scene, fixed = _scene(mapping['scene'], folder), mapping_at(mapping, 'set')
+    check_names(scene, list(fixed), 'set')
+    scene = scene_with(scene, fixed, 'set')
+    vary = mapping_at(mapping, 'vary')
+    if not vary:
+        raise ParameterError('vary must name a value of the scene, such as friction.longitudinal')
+    check_names(scene, list(vary), 'vary')
+    plain = {name.removesuffix('_deg') for name in fixed}
+    for name in vary:
+        if name.removesuffix('_deg') in plain:
+            raise ParameterError(f'{name} must be in set or in vary, it is in both')
+    return scene, fixed, vary
+
+
+def scene_with(scene: Scene, values: Mapping[str, Any], where: str) -> Scene:
+    """Return a scene with other values; errors begin with where these are from."""
+    try:
+        return with_settings(scene, values)
+    except ParameterError as error:
+        raise ParameterError(f'{where}: {error}') from None
+
+
+def _scene(source: Any, folder: Path | None) -> Scene:
+    """Return a scene, or that of a file, in a folder first."""
+    if isinstance(source, Scene):
+        return source
+    if not isinstance(source, (str, Path)) or not str(source):
+        raise ParameterError(
+            f'scene must be a file or a name such as sidewinding, got {quoted(source)}'
+        )
+    if folder:
+        for name in (str(source), f'{source}.yaml'):
+            if is_file(folder / name) and not is_file(CONFIG / name):
+                return load_scene(folder / name)
+    return load_scene(source)
+
+
+def mapping_at(mapping: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """Return the mapping under a key, empty if there is none; refuse what is no mapping."""
+    given = mapping.get(name, {})
+    if not isinstance(given, Mapping):
+        raise ParameterError(f'{name} must be a mapping of names to values, got {quoted(given)}')
+    return given
 
 
 def study(
@@ -98,78 +300,20 @@ def run_study(
 
     After an interruption or an error the rows that are done are in the file.
     """
-    table.library()
-    plan, names, results = (
-        given.plan(folder),
-        [item.name for item in given.metrics],
-        list[Result](),
-    )
-    with _store(out, names, results) as (known, keep):
-        missing: list[Row] = []
-        for row in given.rows():
-            result = known_result(plan, row, known) if known else None
-            if result:
-                results.append(result)
-            else:
-                missing.append(row)
-        if observe:
-            observe(results, False)
-        with workers or threads() as pool:
-            for chunk in results_of(plan, missing, pool):
-                keep(chunk)
-                results += chunk
-                if observe:
-                    observe(chunk, True)
+    names, results = [item.name for item in given.metrics], list[Result]()
+
+    def frame() -> 'polars.DataFrame | None':
+        return table.frame_of(results, names) if results else None
+
+    def found(path: Path) -> list[Result]:
+        return table.read(path, names)
+
+    with (
+        table.stored(out, found, frame, keep_journal=False) as (known, keep),
+        workers or threads() as pool,
+    ):
+        for chunk, is_new in results_of(given.plan(folder), given.rows(), pool, known, keep):
+            results += chunk
+            if observe:
+                observe(chunk, is_new)
     return table.frame_of(results, names)
-
-
-@contextmanager
-def _store(
-    out: Path | None, names: Sequence[str], results: Sequence[Result]
-) -> Iterator[tuple[Mapping[str, Result], Callable[[Sequence[Result]], object]]]:
-    """
-    Give the rows of a file by their keys, and what keeps more of them; write the table at the end.
-
-    Parameters
-    ----------
-    out : Path or None
-        The file, if any.
-    names : sequence of str
-        Names of the metrics.
-    results : sequence of dict
-        The rows for the table, complete when the context ends.
-
-    """
-    if not out:
-        yield {}, lambda chunk: None
-        return
-    table.check_path(out)
-    journal, is_written = Journal(journal_of(out)), False
-    try:
-        found = table.read(out, names) if out.exists() else []
-        known = {row['key']: row for row in [*found, *journal.rows()]}
-        try:
-            yield known, journal.add
-        finally:
-            if results:
-                table.write(table.frame_of(results, names), out)
-                is_written = True
-    finally:
-        journal.close(remove=is_written)
-
-
-def known_result(plan: Plan, row: Row, known: Mapping[str, Result]) -> Result | None:
-    """Return the result of a row that is done already, or None."""
-    try:
-        key = key_of_run(plan, scene_of(plan, row.values))
-    except ParameterError:
-        return None
-    old, names = known.get(key), [metric.name for metric in plan.metrics]
-    if old is None or old['status'] not in FINAL or not set(names) <= old.keys():
-        return None
-    result = empty_result(plan, row)
-    if path := trajectory_file(plan, key):
-        if not path.is_file():
-            return None
-        result['trajectory'] = path.name
-    return result | {name: old[name] for name in (*names, *KEPT)}

@@ -1,13 +1,17 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-The table of a study as a file: Parquet, or CSV for other programs.
+The table of a study or an optimization as a file, and its journal while runs are under way.
 
-polars writes and reads both, sorts and selects, and needs no other package; a table is one of its
-data frames.
+A table is a polars data frame, written as Parquet, or as CSV for other programs. The journal has
+rows as they are done, a line of JSON each. A chunk of rows is one write to its end: whatever kills
+the process, the rows before are whole, and a line that is not is left out.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+import fcntl
+from importlib import import_module
 from io import BytesIO
 import json
 from pathlib import Path
@@ -19,7 +23,11 @@ from snake_sim_ros.scene.files import write_whole
 if TYPE_CHECKING:
     import polars
 
+Result = dict[str, Any]  # of a run, by the names of its columns
 SUFFIXES = ('.parquet', '.csv')
+PICTURES = ('.png', '.svg', '.pdf')
+# Files and folders that are named after a table, with these suffixes in place of its own.
+BESIDE = {'best': '.best.yaml', 'front': '.front', 'picture': '.png', 'trajectories': ''}
 # Columns that are neither values nor metrics, and their types.
 OWN = {
     'row': 'Int64', 'status': 'String', 'failure': 'String', 'unconverged': 'Int64',
@@ -27,9 +35,15 @@ OWN = {
 }  # fmt: skip
 
 
-def library() -> Any:
+def optional(package: str, what: str) -> Any:
     """
-    Return polars.
+    Return a package that only studies need, and not all installations have.
+
+    Parameters
+    ----------
+    package : str
+    what : str
+        What needs it, for the message.
 
     Raises
     ------
@@ -38,21 +52,131 @@ def library() -> Any:
 
     """
     try:
-        import polars
+        return import_module(package)
     except ImportError as error:
-        raise ParameterError(
-            f"studies need polars ({error}): pip install 'snake_sim_ros[studies]'"
-        ) from None
-    return polars
+        raise ParameterError(f"{what} ({error}): pip install 'snake_sim_ros[studies]'") from None
 
 
-def check_path(path: Path) -> None:
-    """Raise an error unless a table can be written to a path."""
-    if path.suffix not in SUFFIXES:
-        raise ParameterError(f'--out must end in {" or ".join(SUFFIXES)}, got {path}')
+def library() -> Any:
+    """Return polars; see `optional`."""
+    return optional('polars', 'studies need polars')
+
+
+def check_file(path: Path, option: str, suffixes: Sequence[str] = SUFFIXES) -> None:
+    """Raise an error unless a file of one of the suffixes can be written to a path."""
+    if path.suffix not in suffixes:
+        listed = f'{", ".join(suffixes[:-1])} or {suffixes[-1]}' if suffixes[1:] else suffixes[0]
+        raise ParameterError(f'{option} must end in {listed}, got {path}')
     if not path.absolute().parent.is_dir():
-        raise ParameterError(f'--out: no folder {path.absolute().parent}')
+        raise ParameterError(f'{option}: no folder {path.absolute().parent}')
+
+
+def beside(table: Path, what: str) -> Path:
+    """Return the file or folder beside a table, one of BESIDE."""
+    return table.with_suffix(BESIDE[what])
+
+
+def journal_of(table: Path) -> Path:
+    """Return the file of the journal of a table."""
+    return table.with_name(f'{table.name}.journal')
+
+
+class Journal:
+    """
+    A journal that this process alone writes.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    ParameterError
+        If another process writes it.
+
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.file = path, path.open('a+b')
+        try:
+            fcntl.flock(self.file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self.file.close()
+            raise ParameterError(
+                f'{path} is being written by another study; name another file with --out'
+            ) from None
+
+    def rows(self) -> list[Result]:
+        """Return all whole rows; a line that a killed process left unfinished is ended."""
+        self.file.seek(0)
+        content, rows = self.file.read(), []
+        for line in content.splitlines():
+            try:
+                row = json.loads(line)
+            except (ValueError, RecursionError):
+                continue
+            if isinstance(row, dict):
+                rows.append(row)
+        if content and not content.endswith(b'\n'):
+            self._append(b'\n')
+        return rows
+
+    def add(self, rows: Sequence[Result]) -> None:
+        """Add rows, all by one write."""
+        self._append(''.join(f'{json.dumps(row)}\n' for row in rows).encode())
+
+    def _append(self, content: bytes) -> None:
+        self.file.write(content)
+        self.file.flush()
+
+    def close(self, *, remove: bool) -> None:
+        """Release the journal, and remove it if its rows are in the table."""
+        if remove:
+            self.path.unlink(missing_ok=True)
+        self.file.close()
+
+
+@contextmanager
+def stored(
+    out: Path | None,
+    found: Callable[[Path], Sequence[Result]],
+    table: Callable[[], 'polars.DataFrame | None'],
+    *,
+    keep_journal: bool,
+) -> Iterator[tuple[dict[str, Result], Callable[[Sequence[Result]], object]]]:
+    """
+    Give the runs that are done by their keys, and what keeps more; write the table at the end.
+
+    Parameters
+    ----------
+    out : Path or None
+        The file of the table, if any.
+    found : callable
+        ``found(out)`` returns runs in a table that is there, or raises `ParameterError`.
+    table : callable
+        Returns the table as the context ends, in whatever way; None if there is nothing to write.
+    keep_journal : bool
+        Whether the journal stays after the table is written.
+
+    """
     library()
+    if not out:
+        yield {}, lambda chunk: None
+        return
+    check_file(out, '--out')
+    rows = found(out) if out.exists() else []
+    journal, is_written = Journal(journal_of(out)), False
+    try:
+        known = {row['key']: row for row in [*rows, *journal.rows()] if row.get('key')}
+        try:
+            yield known, journal.add
+        finally:
+            frame = table()
+            if frame is not None:
+                write(frame, out)
+                is_written = True
+    finally:
+        journal.close(remove=is_written and not keep_journal)
 
 
 def frame_of(results: Sequence[Mapping[str, Any]], metrics: Sequence[str]) -> 'polars.DataFrame':
@@ -94,9 +218,9 @@ def write(frame: 'polars.DataFrame', path: Path) -> None:
     write_whole(path, content.getvalue())
 
 
-def read(path: Path, metrics: Sequence[str]) -> list[dict[str, Any]]:
+def read(path: Path, metrics: Sequence[str]) -> list[Result]:
     """
-    Return the rows of a table that `write` wrote.
+    Return the rows of the table of a study.
 
     Raises
     ------
@@ -119,5 +243,5 @@ def read(path: Path, metrics: Sequence[str]) -> list[dict[str, Any]]:
         ) from None
     if not {'row', 'status', 'key'} <= set(frame.columns):
         raise ParameterError(f'{path} is not the table of a study; name another file')
-    rows: list[dict[str, Any]] = frame.with_columns(pl.col(pl.String).fill_null('')).to_dicts()
+    rows: list[Result] = frame.with_columns(pl.col(pl.String).fill_null('')).to_dicts()
     return rows

@@ -1,7 +1,7 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-What varies in a study, and the values of every row.
+The design of a study: what varies, and the values of every row.
 
 The values of a row depend on the seed of the study and on the number of the row alone: more rows
 leave those before as they are. Only a Latin hypercube depends on the number of rows, since it
@@ -159,8 +159,7 @@ class Variations:
         seed = np.random.default_rng(self.seed)
         if self.sampling == 'latin_hypercube':
             return np.asarray(qmc.LatinHypercube(len(self.of), seed=seed).random(self.samples))
-        # A power of two is the number for which the sequence is balanced; more rows of it extend
-        # those before.
+        # The sequence is balanced for powers of two; more rows of it extend those before.
         power = max(self.samples - 1, 0).bit_length()
         return np.asarray(qmc.Sobol(len(self.of), seed=seed).random_base2(power)[: self.samples])
 

@@ -3,11 +3,11 @@
 """
 Who does the runs of a study: threads of this process, other processes, or a Dask cluster.
 
-All of them are executors of `concurrent.futures`. Compiled code gives the interpreter free, so
-that threads run at the same time and share one compiler and its code.
+All of them are executors of `concurrent.futures`. Compiled code releases the GIL: threads run in
+parallel, and share one compiler and its code.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import (
     CancelledError,
     Executor,
@@ -26,17 +26,19 @@ import os
 import signal
 import sys
 import threading
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 from snake_sim_ros.dynamics.code_cache import CodeCache
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.studies.runs import empty_result, never, Plan, Row, run_chunk
+from snake_sim_ros.studies.runs import empty_result, known_result, never, Plan, Row, run_chunk
+from snake_sim_ros.studies.table import optional, Result
 
 CHUNK_SECONDS = 1.0  # time that a chunk of runs is to take
 GROWTH = 4  # a chunk has at most so many times the runs of the one before
 WAITING = 2  # chunks for each worker, one under way and one that waits
 LOCAL = 'local'  # in place of the address of a scheduler: a cluster on this machine
 CONNECT_SECONDS = 20  # for which the scheduler may not answer
+PoolT = TypeVar('PoolT', bound=Executor)
 
 
 @dataclass(frozen=True)
@@ -51,11 +53,11 @@ class Workers:
     capacity : callable
         Returns the number of runs at a time.
     deaths : tuple of type
-        Errors that tell that a run killed its workers, again and again.
+        Errors that say that a run killed its workers, again and again.
 
     """
 
-    submit: Callable[[Plan, Sequence[Row]], 'Future[list[dict[str, Any]]]']
+    submit: Callable[[Plan, Sequence[Row]], 'Future[list[Result]]']
     capacity: Callable[[], int]
     deaths: tuple[type[BaseException], ...] = ()
 
@@ -66,11 +68,22 @@ def core_count() -> int:
 
 
 @contextmanager
+def closing_pool(pool: PoolT, stop: Callable[[], object] = never) -> Iterator[PoolT]:
+    """Give an executor, and end it; after an error or an interruption at once, by `stop`."""
+    try:
+        yield pool
+    except BaseException:
+        stop()
+        pool.shutdown(wait=True, cancel_futures=True)
+        raise
+    pool.shutdown()
+
+
+@contextmanager
 def threads(count: int | None = None) -> Iterator[Workers]:
     """Run in threads of this process, as many as there are cores if no number is given."""
     number, stop = count or core_count(), threading.Event()
-    pool = ThreadPoolExecutor(number)
-    with _ended(pool, stop.set):
+    with closing_pool(ThreadPoolExecutor(number), stop.set) as pool:
         yield Workers(lambda plan, rows: pool.submit(run_chunk, plan, rows, stop.is_set),
                       lambda: number)  # fmt: skip
 
@@ -83,7 +96,7 @@ def processes(count: int | None = None) -> Iterator[Workers]:
     context = multiprocessing.get_context('spawn')
     stop = context.Event()
     pool = ProcessPoolExecutor(number, context, _prepare_process, (list(sys.path), stop))
-    with _ended(pool, stop.set):
+    with closing_pool(pool, stop.set):
         yield Workers(lambda plan, rows: pool.submit(run_in_process, plan, rows), lambda: number)
 
 
@@ -105,13 +118,8 @@ def cluster(address: str, count: int | None = None) -> Iterator[Workers]:
         If Dask is not installed, or no scheduler answers.
 
     """
-    try:
-        import distributed
-        from distributed.scheduler import KilledWorker
-    except ImportError as error:
-        raise ParameterError(
-            f"a cluster needs Dask ({error}): pip install 'snake_sim_ros[studies]'"
-        ) from None
+    distributed = optional('distributed', 'a cluster needs Dask')
+    deaths = (distributed.scheduler.KilledWorker,)
     local = None
     if address == LOCAL:
         local = distributed.LocalCluster(
@@ -125,22 +133,19 @@ def cluster(address: str, count: int | None = None) -> Iterator[Workers]:
         ) from None
     pool = client.get_executor(pure=False)
 
-    def submit(plan: Plan, rows: Sequence[Row]) -> 'Future[list[dict[str, Any]]]':
-        future: Future[list[dict[str, Any]]] = pool.submit(run_on_cluster, plan, rows)
+    def submit(plan: Plan, rows: Sequence[Row]) -> 'Future[list[Result]]':
+        future: Future[list[Result]] = pool.submit(run_on_cluster, plan, rows)
         return future
 
-    def close() -> None:
+    try:
+        yield Workers(submit, lambda: max(1, sum(client.nthreads().values())), deaths)
+    finally:
         client.close()
         if local:
             local.close()
 
-    try:
-        yield Workers(submit, lambda: max(1, sum(client.nthreads().values())), (KilledWorker,))
-    finally:
-        close()
 
-
-def run_on_cluster(plan: Plan, rows: Sequence[Row]) -> list[dict[str, Any]]:
+def run_on_cluster(plan: Plan, rows: Sequence[Row]) -> list[Result]:
     """Return the results of a chunk; workers of one machine compile for each other."""
     CodeCache.shares_work = True
     return run_chunk(plan, rows)
@@ -160,28 +165,30 @@ def _prepare_process(path: list[str], stop: Any) -> None:
     _Process.stopped = stop.is_set
 
 
-def run_in_process(plan: Plan, rows: Sequence[Row]) -> list[dict[str, Any]]:
+def run_in_process(plan: Plan, rows: Sequence[Row]) -> list[Result]:
     """Return the results of a chunk, in a process of `processes`."""
     return run_chunk(plan, rows, _Process.stopped)
 
 
-@contextmanager
-def _ended(pool: Executor, end: Callable[[], None]) -> Iterator[None]:
-    """End a pool, at once if there is an error or an interruption."""
-    try:
-        yield
-    except BaseException:
-        end()
-        pool.shutdown(wait=True, cancel_futures=True)
-        raise
-    pool.shutdown()
-
-
 def results_of(
-    plan: Plan, rows: Sequence[Row], workers: Workers
-) -> Iterator[list[dict[str, Any]]]:
+    plan: Plan,
+    rows: Iterable[Row],
+    workers: Workers,
+    known: dict[str, Result],
+    keep: Callable[[Sequence[Result]], object],
+) -> Iterator[tuple[list[Result], bool]]:
     """
-    Yield the results of rows in chunks, as they are done.
+    Yield the results of rows in chunks, and whether they were run now: first those that are known.
+
+    Parameters
+    ----------
+    plan : Plan
+    rows : iterable of Row
+    workers : Workers
+    known : dict
+        Results by their keys, of runs that are not done again; what is run is added.
+    keep : callable
+        Called with new results that have a key; what was refused at once has none.
 
     Raises
     ------
@@ -189,7 +196,24 @@ def results_of(
         If the workers are gone, or cannot run the plan.
 
     """
-    waiting: dict[Future[list[dict[str, Any]]], Sequence[Row]] = {}
+    found, missing = list[Result](), list[Row]()
+    for row in rows:
+        result = known_result(plan, row, known) if known else None
+        if result:
+            found.append(result)
+        else:
+            missing.append(row)
+    yield found, False
+    for chunk in _run(plan, missing, workers):
+        named = [result for result in chunk if result['key']]
+        keep(named)
+        known |= {result['key']: result for result in named}
+        yield chunk, True
+
+
+def _run(plan: Plan, rows: Sequence[Row], workers: Workers) -> Iterator[list[Result]]:
+    """Yield the results of rows in chunks that take CHUNK_SECONDS, as they are done."""
+    waiting: dict[Future[list[Result]], Sequence[Row]] = {}
     begun, size = 0, 1
     while begun < len(rows) or waiting:
         count = workers.capacity()
@@ -208,8 +232,8 @@ def results_of(
 
 
 def _result(
-    future: 'Future[list[dict[str, Any]]]', plan: Plan, rows: Sequence[Row], workers: Workers
-) -> list[dict[str, Any]]:
+    future: 'Future[list[Result]]', plan: Plan, rows: Sequence[Row], workers: Workers
+) -> list[Result]:
     """Return the results of a chunk, or rows that say that its workers died."""
     try:
         return future.result()

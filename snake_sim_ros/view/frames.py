@@ -157,8 +157,8 @@ def curves(trace: Trace, what: str, joint: int) -> tuple[Array, dict[str, Array]
     else:
         named = {name: values[:, joint, k] for k, name in enumerate(AXES)}
         if what == 'angle':
-            told = np.degrees(trace.reference[:, joint])
-            named |= {f'{name}, told': told[:, k] for k, name in enumerate(AXES)}
+            commanded = np.degrees(trace.reference[:, joint])
+            named |= {f'{name}, commanded': commanded[:, k] for k, name in enumerate(AXES)}
     named = {name: curve for name, curve in named.items() if np.isfinite(curve[-1:]).all()}
     missing = np.isnan(list(named.values())).any(axis=0)
     first = int(np.flatnonzero(missing)[-1]) + 1 if missing.any() else 0

@@ -21,16 +21,15 @@ import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.view.browser_messages import BrowserMessages
+from snake_sim_ros.view.browser_guard import BrowserMessages, own_pages_only
 from snake_sim_ros.view.frames import at_rest, curves, Frame, Trace, UPWARD_SCALE
-from snake_sim_ros.view.own_pages import own_pages_only
 from snake_sim_ros.view.stage import Stage
 
 SHOW_PERIOD, PLOT_PERIOD = 1 / 30, 1 / 10  # s of wall time, the shortest between two updates
 PANEL_WIDTH = 310  # pixels
 PLOT_HEIGHT = 210  # pixels
 COLORS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#000000', '#999999')
-TOLD_COLORS = ('#cc79a7', '#009e73')  # of the same two angles as they were commanded
+COMMANDED_COLORS = ('#cc79a7', '#009e73')  # of the same two angles as commanded
 ALL_JOINTS = {'yaw of all joints': -1, 'pitch of all joints': -2}
 PLOT_TITLES = {'angle': 'joint angles [deg]', 'torque': 'joint torques [N m]'}
 LEGEND_LIMIT = 10  # curves
@@ -224,9 +223,9 @@ class Page:
             return
         series: list[dict[str, Any]] = [{'label': 't [s]'}]
         for k, name in enumerate(values):
-            told = name.endswith('told')
-            color = TOLD_COLORS[k % 2] if told else COLORS[k % len(COLORS)]
-            style = {'dash': [6, 5], 'width': 2.0} if told else {'width': 1.5}
+            commanded = name.endswith('commanded')
+            color = COMMANDED_COLORS[k % 2] if commanded else COLORS[k % len(COLORS)]
+            style = {'dash': [6, 5], 'width': 2.0} if commanded else {'width': 1.5}
             series.append({'label': name, 'stroke': color, 'points': {'show': False}, **style})
         with self._plots:
             self._charts[what] = self.gui.add_uplot(

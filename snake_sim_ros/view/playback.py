@@ -25,10 +25,10 @@ class Recording:
 
     def __init__(self, trajectory: Trajectory) -> None:
         self.run, self.middle = trajectory, trajectory.scene.robot.middle_link
-        waves, told = trajectory.scene.gait, np.full_like(trajectory.joint_angle, math.nan)
+        waves, commanded = trajectory.scene.gait, np.full_like(trajectory.joint_angle, math.nan)
         if waves.yaw.amplitude or waves.pitch.amplitude:
-            told = gait.reference(waves, trajectory.time, told.shape[1])[0]
-        self.reference: Array = told
+            commanded = gait.reference(waves, trajectory.time, commanded.shape[1])[0]
+        self.reference: Array = commanded
 
     def frame(self, k: int) -> Frame:
         """Return the robot at sample k."""
@@ -72,7 +72,7 @@ class Player:
             )
             self.button = gui.add_button('pause')
             self.speed = gui.add_dropdown('speed', tuple(SPEEDS), initial_value='1')
-            self.loop = gui.add_checkbox('again and again', True)
+            self.loop = gui.add_checkbox('repeat', True)
         self.playing, self._wanted = True, math.nan
         self._marked, self._label = self.now, 'pause'  # what the controls say
         self.button.on_click(lambda _: self._toggle())

@@ -19,12 +19,11 @@ import pytest
 from snake_sim_ros.commands import scenes
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.commands.options import scene_from
-from snake_sim_ros.comparison import timing
-from snake_sim_ros.comparison.charts import path_figure
 from snake_sim_ros.recording.bag_reader import read_bag
-from snake_sim_ros.scene.parameters import load_scene, Scene, scene_from_text
+from snake_sim_ros.scene.parameters import load_scene, scene_from_text
 from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping import simulation
+from snake_sim_ros.view.chart import path_figure
 
 ROOT = Path(__file__).parents[2]
 ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT)}
@@ -96,18 +95,6 @@ def test_run_chooses_steps_by_accuracy_unless_told_how(
     assert (scene.accuracy, scene.dt, scene.method) == (accuracy, pytest.approx(dt), method)
 
 
-def test_reference_method_takes_the_same_steps(capsys):
-    positions = {}
-    for method in ('paper', 'reference'):
-        arguments = ['--duration', '0.0005', '--rate', '2000', '--method', method]
-        assert main(['run', 'lateral_undulation', *arguments]) == 0
-        lines = capsys.readouterr().out.splitlines()
-        summary = json.loads(lines[-1])
-        assert (summary['method'], summary['steps']) == (method, 2)
-        positions[method] = lines[0]
-    assert positions['paper'] == positions['reference']
-
-
 def test_numbers_in_settings_are_written_as_usual(capsys):
     arguments = ['--duration', '0.001', '--rate', '1000', '--set', 'solver.tolerance=1e-8']
     assert main(['run', 'lateral_undulation', *arguments]) == 0, capsys.readouterr().err
@@ -172,7 +159,7 @@ def test_numbers_in_settings_are_written_as_usual(capsys):
         (
             ['lateral_undulation', '--method', 'magic'],
             "unknown method 'magic'; choose from: auto, bdf2, gauss_seidel, newton, newton_dense, "
-            'paper, reference',
+            'paper',
         ),
         (
             ['lateral_undulation', '--method', 'bdf2', '--set', 'pd_scheme=start'],
@@ -262,22 +249,6 @@ def test_ctrl_c_saves_what_was_recorded(tmp_path):
     assert set(json.loads(out.splitlines()[-1])) >= KEYS
     # The documentation of the command promises this status.
     assert process.returncode == 130
-
-
-@pytest.mark.parametrize('cold', [False, True])
-def test_bench_tells_the_start_up_of_new_processes(cold, monkeypatch):
-    # Without the compiler this tests that a process starts, steps and ends, not how long it takes.
-    monkeypatch.setenv('NUMBA_DISABLE_JIT', '1')
-    monkeypatch.setenv('NUMBA_CACHE_DIR', 'kept')
-    folders, start = [], subprocess.run
-
-    def noted(command, *, env, **options):
-        folders.append((env or os.environ)['NUMBA_CACHE_DIR'])
-        return start(command, env=env, **options)
-
-    monkeypatch.setattr(timing.subprocess, 'run', noted)
-    assert 0.1 < timing.start_up_seconds(Scene(), cold=cold) < 60
-    assert (folders != ['kept']) == cold and len(folders) == 1
 
 
 @pytest.mark.parametrize('samples', [1, 2, 50])

@@ -15,13 +15,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-pytest.importorskip('mcap_ros2')  # bag_writer needs it
 from snake_sim_ros.nodes.bag_writer import BagWriter, RunTopics, schema_text
-from snake_sim_ros.nodes.joint_names import joint_names
-from snake_sim_ros.nodes.markers import SceneMarkers
+from snake_sim_ros.nodes.messages import joint_names, stamp_from
 from snake_sim_ros.nodes.sensor_topics import SensorTopics
-from snake_sim_ros.nodes.stamps import stamp_from
 from snake_sim_ros.nodes.state_messages import StateMessages
+from snake_sim_ros.nodes.state_publishers import SceneMarkers
 from snake_sim_ros.recording.bag_reader import read_bag
 from snake_sim_ros.recording.sensors import recorded_sensors, Sensors
 from snake_sim_ros.scene.checked_records import ParameterError
@@ -30,6 +28,8 @@ from snake_sim_ros.scene.posture import gaps, joint_angles
 from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.state import initial_state
+
+pytest.importorskip('mcap_ros2')  # bag_writer needs it
 
 Reader = pytest.importorskip('rosbags.rosbag2').Reader
 typesys = pytest.importorskip('rosbags.typesys')

@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 from scenes import same_bits
 
-from snake_sim_ros.comparison.baselines.integrators import make_pyramid
 from snake_sim_ros.recording import checkpoint
 from snake_sim_ros.recording.recorded_runs import write_npz
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, with_settings
-from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.methods import make_stepper, METHODS
 from snake_sim_ros.stepping.simulation import run, Simulation
 
 STEPS = 6
@@ -146,6 +145,6 @@ def test_files_of_others_get_a_sentence(stored, tmp_path):
 
 
 def test_a_stepper_of_the_caller_is_refused(tmp_path):
-    scene = load_scene('lateral_undulation')
+    scene = replace(load_scene('lateral_undulation'), level='spatial')
     with pytest.raises(ParameterError, match='has a SpatialStepper made by the caller'):
-        checkpoint.write(Simulation(scene, make_pyramid(scene)), tmp_path / 'here.npz')
+        checkpoint.write(Simulation(scene, make_stepper(scene)), tmp_path / 'here.npz')

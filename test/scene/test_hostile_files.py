@@ -10,7 +10,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from snake_sim_ros.optimization.problem import load_problem
 from snake_sim_ros.recording.from_messages import scene_of
 from snake_sim_ros.recording.sensors import Sensors
 from snake_sim_ros.scene.checked_records import ParameterError, quoted
@@ -19,7 +18,8 @@ from snake_sim_ros.scene.parameters import load_scene, Robot, samples_of, Scene,
 from snake_sim_ros.scene.robot_description import robot_description, robot_of
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.studies.study_file import load_study
+from snake_sim_ros.studies.problem import load_problem
+from snake_sim_ros.studies.study import load_study
 
 # Each name stands for ten of the one before: 10^9 values from 300 characters.
 BOMB = 'a: &a [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n' + ''.join(

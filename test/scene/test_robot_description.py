@@ -11,7 +11,7 @@ from random_states import random_robot
 import yaml
 
 from snake_sim_ros.gaits.steering import Steering
-from snake_sim_ros.nodes.joint_names import joint_names
+from snake_sim_ros.nodes.messages import joint_names
 from snake_sim_ros.recording.from_messages import B_TO_WIRE
 from snake_sim_ros.scene.files import CONFIG
 from snake_sim_ros.scene.parameters import load_scene, Robot

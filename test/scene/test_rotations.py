@@ -5,6 +5,7 @@
 import math
 
 import numpy as np
+from oracle.moreau import end_coordinates, middle_coordinates
 import pytest
 from random_states import EPS, random_parameters
 
@@ -19,7 +20,6 @@ from snake_sim_ros.scene.rotations import (
     rotation_matrix,
     tilde,
 )
-from snake_sim_ros.stepping.reference import end_coordinates, middle_coordinates
 from snake_sim_ros.stepping.state import State
 
 # Entries of the matrices are at most 1 and come from at most a dozen operations on numbers up to 1

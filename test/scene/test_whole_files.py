@@ -7,34 +7,27 @@ from pathlib import Path
 import resource
 from types import SimpleNamespace
 
-from matplotlib.figure import Figure
+from gliding import glide
 import pytest
 
-pytest.importorskip('polars')
-from test_animation import glide
-
-from snake_sim_ros.comparison import chart_style
-from snake_sim_ros.comparison.charts import path_figure
-from snake_sim_ros.comparison.csv_tables import mark_unknown, TableWriter
-from snake_sim_ros.fitting import chart as fit_chart, results as fit_results
-from snake_sim_ros.optimization import chart as optimization_chart, results as optimization_results
-from snake_sim_ros.paper.figures import save_small
 from snake_sim_ros.recording import checkpoint
 from snake_sim_ros.recording.recorded_runs import write_csv, write_npz
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.files import whole_file, write_whole
 from snake_sim_ros.scene.parameters import Robot, Scene
 from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.studies import chart as study_chart, table
+from snake_sim_ros.studies import chart as study_chart, judgement, optimization, table
 from snake_sim_ros.studies.metrics import METRICS
 from snake_sim_ros.view import chart
 from snake_sim_ros.view.animation import animate
+
+pytest.importorskip('polars')
+
 
 ROOM = 64  # bytes, fewer than any output has
 SCENE = Scene(robot=Robot(link_count=2))
 RUN = glide(samples=3)
 FRAME = table.library().DataFrame({'row': range(20), 'dt': range(20), 'speed': range(20)})
-ROW = {'case': 'a' * 2 * ROOM}
 
 
 def objectives(*names):
@@ -55,13 +48,11 @@ FIT = SimpleNamespace(unknowns=[], values=[], x=[])
 
 
 def scene_of_optimization(path):
-    optimization_results.write_scenes(
-        OUTCOME, path.parent / path.name.replace('.best.yaml', '.csv')
-    )
+    optimization.write_scenes(OUTCOME, path.parent / path.name.replace('.best.yaml', '.csv'))
 
 
 def picture_of_optimization(path):
-    optimization_chart.draw(OUTCOME, path)
+    study_chart.draw_optimization(OUTCOME, path)
 
 
 OUTPUTS = {
@@ -73,16 +64,14 @@ OUTPUTS = {
     'run.svg': lambda path: chart.draw(RUN, path),
     'run.pdf': lambda path: chart.draw(RUN, path),
     'checkpoint.npz': lambda path: checkpoint.write(Simulation(SCENE), path),
-    'path.png': lambda path: path_figure(path, '', RUN.time, RUN.position, 0),
+    'path.png': lambda path: chart.path_figure(path, '', RUN.time, RUN.position, 0),
     'study.csv': lambda path: table.write(FRAME, path),
     'study.parquet': lambda path: table.write(FRAME, path),
-    'study.png': lambda path: study_chart.draw(FRAME, ['dt'], [METRICS['speed']], path),
+    'study.png': lambda path: study_chart.draw_study(FRAME, ['dt'], [METRICS['speed']], path),
     'gait.best.yaml': scene_of_optimization,
     'gait.png': picture_of_optimization,
-    'fit.yaml': lambda path: fit_results.write_scene(FIT, SCENE, Path('bag.mcap'), path),
-    'fit.png': lambda path: fit_chart.draw(FIT, path),
-    'bench.svg': lambda path: chart_style.save(Figure(), path, {}),
-    'paper.png': lambda path: save_small(Figure(), path),
+    'fit.yaml': lambda path: judgement.write_scene(FIT, SCENE, Path('bag.mcap'), path),
+    'fit.png': lambda path: study_chart.draw_fit(FIT, path),
     'table.md': lambda path: write_whole(path, 'a' * 2 * ROOM),
 }
 
@@ -101,9 +90,8 @@ def no_room():
 @pytest.fixture
 def drawing_nothing(monkeypatch):
     """Let pictures of optimizations and fits be empty, for which nothing needs to be found."""
-    monkeypatch.setattr(optimization_chart, '_draw_growth', lambda *_: None)
-    for name in ('_over_time', '_distribution', '_of_segments'):
-        monkeypatch.setattr(fit_chart, name, lambda *_: None)
+    for name in ('_draw_growth', '_draw_over_time', '_draw_distribution', '_draw_segments'):
+        monkeypatch.setattr(study_chart, name, lambda *_: None)
 
 
 @pytest.mark.usefixtures('drawing_nothing')
@@ -124,19 +112,6 @@ def test_what_was_there_survives_a_full_disk(name, tmp_path):
     assert len(path.read_bytes()) > ROOM
 
 
-@pytest.mark.parametrize('how', ['continued', 'sealed'])
-def test_rows_of_a_bench_survive_a_full_disk(how, tmp_path):
-    path = tmp_path / 'bench.csv'
-    TableWriter(path, 'bench', ['case']).append([ROW])
-    text = path.read_text(encoding='utf-8')
-    text = text.replace('aaa', 'bbb') if how == 'sealed' else text + 'a row that was cut short'
-    path.write_text(text, encoding='utf-8')
-    with no_room(), pytest.raises(OSError, match=r'bench\.csv cannot be written: File too large'):
-        mark_unknown(path) if how == 'sealed' else TableWriter(path, 'bench', ['case'])
-    assert path.read_text(encoding='utf-8') == text
-    assert [*tmp_path.iterdir()] == [path]
-
-
 def test_scenes_of_a_front_survive_a_full_disk(tmp_path):
     found = {'problem': SimpleNamespace(objectives=objectives('speed', 'slip'))}
     found['objectives_of'] = lambda item: [0.0, 1.0]
@@ -146,9 +121,9 @@ def test_scenes_of_a_front_survive_a_full_disk(tmp_path):
     for k in (1, 2):
         (folder / f'0{k}.yaml').write_text('old')
     with no_room(), pytest.raises(OSError, match='File too large'):
-        optimization_results.write_scenes(outcome, tmp_path / 'gait.csv')
+        optimization.write_scenes(outcome, tmp_path / 'gait.csv')
     assert [path.read_text() for path in sorted(folder.iterdir())] == ['old', 'old']
-    optimization_results.write_scenes(outcome, tmp_path / 'gait.csv')
+    optimization.write_scenes(outcome, tmp_path / 'gait.csv')
     (found,) = folder.iterdir()  # what does not belong to the new front is gone
     assert found.read_text() != 'old'
 

@@ -9,7 +9,7 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.nodes.messages import stamp_from
 
 
 class HandClock:

@@ -13,7 +13,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 
-from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.nodes.messages import stamp_from
 
 RATE = 'publish_rate:=50.0'  # few messages, as several robots run faster than real time
 SCRIPTS = ('crawl_and_turn', 'record_torque', 'sidewind_a_metre', 'step_response')

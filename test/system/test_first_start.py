@@ -21,7 +21,7 @@ from test_tour import run, section
 
 from snake_sim_ros.dynamics.code_cache import FOLDER
 from snake_sim_ros.nodes.compiling import Compiler
-from snake_sim_ros.nodes.sim_node import look_at_compiler, SimNode, TOLD
+from snake_sim_ros.nodes.sim_node import look_at_compiler, REPORT_PERIOD, SimNode
 from snake_sim_ros.scene.parameters import load_scene, Scene
 from snake_sim_ros.scene.posture import initial_coordinates, joint_angles
 
@@ -155,7 +155,7 @@ def test_a_wait_is_told_at_once_and_then_every_few_seconds():
         told = look_at_compiler(node, compiler, told)
         if lines and lines[-1] == 'waits':
             lines[-1] = compiler.seconds
-    assert lines == pytest.approx([60.0 + TOLD * k for k in range(8)], abs=0.1 * 8)
+    assert lines == pytest.approx([60.0 + REPORT_PERIOD * k for k in range(8)], abs=0.1 * 8)
 
 
 def test_the_rest_of_the_time_is_in_proportion(monkeypatch):
@@ -204,7 +204,7 @@ def test_the_readme_in_its_order_on_an_empty_cache(make_graph, tmp_path, monkeyp
     graph.until(lambda: sim.now > stood, 'the spatial level', WHOLE_CACHE)
     assert 1 / 3 < (time.monotonic() - ready) / float(said[1]) < 3.0
     told = re.findall(rf'\[(\S+)\] \[sim\]: {waiting}', process.output)
-    assert told and (np.diff([float(seconds) for seconds in told]) > TOLD - 0.5).all()
+    assert told and (np.diff([float(seconds) for seconds in told]) > REPORT_PERIOD - 0.5).all()
     graph.until(lambda: abs(sim.joint_states[-1].position[8] - 0.5) < 0.05, 'the joint')
     graph.start('gait', gait.split()[-1]).wait_for('the gait begins')
     for line in others:

@@ -20,8 +20,8 @@ from std_srvs.srv import Trigger
 
 from snake_sim_ros.gaits.blending import Blend
 from snake_sim_ros.gaits.steering import Steering
-from snake_sim_ros.nodes.stamps import stamp_from
-from snake_sim_ros.nodes.throttled_warnings import WARN_PERIOD
+from snake_sim_ros.nodes.executors import WARN_PERIOD
+from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.scene.parameters import load_scene, Scene
 
 BLEND_TIME = 0.5  # s

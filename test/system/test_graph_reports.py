@@ -16,9 +16,8 @@ from rclpy.qos import QoSProfile
 from sim_client import connected, SimClient, with_twin
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from snake_sim_ros.nodes.joint_names import joint_names
-from snake_sim_ros.nodes.received_trajectories import joint_trajectory
-from snake_sim_ros.nodes.stamps import stamp_from
+from snake_sim_ros.nodes.messages import joint_names, stamp_from
+from snake_sim_ros.nodes.received_commands import joint_trajectory
 from snake_sim_ros.scene.parameters import load_scene
 
 NAMES = joint_names(11)
@@ -162,6 +161,14 @@ def test_refusal_is_in_the_diagnostics_for_ten_seconds(running, refused):
     assert running.process.count(said) == 1
 
 
+def test_trajectory_that_would_hold_up_a_period_is_refused_unread(running):
+    angle = running.joint_states[-1].position[0]
+    publish(running, waves(10_000))
+    said = 'joint_trajectory: a message of 1840576 bytes takes too long to read; at most 100000'
+    running.graph.until(lambda: running.process.count(said), said)
+    assert running.joint_states[-1].position[0] == pytest.approx(angle, abs=0.01)
+
+
 def test_stamp_of_the_wall_clock_means_now(running):
     publish(running, trajectory((0.5, [0.4]), stamp=1.8e9))
     running.graph.until(
@@ -213,7 +220,7 @@ def test_command_that_jumps_is_told_and_a_stream_is_not(lockstep):
 
 def test_large_trajectory_is_taken_before_the_next_step(lockstep):
     sim, twin = lockstep
-    message = waves(2000)
+    message = waves(450)
     publish(sim, message)
     robot, now = twin.simulation.scene.robot, twin.simulation.time
     twin.reference = joint_trajectory(message, twin.reference, robot, now, HORIZON).reference
@@ -222,7 +229,7 @@ def test_large_trajectory_is_taken_before_the_next_step(lockstep):
         sample = twin.advance()
         assert joint_states.position.tobytes() == sample.angle.tobytes()
     # A command that comes right after a large one counts, as the last one.
-    publish(sim, waves(2000))
+    publish(sim, waves(450))
     sim.send({'joint_9_yaw': 0.3})
     for _ in range(100):
         joint_states, *_ = sim.step()

@@ -22,8 +22,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import MarkerArray
 
-from snake_sim_ros.nodes.received_commands import position_commands
-from snake_sim_ros.nodes.received_trajectories import joint_trajectory
+from snake_sim_ros.nodes.received_commands import joint_trajectory, position_commands
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.robot_description import robot_description
 

@@ -9,9 +9,11 @@ import sys
 from graph import environment, next_domain
 import pytest
 
-from snake_sim_ros.nodes.middleware import keep_no_buffers, NO_BUFFERS, OF_USER, USE_PROFILES
-from snake_sim_ros.reliability.messages import GIVEN_BACK
+from snake_sim_ros.nodes.node_process import keep_no_buffers, NO_BUFFERS, OF_USER, USE_PROFILES
 
+# The GNU C library gives blocks of this size [B] back as soon as they are free: memory is then
+# what the node uses, and not that of a heap with holes.
+GIVEN_BACK = {'MALLOC_MMAP_THRESHOLD_': '131072'}
 MEGABYTES, MESSAGES = 4, 25  # of messages that a node sends to itself
 # Prints how much the memory of such a node grows [MB].
 NODE = f"""

@@ -9,7 +9,7 @@ from rclpy.node import Node
 from test_graph_commands import started as command
 
 from snake_sim_ros.nodes import gait_node, sim_node, viewer_node
-from snake_sim_ros.nodes.graph.parameters import parameter_file
+from snake_sim_ros.nodes.graph import parameter_file
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import made
 from snake_sim_ros.nodes.sim_parameters import as_it_runs

@@ -39,16 +39,16 @@ def lines(pages: list[str]) -> list[str]:
     return [line for line in found if line not in TOUR]
 
 
-COMMANDS = lines(PAGES)
+# Commands of the laboratory, which benchmarks/test runs.
+LABORATORY = ('bench', 'stability', 'levels', 'artefacts', 'chart', 'figures', 'pacing')
+COMMANDS = [
+    line for line in lines(PAGES) if not line.startswith(tuple(f'./run {n}' for n in LABORATORY))
+]
 
 # What is added to a command so that it ends soon, or what stands in for a tool that only a ROS 2
 # installation has: `ros2 run` starts the launcher of that name.
 SHORTENED = {
     './run test': '--collect-only -q test/scene/test_gait.py',
-    './run bench --quick': 'lateral_undulation --methods newton --dt 0.001 --duration 0.1',
-    './run bench --parts throughput': '--quick --duration 0.1',
-    './run stability --quick': '--maps spin',
-    './run levels': 'lateral_undulation --duration 0.1',
     './run run obstacle_aided': '--duration 0.5',
     './run view sidewinding': '--no-browser --port 0',
     './run run sidewinding --out run.npz --csv run.csv --bag run.mcap --gif run.gif': (
@@ -62,18 +62,14 @@ SHOWN = {
     './run run sidewinding --out run.npz': r'"status": "converged".*"unconverged_steps": 0',
 }
 # Commands of snake-sim run in this process, which has compiled the steps already, except one.
-OFFLINE = ('run', 'study', 'export', 'levels', 'bench', 'stability')
+OFFLINE = ('run', 'study', 'export')
 BY_LAUNCHER = './run run config/sidewinding.yaml --out run.npz'
 # What a command with such a word in it needs, and rosdep does not install.
 OPTIONAL = {'study': 'polars', 'mcap': 'mcap_ros2', 'view': 'viser', 'mp4': 'imageio_ffmpeg'}
 # Commands that other tests run.
 ELSEWHERE = {
     './run demo': 'test_demo.py',
-    './run pacing': 'test_pacing.py',
-    './run chart docs/speed_accuracy/bench.csv': 'test_charts.py',
     './run optimize examples/faster_sidewinding.yaml': 'test_optimization.py',
-    './run artefacts': 'test_artefacts.py',
-    './run figures --out docs/paper': 'test_figures.py',
     './run record live.mcap': 'test_record.py',
     './run view run.mcap': 'test_viewer.py',
     'ros2 run snake_sim_ros viewer --ros-args -p port:=8081': 'test_viewer.py',

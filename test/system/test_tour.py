@@ -20,7 +20,7 @@ from rcl_interfaces.srv import GetParameters
 from sim_client import SimClient
 import yaml
 
-from snake_sim_ros.nodes.transforms import TransformMessages
+from snake_sim_ros.nodes.state_publishers import TransformMessages
 
 ROOT = Path(__file__).parents[2]
 TUTORIAL = (ROOT / 'docs/first_steps.md').read_text(encoding='utf-8')

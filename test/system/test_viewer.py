@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.nodes.joint_names import joint_names
+from snake_sim_ros.nodes.messages import joint_names
 from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.robot_description import robot_description
 
@@ -87,7 +87,7 @@ def test_curves_of_a_joint_have_different_colors(page):
     marker = 'getComputedStyle(item.querySelector(".u-marker")).borderTopColor'
     series = f'[...document.querySelectorAll(".u-series")].map(item => [item.innerText, {marker}])'
     colors = dict(page.until(lambda: page.run(f'{series}.slice(0, 4)'), 'the legend'))
-    assert list(colors) == ['yaw', 'pitch', 'yaw, told', 'pitch, told']
+    assert list(colors) == ['yaw', 'pitch', 'yaw, commanded', 'pitch, commanded']
     assert len({*colors.values()}) == 4
 
 
@@ -112,7 +112,7 @@ def test_robot_and_plots_are_seen_in_a_narrow_window(page):
 
 
 def test_buttons_act_on_the_simulation(page, graph):
-    page.press_until('pause', lambda: page.has('go on'), 'the pause')
+    page.press_until('pause', lambda: page.has('resume'), 'the pause')
     graph.drain(graph.clock)
     paused, count = graph.clock[-1].clock, len(graph.clock)
     graph.spin(0.3)
@@ -123,7 +123,7 @@ def test_buttons_act_on_the_simulation(page, graph):
     assert step % 10**9 == 5_000_000  # a publish period
     at_start = re.compile(r'distance\s+0\.00')
     page.press_until('reset', lambda: at_start.search(page.text), 'the start of the scene')
-    page.press_until('go on', lambda: page.has('pause'), 'the run to go on')
+    page.press_until('resume', lambda: page.has('pause'), 'the run to go on')
     graph.until(lambda: len(graph.clock) > count + 20, 'the clock')
 
 
@@ -141,7 +141,7 @@ def test_numbers_are_those_of_the_nodes(page, graph):
         )
     item = Parameter('real_time_factor', value=0.5).to_parameter_msg()
     graph.call(SetParameters, '/sim/set_parameters', SetParameters.Request(parameters=[item]))
-    page.until(lambda: page.read('speed of time') == '0.5', 'what another one changed')
+    page.until(lambda: page.read('real-time factor') == '0.5', 'what another one changed')
     page.choose('gait', 'lateral_undulation')
     graph.until(lambda: parameter(graph, 'gait', 'gait.pitch.amplitude') == 0.0, 'another gait')
 

@@ -11,11 +11,10 @@ import re
 import signal
 import subprocess
 import sys
-from threading import Event, Thread
+from threading import Thread
 import time
 
 from snake_sim_ros.gaits.blending import check_reach
-from snake_sim_ros.nodes.signals import SIGNALS
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, Scene
 
@@ -137,15 +136,3 @@ def children() -> Iterator[list[Child]]:
     finally:
         for node in nodes:
             node.end()
-
-
-@contextmanager
-def interruptible() -> Iterator[Event]:
-    """Yield an event that SIGINT and SIGTERM set; an exception would disrupt the middleware."""
-    stop = Event()
-    before = {number: signal.signal(number, lambda *_: stop.set()) for number in SIGNALS}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -16,12 +16,12 @@ from rclpy.node import Node
 from tqdm import tqdm
 
 from snake_sim_ros.nodes.executors import make_executor
-from snake_sim_ros.nodes.stamps import seconds_from
+from snake_sim_ros.nodes.messages import seconds_from
+from snake_sim_ros.nodes.programs import interruptible
 from snake_sim_ros.nodes.tools.child_nodes import (
     Child,
     children,
     Interrupted,
-    interruptible,
     NodeDied,
     scene_to_run,
     start,
@@ -202,7 +202,7 @@ def _summarize(
     print(f'{"wait for compiler":20} {listener.waited:.1f} s')
     print(f'{"wall time in all":20} {seconds:.1f} s')
     try:
-        from snake_sim_ros.comparison.charts import path_figure
+        from snake_sim_ros.view.chart import path_figure
     except ImportError:
         print('no picture: matplotlib is not installed')
         return

@@ -5,14 +5,8 @@
 import sys
 from threading import Event
 
-from snake_sim_ros.nodes.tools.child_nodes import (
-    Child,
-    children,
-    interruptible,
-    NodeDied,
-    scene_to_run,
-    start,
-)
+from snake_sim_ros.nodes.programs import interruptible
+from snake_sim_ros.nodes.tools.child_nodes import Child, children, NodeDied, scene_to_run, start
 from snake_sim_ros.view.page import check_address
 
 LOOK_PERIOD = 0.2  # s between two looks at the nodes

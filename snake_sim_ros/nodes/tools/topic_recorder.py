@@ -3,6 +3,7 @@
 """The recorder of `snake-sim record`: all topics as an MCAP bag, until a signal ends it."""
 
 from functools import partial
+import gc
 from importlib import import_module
 from pathlib import Path
 import sys
@@ -16,7 +17,8 @@ from rclpy.signals import SignalHandlerOptions
 
 from snake_sim_ros.nodes.bag_writer import BagWriter
 from snake_sim_ros.nodes.executors import make_executor
-from snake_sim_ros.nodes.tools.child_nodes import interruptible
+from snake_sim_ros.nodes.node_process import end_within, LONGEST_END
+from snake_sim_ros.nodes.programs import interruptible
 from snake_sim_ros.scene.checked_records import ParameterError
 
 QUEUE = 10_000  # messages of a topic that may wait, about ten seconds of the fastest topic
@@ -98,11 +100,16 @@ def record_topics(path: Path) -> int:
         raise ParameterError(f'{path}: no folder {path.absolute().parent}')
     with interruptible() as stop:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        status = 2
         try:
             with BagWriter(path) as bag:
                 _record(bag, path, stop)
+            status = 0
         finally:
-            rclpy.try_shutdown()
+            sys.stdout.flush()
+            with end_within(LONGEST_END, status):  # The bag is complete by now.
+                rclpy.try_shutdown()
+                gc.collect()  # which releases the node
     return 0
 
 
@@ -126,7 +133,6 @@ def _record(bag: BagWriter, path: Path, stop: Event) -> None:
         if now - shown > 1.0:
             shown = now
             print(f'\r{_summary(bag)}', end='', flush=True)
-    node.destroy_node()
     print(f'\r{_summary(bag)} in {path}')
 
 

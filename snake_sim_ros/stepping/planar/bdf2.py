@@ -8,66 +8,73 @@ lands and no impulse is sudden. The only event is a state that is not the end of
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.contact.problem import Outcome
 from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, merged
 from snake_sim_ros.dynamics.joint_control import implicit_pd_law
 from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.stepping.bdf2_memory import CONSISTENT_SPEED
-from snake_sim_ros.stepping.parts import (
+from snake_sim_ros.stepping.bdf2.formula import (
     AFTER_EVENT,
     aligned_size,
     ANEW,
     coefficients,
     end_references,
     first_size,
+    first_stretch,
     judge_part,
     keep_history,
     keep_references,
     least_iterations,
+    next_stretch,
+    part_of,
     path_error,
     restore_history,
     SMOOTH,
     TICKS,
     UNKNOWN,
 )
-from snake_sim_ros.stepping.planar.axes import (
-    begin_planar_impact,
-    begin_predicted_yaw_axes,
-    joint_impulses_in_plane,
-    yaw_axes_change,
-)
+from snake_sim_ros.stepping.bdf2.motion import CONSISTENT_SPEED
 from snake_sim_ros.stepping.planar.equilibrium import (
     fill_grips,
     fill_momentum,
     place_links_in_plane,
 )
+from snake_sim_ros.stepping.planar.model import PlanarModel, PlanarWorkspace
 from snake_sim_ros.stepping.planar.moreau import (
+    begin_planar_impact,
+    begin_predicted_yaw_axes,
     end_planar_velocities,
     held_point,
     is_planar,
+    joint_impulses_in_plane,
     keep_planar_sample,
     stop_impact,
+    yaw_axes_change,
 )
-from snake_sim_ros.stepping.planar.newton import PlanarNewton, solve_planar_contacts
-from snake_sim_ros.stepping.planar.warm_start import SECOND_CHANGE
-from snake_sim_ros.stepping.pushes import add_pushes_in_plane, first_stretch, next_stretch, part_of
-from snake_sim_ros.stepping.state import without_memory
+from snake_sim_ros.stepping.planar.solvers import (
+    PlanarNewton,
+    SECOND_CHANGE,
+    solve_planar_contacts,
+)
+from snake_sim_ros.stepping.pushes import add_pushes_in_plane
+from snake_sim_ros.stepping.state import History, without_memory
 from snake_sim_ros.stepping.steps import (
     count_steps,
     iterations_left,
     note_outcome,
     noted,
     sampled_row,
+    Steps,
     take_back,
 )
 
 
 class PlanarMotion(NamedTuple):
-    """A state in the plane, as `bdf2_memory.Motion`."""
+    """A state in the plane, as `bdf2.motion.Motion`."""
 
     pose: Array  # (2,) x and y of the center of mass [m]
     heading: Array  # (n,) headings of the links [rad]
@@ -77,13 +84,13 @@ class PlanarMotion(NamedTuple):
 class PlanarBdf2Memory(NamedTuple):
     """What the method keeps of the last step, besides `model.PlanarMemory`; as `Bdf2Memory`."""
 
-    end: PlanarMotion
-    start: PlanarMotion
-    reference_rate: Array  # (n-1, 2)
-    dt: Array  # (1,)
-    span: Array  # (1,)
-    phase: Array  # (1,)
-    ticks: Array  # (1,)
+    end: PlanarMotion  # state at its end
+    start: PlanarMotion  # state at its start
+    reference_rate: Array  # (n-1, 2) rates of the joint references [rad/s]
+    dt: Array  # (1,) its length [s]
+    span: Array  # (1,) time for which its impulses acted [s], 0 before the first step
+    phase: Array  # (1,) UNKNOWN, ANEW or SMOOTH
+    ticks: Array  # (1,) length of the next step, in parts of a step of the scene
 
     def last_span(self) -> float:
         """Return the time for which the last impulses acted [s], 0 before the first step."""
@@ -93,14 +100,14 @@ class PlanarBdf2Memory(NamedTuple):
 class PlanarBdf2Arrays(NamedTuple):
     """Arrays that a step fills besides `model.PlanarWorkspace`, as `Bdf2Arrays`."""
 
-    hat: PlanarMotion
+    hat: PlanarMotion  # what the formula combines of the states before
     star: PlanarMotion  # velocities at the predicted end; the rest is not used
-    end: PlanarMotion
+    end: PlanarMotion  # end of the step
     before: PlanarMotion  # start of the step of the scene, for one that is not taken
     moving: Array  # (n, 3) velocities that move the coordinates: those of end before an impact
-    end_angle: Array  # (n-1, 2)
-    end_rate: Array  # (n-1, 2)
-    kept: Array  # (3, contacts, 5)
+    end_angle: Array  # (n-1, 2) joint references at the end [rad]
+    end_rate: Array  # (n-1, 2) [rad/s]
+    kept: Array  # (3, contacts, 5) history before a part of the step
     solver: PlanarNewton
 
 
@@ -135,7 +142,7 @@ def make_planar_arrays(n: int, contacts: int) -> PlanarBdf2Arrays:
 
 
 @inlined
-def keep_planar(motion, to):
+def keep_planar(motion: PlanarMotion, to: PlanarMotion) -> None:
     """Copy a state."""
     to.pose[0], to.pose[1] = motion.pose[0], motion.pose[1]
     for i in range(len(motion.heading)):
@@ -145,8 +152,10 @@ def keep_planar(motion, to):
 
 
 @merged
-def recognize_in_plane(model, work, q, u, memory):
-    """Take q and u as the state to go on from, as `bdf2_memory.recognize`."""
+def recognize_in_plane(
+    model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array, memory: PlanarBdf2Memory
+) -> None:
+    """Take q and u as the state to continue from, as `bdf2.motion.recognize`."""
     end = memory.end
     held_x, held_y = held_point(model, q)
     end.pose[0], end.pose[1] = q[0] + held_x, q[1] + held_y
@@ -159,7 +168,7 @@ def recognize_in_plane(model, work, q, u, memory):
 
 
 @merged
-def starts_anew(model, work, q, u):
+def starts_anew(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array) -> bool:
     """Return whether the velocities of a given state satisfy the joints and the floor."""
     for i in range(len(u)):
         for k in range(3):
@@ -177,7 +186,9 @@ def starts_anew(model, work, q, u):
 
 
 @merged
-def planar_formula(model, dt, memory, own):
+def planar_formula(
+    model: PlanarModel, dt: float, memory: PlanarBdf2Memory, own: PlanarBdf2Arrays
+) -> tuple[float, float]:
     """
     Fill own.hat and the velocities of own.star as `bdf2.formula`.
 
@@ -204,7 +215,7 @@ def planar_formula(model, dt, memory, own):
 
 
 @inlined
-def move_planar(model, h, u, motion):
+def move_planar(model: PlanarModel, h: float, u: Array, motion: PlanarMotion) -> None:
     """Move center of mass and headings by a time h [s] with the velocities u (n, 3)."""
     for i in range(len(u)):
         motion.heading[i] += h * u[i, 2]
@@ -213,7 +224,9 @@ def move_planar(model, h, u, motion):
 
 
 @merged
-def predict_loads(h, dt, work, memory, history):
+def predict_loads(
+    h: float, dt: float, work: PlanarWorkspace, memory: PlanarBdf2Memory, history: History
+) -> None:
     """Scale what the last step left of the contacts to one of dt, with impulses for a time h."""
     span, before = memory.span[0], memory.dt[0]
     if span == 0.0:
@@ -231,7 +244,14 @@ def predict_loads(h, dt, work, memory, history):
 
 
 @merged
-def begin_planar_part(model, own, work, start, h, h_q):
+def begin_planar_part(
+    model: PlanarModel,
+    own: PlanarBdf2Arrays,
+    work: PlanarWorkspace,
+    start: Any,
+    h: float,
+    h_q: float,
+) -> None:
     """
     Fill the workspace for the contact solver, with the references in own.end_angle.
 
@@ -256,7 +276,9 @@ def begin_planar_part(model, own, work, start, h, h_q):
 
 
 @inlined
-def fill_predicted_grips(patches, model, own, work, h_q):
+def fill_predicted_grips(
+    patches: Any, model: PlanarModel, own: PlanarBdf2Arrays, work: PlanarWorkspace, h_q: float
+) -> None:
     """Fill the grip of the contacts at the predicted end; see `equilibrium.fill_grips`."""
     if patches is None:
         return
@@ -268,7 +290,15 @@ def fill_predicted_grips(patches, model, own, work, h_q):
 
 
 @merged
-def planar_part(own, model, work, dt, stretch, steps, most):
+def planar_part(
+    own: PlanarBdf2Arrays,
+    model: PlanarModel,
+    work: PlanarWorkspace,
+    dt: float,
+    stretch: Any,
+    steps: Steps,
+    most: int,
+) -> tuple[Outcome, float, float, bool]:
     """
     Find the velocities after a time dt, with the references in own.end_angle; they are in own.end.
 
@@ -311,8 +341,17 @@ def planar_part(own, model, work, dt, stretch, steps, most):
 
 
 @merged
-def take_planar(own, model, work, dt, h, h_q, meets, memory):
-    """Go on to the state that `planar_part` found."""
+def take_planar(
+    own: PlanarBdf2Arrays,
+    model: PlanarModel,
+    work: PlanarWorkspace,
+    dt: float,
+    h: float,
+    h_q: float,
+    meets: bool,
+    memory: PlanarBdf2Memory,
+) -> None:
+    """Move to the state that `planar_part` found."""
     keep_planar(memory.end, memory.start)
     for k in range(2):
         memory.end.pose[k] = own.hat.pose[k]
@@ -330,7 +369,9 @@ def take_planar(own, model, work, dt, h, h_q, meets, memory):
 
 
 @merged
-def planar_step(own, model, work, steps, k):
+def planar_step(
+    own: PlanarBdf2Arrays, model: PlanarModel, work: PlanarWorkspace, steps: Steps, k: int
+) -> bool:
     """Take step k; return whether it was taken."""
     report, memory = steps.report[0], steps.history.memory.scheme
     angle, rate = steps.angle[k], steps.rate[k]
@@ -375,7 +416,7 @@ def planar_step(own, model, work, steps, k):
 
 
 @inlined
-def fill_state(model, end, steps):
+def fill_state(model: PlanarModel, end: PlanarMotion, steps: Steps) -> None:
     """Fill q and u of the steps from a `PlanarMotion`."""
     q, u = steps.q, steps.u
     for i in range(len(u)):
@@ -387,7 +428,9 @@ def fill_state(model, end, steps):
 
 
 @compiled
-def advance_bdf2_in_plane(own, model, work, steps):
+def advance_bdf2_in_plane(
+    own: PlanarBdf2Arrays, model: PlanarModel, work: PlanarWorkspace, steps: Steps
+) -> None:
     """Take the steps up to the first that is not planar; see `stepper.PlanarStepper`."""
     memory = steps.history.memory.scheme
     for k in range(len(steps.angle)):

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.contact.detection import make_patches, Patches
 from snake_sim_ros.contact.laws import Laws
-from snake_sim_ros.contact.patches import make_patches, Patches
-from snake_sim_ros.contact.table import make_table
-from snake_sim_ros.dynamics.compilation import record_array
+from snake_sim_ros.contact.problem import make_table
+from snake_sim_ros.dynamics.compilation import record_array, Table
 from snake_sim_ros.dynamics.hinge_chain import HingeChain
 from snake_sim_ros.dynamics.joint_drift import CENTER_OF_MASS
 from snake_sim_ros.dynamics.joint_laws import AxisLaws, JointLaws, make_axis_laws
@@ -75,10 +75,10 @@ def forget(memory: PlanarMemory) -> None:
 class PlanarModel(NamedTuple):
     """The numbers of a planar scene, as `stepping.model.Model`, with pegs and patches."""
 
-    half_length: Array
-    mass: Array
+    half_length: Array  # (n,) half of the link lengths [m]
+    mass: Array  # (n,) [kg]
     inertia: Array  # (n,) about the vertical [kg m^2]
-    inertia_axial: Array
+    inertia_axial: Array  # (n,) about the link axis [kg m^2]
     offset: Array  # (n,) contact_offset [m]
     radius: float  # contact_radius of all links [m]
     stiffness: Array  # (n-1,) of the yaw joints [N m/rad]
@@ -87,18 +87,18 @@ class PlanarModel(NamedTuple):
     hold: Array  # (n-1,) springs of the pitch joints in `PlanarWorkspace.upright` [m^2]
     roll_compliance: float  # roll of a link over its turning in `PlanarWorkspace.upright`
     fall: float  # vertical velocity that the weight adds in a step [m/s]
-    share: Array  # (n,) weights of the links in the point that section VII-C holds
+    share: Array  # (n,) weights [1] of the links in the point that section VII-C holds
     laws: Laws
-    dt: float
-    tolerance: float
-    residual_tolerance: float
+    dt: float  # [s]
+    tolerance: float  # [N s]
+    residual_tolerance: float  # [m/s]
     iteration_limit: int
-    path_tolerance: float
+    path_tolerance: float  # error that a step may make in the path [m]; 0: steps are not divided
     most_roll: float  # largest roll of a planar step [rad]
-    most_slip: float  # share of the way of the center of mass up to which slip is neglected
+    most_slip: float  # share [1] of the way of the center of mass up to which slip is neglected
     held: bool  # whether pitch joints hold the robot; if not, its roll is rounding
     patient: bool  # whether a step that does not converge is taken, and counted
-    pd_scheme: int
+    pd_scheme: int  # index in PD_SCHEMES
     keeps_center: (
         bool  # whether section VII-C holds the center of mass, not link 1; so does `bdf2`
     )
@@ -114,8 +114,8 @@ class PlanarWorkspace(NamedTuple):
     heading: Array  # (n, 2) unit vectors along the links
     center: Array  # (n, 2) link centers from O, the center of the middle link [m]
     torque: Array  # (n-1,) impulses of the yaw controllers without the implicit part [N m s]
-    momentum: Array  # (n, 3) impulse wrenches in the plane without contacts and torques
-    bare: Array  # (n, 6) inertias of the links about O, in the plane
+    momentum: Array  # (n, 3) impulse wrenches about O, in the plane, without contacts and torques
+    bare: Array  # (n, 6) inertias of the links about O, in the plane [kg m^2], [kg m], [kg]
     applied: Array  # (n-1, 2) impulses of the joints with the implicit part [N m s]
     axes: AxisLaws
     impact: Array  # (n, 3) momentum out of the plane that the first step stops
@@ -124,8 +124,8 @@ class PlanarWorkspace(NamedTuple):
     chain: HingeChain  # in the plane
     upright: HingeChain  # out of the plane, with a spring at each contact
     closed: Array  # (c,) begins with the numbers of the closed contacts, first the 2n of the floor
-    contacts: Any  # (c,) table of all contacts
-    twist: Array  # (n, 3) twists of the links in the plane
+    contacts: Table  # (c,) table of all contacts
+    twist: Array  # (n, 3) twists of the links about O, in the plane [rad/s], [m/s]
     standing: Any  # (1,) a record of STANDING
 
 

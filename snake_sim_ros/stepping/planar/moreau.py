@@ -23,27 +23,43 @@ difference falls with the roll, which friction and springs determine. It matters
 moves the robot by little more than this slip: on slippery floors, and where a gait hardly
 advances. `slips_too_far` therefore compares the slip of all steps with the way of the center of
 mass.
+
+The laws on the yaw axes are those of `dynamics.joint_laws`. The arrays of `joint_laws.AxisLaws`
+are those of all axes, of which the first column is used. Pitch joints hold a flat robot;
+`is_overloaded` says whether they could.
 """
 
 import math
+from typing import Any
 
+from snake_sim_ros.contact.problem import Outcome
 from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, merged
 from snake_sim_ros.dynamics.joint_control import pd_law
-from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
-from snake_sim_ros.stepping.planar.axes import (
-    begin_yaw_axes,
-    is_overloaded,
-    joint_impulses_in_plane,
-    yaw_axes_change,
+from snake_sim_ros.dynamics.joint_laws import (
+    begin_axis,
+    begin_axis_impact,
+    controller_impulse,
+    first_law,
+    is_at_stop,
+    joint_laws_change,
+    MOST_CHANGES,
+    stop_axis,
 )
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.planar.equilibrium import (
+    close_pegs,
     fill_grips,
     fill_momentum,
+    find_peg_contacts,
     place_links_in_plane,
 )
-from snake_sim_ros.stepping.planar.model import ROLL_LIMIT
-from snake_sim_ros.stepping.planar.pegs import close_pegs, find_peg_contacts
-from snake_sim_ros.stepping.planar.solver import solve_in_plane
+from snake_sim_ros.stepping.planar.model import (
+    PlanarMemory,
+    PlanarModel,
+    PlanarWorkspace,
+    ROLL_LIMIT,
+)
+from snake_sim_ros.stepping.planar.solvers import solve_in_plane
 from snake_sim_ros.stepping.pushes import add_pushes_in_plane, whole_step
 from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import (
@@ -53,13 +69,129 @@ from snake_sim_ros.stepping.steps import (
     note_outcome,
     noted,
     sampled_row,
+    Steps,
 )
 
 SLIP_MEMORY = 3.0  # time constant with which slip and way are forgotten [s]
 
 
+@merged
+def begin_yaw_axes(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array) -> None:
+    """Begin a step of the paper from q and u with the laws of the yaw joints."""
+    laws, axes, dt = model.joint_laws, work.axes, model.dt
+    for j in range(len(work.torque)):
+        turn = u[j + 1, 2] - u[j, 2]
+        begin_yaw_axis(model, work, j, dt, turn)
+        angle_mid = q[3 + j] - q[2 + j] + dt / 2 * turn
+        if angle_mid >= laws.stop:
+            axes.high[j, 0] = 0.0
+        elif angle_mid <= -laws.stop:
+            axes.low[j, 0] = 0.0
+        first_yaw_law(model, work, j)
+
+
+@merged
+def begin_predicted_yaw_axes(
+    model: PlanarModel,
+    work: PlanarWorkspace,
+    start: Any,
+    hat: Any,
+    u_star: Array,
+    h: float,
+    h_q: float,
+) -> None:
+    """
+    Begin a part of a step of `bdf2` with the laws of the yaw joints, as `bdf2.step.begin_axes`.
+
+    Headings (n,) at the start and without the rates of the end are `start` and `hat` [rad], and
+    u_star, shape (n, 3), are the predicted velocities.
+    """
+    laws, stop = model.joint_laws, model.joint_laws.stop
+    for j in range(len(work.torque)):
+        begin_yaw_axis(model, work, j, h, u_star[j + 1, 2] - u_star[j, 2])
+        if stop < math.inf:
+            angle, bend = start[j + 1] - start[j], hat[j + 1] - hat[j]
+            low, high = (min(-stop, angle) - bend) / h_q, (max(stop, angle) - bend) / h_q
+            stop_axis(laws, work.axes, j, 0, low, high)
+        first_yaw_law(model, work, j)
+
+
 @inlined
-def begin_planar_step(model, work, steps, k):
+def begin_yaw_axis(
+    model: PlanarModel, work: PlanarWorkspace, j: int, h: float, rate: float
+) -> None:
+    """Begin a part of h [s] with the laws of yaw joint j, whose rate is expected [rad/s]."""
+    axes = work.axes
+    axes.torque[j, 0], axes.damping[j, 0] = work.torque[j], work.chain.damping[j]
+    axes.rate[j, 0] = rate
+    begin_axis(model.joint_laws, axes, h, j, 0)
+
+
+@inlined
+def first_yaw_law(model: PlanarModel, work: PlanarWorkspace, j: int) -> None:
+    """Fill the first torque and damping of yaw joint j."""
+    laws = model.joint_laws
+    work.torque[j], work.chain.damping[j] = first_law(laws.inertia, work.axes, j, 0)
+
+
+@inlined
+def yaw_axes_change(
+    model: PlanarModel,
+    work: PlanarWorkspace,
+    outcome: Outcome,
+    attempt: int,
+    left: int,
+    report: Any,
+) -> bool:
+    """Return whether the laws of the joints need another solution, and prepare it."""
+    n, laws = len(work.twist), model.joint_laws
+    if not laws.present:
+        return False
+    for j in range(n - 1):
+        work.axes.rate[j, 0] = work.twist[j + 1, 0] - work.twist[j, 0]
+    torque, damping = work.torque.reshape(n - 1, 1), work.chain.damping.reshape(n - 1, 1)
+    return joint_laws_change(laws, work.axes, torque, damping, outcome, attempt, left, report)
+
+
+@inlined
+def joint_impulses_in_plane(model: PlanarModel, work: PlanarWorkspace) -> bool:
+    """Fill work.applied, the impulses of the controllers; return whether a joint meets a stop."""
+    for j in range(len(work.applied)):
+        rate = work.twist[j + 1, 0] - work.twist[j, 0]
+        work.applied[j, 0] = work.torque[j] - work.chain.damping[j] * rate
+        work.applied[j, 1] = -model.hold[j] * work.upright.rate[j]
+    meets = False
+    if model.joint_laws.present:
+        for j in range(len(work.applied)):
+            work.applied[j, 0] = controller_impulse(work.axes, j, 0)
+            meets = meets or is_at_stop(model.joint_laws, work.axes, j, 0)
+    return meets
+
+
+@inlined
+def begin_planar_impact(model: PlanarModel, work: PlanarWorkspace) -> None:
+    """Fill the laws of the yaw joints in an impact, with the torques of the part before it."""
+    for j in range(len(work.torque)):
+        work.torque[j], work.chain.damping[j] = begin_axis_impact(
+            model.joint_laws, work.axes, j, 0, work.torque[j], work.chain.damping[j]
+        )
+
+
+@inlined
+def is_overloaded(model: PlanarModel, work: PlanarWorkspace) -> bool:
+    """Return whether a pitch joint needs more than its limit and its friction to hold a robot."""
+    laws = model.joint_laws
+    if laws.present:
+        h = model.dt * work.standing.part[0]
+        for j in range(len(work.torque)):
+            most = laws.torque_limit[j, 1] + laws.friction[j, 1]
+            if most < math.inf and abs(model.hold[j] * work.upright.rate[j]) > h * most:
+                return True
+    return False
+
+
+@inlined
+def begin_planar_step(model: PlanarModel, work: PlanarWorkspace, steps: Steps, k: int) -> int:
     """
     Fill the workspace for the contact solver in step k, with the velocities at its start.
 
@@ -93,7 +225,7 @@ def begin_planar_step(model, work, steps, k):
 
 
 @inlined
-def is_planar(model, work, steps, outcome):
+def is_planar(model: PlanarModel, work: PlanarWorkspace, steps: Steps, outcome: Outcome) -> bool:
     """
     Return whether the solution of a step is planar, and all links turn by less than pi/2.
 
@@ -122,7 +254,7 @@ def is_planar(model, work, steps, outcome):
 
 
 @merged
-def slips_too_far(model, work, memory):
+def slips_too_far(model: PlanarModel, work: PlanarWorkspace, memory: PlanarMemory) -> bool:
     """
     Return whether contacts slip too far by rolling; if not, add slip and way to the memory.
 
@@ -147,7 +279,7 @@ def slips_too_far(model, work, memory):
 
 
 @inlined
-def end_planar_velocities(work, u):
+def end_planar_velocities(work: PlanarWorkspace, u: Array) -> None:
     """Fill u (n, 3) from the twists."""
     twist = work.twist
     for i in range(len(u)):
@@ -157,7 +289,7 @@ def end_planar_velocities(work, u):
 
 
 @inlined
-def stop_impact(work):
+def stop_impact(work: PlanarWorkspace) -> None:
     """Empty the momentum out of the plane, which the first step has stopped."""
     for i in range(len(work.impact)):
         for k in range(3):
@@ -165,7 +297,9 @@ def stop_impact(work):
 
 
 @inlined
-def end_planar_step(model, work, steps, count, outcome):
+def end_planar_step(
+    model: PlanarModel, work: PlanarWorkspace, steps: Steps, count: int, outcome: Outcome
+) -> bool:
     """
     Move q and u to the end of the step, unless it is not planar or diverges.
 
@@ -196,7 +330,7 @@ def end_planar_step(model, work, steps, count, outcome):
 
 
 @inlined
-def move_in_plane(model, h, q, u):
+def move_in_plane(model: PlanarModel, h: float, q: Array, u: Array) -> None:
     """Move the headings for a time h [s], and the robot as the point that section VII-C holds."""
     for i in range(len(u)):
         q[2 + i] += h * u[i, 2]
@@ -206,7 +340,7 @@ def move_in_plane(model, h, q, u):
 
 
 @inlined
-def held_point(model, q):
+def held_point(model: PlanarModel, q: Array) -> tuple[float, float]:
     """Return x and y of the point that section VII-C holds, from the center of link 1 [m]."""
     x = y = held_x = held_y = reach_x = reach_y = 0.0
     for i in range(len(model.mass) if model.keeps_center else 0):
@@ -221,7 +355,7 @@ def held_point(model, q):
 
 
 @inlined
-def keep_planar_sample(k, dt, span, applied, steps):
+def keep_planar_sample(k: int, dt: float, span: float, applied: Array, steps: Steps) -> None:
     """Keep the planar state after step k, if it is a sample, as `steps.keep_sample`."""
     record = steps.record
     row = sampled_row(k, record)
@@ -235,11 +369,11 @@ def keep_planar_sample(k, dt, span, applied, steps):
 
 
 @compiled
-def advance_in_plane(solver, model, work, steps):
+def advance_in_plane(solver: Any, model: PlanarModel, work: PlanarWorkspace, steps: Steps) -> None:
     """
     Take the steps up to the first that is not planar; see `stepper.PlanarStepper`.
 
-    The type of `solver` chooses the contact solver; see `solver.solve_in_plane`.
+    The type of `solver` chooses the contact solver; see `solve_in_plane`.
     """
     history = without_memory(steps.history)
     report = steps.report[0]

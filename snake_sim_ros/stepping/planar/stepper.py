@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.dynamics.bound_call import Loop
 from snake_sim_ros.dynamics.compilation import compiled, inlined
+from snake_sim_ros.dynamics.records import Loop
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import FLAT, product, rotation_matrices
 from snake_sim_ros.stepping.base import Report
@@ -22,15 +22,30 @@ from snake_sim_ros.stepping.planar.model import (
 )
 from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import checked, make_samples, Samples
-from snake_sim_ros.stepping.single_steps import End, NO_PITCH, SingleSteps
 from snake_sim_ros.stepping.state import copied, empty_history, History, Returned, State
-from snake_sim_ros.stepping.steps import make_steps, Record, report_of, Steps
+from snake_sim_ros.stepping.steps import (
+    End,
+    make_steps,
+    NO_PITCH,
+    Record,
+    report_of,
+    SingleSteps,
+    Steps,
+)
 
 ROUNDING = 1e-13  # tilts that differ from FLAT by less are FLAT
 
 
 @compiled
-def to_space(half_length, q, u, tilt, height, links, velocities):
+def to_space(
+    half_length: Array,
+    q: Array,
+    u: Array,
+    tilt: Array,
+    height: Array,
+    links: Array,
+    velocities: Array,
+) -> None:
     """
     Fill the coordinates and velocities of all links from planar ones.
 
@@ -67,7 +82,7 @@ def to_space(half_length, q, u, tilt, height, links, velocities):
 
 
 @inlined
-def close_twist(before, link, velocity):
+def close_twist(before: Array, link: Array, velocity: Array) -> None:
     """
     Roll a link until the axes of its joint with the link before are at right angles.
 
@@ -94,14 +109,30 @@ def close_twist(before, link, velocity):
 
 
 @compiled
-def samples_to_space(half_length, q, u, tilt, height, count, links, velocities):
+def samples_to_space(
+    half_length: Array,
+    q: Array,
+    u: Array,
+    tilt: Array,
+    height: Array,
+    count: int,
+    links: Array,
+    velocities: Array,
+) -> None:
     """Fill a number of samples in space from planar ones, with what `to_space` takes."""
     for m in range(count):
         to_space(half_length, q[m], u[m], tilt, height, links[m], velocities[m])
 
 
 @compiled
-def is_recalled(half_length, memory, links, velocities, made_links, made_velocities):
+def is_recalled(
+    half_length: Array,
+    memory: PlanarMemory,
+    links: Array,
+    velocities: Array,
+    made_links: Array,
+    made_velocities: Array,
+) -> bool:
     """Return whether the planar coordinates of a memory give these links, to the bit."""
     q, u, tilt = memory.q, memory.u, memory.tilt
     to_space(half_length, q, u, tilt, links[:, 2], made_links, made_velocities)
@@ -209,7 +240,7 @@ class PlanarStepper:
         self, state: State, history: History, pushes: PushTable
     ) -> SingleSteps | None:
         """
-        Return what goes on from a state and its history; see `single_steps.SingleSteps`.
+        Return single steps that continue from a state and its history; see `steps.SingleSteps`.
 
         It is None if the step before was not planar, or if the loop is not compiled.
         """
@@ -221,7 +252,7 @@ class PlanarStepper:
     def going_on(
         self, state: State, history: History, pushes: PushTable, q: Array, u: Array, tilt: Array
     ) -> SingleSteps:
-        """Return what goes on from planar coordinates, at the heights of a state."""
+        """Return single steps that continue from planar coordinates, at the heights of a state."""
         n, height = len(u), state.q[:, 2].copy()
 
         def remembered(steps: Steps) -> History:
@@ -234,7 +265,7 @@ class PlanarStepper:
         return SingleSteps(self, q, u, history, none, pushes, NO_PITCH, end)
 
     def prepare(self, state: State, *, single: bool) -> None:
-        """Compile what is around the loop, and single steps if they are asked for."""
+        """Compile what is around the loop, and single steps if requested."""
         half, height = self.model.half_length, state.q[:, 2]
         history = self.empty_history()
         memory = history.memory

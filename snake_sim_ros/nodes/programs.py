@@ -1,0 +1,43 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a program of the nodes does before ROS 2 is imported, or says where it is missing.
+
+Nothing here takes time to import, so that a program heeds signals from its first moment on.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import signal
+from threading import Event
+from types import FrameType
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # the last one: the terminal closes
+
+
+def on_signals(handler: Callable[[int, FrameType | None], None]) -> None:
+    """Let a function handle the signals, but for the last one where nohup has it ignored."""
+    for number in SIGNALS:
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, handler)
+
+
+@contextmanager
+def interruptible() -> Iterator[Event]:
+    """Yield an event that SIGINT and SIGTERM set; an exception would disrupt the middleware."""
+    stop = Event()
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in SIGNALS}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def missing_ros(what: str, command: str, error: ImportError) -> Exception:
+    """Return the ParameterError to raise where ROS 2 is missing."""
+    from snake_sim_ros.scene.checked_records import ParameterError
+
+    return ParameterError(
+        f'{what} needs ROS 2 ({error}): source a ROS 2 installation, or ./run {command}'
+    )

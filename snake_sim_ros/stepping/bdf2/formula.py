@@ -1,0 +1,198 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The two-step formula of method `bdf2` for any ratio of steps, and the parts of a step of the scene.
+
+With the ratio ``w = dt/dt_before`` of both steps, what is known of a smooth motion x gives
+
+    x_hat = x + c (x - x_before),  c = w^2/(1 + 2 w),
+    x_E = x_hat + h x'_E,          h = dt (1 + w)/(1 + 2 w),
+
+and the predicted end ``x* = x + w (x - x_before)``. A step of the scene, for which there is one
+joint reference, is taken in parts of ``TICKS/2^k`` ticks, each at a multiple of its length. If a
+push begins or ends in it, so are the times before and after, each of TICKS ticks of its own.
+"""
+
+import math
+from typing import Any
+
+from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.stepping.pushes import PushTable, STEP, Stretch, whole_step
+from snake_sim_ros.stepping.state import History
+
+# Phases: nothing is known of the motion; it starts smoothly here; the state before is known, too.
+UNKNOWN, ANEW, SMOOTH = 0.0, 1.0, 2.0
+TICKS = 1024  # a step of the scene is divided in at most this many
+# A step that starts anew begins with a part of this share of it: after an event, in a given state.
+AFTER_EVENT, AT_START = 2, 4
+MOST_GROWTH = 2.0  # ratio of parts beyond which differences over the shorter one say too little
+LEAST_ITERATIONS = 40  # enough for `newton` to hold the radii once
+GROW_SHARE = 0.15  # share of the tolerance of the path below which the next part is longer
+
+
+@inlined
+def least_iterations(model: Any) -> int:
+    """Return how many iterations a solution has if those before used up the limit of the step."""
+    return min(LEAST_ITERATIONS, model.iteration_limit)
+
+
+@inlined
+def coefficients(dt: float, memory: Any) -> tuple[float, float, float, float]:
+    """
+    Return w and c of the formula, h, and the time for which rates act on the state before it.
+
+    Without a state before, w and c are 0 and h is dt. If the motion starts smoothly, coordinates
+    move by their rates for half of it, and by those of the end for the rest of h.
+    """
+    phase = memory.phase[0]
+    w = dt / memory.dt[0] if phase == SMOOTH else 0.0
+    half = 0.5 * dt if phase == ANEW else 0.0
+    return w, w * w / (1.0 + 2.0 * w), dt * (1.0 + w) / (1.0 + 2.0 * w), half
+
+
+@inlined
+def first_size(dt: float, path_tolerance: float, memory: Any) -> int:
+    """Return the ticks of the first part of a step of dt [s]."""
+    if memory.phase[0] != SMOOTH:
+        goes_on = memory.span[0] > 0.0 and memory.ticks[0] > 0.0
+        return TICKS // (AFTER_EVENT if goes_on else AT_START)
+    chosen = path_tolerance > 0.0 and memory.ticks[0] > 0.0
+    size = int(memory.ticks[0]) if chosen else TICKS
+    while size > 1 and dt * size > MOST_GROWTH * TICKS * memory.dt[0]:
+        size //= 2
+    return size
+
+
+@inlined
+def aligned_size(done: int, size: int) -> int:
+    """Return the ticks of a part of at most `size` that may begin after `done` ticks."""
+    while done % size != 0:
+        size //= 2
+    return size
+
+
+@inlined
+def judge_part(path_tolerance: float, error: float, size: int) -> tuple[bool, int]:
+    """
+    Return whether a part is taken that makes an error in the path [m], and the size of the next.
+
+    If path_tolerance [m] is 0, parts are not chosen: they only become longer.
+    """
+    if path_tolerance > 0.0:
+        if error > path_tolerance and size > 1:
+            return False, size // 2
+        if not error < GROW_SHARE * path_tolerance:
+            return True, size
+    return True, min(2 * size, TICKS)
+
+
+@inlined
+def path_error(dt: float, axes: int, u: Array, u_star: Array) -> float:
+    """
+    Return by how much a part of dt may be off the path [m].
+
+    It is estimated from the velocities at its end and the predicted ones, both with those of the
+    link centers in their first `axes` columns.
+    """
+    square = 0.0
+    for i in range(len(u)):
+        for k in range(axes):
+            difference = u[i, k] - u_star[i, k]
+            square += difference * difference
+    return 0.25 * dt * math.sqrt(square / len(u))
+
+
+@inlined
+def end_references(
+    dt: float, late: float, known: bool, angle: Array, rate: Array, memory: Any, own: Any
+) -> None:
+    """
+    Fill the joint references of a part that ends `late` [s] after the middle of a step of dt [s].
+
+    They are extrapolated with their mean acceleration since the step before, if that is known.
+    """
+    for j in range(len(angle)):
+        for axis in range(2):
+            change = rate[j, axis] - memory.reference_rate[j, axis]
+            acceleration = change / dt if known else 0.0
+            own.end_rate[j, axis] = rate[j, axis] + late * acceleration
+            mean = rate[j, axis] + 0.5 * late * acceleration
+            own.end_angle[j, axis] = angle[j, axis] + late * mean
+
+
+@inlined
+def keep_references(size: int, rate: Array, memory: Any) -> None:
+    """Keep the ticks of the next part, and the rates of the references of the step that ends."""
+    memory.ticks[0] = size
+    for j in range(len(rate)):
+        for axis in range(2):
+            memory.reference_rate[j, axis] = rate[j, axis]
+
+
+@inlined
+def keep_history(history: History, kept: Array) -> None:
+    """Copy impulses, velocities and changes of the contacts."""
+    for a in range(len(history.impulse)):
+        for j in range(5):
+            kept[0, a, j] = history.impulse[a, j]
+            kept[1, a, j] = history.velocity[a, j]
+            kept[2, a, j] = history.change[a, j]
+
+
+@inlined
+def restore_history(kept: Array, history: History) -> None:
+    """Copy back what `keep_history` kept."""
+    for a in range(len(history.impulse)):
+        for j in range(5):
+            history.impulse[a, j] = kept[0, a, j]
+            history.velocity[a, j] = kept[1, a, j]
+            history.change[a, j] = kept[2, a, j]
+
+
+# ---- pushes divide steps ----
+
+
+@inlined
+def first_stretch(pushes: PushTable, k: int, memory: Any) -> Stretch:
+    """Return the first `Stretch` of step k in which pushes are constant; see `stretch_from`."""
+    step = whole_step(pushes, k)
+    return stretch_from(pushes, step.begin, step.end, memory)
+
+
+@inlined
+def next_stretch(pushes: PushTable, stretch: Stretch, memory: Any) -> Stretch:
+    """Return the `Stretch` in which pushes are constant after another one of the same step."""
+    return stretch_from(pushes, stretch.end, stretch.step_end, memory)
+
+
+@inlined
+def stretch_from(pushes: PushTable, begin: int, step_end: int, memory: Any) -> Stretch:
+    """
+    Return the `Stretch` of a step from a tick on in which pushes are constant.
+
+    If one begins or ends at that tick, the memory of method `bdf2` is to start anew there.
+    """
+    end = step_end
+    for p in range(len(pushes.link)):
+        first, last = pushes.begin[p], pushes.end[p]
+        if (first == begin or last == begin) and memory.phase[0] == SMOOTH:
+            memory.phase[0] = ANEW
+        if begin < first < end:
+            end = first
+        if begin < last < end:
+            end = last
+    return Stretch(begin, end, step_end)
+
+
+@inlined
+def part_of(stretch: Stretch, dt: float, done: int, size: int) -> tuple[float, float]:
+    """
+    Return the length of a part, and how much after the middle of the step it ends [s].
+
+    Of the TICKS equal times in the stretch, `done` were before it, and it takes `size`.
+    The step has the length dt [s].
+    """
+    length = (stretch.end - stretch.begin) / STEP
+    late = (stretch.begin - stretch.step_end) / STEP + length * (done + size) / TICKS
+    return dt * length * size / TICKS, dt * (late + 0.5)

@@ -1,0 +1,494 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+A method of second order: two-step differences in place of the paper's midpoint.
+
+Deviation: the step of the paper takes its geometry at the middle, but friction, joint rates and
+constraints at the velocity of the end. It is therefore of first order. Here all are taken at the
+end, by BDF2 [1]_ with the steps of `formula`:
+
+    M u_E = M u_hat + h(q*, u*) h + W(q*) P,    x_E = x_hat + h x'(q*, u_E).
+
+The star marks the predicted end. The coordinates x are those of `motion`, with which joints are
+closed exactly, so that nothing drifts. The contact laws are unchanged. They hold for u_E and are
+solved by Newton's method. Contacts that may close in the step take part with their gaps; see
+`events`. Those that neither carried load nor are closed at the predicted end are left out at
+first, and join where the solution without them would close them: a contact that does not push
+changes nothing. What a step leaves of the gaps of loaded contacts is closed by a move of the
+configuration alone; see `contact.closing`. A part of a step that still ends in an obstacle is
+repeated, first with the contacts that are in it, then with half of its length.
+
+The formula never differentiates across an event, which is any jump of the velocity: a contact that
+lands, however softly; a normal impulse beyond what forces make in a step (an impact without
+collision); the beginning or the end of a push, where parts of a step end (see `pushes`); a sample
+of the control loop or a command that changes a held torque; or a state that is not the end of the
+step before (an impulse, another scene). The step after an event starts anew with
+
+    u_hat = u_A, h = dt for velocities;    x_hat = x_A + dt/2 x'_A, h = dt/2 for coordinates,
+
+which is exact for constant forces; for other forces each event adds an error of dt^2. If the
+velocities of a given state violate the joints, the first part is the impact that corrects them:
+backward Euler, ``x_hat = x_A`` and h = dt for both. The next part then starts anew.
+
+Joint angles are coordinates of this method, so that a stop is exact: the rate of the end leads to
+the stop at most, ``w <= (limit - angle_hat)/h_q``; see `dynamics.joint_laws`. A joint that meets
+its stop lands as a contact does. The rate after the impact is that of a second solution, in which
+the impulses of controllers and friction stay what they are, and the stop holds with the bound 0.
+
+The same step in dense NumPy is in `test/oracle/bdf2.py`, to read beside these equations.
+
+.. [1] E. Hairer, G. Wanner, "Solving Ordinary Differential Equations II", 1996, ch. V; for steps
+   of any ratio "... I", 1993, ch. III.5.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from snake_sim_ros.contact.detection import find_contacts, LANDING_SPEED, penetration
+from snake_sim_ros.contact.directions import contact_velocities
+from snake_sim_ros.contact.laws import apply_selection_rule
+from snake_sim_ros.contact.newton import prepare_contacts, solve_prepared
+from snake_sim_ros.contact.problem import Outcome, Problem
+from snake_sim_ros.dynamics.balance import joint_rates, link_inertia, smooth_momentum
+from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, merged
+from snake_sim_ros.dynamics.joint_control import (
+    ControlMemory,
+    held_torque,
+    read_by_controllers,
+    torques_jump,
+)
+from snake_sim_ros.dynamics.joint_laws import (
+    begin_axis,
+    begin_axis_impact,
+    controller_impulse,
+    first_law,
+    is_at_stop,
+    joint_laws_change,
+    JointLaws,
+    MOST_CHANGES,
+    stop_axis,
+)
+from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.stepping.bdf2.events import (
+    add_approaching,
+    closed_at_end,
+    DEEP,
+    deep_contacts_take_part,
+    Events,
+    events,
+    find_end_gaps,
+    forget_who_took_part,
+    leave_gaps,
+    likely_to_push,
+    place_end,
+)
+from snake_sim_ros.stepping.bdf2.formula import (
+    AFTER_EVENT,
+    aligned_size,
+    ANEW,
+    end_references,
+    first_size,
+    first_stretch,
+    judge_part,
+    keep_history,
+    keep_references,
+    least_iterations,
+    next_stretch,
+    part_of,
+    path_error,
+    restore_history,
+    SMOOTH,
+    TICKS,
+    UNKNOWN,
+)
+from snake_sim_ros.stepping.bdf2.motion import (
+    Bdf2Arrays,
+    formula,
+    keep,
+    keep_state,
+    keep_velocities,
+    predict_end,
+    recognize,
+)
+from snake_sim_ros.stepping.model import Model, Workspace
+from snake_sim_ros.stepping.moreau import finish, turns_are_small
+from snake_sim_ros.stepping.pushes import add_pushes, Stretch
+from snake_sim_ros.stepping.state import History, without_memory
+from snake_sim_ros.stepping.steps import (
+    count_steps,
+    iterations_left,
+    keep_sample,
+    note_outcome,
+    noted,
+    Steps,
+)
+
+# Replaces `laws.PRESS_SPEED`, which is not small beside errors of second order: loads of a
+# flat robot follow the heights of its links through the stiff joints, so that these must not sink.
+PRESS_SPEED = 3e-8  # [m/s]
+
+# Where the controller may act. For both the method takes it at the end of the step.
+IMPLICIT_SCHEMES = ('average', 'end')
+
+
+@merged
+def begin_axes(
+    laws: JointLaws, own: Bdf2Arrays, work: Workspace, angle: Array, h: float, h_q: float
+) -> None:
+    """
+    Begin a part with the laws of the joints; the chain has the controllers of its predicted end.
+
+    `angle`, shape (n-1, 2), are the joint angles at the start [rad]. A joint beyond its stop there
+    goes no further.
+    """
+    axes, chain = work.axes, work.chain
+    for j in range(len(axes.rate)):
+        for k in range(2):
+            axes.torque[j, k], axes.damping[j, k] = chain.torque[j, k], chain.damping[j, 2 * k]
+            axes.rate[j, k] = own.star.rate[j, k]
+            begin_axis(laws, axes, h, j, k)
+            if laws.stop < math.inf:
+                hat = own.hat.angle[j, k]
+                low = (min(-laws.stop, angle[j, k]) - hat) / h_q
+                high = (max(laws.stop, angle[j, k]) - hat) / h_q
+                stop_axis(laws, axes, j, k, low, high)
+            chain.torque[j, k], chain.damping[j, 2 * k] = first_law(laws.inertia, axes, j, k)
+
+
+@inlined
+def axes_change(
+    laws: JointLaws, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Any
+) -> bool:
+    """Return whether the laws of the joints need another solution, and prepare it."""
+    if not laws.present:
+        return False
+    chain = work.chain
+    joint_rates(work.R, chain.twist, work.axes.rate)
+    return joint_laws_change(
+        laws, work.axes, chain.torque, chain.damping[:, ::2], outcome, attempt, left, report
+    )
+
+
+@inlined
+def joints_meet_stops(laws: JointLaws, rate: Array, work: Workspace) -> bool:
+    """
+    Return whether joints with rates (n-1, 2) meet their stops, and fill work.applied.
+
+    These are the impulses of the controllers in a part.
+    """
+    meets, axes, chain = False, work.axes, work.chain
+    for j in range(len(rate)):
+        for k in range(2):
+            work.applied[j, k] = chain.torque[j, k] - chain.damping[j, 2 * k] * rate[j, k]
+            if laws.present:
+                work.applied[j, k] = controller_impulse(axes, j, k)
+                meets = meets or is_at_stop(laws, axes, j, k)
+    return meets
+
+
+@inlined
+def begin_impact(laws: JointLaws, work: Workspace) -> None:
+    """Fill the laws of the joints in an impact: the torques stay what they are."""
+    axes, chain = work.axes, work.chain
+    for j in range(len(work.applied)):
+        for k in range(2):
+            if laws.present:
+                chain.torque[j, k], chain.damping[j, 2 * k] = begin_axis_impact(
+                    laws, axes, j, k, chain.torque[j, k], chain.damping[j, 2 * k]
+                )
+            else:
+                chain.torque[j, k], chain.damping[j, 2 * k] = work.applied[j, k], 0.0
+
+
+@merged
+def begin(
+    model: Model,
+    own: Bdf2Arrays,
+    work: Workspace,
+    angle: Array,
+    control: ControlMemory,
+    h: float,
+    h_q: float,
+    late: float,
+    history: History,
+) -> Problem:
+    """
+    Return the contact problem for the predicted end of the step.
+
+    Its closed contacts are those that can close in the step. h and h_q are those of `formula`,
+    `late` is as in `events.leave_gaps`, and `angle`, shape (n-1, 2), are the joint angles at the
+    start; `control` is the memory of the control loop.
+    """
+    chain = work.chain
+    for j in range(len(own.end_angle)):
+        for k in range(2):
+            stiffness, damping = model.stiffness[j, k], model.damping[j, k]
+            torque, rate = 0.0, own.end_rate[j, k]
+            if model.control.present:
+                torque, stiffness, rate = held_torque(
+                    model.control, control, j, k, stiffness, rate
+                )
+            torque += stiffness * (own.end_angle[j, k] - own.hat.angle[j, k])
+            torque += damping * rate
+            resistance = damping + h_q * stiffness
+            chain.torque[j, k], chain.damping[j, 2 * k] = h * torque, h * resistance
+        chain.damping[j, 1] = 0.0
+    if model.joint_laws.present:
+        begin_axes(model.joint_laws, own, work, angle, h, h_q)
+    link_inertia(model, work.R, work.center, chain.bare)
+    smooth_momentum(model, h, own.hat.u, own.star.u, work.R, work.center, chain.momentum)
+    reach = max(model.closed_gap, LANDING_SPEED * h_q)
+    count = find_contacts(model.obstacles, reach, model, work, work.q_mid)
+    closed, contacts = work.closed[:count], work.contacts
+    for a in closed:
+        contacts.takes_part[a] = 1
+    contact_velocities(closed, contacts, chain.frame, chain.twist)
+    leave_gaps(model, h_q, late, closed, contacts, history.impulse)
+    laws = apply_selection_rule(
+        model.laws, closed, contacts, model.mass, history.impulse, PRESS_SPEED,
+        -h * model.gravity[2],
+    )  # fmt: skip
+    return Problem(laws, closed, contacts, chain)
+
+
+@inlined
+def solve_landing(
+    model: Model,
+    own: Bdf2Arrays,
+    work: Workspace,
+    problem: Problem,
+    h: float,
+    h_q: float,
+    history: History,
+    report: Any,
+    most: int,
+) -> tuple[bool, Events, int]:
+    """
+    Solve the contacts and, if they land, the impact, until a report has `most` iterations.
+
+    Each solution may take `least_iterations` all the same, but once the others have used them up,
+    all contacts that can close take part from the start, so that there are two solutions at most.
+
+    The velocities that move the coordinates are then in own.moving, and those after the impact in
+    own.end. An impact starts from the torques of the joints, which belong to the impulses of the
+    first solution. If either does not converge, there is no impact: those torques would drive the
+    links. The next part then stops what still approaches.
+
+    Returns
+    -------
+    is_small : bool
+        Whether `turns_are_small`.
+    found : Events
+    count : int
+        Number of contacts that are closed at the end, the first ones in the problem's `closed`.
+
+    """
+    laws, closed, contacts, chain = problem
+    found, impact = Events(False, False, 0), False
+    count = len(closed)
+    if report.iterations < most:
+        count = likely_to_push(closed, contacts)
+    while True:  # one call of the solver, which is compiled where it is called
+        landing = Problem(laws, closed[:count], contacts, chain)
+        most = max(most, report.iterations + least_iterations(model))
+        for attempt in range(MOST_CHANGES):
+            prepare_contacts(work.operator, landing)
+            left = iterations_left(most, report)
+            outcome = solve_prepared(work.operator, model, landing, history, left)
+            if not axes_change(model.joint_laws, work, outcome, attempt, left, report):
+                break
+        note_outcome(outcome, report)
+        if impact and not outcome.converged:
+            break
+        if not turns_are_small(model.dt, chain.twist, report):
+            return False, found, count
+        if impact:
+            keep_velocities(work, own.end)
+            break
+        contact_velocities(closed[count:], contacts, chain.frame, chain.twist)
+        more = add_approaching(closed, count, contacts)
+        if more > count:
+            count = more
+            continue
+        keep_velocities(work, own.moving)
+        keep(own.moving, own.end)
+        meets = joints_meet_stops(model.joint_laws, own.moving.rate, work)
+        find_end_gaps(h_q, closed, contacts)
+        found = events(model, h, closed, contacts)
+        if meets:
+            found = Events(True, True, found.closed)
+        if not found.lands or not outcome.converged:
+            break
+        count, impact = closed_at_end(model.closed_gap, closed, contacts), True
+        begin_impact(model.joint_laws, work)
+    return True, found, count
+
+
+class Part(NamedTuple):
+    """What is known of a part of a step that may be taken; its end is in own.end and own.q."""
+
+    is_small: bool  # whether `turns_are_small`
+    found: Events
+    h: float  # time for which impulses acted [s]
+    depth: float  # penetration at its end [m]
+
+
+@merged
+def one_part(
+    own: Bdf2Arrays,
+    model: Model,
+    work: Workspace,
+    dt: float,
+    stretch: Stretch,
+    steps: Steps,
+    most: int,
+) -> Part:
+    """
+    Return the `Part` of length dt [s] with the references in own.end_angle.
+
+    Its report is to have `most` iterations at its end, as in `solve_landing`.
+
+    It is in the `Stretch`, in which pushes are constant.
+    """
+    report, history = steps.report[0], steps.history
+    memory, depth = history.memory, 0.0
+    span = memory.span[0]
+    h, h_q = formula(model.mass, dt, memory, own)
+    predict_end(model, h_q, memory, own, work)
+    scale = h / (span if span > 0.0 else model.dt)
+    for a in range(len(history.impulse)):
+        for j in range(5):
+            history.impulse[a, j] *= scale
+        history.change[a, 0] *= scale
+    contact_history = without_memory(history)
+    problem = begin(
+        model,
+        own,
+        work,
+        memory.end.angle,
+        history.control,
+        h,
+        h_q,
+        dt - h_q,
+        contact_history,
+    )
+    add_pushes(steps.pushes, stretch, h, work.R, work.center, work.chain.momentum)
+    is_small, found, count = solve_landing(
+        model, own, work, problem, h, h_q, contact_history, report, most
+    )
+    if is_small:
+        place_end(model, own, work, problem, count, h_q, memory.depth[0] > DEEP, steps.q)
+        depth = penetration(model.obstacles, model.contact_offset, model.contact_radius, own.q)
+    return Part(is_small, found, h, depth)
+
+
+@merged
+def take(
+    own: Bdf2Arrays, model: Model, work: Workspace, dt: float, part: Part, steps: Steps
+) -> None:
+    """Move to the end of a `Part` of length dt [s]."""
+    memory, history, report = steps.history.memory, steps.history, steps.report[0]
+    for j in range(len(own.end.rate)):
+        for k in range(2):
+            work.applied[j, k] *= model.dt / part.h
+            own.end.angle[j, k] = own.moving.angle[j, k]
+    for k in range(7):
+        own.end.pose[k] = own.moving.pose[k]
+    if part.found.jumps:
+        for a in range(len(history.change)):
+            for j in range(5):
+                history.change[a, j] = 0.0
+    keep(memory.end, memory.start)
+    keep(own.end, memory.end)
+    keep_state(own.q, own.end.u, steps.q, steps.u)
+    memory.span[0], memory.dt[0], memory.depth[0] = part.h, dt, part.depth
+    memory.phase[0] = ANEW if part.found.jumps or memory.phase[0] == UNKNOWN else SMOOTH
+    report.contacts = max(report.contacts, part.found.closed)
+    report.penetration_max = max(report.penetration_max, part.depth)
+
+
+@merged
+def step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: int) -> bool:
+    """Take step k in parts; return whether the loop continues."""
+    report, memory = steps.report[0], steps.history.memory
+    start = memory.end.angle, memory.end.rate, 0.0
+    angle, rate = read_by_controllers(
+        model.control, steps.history.control, model.dt, start, steps.angle[k], steps.rate[k]
+    )
+    if memory.phase[0] == SMOOTH and torques_jump(model.control, steps.history.control):
+        memory.phase[0] = ANEW
+    known, before = memory.span[0] > 0.0, noted(report)
+    most = before[0] + model.iteration_limit
+    report.contacts = 0
+    keep_state(steps.q, steps.u, own.q_start, own.u_start)
+    stretch = first_stretch(steps.pushes, k, memory)
+    done, parts, size = 0, 0, first_size(model.dt, model.path_tolerance, memory)
+    forget_who_took_part(work.contacts)
+    while done < TICKS:
+        size = aligned_size(done, size)
+        dt, late = part_of(stretch, model.dt, done, size)
+        end_references(model.dt, late, known, angle, rate, memory, own)
+        keep_history(steps.history, own.kept)
+        part = one_part(own, model, work, dt, stretch, steps, most)
+        if not part.is_small:
+            keep_state(own.q_start, own.u_start, steps.q, steps.u)
+            return False
+        error = path_error(dt, 3, own.moving.u, own.star.u)
+        is_taken, next_size = judge_part(model.path_tolerance, error, size)
+        was_deep = memory.depth[0] > DEEP
+        if report.iterations >= most:
+            is_taken, next_size = True, min(2 * size, TICKS)
+        elif part.depth > (memory.depth[0] + model.closed_gap if was_deep else DEEP):
+            if deep_contacts_take_part(model, work, own.q):
+                is_taken, next_size = False, size
+            elif size > 1:
+                is_taken, next_size = False, size // 2
+        if is_taken:
+            take(own, model, work, dt, part, steps)
+            done, parts = done + size, parts + 1
+            forget_who_took_part(work.contacts)
+            if done == TICKS and stretch.end < stretch.step_end:
+                stretch = next_stretch(steps.pushes, stretch, memory)
+                done, next_size = 0, TICKS // AFTER_EVENT
+        else:
+            restore_history(own.kept, steps.history)
+        size = next_size
+    report.further_parts += parts - 1
+    keep_references(size, rate, memory)
+    count_steps(before, report)
+    return finish(model, work.chain.twist, steps.q, steps.u, steps.history.settling, report)
+
+
+@compiled
+def advance(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps) -> None:
+    """Take the steps up to the first that diverges; see `spatial.SpatialStepper`."""
+    memory = steps.history.memory
+    recognize(model, work, steps.q, steps.u, memory)
+    for k in range(len(steps.angle)):
+        steps.cycles[k] = cycle_counter()
+        goes_on = step(own, model, work, steps, k)
+        if steps.report[0].steps > k:
+            keep_sample(k, model.dt, memory.span[0], work.applied, steps)
+        if not goes_on:
+            break
+    keep_state(steps.q, steps.u, memory.q, memory.end.u)
+    steps.cycles[len(steps.angle)] = cycle_counter()
+
+
+def what_is_not_possible(scene: Scene) -> str:
+    """Return why the method cannot run a scene, as a sentence; empty if it can."""
+    if scene.pd_scheme in IMPLICIT_SCHEMES:
+        return ''
+    return (
+        f'pd_scheme {scene.pd_scheme} is explicit, and method bdf2 takes the controller at the '
+        f'end of a step; choose pd_scheme {" or ".join(IMPLICIT_SCHEMES)}, or method newton'
+    )
+
+
+def where_impulses_acted(scene: Scene, q: Array, u: Array) -> Array:
+    """
+    Return the coordinates (m, n, 7) at which the impulses before some states acted.
+
+    They acted at the end of the step, up to the error of its prediction.
+    """
+    return q

@@ -1,0 +1,571 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The contact solvers of a robot that lies flat, with loads that follow from friction.
+
+**Newton's method**, as in `contact.newton`. For given loads, friction is a convex problem: its
+laws, linear about a trial velocity (`contact.linear_problem`), join the inertia of the links, and
+one sweep over the chain solves them. Loads follow from friction and friction from loads. Both are
+iterated together, the loads one iteration behind. This converges if friction shifts loads by less
+than itself, as under long robots. A short or nearly straight robot may tip or roll first, and its
+step then does not converge. `laws.natural_map` judges the result, as for any other solver. A step
+starts from the history of the last one, as in `contact.sweeps`.
+
+**Projections**: one contact after the other, as in `contact.gauss_seidel`, and all at once, the
+paper's iteration, as in `contact.prox_iteration`.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from snake_sim_ros.contact.admissible import anchor_disc
+from snake_sim_ros.contact.delassus import condensed_velocities, Delassus, solve_condensed
+from snake_sim_ros.contact.laws import (
+    anchored_disc,
+    anchored_side,
+    changes_side,
+    floor_disc,
+    grip,
+    Laws,
+    natural_map,
+    prox_ellipse,
+    prox_half_line,
+    sliding_bound,
+    sliding_disc,
+)
+from snake_sim_ros.contact.linear_problem import disc_law, linearize_disc, normal_law
+from snake_sim_ros.contact.newton import (
+    find_radius_steps,
+    INEXACT_ROUNDS,
+    law_error,
+    line_search,
+    move_trial,
+    next_relaxation,
+)
+from snake_sim_ros.contact.problem import Outcome, SLIDING
+from snake_sim_ros.contact.prox_iteration import copy_impulses
+from snake_sim_ros.contact.sweeps import project_sliding
+from snake_sim_ros.dynamics.compilation import compiled, Dispatched, inlined, merged, Table
+from snake_sim_ros.dynamics.hinge_chain import factor_hinges, solve_hinges
+from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.stepping.planar.equilibrium import (
+    add_peg_law,
+    condense_sliding,
+    factor_bare,
+    find_loads,
+    peg_velocities,
+    planar_contact_velocities,
+    planar_twists,
+)
+from snake_sim_ros.stepping.planar.model import PlanarModel, PlanarWorkspace
+from snake_sim_ros.stepping.state import History
+
+# Component of `change` in history for the change of the change of a load: nothing rolls here.
+SECOND_CHANGE = 3
+COUPLED_ITERATIONS = 4  # iterations before the radii are held
+MOST_COUPLED_ITERATIONS = 20  # of these, while the residual falls
+HELD_ITERATIONS = 30  # iterations with held radii, at most
+SLIDING_SHARE = 0.98  # share of the square of the radius beyond which friction slides
+STILL_SHARE = 0.1  # share of the tolerance up to which the velocity of a contact counts as zero
+
+
+@Dispatched
+def solve_in_plane(  # type: ignore[empty-body]
+    solver: Any,
+    model: PlanarModel,
+    work: PlanarWorkspace,
+    closed: Array,
+    history: History,
+    limit: int,
+) -> Outcome:
+    """
+    Solve the contacts of a step in the plane with the method of the type of `solver`.
+
+    This is `contact.problem.solve` for the plane, where the normal loads follow from the friction:
+    a method fills impulses and velocities in `work.contacts`, and `work.twist`; see `equilibrium`.
+
+    Parameters
+    ----------
+    solver : NamedTuple
+    model : PlanarModel
+    work : PlanarWorkspace
+    closed : ndarray, shape (k,)
+        Numbers of the closed contacts.
+    history : History
+        That of the last step; it is replaced by that of this step.
+    limit : int
+        Most iterations that it may take, at least 1.
+
+    Returns
+    -------
+    Outcome
+
+    """
+
+
+@inlined
+def predict_sliding(closed: Array, contacts: Table, history: History) -> None:
+    """Fill disc radii, trial and anchor: loads and velocities continue to change as they did."""
+    last, velocity, change = history.impulse, history.velocity, history.change
+    for a in closed:
+        P_N = last[a, 0]
+        contacts.disc_radius[a] = max(0.0, P_N + change[a, 0] + change[a, SECOND_CHANGE])
+        for k in range(3):
+            contacts.anchor[a, k] = last[a, k]
+        x, y = velocity[a, 1], velocity[a, 2]
+        next_x, next_y = x + change[a, 1], y + change[a, 2]
+        ahead = x * next_x + y * next_y > 0.0
+        x, y = (next_x, next_y) if ahead else (x, y)
+        known = P_N > 0.0
+        contacts.trial[a, 0] = 0.0 if known else contacts.gamma[a, 0]
+        contacts.trial[a, 1] = x if known else contacts.gamma[a, 1]
+        contacts.trial[a, 2] = y if known else contacts.gamma[a, 2]
+
+
+@merged
+def remember_sliding(closed: Array, contacts: Table, history: History) -> None:
+    """Fill the history with impulses, velocities and changes, 0 for open contacts."""
+    last, velocity, change = history.impulse, history.velocity, history.change
+    for a in closed:
+        contacts.is_closed[a] = 1
+        P_N = contacts.impulse[a, 0]
+        before = last[a, 0] > 0.0
+        difference = P_N - last[a, 0] if before else 0.0
+        change[a, SECOND_CHANGE] = difference - change[a, 0] if before else 0.0
+        change[a, 0] = difference
+        last[a, 0] = P_N
+        for k in range(1, 3):
+            gamma = contacts.gamma[a, k]
+            change[a, k] = gamma - velocity[a, k] if before else 0.0
+            velocity[a, k] = gamma
+            last[a, k] = contacts.impulse[a, k]
+    for a in range(len(contacts) if len(contacts) > len(closed) else 0):
+        if contacts.is_closed[a] == 0 and last[a, 0] > 0.0:
+            for j in range(5):
+                last[a, j] = velocity[a, j] = change[a, j] = 0.0
+        contacts.is_closed[a] = 0
+
+
+@inlined
+def sliding_law(
+    laws: Laws, contacts: Table, a: int, again: bool
+) -> tuple[float, float, float, float, float]:
+    """
+    Fill the law of sliding at contact a, linear about the trial velocity, with a held radius.
+
+    Returns
+    -------
+    P_x, P_y : float
+        Impulses at zero velocity or, `again`, at the trial velocity [N s].
+    S_xx, S_xy, S_yy : float
+        Decrease of the impulses per velocity [kg].
+
+    """
+    x, y = contacts.trial[a, 1], contacts.trial[a, 2]
+    disc, radius = (
+        floor_disc(laws, laws.other, anchored_side(contacts, a)),
+        contacts.disc_radius[a],
+    )
+    P_x, P_y, S_xx, S_xy, S_yy, _, _ = disc_law(
+        disc, contacts.anchor[a, 1], contacts.anchor[a, 2], x, y,
+        grip(laws.other, contacts, a) * radius,
+    )  # fmt: skip
+    contacts.law_impulse[a, 1], contacts.law_impulse[a, 2] = P_x, P_y
+    contacts.S_xx[a, SLIDING], contacts.S_xy[a, SLIDING], contacts.S_yy[a, SLIDING] = (
+        S_xx,
+        S_xy,
+        S_yy,
+    )
+    if not again:
+        P_x, P_y = P_x + S_xx * x + S_xy * y, P_y + S_xy * x + S_yy * y
+    return P_x, P_y, S_xx, S_xy, S_yy
+
+
+@merged
+def add_sliding_laws(model: PlanarModel, work: PlanarWorkspace, again: bool) -> None:
+    """
+    Fill wrenches and inertias of the links with their loads and the linear laws of sliding.
+
+    If `again`, they are those for the change from the last twists, not for the twists themselves.
+    The load then contains what rounding left of the balance.
+    """
+    laws, contacts, chain, n = model.laws, work.contacts, work.chain, len(work.heading)
+    for i in range(n):
+        offset = model.offset[i]
+        P_x, P_y, S_xx, S_xy, S_yy = sliding_law(laws, contacts, i, again)
+        Q_x, Q_y, T_xx, T_xy, T_yy = sliding_law(laws, contacts, n + i, again)
+        # Along and across the link, and about its center.
+        along, across, moment = P_x + Q_x, P_y + Q_y, offset * (P_y - Q_y)
+        S_aa, S_ac, S_cc = S_xx + T_xx, S_xy + T_xy, S_yy + T_yy
+        S_aw, S_cw = offset * (S_xy - T_xy), offset * (S_yy - T_yy)
+        S_ww = offset * offset * S_cc
+        # In axes of I, and about O.
+        c, s = work.heading[i, 0], work.heading[i, 1]
+        x, y = work.center[i, 0], work.center[i, 1]
+        px, py = c * along - s * across, s * along + c * across
+        xx = c * c * S_aa - 2.0 * c * s * S_ac + s * s * S_cc
+        xy = c * s * (S_aa - S_cc) + (c * c - s * s) * S_ac
+        yy = s * s * S_aa + 2.0 * c * s * S_ac + c * c * S_cc
+        xw, yw = c * S_aw - s * S_cw, s * S_aw + c * S_cw
+        A, bare = chain.inertia[i], work.bare[i]
+        a_x, a_y = xw - y * xx + x * xy, yw - y * xy + x * yy
+        A[0] = bare[0] + S_ww + (x * yw - y * xw) + (x * a_y - y * a_x)
+        A[1], A[2] = bare[1] + a_x, bare[2] + a_y
+        A[3], A[4], A[5] = bare[3] + xx, bare[4] + xy, bare[5] + yy
+        w0 = work.momentum[i, 0] + moment + x * py - y * px
+        w1, w2 = work.momentum[i, 1] + px, work.momentum[i, 2] + py
+        if again:
+            v0, v1, v2 = work.twist[i, 0], work.twist[i, 1], work.twist[i, 2]
+            w0 -= bare[0] * v0 + bare[1] * v1 + bare[2] * v2
+            w1 -= bare[1] * v0 + bare[3] * v1 + bare[4] * v2
+            w2 -= bare[2] * v0 + bare[4] * v1 + bare[5] * v2
+        chain.wrench[i, 0], chain.wrench[i, 1], chain.wrench[i, 2] = w0, w1, w2
+
+
+@merged
+def add_peg_laws(model: PlanarModel, work: PlanarWorkspace, closed: Array, again: bool) -> None:
+    """Add the linear laws of contacts with pegs, as `add_sliding_laws` adds those of the floor."""
+    laws, contacts, chain = model.laws, work.contacts, work.chain
+    for a in closed:
+        P_N, S_N = normal_law(laws, 0.0, contacts.anchor[a, 0], contacts.trial[a, 0])
+        contacts.law_impulse[a, 0], contacts.S_N[a] = P_N, S_N
+        contacts.P_0[a, 0] = P_N + S_N * contacts.trial[a, 0]
+        linearize_disc(
+            anchored_disc(laws, laws.other, contacts, a), contacts, a, contacts.disc_radius[a], 0.0
+        )
+        normal, along = contacts.law_impulse[a, 0], contacts.law_impulse[a, 1]
+        if not again:
+            normal = contacts.P_0[a, 0] - contacts.S_N[a] * contacts.shift[a]
+            along = contacts.P_0[a, 1]
+        add_peg_law(chain, contacts, a, normal, along, S_N, contacts.S_xx[a, SLIDING])
+
+
+@inlined
+def planar_linear_step(
+    model: PlanarModel, work: PlanarWorkspace, closed: Array, delassus: Any, again: bool
+) -> None:
+    """
+    Fill velocities, impulses and twists with the solution for the linear laws.
+
+    `delassus` is as in `contact.linear_problem.linear_step`, and `again` as in `add_sliding_laws`.
+    """
+    laws, contacts, chain, n = model.laws, work.contacts, work.chain, len(work.heading)
+    if delassus is not None:
+        for a in closed:
+            radius = grip(laws.other, contacts, a) * contacts.disc_radius[a]
+            linearize_disc(anchored_disc(laws, laws.other, contacts, a), contacts, a, radius, 0.0)
+            contacts.P_0[a, 0], contacts.S_N[a] = contacts.impulse[a, 0], 0.0
+        solve_condensed(closed, 3, contacts, delassus)
+        return
+    pegs = closed[2 * n :]
+    add_sliding_laws(model, work, again)
+    add_peg_laws(model, work, pegs, again)
+    factor_hinges(chain)
+    for j in range(n - 1):
+        left = chain.damping[j] * (work.twist[j + 1, 0] - work.twist[j, 0])
+        chain.load[j] = work.torque[j] - left if again else work.torque[j]
+    solve_hinges(chain, chain.load)
+    for i in range(n):
+        for k in range(3):
+            v = chain.twist[i, k]
+            work.twist[i, k] = work.twist[i, k] + v if again else v
+    planar_contact_velocities(model, work)
+    peg_velocities(pegs, work)
+    for a in pegs:
+        slower = contacts.trial[a, 0] - contacts.gamma[a, 0]
+        contacts.impulse[a, 0] = contacts.law_impulse[a, 0] + contacts.S_N[a] * slower
+    for a in closed:
+        d_x = contacts.gamma[a, 1] - contacts.trial[a, 1]
+        d_y = contacts.gamma[a, 2] - contacts.trial[a, 2]
+        S_xx, S_xy, S_yy = (
+            contacts.S_xx[a, SLIDING],
+            contacts.S_xy[a, SLIDING],
+            contacts.S_yy[a, SLIDING],
+        )
+        contacts.impulse[a, 1] = contacts.law_impulse[a, 1] - S_xx * d_x - S_xy * d_y
+        contacts.impulse[a, 2] = contacts.law_impulse[a, 2] - S_xy * d_x - S_yy * d_y
+
+
+@inlined
+def residual_in_plane(model: PlanarModel, closed: Array, contacts: Table) -> float:
+    """
+    Return the residual of `natural_map` [m/s], or an upper bound that is beyond the tolerance.
+
+    The bound costs a tenth. If it is near the tolerance, the residual itself may be below.
+    """
+    enough = model.residual_tolerance
+    residual, _ = sliding_bound(model.laws, model.laws.other, closed, contacts)
+    if residual <= enough or (residual > 4.0 * enough and residual < math.inf):
+        return residual
+    residual, _ = natural_map(model.laws, closed, contacts, enough)
+    return residual
+
+
+@merged
+def settle_loads(model: PlanarModel, work: PlanarWorkspace, closed: Array) -> None:
+    """
+    Fill the radii with loads that fit friction better than the last ones.
+
+    Friction that slides is proportional to the load, while its direction hardly changes. The loads
+    are therefore found once more, with friction for the loads that were found.
+    """
+    laws, contacts = model.laws, work.contacts
+    for a in closed:
+        radius, P_N = contacts.disc_radius[a], max(0.0, contacts.impulse[a, 0])
+        disc = floor_disc(laws, laws.other, contacts.impulse[a, 1])
+        most = grip(laws.other, contacts, a) * radius
+        x, y = disc.over_x * contacts.impulse[a, 1], disc.over_y * contacts.impulse[a, 2]
+        if radius > 0.0 and x * x + y * y >= SLIDING_SHARE * most * most:
+            contacts.impulse[a, 1] *= P_N / radius
+            contacts.impulse[a, 2] *= P_N / radius
+    find_loads(model, work)
+    for a in closed:
+        contacts.disc_radius[a] = max(0.0, contacts.impulse[a, 0])
+
+
+@merged
+def iterate_coupled_in_plane(
+    model: PlanarModel, work: PlanarWorkspace, closed: Array, delassus: Any, limit: int
+) -> tuple[int, float]:
+    """Iterate with the loads of the last iteration; return iterations and residual [m/s]."""
+    laws, contacts = model.laws, work.contacts
+    residual, iterations, steps = math.inf, 0, COUPLED_ITERATIONS
+    while iterations < min(steps, limit):
+        before = residual
+        planar_linear_step(model, work, closed, delassus, iterations > 0)
+        find_loads(model, work)
+        residual = residual_in_plane(model, closed, contacts)
+        iterations += 1
+        if residual <= model.residual_tolerance or not math.isfinite(residual):
+            break
+        if residual < 0.5 * before and steps < MOST_COUPLED_ITERATIONS:
+            steps += 1
+        settle_loads(model, work, closed)
+        move_trial(closed, contacts, 1.0)
+        anchor_what_moves(laws, closed, contacts, STILL_SHARE * model.residual_tolerance)
+    return iterations, residual
+
+
+@compiled
+def iterate_held_in_plane(
+    model: PlanarModel,
+    work: PlanarWorkspace,
+    closed: Array,
+    delassus: Any,
+    tolerance: float,
+    again: bool,
+    limit: int,
+) -> int:
+    """Solve the convex problem with held radii and anchors; return the number of iterations."""
+    laws, contacts = model.laws, work.contacts
+    for a in closed:  # takes no part in the line search
+        contacts.impulse[a, 0] = contacts.iterate[a, 0] = contacts.anchor[a, 0]
+    iterations = 0
+    while iterations < min(HELD_ITERATIONS, limit):
+        planar_linear_step(model, work, closed, delassus, again or iterations > 0)
+        iterations += 1
+        fraction = line_search(laws, closed, contacts) if again or iterations > 1 else 1.0
+        if fraction == 0.0:
+            fraction = 1.0
+        for i in range(len(work.twist)):
+            for k in range(3):
+                work.twist[i, k] -= (1.0 - fraction) * work.chain.twist[i, k]
+        move_trial(closed, contacts, fraction)
+        if fraction == 1.0 and law_error(laws, closed, contacts, 1.0)[1] <= tolerance:
+            break
+    return iterations
+
+
+@inlined
+def anchor_what_moves(laws: Laws, closed: Array, contacts: Table, still: float) -> None:
+    """
+    Fill the anchors as `anchor_at_iterate`, except for friction of contacts below `still` [m/s].
+
+    Contacts that stick share a load in many ways. Rounding, which leaves them a velocity, would
+    shift it a little in every round, and the normal loads with it. Where the friction against
+    sliding forward and backward differs, the anchor must still be on the side of the impulse.
+    """
+    for a in closed:
+        P_N = max(0.0, contacts.iterate[a, 0])
+        contacts.anchor[a, 0] = P_N
+        x, y = contacts.gamma[a, 1], contacts.gamma[a, 2]
+        moves = x * x + y * y > still * still
+        if moves or changes_side(laws.other, contacts, a):
+            disc = sliding_disc(laws, laws.other, a, contacts.iterate[a, 1])
+            anchor_disc(disc, contacts, a, grip(laws.other, contacts, a) * P_N)
+
+
+class PlanarNewton(NamedTuple):
+    """Newton's method on the chain of links or, with arrays for it, on the Delassus operator."""
+
+    delassus: Delassus | None
+
+
+@solve_in_plane.register(PlanarNewton)
+@inlined
+def solve_planar_contacts(
+    solver: PlanarNewton,
+    model: PlanarModel,
+    work: PlanarWorkspace,
+    closed: Array,
+    history: History,
+    limit: int,
+) -> Outcome:
+    """Solve the contacts of a step; see `solve_in_plane`."""
+    laws, contacts, delassus = model.laws, work.contacts, solver.delassus
+    predict_sliding(closed, contacts, history)
+    begin_condensed_in_plane(model, work, delassus)
+    iterations, residual = iterate_coupled_in_plane(model, work, closed, delassus, limit)
+    rounds, relaxation, before = 0, 1.0, 0.0
+    while residual > model.residual_tolerance and iterations < limit:
+        if rounds == 0:
+            predict_sliding(closed, contacts, history)
+            for a in closed:
+                contacts.held_radius[a], contacts.radius_step[a] = contacts.disc_radius[a], 0.0
+        for a in closed:
+            contacts.disc_radius[a] = contacts.held_radius[a]
+        inner = (1e2 if rounds < INEXACT_ROUNDS else 0.1) * model.residual_tolerance
+        iterations += iterate_held_in_plane(
+            model, work, closed, delassus, inner, rounds > 0, limit - iterations
+        )
+        find_loads(model, work)
+        residual, _ = natural_map(laws, closed, contacts, model.residual_tolerance)
+        move_trial(closed, contacts, 1.0)
+        anchor_what_moves(laws, closed, contacts, STILL_SHARE * model.residual_tolerance)
+        along, size = find_radius_steps(closed, contacts)
+        relaxation, before = next_relaxation(relaxation, along, before, rounds), size
+        for a in closed:
+            contacts.held_radius[a] = max(
+                0.0, contacts.held_radius[a] + relaxation * contacts.radius_step[a]
+            )
+        rounds += 1
+    end_condensed_in_plane(model, work, delassus)
+    remember_sliding(closed, contacts, history)
+    converged = residual <= model.residual_tolerance
+    return Outcome(iterations, converged, residual, residual, rounds > 0)
+
+
+@inlined
+def begin_condensed_in_plane(model: PlanarModel, work: PlanarWorkspace, delassus: Any) -> None:
+    """Form the Delassus operator of sliding contacts, if there is one."""
+    if delassus is not None:
+        factor_bare(work)
+        condense_sliding(model, work, delassus)
+
+
+@inlined
+def end_condensed_in_plane(model: PlanarModel, work: PlanarWorkspace, delassus: Any) -> None:
+    """Fill the twists and the loads, if the impulses come from a Delassus operator."""
+    if delassus is not None:
+        planar_twists(model, work)
+        find_loads(model, work)
+
+
+@merged
+def sweep_in_plane(
+    model: PlanarModel, work: PlanarWorkspace, delassus: Any, impulse: Array, limit: int
+) -> Outcome:
+    """
+    Sweep until the friction laws hold, with loads that follow from the friction.
+
+    They follow by half of their change: the load of a nearly straight robot changes by more than
+    its friction, and both would oscillate.
+    """
+    closed, contacts = work.closed, work.contacts
+    tolerance, rows = model.residual_tolerance, 3 * len(closed)
+    factor_bare(work)
+    condense_sliding(model, work, delassus)
+    iterations = 0
+    while True:
+        copy_impulses(closed, impulse, contacts)
+        condensed_velocities(closed, 3, contacts, delassus)
+        find_loads(model, work)
+        residual, printed = natural_map(model.laws, closed, contacts, tolerance)
+        if residual <= tolerance or iterations >= limit:
+            break
+        for k, a in enumerate(closed):
+            last = impulse[a, 0] if impulse[a, 0] > 0.0 else contacts.impulse[a, 0]
+            impulse[a, 0] = 0.5 * (last + contacts.impulse[a, 0])
+            radius = prox_half_line(impulse[a, 0]) * grip(model.laws.other, contacts, a)
+            G, gamma = delassus.operator, delassus.packed
+            project_sliding(model.laws, G, gamma, rows, 3 * k, impulse, a, radius)
+        iterations += 1
+    planar_twists(model, work)
+    for a in closed:
+        impulse[a, 0] = contacts.impulse[a, 0]
+    return Outcome(iterations, residual <= tolerance, residual, printed, False)
+
+
+class PlanarGaussSeidel(NamedTuple):
+    """Projected Gauss-Seidel iteration on the Delassus operator, with its arrays."""
+
+    delassus: Delassus
+
+
+@solve_in_plane.register(PlanarGaussSeidel)
+@inlined
+def solve_plane_with_sweeps(
+    solver: 'PlanarGaussSeidel',
+    model: PlanarModel,
+    work: PlanarWorkspace,
+    closed: Array,
+    history: History,
+    limit: int,
+) -> Outcome:
+    """Solve the contacts of a step; see `solve_in_plane`."""
+    return sweep_in_plane(model, work, solver.delassus, history.impulse, limit)
+
+
+@merged
+def prox_friction(model: PlanarModel, work: PlanarWorkspace, impulse: Array) -> float:
+    """Fill impulse as `contact.prox_iteration.prox_sweep` does, for known loads."""
+    laws, contacts = model.laws, work.contacts
+    normal = sliding = 0.0
+    for a in work.closed:
+        P_N, P_x, P_y = contacts.impulse[a, 0], contacts.impulse[a, 1], contacts.impulse[a, 2]
+        radius = prox_half_line(P_N)
+        radius *= grip(laws.other, contacts, a)
+        x, y = P_x - laws.r_T * contacts.gamma[a, 1], P_y - laws.r_T * contacts.gamma[a, 2]
+        disc = sliding_disc(laws, laws.other, a, x)
+        new_x, new_y = prox_ellipse(x, y, disc.mu_x * radius, disc.mu_y * radius)
+        normal += (P_N - impulse[a, 0]) ** 2
+        sliding += (new_x - P_x) ** 2 + (new_y - P_y) ** 2
+        impulse[a, 0], impulse[a, 1], impulse[a, 2] = P_N, new_x, new_y
+    return math.sqrt(normal) + math.sqrt(sliding)
+
+
+@merged
+def project_in_plane(
+    model: PlanarModel, work: PlanarWorkspace, impulse: Array, limit: int
+) -> Outcome:
+    """Iterate until the friction laws hold, with loads that follow from the friction."""
+    factor_bare(work)
+    iterations, change = 0, math.inf
+    while not change < model.tolerance and iterations < limit:
+        copy_impulses(work.closed, impulse, work.contacts)
+        planar_twists(model, work)
+        find_loads(model, work)
+        change = prox_friction(model, work, impulse)
+        iterations += 1
+    residual, printed = natural_map(model.laws, work.closed, work.contacts, 0.0)
+    return Outcome(iterations, change < model.tolerance, residual, printed, False)
+
+
+class PlanarProxIteration(NamedTuple):
+    """The paper's iteration; it needs no arrays of its own."""
+
+    no_arrays: None = None
+
+
+@solve_in_plane.register(PlanarProxIteration)
+@inlined
+def solve_plane_with_projections(
+    solver: 'PlanarProxIteration',
+    model: PlanarModel,
+    work: PlanarWorkspace,
+    closed: Array,
+    history: History,
+    limit: int,
+) -> Outcome:
+    """Solve the contacts of a step; see `solve_in_plane`."""
+    return project_in_plane(model, work, history.impulse, limit)

@@ -1,0 +1,343 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The values of a scene that explain a recording: their names, and the search for them.
+
+The search is one of least squares, if asked for after a global stage by CMA-ES.
+"""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from snake_sim_ros.scene.checked_records import flat_fields, nearest, ParameterError, quoted
+from snake_sim_ros.scene.parameters import Array, Scene, with_settings
+from snake_sim_ros.studies.replay import ALIGNED, LOST, Replay, Residual, Segment
+from snake_sim_ros.studies.searches import Search
+from snake_sim_ros.studies.workers import closing_pool, core_count
+
+PHYSICS = ('robot.', 'friction.', 'pegs.', 'self_contact_friction')  # prefixes
+FIXED = ('robot.link_count', 'robot.joint_limit', 'robot.joint_rate_limit')
+FARTHEST = math.log(1e3)  # a positive value changes at most by this factor
+STEP = 0.02  # of differences: a share of a positive value
+LEAST_SIZE = 0.05  # of a value that is not positive, for its step and for relative changes
+TOLERANCE = 1e-6  # relative change of the sum of squares, or of the values, at which a fit ends
+MOST_EVALUATIONS = 60  # of the residuals, besides differences
+NEAR = np.log(10.0)  # a global stage searches within this factor of positive values
+SPREAD_END = 0.01  # share of the box at which a global stage ends
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """
+    A number that a fit finds, one for all of its names.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Dotted names in a scene.
+    start : float
+        Its value in the scene.
+    low, high : float
+        Its limits.
+    unit : str
+    is_positive : bool
+        Whether it is positive, and its logarithm is what is found.
+
+    """
+
+    names: tuple[str, ...]
+    start: float
+    low: float
+    high: float
+    unit: str
+    is_positive: bool
+
+    @property
+    def name(self) -> str:
+        """All names as they were given."""
+        return '='.join(self.names)
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Least and largest coordinate."""
+        if not self.is_positive:
+            return self.low, self.high
+        middle = math.log(self.start)
+        low = math.log(self.low) if self.low > 0.0 else -math.inf
+        high = math.log(self.high) if self.high < math.inf else math.inf
+        return max(low, middle - FARTHEST) - 1e-9, min(high, middle + FARTHEST) + 1e-9
+
+    @property
+    def step(self) -> float:
+        """Step of a coordinate for differences."""
+        return STEP if self.is_positive else STEP * max(abs(self.start), LEAST_SIZE)
+
+    def coordinate(self, value: float) -> float:
+        """Return the coordinate of a value, its logarithm if it is positive."""
+        return math.log(value) if self.is_positive else value
+
+    def value(self, coordinate: float) -> float:
+        """Return the value of a coordinate."""
+        found = math.exp(coordinate) if self.is_positive else coordinate
+        return min(max(found, self.low), self.high)
+
+
+def unknowns_of(scene: Scene, free: Sequence[str]) -> tuple[Unknown, ...]:
+    """
+    Return the unknowns of a fit.
+
+    Parameters
+    ----------
+    scene : Scene
+        With the values to start from.
+    free : sequence of str
+        Dotted names; names with ``=`` between them have one value.
+
+    Raises
+    ------
+    ParameterError
+        If a name is unknown, given twice, or not one of a number that physics depends on.
+
+    """
+    known, found, seen = flat_fields(scene), [], set[str]()
+    for item in free:
+        names = tuple(part.strip() for part in item.split('='))
+        for name in names:
+            if name in seen:
+                raise ParameterError(f'--free {name} is given twice')
+            seen.add(name)
+            _check(name, scene)
+        start, limits = known[names[0]]
+        above = limits['above'] + 1e-12 if limits['above'] >= 0.0 else -math.inf
+        low = max(limits['minimum'], above)
+        found.append(Unknown(
+            names, float(start), float(low), float(limits['maximum']), limits['unit'],
+            is_positive=low >= 0.0 and start > 0.0,
+        ))  # fmt: skip
+    if not found:
+        raise ParameterError('--free must name at least one value, such as friction.transversal')
+    return tuple(found)
+
+
+def _check(name: str, scene: Scene) -> None:
+    """Raise if a name is not one of a number that a fit can find."""
+    known = flat_fields(scene)
+    usable = [
+        each for each, (value, _) in known.items()
+        if each.startswith(PHYSICS) and each not in FIXED and isinstance(value, float)
+    ]  # fmt: skip
+    if name in usable:
+        return
+    if name not in known:
+        raise ParameterError(f'--free: unknown name {quoted(name)}; {nearest(name, known)}')
+    value = known[name][0]
+    if isinstance(value, tuple):
+        raise ParameterError(
+            f'--free {name}: a fit finds one number, this is a list of {len(value)}; give one '
+            f'number in the scene'
+        )
+    if value is None:
+        raise ParameterError(f'--free {name} has no value in the scene; --set one to start from')
+    if isinstance(value, (str, bool)):
+        raise ParameterError(f'--free {name}: a fit finds numbers, this is {quoted(value)}')
+    raise ParameterError(
+        f'--free {name}: a fit finds only numbers of the robot and of friction; '
+        f'choose from: {", ".join(usable)}'
+    )
+
+
+def scene_at(scene: Scene, unknowns: Sequence[Unknown], x: Array) -> Scene:
+    """Return the scene with the values of coordinates."""
+    settings = {
+        name: unknown.value(float(place))
+        for unknown, place in zip(unknowns, x, strict=True)
+        for name in unknown.names
+    }
+    return with_settings(scene, settings)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """
+    What a fit found.
+
+    Attributes
+    ----------
+    replay : Replay
+    unknowns : tuple of Unknown
+    x : ndarray, shape (p,)
+        Coordinates of the values.
+    residuals : list of Residual
+        Of each segment.
+    jacobians : list of ndarray, shape (numbers, p)
+        Derivatives of the flat residual of each segment.
+    at_bound : tuple of str
+        Names of the values that are at a bound.
+    evaluations : int
+        How often the recording was simulated.
+
+    """
+
+    replay: Replay
+    unknowns: tuple[Unknown, ...]
+    x: Array
+    residuals: list[Residual]
+    jacobians: list[Array]
+    at_bound: tuple[str, ...]
+    evaluations: int
+
+    @property
+    def values(self) -> list[float]:
+        """The values found."""
+        pairs = zip(self.unknowns, self.x, strict=True)
+        return [unknown.value(float(x)) for unknown, x in pairs]
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the replay with the values found."""
+        return scene_at(self.replay.scene, self.unknowns, self.x)
+
+    @property
+    def freedom(self) -> int:
+        """Number of measured numbers that are not used up by values and alignments."""
+        count = sum(len(item.flat()) for item in self.residuals)
+        return count - ALIGNED * len(self.residuals) - len(self.x)
+
+
+class _Evaluations:
+    """Residuals and their derivatives, simulated in the threads of a pool."""
+
+    def __init__(
+        self, replay: Replay, unknowns: tuple[Unknown, ...], pool: Executor, threads: int
+    ) -> None:
+        self.replay, self.unknowns, self.pool, self.threads = replay, unknowns, pool, threads
+        self.count = 0
+        self.report: Callable[[int, float], object] = lambda count, cost: None
+
+    def all(self, points: Sequence[Array]) -> list[list[Residual]]:
+        """Return the residuals of all segments at some points."""
+        segments = self.replay.segments
+        parts = [segments[k :: self.threads] for k in range(self.threads)]
+        waiting = [[self.pool.submit(self._residuals, x, part) for part in parts] for x in points]
+        found = []
+        for futures in waiting:
+            residuals: list[Residual] = [None] * len(segments)  # type: ignore[list-item]
+            for k, future in enumerate(futures):
+                residuals[k :: self.threads] = future.result()
+            found.append(residuals)
+        self.count += len(points)
+        return found
+
+    def _residuals(self, x: Array, part: tuple[Segment, ...]) -> list[Residual]:
+        try:
+            scene = scene_at(self.replay.scene, self.unknowns, x)
+            return self.replay.residuals(scene, part)
+        except ParameterError as error:
+            values = [u.value(float(place)) for u, place in zip(self.unknowns, x, strict=True)]
+            raise ParameterError(f'values {values} cannot be simulated: {error}') from None
+
+    def flat(self, x: Array) -> Array:
+        """Return all residuals as one array."""
+        (residuals,) = self.all([x])
+        found = np.concatenate([item.flat() for item in residuals])
+        self.report(self.count, float(found @ found))
+        return found
+
+    def jacobians(self, x: Array) -> list[Array]:
+        """Return the derivatives of the residuals of each segment by central differences."""
+        low, high = np.array([unknown.bounds for unknown in self.unknowns]).T
+        steps = np.array([unknown.step for unknown in self.unknowns])
+        ends = np.clip(x - steps, low, high), np.clip(x + steps, low, high)
+        count, spans = range(len(x)), ends[1] - ends[0]
+        points = [np.where(np.arange(len(x)) == k, end, x) for k in count for end in ends]
+        flat = [[item.flat() for item in residuals] for residuals in self.all(points)]
+        return [
+            np.column_stack([(flat[2 * k + 1][j] - flat[2 * k][j]) / spans[k] for k in count])
+            for j in range(len(flat[0]))
+        ]
+
+    def jacobian(self, x: Array) -> Array:
+        """Return the derivatives of all residuals."""
+        return np.concatenate(self.jacobians(x))
+
+
+def fit(
+    replay: Replay,
+    unknowns: tuple[Unknown, ...],
+    *,
+    threads: int | None = None,
+    globally: int = 0,
+    seed: int = 0,
+    progress: Callable[[int, float], object] | None = None,
+) -> Fit:
+    """
+    Return the values that explain a recording best.
+
+    Parameters
+    ----------
+    replay : Replay
+    unknowns : tuple of Unknown
+    threads : int, optional
+        Default: one for each core.
+    globally : int, optional
+        Most simulations of a global stage before least squares; 0 for none.
+    seed : int, optional
+        Of the global stage.
+    progress : callable, optional
+        Called with the number of simulations so far and the sum of squares.
+
+    Raises
+    ------
+    ParameterError
+        If no segment can be simulated with the values of the scene.
+
+    """
+    replay.compile()
+    x = np.array([unknown.coordinate(unknown.start) for unknown in unknowns])
+    low, high = np.array([unknown.bounds for unknown in unknowns]).T
+    count = threads or core_count()
+    with closing_pool(ThreadPoolExecutor(count)) as pool:
+        evaluate = _Evaluations(replay, unknowns, pool, count)
+        evaluate.report = progress or evaluate.report
+        if np.abs(evaluate.flat(x)).min() >= LOST:
+            raise ParameterError('every segment diverges with the values of the scene')
+        if globally:
+            x = _searched(evaluate, x, low, high, globally, seed)
+        found = least_squares(
+            evaluate.flat, np.clip(x, low, high), evaluate.jacobian, bounds=(low, high),
+            x_scale='jac', ftol=TOLERANCE, xtol=TOLERANCE, gtol=TOLERANCE,
+            max_nfev=MOST_EVALUATIONS,
+        )  # fmt: skip
+        (residuals,) = evaluate.all([found.x])
+        jacobians = evaluate.jacobians(found.x)
+        at_bound = tuple(
+            unknown.name for unknown, side in zip(unknowns, found.active_mask, strict=True) if side
+        )
+        return Fit(replay, unknowns, found.x, residuals, jacobians, at_bound, evaluate.count)
+
+
+def _searched(
+    evaluate: _Evaluations, x: Array, low: Array, high: Array, most: int, seed: int
+) -> Array:
+    """Return the best point of a CMA-ES search in a box around the start."""
+    unknowns = evaluate.unknowns
+    reach = np.array([NEAR if u.is_positive else max(1.0, 10 * abs(u.start)) for u in unknowns])
+    low, high = np.maximum(low, x - reach), np.minimum(high, x + reach)
+    search = Search((x - low) / (high - low), [seed], 0)
+    best, least = x, np.inf
+    while evaluate.count < most and search.spread > SPREAD_END and not search.is_at_its_end:
+        points = [low + shares * (high - low) for shares in search.ask()]
+        costs = [
+            float(sum((item.flat() ** 2).sum() for item in residuals))
+            for residuals in evaluate.all(points)
+        ]
+        search.tell([(cost,) for cost in costs])
+        if min(costs) < least:
+            least, best = min(costs), points[int(np.argmin(costs))]
+        evaluate.report(evaluate.count, least)
+    return best

@@ -1,0 +1,524 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+A recording simulated again in segments, and what differs between simulation and measurement.
+
+Each segment starts from a measured state: a parabola through the samples near a time gives each
+value and its rate. Such a state is not exact, and a robot forgets it: angles and velocities by
+sliding, with a time constant of 0.3 s in lateral undulation. Residuals therefore begin after a
+burn-in. Place and heading are not forgotten, but on a floor they do not matter: the path of every
+segment is moved and turned about the vertical to where it fits best.
+
+Synthetic recordings are simulated here, too: what another recording would have measured of a
+scene.
+"""
+
+from collections.abc import Container
+from dataclasses import dataclass, replace
+import math
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from snake_sim_ros.scene import obstacles
+from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
+from snake_sim_ros.scene.parameters import Array, Scene, with_settings
+from snake_sim_ros.scene.posture import chain_coordinates, gaps, joint_angles
+from snake_sim_ros.scene.rotations import about, product, rotation_matrices
+from snake_sim_ros.stepping.accuracy import RESIDUAL
+from snake_sim_ros.stepping.base import Stepper
+from snake_sim_ros.stepping.bdf2 import step as bdf2
+from snake_sim_ros.stepping.levels import is_vertical
+from snake_sim_ros.stepping.methods import make_stepper, share_compiled, what_is_not_planar
+from snake_sim_ros.stepping.samples import make_samples
+from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.state import State
+from snake_sim_ros.studies.recorded_motion import HORIZON, Recording, references
+
+ACCURACY = 3e-4
+PERIOD = 0.01  # s between two states of which those at the times of samples are interpolated
+WINDOW = 0.12  # s before and after the start of a segment within which samples are used
+LEAST_AROUND = 2  # samples on each side of a start: a parabola at its end says little
+LEAST_SAMPLES = 5  # of poses and of angles in a segment
+ROUNDING = 1e-6  # s
+MOMENT = 1e-3  # s before and after the time between which velocities are differences
+TURNS = 4  # iterations for the heading that fits best
+ALIGNED = 4  # numbers by which the path of a segment is moved and turned
+LOST = 1e3  # residual of a segment whose simulation diverges, in units of the noise
+CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+
+
+@dataclass(frozen=True)
+class Measured:
+    """
+    What was measured at a time: values, and their rates in a second entry.
+
+    Attributes
+    ----------
+    angle : ndarray, shape (2, n-1, 2)
+        [rad], [rad/s]
+    links : ndarray of int, shape (l,)
+        Indices of the links whose poses they are.
+    position : ndarray, shape (2, l, 3)
+        [m], [m/s]
+    orientation : ndarray, shape (2, l, 4)
+        Euler parameters, scalar first, and their rates [1/s].
+
+    """
+
+    angle: Array
+    links: Array
+    position: Array
+    orientation: Array
+
+
+def measured_at(recording: Recording, time: float, commanded: Array) -> Measured | None:
+    """
+    Return what was measured at a time, or None if there are not enough samples around it.
+
+    Parameters
+    ----------
+    recording : Recording
+    time : float
+        [s]
+    commanded : ndarray, shape (2, n-1, 2)
+        References, for the joints that were not measured [rad], [rad/s].
+
+    """
+    joints = _near(recording.joint_time, time)
+    poses = _near(recording.pose_time, time)
+    if joints is None or poses is None:
+        return None
+    angle = commanded.copy()
+    values = recording.joint_angle[joints]
+    known = np.isfinite(values).all(axis=0)
+    angle[:, known] = _parabola(recording.joint_time[joints] - time, values[:, known])
+    since = recording.pose_time[poses] - time
+    p = recording.orientation[poses]
+    p = p * np.where((p * p[0]).sum(axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
+    position = _parabola(since, recording.position[poses])
+    return Measured(angle, recording.links, position, _parabola(since, p))
+
+
+def _near(times: Array, time: float) -> Array | None:
+    """Return the rows of samples around a time; None if there are not enough on both sides."""
+    ends = [time - WINDOW, time + ROUNDING, time + WINDOW]
+    begin, middle, end = np.searchsorted(times, ends)
+    if min(middle - begin, end - middle) < LEAST_AROUND:
+        return None
+    return np.arange(begin, end)
+
+
+def _parabola(since: Array, values: Array) -> Array:
+    """Return value and rate at time 0 of the parabola through samples, shape (2, ...)."""
+    powers = (since[:, None] / WINDOW) ** np.arange(3)
+    found = np.linalg.lstsq(powers, values.reshape(len(since), -1), rcond=None)[0][:2]
+    found[1] /= WINDOW
+    return np.asarray(found.reshape(2, *values.shape[1:]))
+
+
+def start_state(scene: Scene, measured: Measured, *, is_flat: bool) -> State:
+    """
+    Return the state of a robot that was measured.
+
+    Parameters
+    ----------
+    scene : Scene
+    measured : Measured
+    is_flat : bool
+        Whether the robot lies flat on the floor.
+
+    """
+    before, now, after = (
+        _coordinates(scene, measured, moment, is_flat) for moment in (-MOMENT, 0.0, MOMENT)
+    )
+    n = len(now)
+    u = np.empty((n, 6))
+    u[:, :3] = (after[:, :3] - before[:, :3]) / (2 * MOMENT)
+    ends = [p * np.where((p * now[:, 3:]).sum(axis=1) < 0.0, -1.0, 1.0)[:, None]
+            for p in (before[:, 3:], after[:, 3:])]  # fmt: skip
+    turn = product(now[:, 3:] * CONJUGATE, (ends[1] - ends[0]) / (2 * MOMENT))
+    u[:, 3:] = 2.0 * turn[:, 1:]
+    if is_flat:
+        u[:, [2, 3, 5]] = 0.0
+    lift = obstacles.lift_onto_ground(scene, now) if scene.ground.heights else None
+    now[:, 2] += -gaps(scene.robot, now).min() if lift is None else lift
+    return State(now, u)
+
+
+def _coordinates(scene: Scene, measured: Measured, moment: float, is_flat: bool) -> Array:
+    """Return coordinates some moment [s] after the time, shape (n, 7)."""
+    angle, position, p = (
+        part[0] + moment * part[1]
+        for part in (measured.angle, measured.position, measured.orientation)
+    )
+    if is_flat:
+        angle[:, 1] = 0.0
+    q, i = chain_coordinates(scene.robot, angle), measured.links
+    turns = product(p / np.linalg.norm(p, axis=-1, keepdims=True), q[i, 3:] * CONJUGATE)
+    turn = (turns * np.where(turns @ turns[0] < 0.0, -1.0, 1.0)[:, None]).mean(axis=0)
+    turn /= np.linalg.norm(turn)
+    if is_flat:
+        turn = about(2, 2.0 * math.atan2(turn[3], turn[0]))
+    q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
+    q[:, :3] += (position - q[i, :3]).mean(axis=0)
+    if is_flat:
+        q[:, 2] = 0.0
+    q[:, 3:] = product(np.broadcast_to(turn, (len(q), 4)), q[:, 3:])
+    return q
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplaySettings(CheckedRecord):
+    """How a recording is cut, and how exact it is."""
+
+    noise_position: float = quantity(1e-3, 'm', 'standard deviation of positions', above=0)
+    noise_angle: float = quantity(
+        8.7e-3, 'rad', 'standard deviation of angles and orientations', above=0
+    )
+    segment: float = quantity(4.0, 's', 'length of a segment', minimum=0.2)
+    burn_in: float = quantity(
+        2.0, 's', 'time before a segment in which its start is forgotten', minimum=0
+    )
+    horizon: float = quantity(
+        HORIZON,
+        's',
+        'how long a held command is extrapolated with its velocity',
+        minimum=0,
+        maximum=1,
+    )
+
+
+class Segment(NamedTuple):
+    """A segment: where its simulation starts, its references, and its samples."""
+
+    start: float  # of the simulation [s]
+    begin: float  # of the residuals [s]
+    end: float  # [s]
+    measured: Measured  # at the start
+    angle: Array  # references (steps, n-1, 2) [rad]
+    rate: Array  # [rad/s]
+    times: Array  # of all samples, each once [s]
+    poses: Array  # rows of the samples of poses in `times`
+    joints: Array
+    position: Array  # (k, l, 3) [m]
+    orientation: Array  # (k, l, 4)
+    joint_angle: Array  # (m, n-1, 2) [rad]
+
+
+class Residual(NamedTuple):
+    """
+    Measured minus simulated in a segment, in units of the noise; nan where nothing was measured.
+
+    Poses have shape (k, l, 6), position and turn, and joint angles (m, n-1, 2).
+    """
+
+    poses: Array
+    joints: Array
+
+    def flat(self) -> Array:
+        """Return all numbers that there are."""
+        both = np.concatenate([self.poses.ravel(), self.joints.ravel()])
+        return np.asarray(both[~np.isnan(both)])
+
+
+class Replay:
+    """
+    A recording in segments that are simulated with any values of its scene.
+
+    Parameters
+    ----------
+    recording : Recording
+    scene : Scene
+        With the method and the steps of the simulations.
+    settings : ReplaySettings
+    law : str
+        One of `recorded_motion.LAWS`.
+
+    Raises
+    ------
+    ParameterError
+        If the recording is too short for two segments, or has too few samples in them.
+
+    """
+
+    def __init__(
+        self, recording: Recording, scene: Scene, settings: ReplaySettings, law: str
+    ) -> None:
+        self.recording, self.scene, self.settings, self.law = recording, scene, settings, law
+        self.every = max(1, round(PERIOD / scene.dt))
+        self.period = self.every * scene.dt
+        first = np.ceil((recording.begin + WINDOW) / self.period - 1e-6) * self.period
+        steps = int((recording.end - first) / scene.dt + 1e-6)
+        wanted = WINDOW + settings.burn_in + 2 * settings.segment
+        there = max(0.0, recording.end - recording.begin)
+        if steps * scene.dt < wanted - WINDOW - self.period:
+            raise ParameterError(
+                f'the recording must have at least {wanted:g} s with commands, angles and poses, '
+                f'a burn-in and two segments; it has {there:.3g} s'
+            )
+        middles = first + (np.arange(steps) + 0.5) * scene.dt
+        angle, rate = references(recording, scene.robot, middles, law, settings.horizon)
+        self.is_flat = not what_is_not_planar(scene) and not is_vertical(angle, rate).any()
+        self.segments = self._cut(first, steps, angle, rate)
+        if len(self.segments) < 2:
+            raise ParameterError(
+                f'the recording has {len(self.segments)} segments of {settings.segment:g} s with '
+                f'enough samples, at least 2 are needed'
+            )
+        self._known: Stepper | None = None
+        self._known_scene = scene
+
+    def _cut(self, first: float, steps: int, angle: Array, rate: Array) -> tuple[Segment, ...]:
+        """Return the segments that have enough samples."""
+        settings, dt = self.settings, self.scene.dt
+        length = max(1, round(settings.segment / self.period)) * self.every
+        burn = round(settings.burn_in / self.period) * self.every
+        found = []
+        for begin in range(burn, steps - length // 2, length):
+            part = slice(begin - burn, min(begin + length, steps // self.every * self.every))
+            times = first + dt * np.array([part.start, begin, part.stop])
+            item = self._segment(times.tolist(), angle[part], rate[part])
+            if item:
+                found.append(item)
+        return tuple(found)
+
+    def _segment(self, times: list[float], angle: Array, rate: Array) -> Segment | None:
+        """Return a segment; None if it has too few samples."""
+        recording, (start, begin, end) = self.recording, times
+        joints, poses = (
+            slice(*np.searchsorted(of, [begin - 1e-9, end - 1e-9]))
+            for of in (recording.joint_time, recording.pose_time)
+        )
+        measured = measured_at(recording, start, np.stack([angle[0], rate[0]]))
+        both = recording.pose_time[poses], recording.joint_time[joints]
+        if not measured or min(map(len, both)) < LEAST_SAMPLES:
+            return None
+        every, place = np.unique(np.concatenate(both), return_inverse=True)
+        return Segment(
+            start, begin, end, measured, angle, rate,
+            every, place[: len(both[0])], place[len(both[0]) :],
+            recording.position[poses], recording.orientation[poses], recording.joint_angle[joints],
+        )  # fmt: skip
+
+    def compile(self) -> None:
+        """Compile what segments need, by the first one, before threads simulate them."""
+        self.residuals(self.scene, self.segments[:1])
+
+    def residuals(
+        self, scene: Scene, segments: tuple[Segment, ...] | None = None
+    ) -> list[Residual]:
+        """Return the residuals of segments, all of them by default."""
+        stepper = make_stepper(scene)
+        if self._known:
+            share_compiled(self._known, self._known_scene, stepper, scene)
+        found = [
+            self._residual(scene, stepper, item)
+            for item in (self.segments if segments is None else segments)
+        ]
+        self._known = self._known or stepper
+        return found
+
+    def _residual(self, scene: Scene, stepper: Stepper, segment: Segment) -> Residual:
+        settings = self.settings
+        q = self.simulated(scene, stepper, segment)
+        if q is None:
+            size = segment.position.shape[:2]
+            lost = np.where(np.isnan(segment.joint_angle), np.nan, LOST)
+            return Residual(np.full((*size, 6), LOST), lost)
+        links = q[segment.poses][:, self.recording.links]
+        poses = aligned(segment, links, settings.noise_position, settings.noise_angle)
+        angle = joint_angles(q[segment.joints])
+        return Residual(poses, (segment.joint_angle - angle) / settings.noise_angle)
+
+    def simulated(self, scene: Scene, stepper: Stepper, segment: Segment) -> Array | None:
+        """Return the coordinates (m, n, 7) at the times of a segment; None if it diverges."""
+        state = start_state(scene, segment.measured, is_flat=self.is_flat)
+        samples = make_samples(scene, self.every, len(segment.angle) // self.every)
+        report = stepper.advance(
+            state, stepper.empty_history(), segment.angle, segment.rate, samples
+        )[2]
+        if report.failure:
+            return None
+        q = np.concatenate([state.q[None], samples.q])
+        u = np.concatenate([state.u[None], samples.u])
+        return between(q, u, self.period, segment.times - segment.start)
+
+    def start(self, scene: Scene) -> State:
+        """Return the state at the start of the first segment."""
+        return start_state(scene, self.segments[0].measured, is_flat=self.is_flat)
+
+
+def between(q: Array, u: Array, period: float, times: Array) -> Array:
+    """
+    Return coordinates at times between states, cubic in time.
+
+    Parameters
+    ----------
+    q, u : ndarray, shapes (k, n, 7) and (k, n, 6)
+        As of `state.State`, a period apart.
+    period : float
+        [s]
+    times : ndarray, shape (m,)
+        Since the first state [s].
+
+    Returns
+    -------
+    ndarray, shape (m, n, 7)
+
+    """
+    p = q[..., 3:].copy()  # of which neither sign means anything, if it stays
+    signs = np.where((p[1:] * p[:-1]).sum(axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
+    p[1:] *= np.cumprod(signs, axis=0)
+    omega = np.zeros(p.shape)
+    omega[..., 1:] = u[..., 3:] / 2
+    states = np.concatenate([q[..., :3], p], axis=-1)
+    rates = np.concatenate([u[..., :3], product(p, omega)], axis=-1)
+    found = CubicHermiteSpline(period * np.arange(len(q)), states, rates)(times)
+    found[..., 3:] /= np.linalg.norm(found[..., 3:], axis=-1, keepdims=True)
+    return np.asarray(found)
+
+
+def aligned(segment: Segment, q: Array, noise_position: float, noise_angle: float) -> Array:
+    """
+    Return the residuals of poses after the path is moved and turned to where it fits best.
+
+    Parameters
+    ----------
+    segment : Segment
+    q : ndarray, shape (k, l, 7)
+        Simulated coordinates of the links that were measured.
+    noise_position, noise_angle : float
+        [m], [rad]
+
+    Returns
+    -------
+    ndarray, shape (k, l, 6)
+        Position and turn, in units of the noise.
+
+    """
+    place, p = q[..., :3], q[..., 3:]
+    ratio = (noise_position / noise_angle) ** 2
+    for _ in range(TURNS):
+        off = segment.position - place
+        center, shift = place.mean(axis=(0, 1)), off.mean(axis=(0, 1))
+        across = (place - center)[..., [1, 0]] * (-1.0, 1.0)
+        turn = _turn(segment.orientation, p)
+        asked = (across * (off - shift)[..., :2]).sum() + ratio * turn[..., 2].sum()
+        heading = asked / ((across**2).sum() + ratio * turn[..., 2].size)
+        by = about(2, float(heading))
+        place = (place - center) @ rotation_matrices(by).T + center + shift
+        p = product(np.broadcast_to(by, p.shape), p)
+    off = (segment.position - place) / noise_position
+    return np.concatenate([off, _turn(segment.orientation, p) / noise_angle], axis=-1)
+
+
+def _turn(a: Array, b: Array) -> Array:
+    """Return the small rotation vectors in frame I from orientations b to a, shape (..., 3)."""
+    turn = product(a, b * CONJUGATE)
+    return np.asarray(2.0 * turn[..., 1:] * np.where(turn[..., :1] < 0.0, -1.0, 1.0))
+
+
+def with_fit_steps(scene: Scene, given: Container[str] = ()) -> Scene:
+    """
+    Return a scene with the steps of a fit.
+
+    They are those of an accuracy, if `method` and `dt` are not given and `bdf2` can run the scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    given : container of str
+        Dotted names of the values that a user gave beside the file of the scene.
+
+    """
+    if 'method' in given or 'dt' in given or bdf2.what_is_not_possible(scene):
+        return scene
+    settings = {'method': 'bdf2', 'dt': PERIOD, 'solver.residual_tolerance': RESIDUAL}
+    if 'accuracy' not in given:
+        settings['accuracy'] = ACCURACY
+    return with_settings(scene, settings)
+
+
+def without_noise(
+    recording: Recording, scene: Scene, state: State, law: str, horizon: float
+) -> Recording:
+    """
+    Return the recording of a scene that follows the commands of a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        Its commands, its times and what was measured are kept, its measured numbers are not.
+    scene : Scene
+    state : State
+        At the begin of the recording.
+    law, horizon
+        As of `recorded_motion.references`.
+
+    Raises
+    ------
+    ParameterError
+        If the simulation diverges.
+
+    """
+    begin, dt = recording.begin, scene.dt
+    every = max(1, round(PERIOD / dt))
+    rows = int(np.ceil((recording.end - begin) / (every * dt) - 1e-6))
+    steps = every * rows
+    middles = begin + (np.arange(steps) + 0.5) * dt
+    angle, rate = references(recording, scene.robot, middles, law, horizon)
+    simulation, samples = Simulation(scene), make_samples(scene, every, rows)
+    simulation.state = state
+    report = simulation.advance(angle, rate, samples)
+    if report.failure:
+        raise ParameterError(report.failure)
+    q = np.concatenate([state.q[None], samples.q])
+    u = np.concatenate([state.u[None], samples.u])
+    joints, poses = (
+        times[(times >= begin) & (times <= recording.end)]
+        for times in (recording.joint_time, recording.pose_time)
+    )
+    kept = np.isin(recording.joint_time, joints)
+    missing = np.isnan(recording.joint_angle[kept])
+    angle = joint_angles(between(q, u, every * dt, joints - begin))
+    links = between(q, u, every * dt, poses - begin)[:, recording.links]
+    return replace(
+        recording,
+        joint_time=joints,
+        joint_angle=np.where(missing, np.nan, angle),
+        pose_time=poses,
+        position=links[..., :3],
+        orientation=links[..., 3:],
+    )
+
+
+def with_noise(
+    recording: Recording, noise_position: float, noise_angle: float, seed: int
+) -> Recording:
+    """
+    Return a recording with normally distributed noise.
+
+    Parameters
+    ----------
+    recording : Recording
+    noise_position, noise_angle : float
+        Standard deviations [m], [rad].
+    seed : int
+
+    """
+    random = np.random.default_rng(seed)
+
+    def drawn(like: Array, deviation: float) -> Array:
+        return deviation * random.standard_normal(like.shape)
+
+    turn = np.ones(recording.orientation.shape)
+    turn[..., 1:] = drawn(turn[..., 1:], noise_angle / 2)
+    orientation = product(turn, recording.orientation)
+    return replace(
+        recording,
+        joint_angle=recording.joint_angle + drawn(recording.joint_angle, noise_angle),
+        position=recording.position + drawn(recording.position, noise_position),
+        orientation=orientation / np.linalg.norm(orientation, axis=-1, keepdims=True),
+    )

@@ -1,0 +1,163 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The cache of compiled functions: one for all installations, private, and not growing."""
+
+import gc
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from snake_sim_ros.dynamics import code_cache
+from snake_sim_ros.dynamics.compilation import compiled, COMPILES, inlined, watched
+from snake_sim_ros.scene import PACKAGE
+from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.stepping.apart import function_counts
+from snake_sim_ros.stepping.simulation import LEVELS
+
+PROGRAM = """
+import sys
+from snake_sim_ros.dynamics.compilation import watched
+from snake_sim_ros.dynamics import kinematics
+import numpy as np
+names = []
+with watched(names.append):
+    kinematics.joint_motions(np.zeros((1, 2, 7)), np.zeros((1, 2, 6)), np.zeros((2, 3, 3)),
+                             np.zeros((2, 3)), np.zeros((1, 1, 2, 2)))
+print(len(names), 'scipy.linalg' in sys.modules)
+"""
+
+
+def compiled_functions(cache: Path, sources: Path) -> int:
+    """Return how many functions a process compiles, which imports SciPy only if it compiles."""
+    done = subprocess.run(
+        [sys.executable, '-c', PROGRAM],
+        env={**os.environ, 'XDG_CACHE_HOME': str(cache), 'PYTHONPATH': str(sources)},
+        cwd=sources,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    count, is_ready = done.stdout.split()
+    assert is_ready == str(count != '0')
+    return int(count)
+
+
+def test_installations_of_the_same_sources_share_it(tmp_path):
+    copy, link = tmp_path / 'copy', tmp_path / 'link'
+    for folder in (copy, link):
+        folder.mkdir()
+    shutil.copytree(PACKAGE, copy / PACKAGE.name, symlinks=False)
+    (link / PACKAGE.name).symlink_to(PACKAGE)
+    cache = tmp_path / 'cache'
+    assert compiled_functions(cache, PACKAGE.parent) > 3
+    assert compiled_functions(cache, copy) == 0
+    assert compiled_functions(cache, link) == 0
+    (copy / PACKAGE.name / 'contact' / 'closing.py').write_text('# nothing any more\n')
+    assert compiled_functions(cache, copy) > 3
+
+
+def test_what_was_not_used_for_long_is_removed(tmp_path, monkeypatch):
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    monkeypatch.delenv('NUMBA_CACHE_DIR', raising=False)
+    parent = tmp_path / 'snake_sim_ros'
+    for k in range(7):
+        (parent / f'other_{k}').mkdir(parents=True)
+        (parent / f'other_{k}' / 'code').write_text('old')
+        os.utime(parent / f'other_{k}', (1000 * k, 1000 * k))
+    folder = code_cache.cache_folder()
+    assert folder == parent / code_cache.identity()
+    left = {path.name for path in parent.iterdir()}
+    assert left == {folder.name, 'other_4', 'other_5', 'other_6'}
+
+
+@pytest.mark.parametrize('trouble', ['open to all', 'a link', 'a file'])
+def test_a_folder_for_temporary_files_must_be_private(tmp_path, monkeypatch, trouble):
+    # Who can write it decides what runs.
+    home = tmp_path / 'home'
+    home.write_text('not a folder')
+    monkeypatch.setenv('XDG_CACHE_HOME', str(home))
+    monkeypatch.delenv('NUMBA_CACHE_DIR', raising=False)
+    monkeypatch.setattr(code_cache.tempfile, 'gettempdir', lambda: str(tmp_path))
+    private = tmp_path / f'cache-{os.getuid()}'
+    found = code_cache.cache_folder()
+    assert found == private / 'snake_sim_ros' / code_cache.identity()
+    assert private.stat().st_mode & 0o777 == 0o700
+    shutil.rmtree(private)
+    if trouble == 'open to all':
+        private.mkdir()
+        private.chmod(0o777)
+    elif trouble == 'a link':
+        (tmp_path / 'elsewhere').mkdir(mode=0o700)
+        private.symlink_to(tmp_path / 'elsewhere')
+    else:
+        private.write_text('')
+    assert code_cache.cache_folder() is None
+
+
+def test_a_folder_of_somebody_else_is_not_taken(tmp_path, monkeypatch):
+    tmp_path.chmod(0o700)
+    assert code_cache.is_private(tmp_path)
+    monkeypatch.setattr(code_cache.os, 'getuid', lambda: 12345)
+    assert not code_cache.is_private(tmp_path)
+
+
+def test_what_refuses_to_compile_leaves_the_function_as_it_is(monkeypatch, tmp_path):
+    if not COMPILES:
+        pytest.skip('nothing is compiled')
+
+    monkeypatch.setattr(code_cache, 'FOLDER', tmp_path)  # nothing is compiled there
+
+    class Refused(Exception):
+        pass
+
+    def refuse(name):
+        raise Refused(name)
+
+    def twice(x):
+        return 2 * x
+
+    monkeypatch.setattr(code_cache.CodeCache, 'shares_work', True)
+    function, beside = compiled(twice), compiled(twice)  # beside, as another process has it
+    thresholds = gc.get_threshold()
+    with pytest.raises(Refused, match='twice'), watched(refuse):
+        function(1.0)
+    assert beside(1.0) == 2.0  # no lock is left
+    assert function(1.0) == 2.0
+    assert gc.get_threshold() == thresholds
+
+
+def test_what_is_compiled_is_told_before_or_after_what_is_in_it(monkeypatch, tmp_path):
+    def names(at_end):
+        monkeypatch.setattr(code_cache, 'FOLDER', tmp_path / str(at_end))  # nothing is there yet
+        code_cache.FOLDER.mkdir()
+
+        @inlined
+        def inner(x):
+            """Return more than x."""
+            return x + 1.0
+
+        @compiled
+        def outer(x):
+            """Return more than x."""
+            return inner(x)
+
+        found = []
+        with watched(found.append, at_end=at_end):
+            assert outer(1.0) == 2.0
+        return found
+
+    assert names(at_end=False) == (['outer', 'inner'] if COMPILES else [])
+    assert names(at_end=True) == (['inner', 'outer'] if COMPILES else [])
+
+
+@pytest.mark.parametrize('level', LEVELS)
+def test_functions_are_counted_in_all_that_they_are_in(level):
+    counts = function_counts(Scene(method='bdf2', dt=0.01), level)
+    loop = max(counts, key=lambda name: counts[name])
+    assert loop == ('advance' if level == 'spatial' else 'advance_bdf2_in_plane')
+    assert len(counts) <= counts[loop] < sum(counts.values())
+    assert min(counts.values()) == 1

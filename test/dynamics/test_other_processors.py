@@ -1,0 +1,31 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What only x86_64 processors have is not used on others, and is said to be missing there."""
+
+import platform
+
+import numba
+import pytest
+
+from snake_sim_ros.dynamics import compilation
+
+
+@pytest.fixture
+def elsewhere(monkeypatch):
+    monkeypatch.setattr(compilation, 'COUNTS_CYCLES', False)
+    monkeypatch.setattr(platform, 'machine', lambda: 'aarch64')
+
+
+def counter():
+    return compilation._time_stamp()
+
+
+@pytest.mark.skipif(not compilation.COMPILES, reason='nothing is compiled')
+def test_cycles_are_not_counted_on_other_processors(elsewhere):
+    assert numba.njit(counter)() == 0
+
+
+@pytest.mark.skipif(not compilation.COUNTS_CYCLES, reason='not an x86_64 processor')
+def test_cycles_are_counted_here():
+    count = numba.njit(counter)
+    assert 0 < count() < count()

@@ -1,0 +1,68 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""How gaps are closed by a move of the configuration, as in `closing`, in dense NumPy."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from oracle.joint_drift import without_drift
+from snake_sim_ros.contact.closing import closed_gap, left_gap, MOST_CLOSED, MOST_MOVES
+from snake_sim_ros.dynamics.force_directions import scene_gaps
+from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.rotations import product
+
+
+class Closing(NamedTuple):
+    """How links move under fictitious normal impulses, at the middle of a step."""
+
+    W_N: Array  # (6n, k) of the active contacts
+    W_J: Array  # (6n, 4(n-1))
+    M_inv: Array  # (6n, 6n)
+    R: Array  # (n, 3, 3) link frames in I
+    compliance: float  # [1/kg]
+
+    def moves(self, closes: Array, gap: Array) -> tuple[Array, Array]:
+        """Return the moves (n, 3) [m] and turns in I (n, 3) [rad] that close gaps of a mask."""
+        response = self.M_inv @ self.W_N[:, closes]
+        P_J = np.linalg.solve(self.W_J.T @ self.M_inv @ self.W_J, -self.W_J.T @ response)
+        response += self.M_inv @ self.W_J @ P_J
+        G = self.W_N[:, closes].T @ response + self.compliance * np.eye(closes.sum())
+        move = (response @ np.linalg.solve(G, -gap[closes])).reshape(-1, 6)
+        return move[:, :3], np.einsum('ijk,ik->ij', self.R, move[:, 3:])
+
+
+def with_closed_gaps(
+    scene: Scene, closing: Closing, active: Array, start_gap: Array, loaded: Array, q: Array,
+    furthest: Array,
+) -> Array:  # fmt: skip
+    """
+    Return the coordinates at the end of a step of the paper, without gaps of loaded contacts.
+
+    Parameters
+    ----------
+    scene : Scene
+    closing : Closing
+    active : ndarray, shape (k,)
+        Numbers of the contacts of the step.
+    start_gap : ndarray, shape (k,)
+        Gap of a contact that is deep at the start, else 0 [m].
+    loaded : ndarray, shape (k,)
+        Mask of those that carry load. Others are closed if they are inside.
+    q : ndarray, shape (n, 7)
+    furthest : ndarray, shape (n-1, 2)
+        Largest joint angles to either side.
+
+    """
+    q, closed = q.copy(), closed_gap(scene.solver.activation_tolerance, scene.dt)
+    for _ in range(MOST_MOVES if closed > 0.0 else 0):
+        gap = scene_gaps(scene, q)[active] - start_gap
+        closes = (np.abs(gap) <= MOST_CLOSED) & ((gap < 0.0) | loaded)
+        if not np.abs(gap[closes]).max(initial=0.0) > left_gap(closed):
+            break
+        move, turn = closing.moves(closes, gap)
+        p = np.hstack([np.ones((len(q), 1)), turn / 2])
+        q[:, :3] += move
+        q[:, 3:] = product(p / np.linalg.norm(p, axis=1, keepdims=True), q[:, 3:])
+        q = without_drift(scene.robot, q, scene.drift_correction, furthest)
+    return q

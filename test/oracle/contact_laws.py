@@ -1,0 +1,145 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The contact laws of a step solved on a dense Delassus operator in NumPy, for `bdf2_reference`.
+
+Impulses of a contact are scaled with its coefficients of friction, P = (P_N, P_T/mu, P_V/mu_V), so
+that the admissible sets are a half line and two discs of radius P_N, section V of the paper. Where
+friction differs forward and backward, mu is the larger of both coefficients along the link, and
+the disc of sliding is flattened on the side of the smaller one, to a `share` of its radius.
+"""
+
+import math
+
+import numpy as np
+
+from snake_sim_ros.contact.laws import prox_ellipse
+from snake_sim_ros.scene.parameters import Array
+
+EPS = float(np.finfo(float).eps)
+ROUNDS, SWEEPS, ITERATIONS = 40, 25, 30
+# Share of 1/r by which an iteration is compliant about the one before. It changes no solution.
+PROXIMAL = 1e-8
+TINY = 1e-100  # half axes up to it count as zero
+WHOLE = np.ones(2)  # share of the disc on both sides: all of it
+
+
+def solve_laws(G: Array, c: Array, share: Array) -> Array:
+    """
+    Return impulses P (5k,) with ``P = prox_C(P - r (G P + c))`` for all contacts, section V.
+
+    `share`, shape (k, 2), is that of the disc on its sides of negative and of positive x.
+    Gauss-Seidel sweeps come near the solution, Newton's method goes on. G is singular where
+    friction is not unique; there the iterations are proximal.
+    """
+    r = 1.0 / np.maximum(np.diag(G).reshape(-1, 5), 1e-3 * np.diag(G).max(initial=1e-300))
+    r[:, 1:3], r[:, 3:] = r[:, 1:3].min(1, keepdims=True), r[:, 3:].min(1, keepdims=True)
+    P, best, least = np.zeros(len(c)), np.zeros(len(c)), np.inf
+    enough = 4 * EPS * np.abs(c).max(initial=0.0)
+    for _ in range(ROUNDS if len(c) else 0):
+        P = swept(G, c, r, P, share)
+        trial = P
+        for _ in range(ITERATIONS):
+            x = trial.reshape(-1, 5) - r * (G @ trial + c).reshape(-1, 5)
+            change = trial - np.concatenate([prox(*row) for row in zip(x, share, strict=True)])
+            error = float(np.abs(change / r.ravel()).max())
+            if error < least:
+                best, least = trial - change, error
+            if not error > enough:
+                break
+            slope = block_diagonal([prox_slope(*row) for row in zip(x, share, strict=True)])
+            J = np.eye(len(c)) - slope @ ((1.0 - PROXIMAL) * np.eye(len(c)) - r.reshape(-1, 1) * G)
+            trial = trial - np.linalg.solve(J, change)
+        if least <= 1e3 * enough:
+            break
+    return best
+
+
+def swept(G: Array, c: Array, r: Array, P: Array, share: Array) -> Array:
+    """Return impulses after some sweeps of projections, one contact after the other."""
+    P = P.copy()
+    for _ in range(SWEEPS):
+        for a in range(len(r)):
+            rows = slice(5 * a, 5 * a + 5)
+            P[rows] = prox(P[rows] - r[a] / 2 * (G[rows] @ P + c[rows]), share[a])
+    return P
+
+
+def prox(x: Array, share: Array = WHOLE) -> Array:
+    """Return the projection of scaled impulses (5,) on a half line and two discs, section V."""
+    P = x.copy()
+    P[0] = max(0.0, x[0])
+    for part in (slice(1, 3), slice(3, 5)):
+        length = math.hypot(*x[part])
+        if length > P[0]:
+            P[part] *= P[0] / length
+    side = share[int(x[1] > 0.0)]
+    if side < 1.0:
+        P[1:3] = prox_ellipse(x[1], x[2], side * P[0], P[0])
+    return P
+
+
+def prox_slope(x: Array, share: Array = WHOLE) -> Array:
+    """Return the derivative of `prox` at x, shape (5, 5)."""
+    slope = np.zeros((5, 5))
+    if x[0] <= 0.0:
+        return slope
+    slope[0, 0] = 1.0
+    for part in (slice(1, 3), slice(3, 5)):
+        length = float(np.linalg.norm(x[part]))
+        slope[part, part] = np.eye(2)
+        if length > x[0]:
+            e = x[part] / length
+            slope[part, part] = x[0] / length * (np.eye(2) - np.outer(e, e))
+            slope[part, 0] = e
+    side = share[int(x[1] > 0.0)]
+    if side < 1.0:
+        slope[1:3, :3] = ellipse_slope(x, side)
+    return slope
+
+
+def ellipse_slope(x: Array, side: float) -> Array:
+    """
+    Return the derivative of ``prox(x)[1:3]`` by x[:3] where the half axes are (side, 1) x[0].
+
+    The nearest point is ``e = a^2 x/(a^2 + t)``. It moves along the ellipse in proportion to
+    ``T = a^2/(a^2 + t)`` less its part along the normal n of the ellipse, and out with the radius.
+    """
+    slope, radius = np.zeros((2, 3)), x[0]
+    e = np.array(prox_ellipse(x[1], x[2], side * radius, radius))
+    if np.array_equal(e, x[1:3]):
+        slope[:, 1:] = np.eye(2)
+        return slope
+    if side * radius <= TINY:  # flat: only the other component is free, up to the radius
+        slope[1, 2], slope[1, 0] = float(abs(x[2]) <= radius), np.sign(x[2]) * (abs(x[2]) > radius)
+        return slope
+    square = radius**2 * np.array([side**2, 1.0])
+    n = e / square
+    t = float((x[1:3] - e) @ n / (n @ n))
+    T = square / (square + t)
+    push = T * n / float(n @ (T * n))  # how e moves if the ellipse grows
+    slope[:, 1:] = np.diag(T) - np.outer(push, T * n)
+    slope[:, 0] = (e - slope[:, 1:] @ x[1:3]) / radius  # of degree 1 in x and the radius
+    return slope
+
+
+def block_diagonal(squares: list[Array]) -> Array:
+    """Return a matrix with the given squares on its diagonal."""
+    size = len(squares[0])
+    matrix = np.zeros((size * len(squares), size * len(squares)))
+    for a, square in enumerate(squares):
+        matrix[size * a : size * a + size, size * a : size * a + size] = square
+    return matrix
+
+
+def prox_half_ellipses(
+    x: float, y: float, forward: float, backward: float, b: float
+) -> tuple[float, float]:
+    """
+    Return the nearest point of two half ellipses: Coulomb friction that differs along a line.
+
+    The half axis along x is `forward` where x is negative, against sliding forward, and `backward`
+    where x is positive; both halves have the half axis b along y. The set is convex. The nearest
+    point lies on the side of x, and is that of the whole ellipse of this side, which is symmetric.
+    """
+    return prox_ellipse(x, y, backward if x > 0.0 else forward, b)

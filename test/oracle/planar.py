@@ -1,0 +1,329 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The time step of the planar level in dense NumPy, with which the compiled one is tested.
+
+It shares no algebra with the compiled step: joints are constraints with W_J and P_J as in
+`stepping.reference`, and the pseudoinverse gives the least-norm solution of the equilibrium.
+The velocities of a link are (v_x, v_y, omega) in the plane and (v_z, omega_x, omega_y) out of it.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from oracle.contact_laws import prox_half_ellipses
+from oracle.joint_laws import dense_laws, DenseLaws, solve_laws_of_axes
+from snake_sim_ros.dynamics.joint_control import pd_law
+from snake_sim_ros.scene.obstacles import floor_friction
+from snake_sim_ros.scene.parameters import Array, PD_SCHEMES, Scene
+from snake_sim_ros.stepping.planar.model import (
+    PlanarMemory,
+    PlanarModel,
+    PlanarWorkspace,
+    ROLL_LIMIT,
+)
+from snake_sim_ros.stepping.planar.moreau import SLIP_MEMORY
+from snake_sim_ros.stepping.pushes import PushTable
+from snake_sim_ros.stepping.samples import row_after
+from snake_sim_ros.stepping.steps import Steps
+
+BALANCE = 1e-9  # largest error of the balance by rounding, as a share of the load
+RANK = 1e-9  # below it a singular value, or the bend of a joint for a unit of roll, is rounding
+
+
+def centers(q: Array, half: Array) -> Array:
+    """Return the link centers of planar coordinates [m], shape (n, 2)."""
+    reach = half[:, None] * np.column_stack([np.cos(q[2:]), np.sin(q[2:])])
+    joints = np.vstack([np.zeros(2), np.cumsum(2 * reach, axis=0)[:-1]])
+    return np.asarray(q[:2] - reach[0] + joints + reach)
+
+
+def flat_frames(theta: Array) -> Array:
+    """Return the frames B in I of links with some headings, shape (n, 3, 3)."""
+    c, s, zero, one = np.cos(theta), np.sin(theta), 0.0 * theta, 1.0 + 0.0 * theta
+    return np.moveaxis(np.array([[-s, zero, c], [c, zero, s], [zero, one, zero]]), 2, 0)
+
+
+def directions(theta: Array, half: Array, offset: Array) -> tuple[Array, Array, Array]:
+    """
+    Return W_J, W_T and W_tau in the plane: ``W^T u`` are velocities of joints, sliding and yaw.
+
+    Shapes (3n, 2(n-1)), (3n, 4n), (3n, n-1); contacts are numbered as in eq. (10).
+    """
+    n = len(theta)
+    W_J, W_T, W_tau = (
+        np.zeros((3 * n, 2 * n - 2)),
+        np.zeros((3 * n, 4 * n)),
+        np.zeros((3 * n, n - 1)),
+    )
+    for i, (c, s) in enumerate(zip(np.cos(theta), np.sin(theta), strict=True)):
+        row, across = 3 * i, np.array([-s, c])
+        for a, arm in ((i, offset[i]), (n + i, -offset[i])):
+            W_T[row : row + 2, 2 * a], W_T[row : row + 2, 2 * a + 1] = (c, s), across
+            W_T[row + 2, 2 * a + 1] = arm
+        for j, sign in ((i, 1.0), (i - 1, -1.0)):  # the joint at the front, the one at the rear
+            if 0 <= j < n - 1:
+                W_J[row : row + 2, 2 * j : 2 * j + 2] = sign * np.eye(2)
+                W_J[row + 2, 2 * j : 2 * j + 2] = half[i] * across
+                W_tau[row + 2, j] = -sign
+    return W_J, W_T, W_tau
+
+
+def upright_directions(theta: Array, half: Array, offset: Array) -> tuple[Array, Array, Array]:
+    """
+    Return W_J, W_N and the pitch axes out of the plane, shapes (3n, 2(n-1)), (3n, 2n), (3n, n-1).
+
+    A joint lets its links turn against each other about e_x of the outer one only.
+    """
+    n = len(theta)
+    W_J, W_N, axes = (
+        np.zeros((3 * n, 2 * n - 2)),
+        np.zeros((3 * n, 2 * n)),
+        np.zeros((3 * n, n - 1)),
+    )
+    heading = np.column_stack([np.cos(theta), np.sin(theta)])
+    for i, (c, s) in enumerate(heading):
+        row = 3 * i
+        for a, arm in ((i, offset[i]), (n + i, -offset[i])):
+            W_N[row : row + 3, a] = 1.0, arm * s, -arm * c
+        for j, sign in ((i, 1.0), (i - 1, -1.0)):
+            if 0 <= j < n - 1:
+                x, y = heading[j + 1]
+                W_J[row : row + 3, 2 * j] = sign, half[i] * s, -half[i] * c
+                W_J[row + 1 : row + 3, 2 * j + 1] = sign * x, sign * y
+                axes[row + 1 : row + 3, j] = sign * y, -sign * x
+    return W_J, W_N, axes
+
+
+def loads_from_friction(
+    theta: Array, half: Array, offset: Array, pitch_stiffness: Array, wrench: Array
+) -> tuple[Array, Array, float]:
+    """
+    Return the normal impulses of least norm that balance a wrench out of the plane (3n,).
+
+    The pitch joints hold the motions that neither contacts nor joint constraints resist: one in
+    which all links roll together and, where both spheres of every link are at its center, another
+    in which they pitch to and fro. Their torques are those of springs of their stiffness.
+
+    Returns
+    -------
+    P_N : ndarray, shape (2n,)
+    torque : ndarray, shape (n-1,)
+        Impulses of the pitch joints [N m s].
+    roll : float
+        Largest roll of a link under these torques, with the sign of that of the middle link
+        [rad s]; infinite if they do not hold the robot.
+
+    """
+    from scipy.linalg import null_space  # 0.1 s, for which no other start should wait
+
+    W_J, W_N, axes = upright_directions(theta, half, offset)
+    rolling = null_space(np.hstack([W_J, W_N]).T, rcond=RANK)
+    bend = axes.T @ rolling
+    bend[np.abs(bend) <= RANK] = 0.0  # a straight robot rolls without bending, but for rounding
+    held = pitch_stiffness[:, None] * bend
+    free = null_space(np.hstack([W_J, axes @ held]).T, rcond=RANK)
+    P_N = np.linalg.pinv(free.T @ W_N, rcond=RANK) @ (-free.T @ wrench)
+    rest = -(wrench + W_N @ P_N)
+    resisting = np.hstack([W_J, axes @ held])
+    parts = np.linalg.lstsq(resisting, rest, rcond=None)[0]
+    turned = parts[W_J.shape[1] :]
+    heading = np.column_stack([np.cos(theta), np.sin(theta)])
+    roll = np.einsum('ik,ik->i', (rolling @ turned).reshape(len(theta), 3)[:, 1:], heading)
+    balanced = np.abs(resisting @ parts - rest).max() <= BALANCE * np.abs(wrench).max()
+    largest = math.copysign(np.abs(roll).max() if balanced else math.inf, roll[len(theta) // 2])
+    return P_N, held @ turned, largest
+
+
+def slips_too_far(model: PlanarModel, roll: float, u: Array, memory: PlanarMemory) -> bool:
+    """Return whether contacts slip too far, as `moreau.slips_too_far`; if not, note how far."""
+    left = 1.0 / (1.0 + model.dt / SLIP_MEMORY)
+    way = (
+        left * memory.way[0] + model.dt * np.linalg.norm(model.mass @ u[:, :2]) / model.mass.sum()
+    )
+    slip = left * memory.slip[0] + model.radius * abs(roll - memory.roll[0])
+    if slip > model.radius * ROLL_LIMIT + model.most_slip * way:
+        return True
+    memory.roll[0], memory.slip[0], memory.way[0] = roll, slip, way
+    return False
+
+
+class Terms(NamedTuple):
+    """The terms of the balance in the plane at the middle of a step."""
+
+    theta: Array  # (n,) headings [rad]
+    friction: Array  # (2n, 3) coefficients forward, backward and across the link
+    W_J: Array  # (3n, 2(n-1))
+    W_T: Array  # (3n, 4n)
+    W_tau: Array  # (3n, n-1)
+    M: Array  # (3n, 3n)
+    momentum: Array  # (3n,) without the joint axes
+    laws: DenseLaws  # of the yaw axes (n-1, 1)
+    M_inv: Array  # (3n, 3n) with the implicit part of the laws of the axes
+
+
+class Solution(NamedTuple):
+    """Result of the iteration of a step."""
+
+    u_E: Array  # (3n,) velocities
+    P_N: Array  # (2n,) [N s]
+    P_T: Array  # (2n, 2) [N s]
+    pitch_torque: Array  # (n-1,) impulses of the pitch joints [N m s]
+    roll: float  # see loads_from_friction [rad s]
+    iterations: int
+    converged: bool
+    residual: float  # [m/s]
+
+
+class DenseLoop:
+    """The loop of `stepper.PlanarStepper` in NumPy."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.pitch = scene.robot.per_joint('stiffness')[:, 1]
+
+    def __call__(self, model: PlanarModel, work: PlanarWorkspace, steps: Steps) -> None:
+        """Take the steps up to the first that is not planar."""
+        record = steps.record
+        for k, (angle, rate) in enumerate(zip(steps.angle, steps.rate, strict=True)):
+            pushes = steps.pushes.after(k)
+            terms = self.terms(model, steps.q, steps.u, angle[:, 0], rate[:, 0], pushes)
+            solution, yaw_torque = self.solve(model, terms, steps)
+            if not self.finish(model, work, steps, terms, solution, yaw_torque):
+                steps.report['not_planar'][:] = 1
+                break
+            row = row_after(k, record.every, record.first, len(record.span))
+            if row >= 0:
+                record.q[row], record.u[row] = steps.q, steps.u
+                record.torque[row] = work.applied / self.scene.dt
+                record.impulse[row], record.span[row] = steps.history.impulse, self.scene.dt
+
+    def solve(self, model: PlanarModel, terms: Terms, steps: Steps) -> tuple[Solution, Array]:
+        """Return the solution of a step with the laws of its joints, and the yaw impulses."""
+        impulse = steps.history.impulse
+
+        def solve(torque: Array, damping: Array, limit: int) -> tuple[Array, Solution, int]:
+            known = self.with_law(terms, torque[:, 0], damping[:, 0])
+            found = self.iterate(model, known, impulse[:, 0], impulse[:, 1:3], limit)
+            turn = np.diff(found.u_E.reshape(-1, 3)[:, 2])[:, None]
+            return turn, found, found.iterations
+
+        turn, inertia = np.diff(steps.u[:, 2])[:, None], model.joint_laws.inertia
+        found, turn, _, iterations, settled = solve_laws_of_axes(
+            terms.laws, inertia, turn, solve, model.iteration_limit
+        )
+        converged = found.converged and settled
+        found = found._replace(iterations=iterations, converged=converged)
+        return found, terms.laws.controller(turn)[:, 0]
+
+    def terms(
+        self, model: PlanarModel, q: Array, u: Array, angle: Array, rate: Array,
+        pushes: PushTable,
+    ) -> Terms:  # fmt: skip
+        """Return the terms of the balance at the middle of a step, for yaw references (n-1,)."""
+        dt, scheme = self.scene.dt, PD_SCHEMES.index(self.scene.pd_scheme)
+        theta = q[2:] + dt / 2 * u[:, 2]
+        W_J, W_T, W_tau = directions(theta, model.half_length, model.offset)
+        center = centers(np.concatenate([q[:2] + dt / 2 * u[0, :2], theta]), model.half_length)
+        arm = model.offset[:, None] * np.column_stack([np.cos(theta), np.sin(theta)])
+        points = np.vstack([center + arm, center - arm])
+        friction = np.array([floor_friction(self.scene, *point)[:3] for point in points])
+        mass = np.column_stack([model.mass, model.mass, model.inertia]).ravel()
+        start, turn = np.diff(q[2:]), np.diff(u[:, 2])
+        law = [
+            pd_law(scheme, dt, (start[j], turn[j]), (start[j] + dt / 2 * turn[j], turn[j]),
+                   (angle[j], rate[j]), model.stiffness[j], model.damping[j])
+            for j in range(len(start))
+        ]  # fmt: skip
+        torque, damping = np.array(law).reshape(-1, 2).T * dt
+        angle_mid, stop = (start + dt / 2 * turn)[:, None], model.joint_laws.stop
+        low = np.where(angle_mid <= -stop, 0.0, -np.inf)
+        high = np.where(angle_mid >= stop, 0.0, np.inf)
+        laws = dense_laws(model.joint_laws, dt, torque, damping, low, high)
+        force = pushes.generalized(pushes.step(), flat_frames(theta)).reshape(-1, 6)
+        M, momentum = np.diag(mass), mass * u.ravel() + dt * force[:, [0, 1, 4]].ravel()
+        return Terms(theta, friction, W_J, W_T, W_tau, M, momentum, laws, M)
+
+    def with_law(self, terms: Terms, torque: Array, damping: Array) -> Terms:
+        """Return the terms with impulses (n-1,) [N m s] and dampings of the yaw axes."""
+        W_tau = terms.W_tau
+        return terms._replace(
+            M_inv=np.linalg.inv(terms.M + (W_tau * damping) @ W_tau.T),
+            momentum=terms.momentum + W_tau @ torque,
+        )
+
+    def iterate(
+        self, model: PlanarModel, terms: Terms, normal: Array, tangential: Array, limit: int
+    ) -> Solution:
+        """Iterate loads and friction from some impulses, up to `limit` times, eqs. (84)-(93)."""
+        solver, (theta, _, W_J, W_T, _, _, momentum, _, M_inv) = self.scene.solver, terms
+        n, half, offset = len(theta), model.half_length, model.offset
+        reaction = M_inv @ W_J @ np.linalg.inv(W_J.T @ M_inv @ W_J) if n > 1 else W_J
+        c, s = np.cos(theta), np.sin(theta)
+        iterations, change = 0, math.inf
+        while not change < solver.tolerance and iterations < limit:
+            u_E = M_inv @ (momentum + W_T @ tangential.ravel())
+            u_E = u_E - reaction @ (W_J.T @ u_E)
+            along, across = (tangential[:n] + tangential[n:]).T
+            wrench = np.zeros((n, 3))
+            wrench[:, 0] = model.mass * model.fall
+            wrench[:, 1] = model.radius * (s * along + c * across)
+            wrench[:, 2] = -model.radius * (c * along - s * across)
+            P_N, held, roll = loads_from_friction(theta, half, offset, self.pitch, wrench.ravel())
+            P_T = self.project(tangential, (W_T.T @ u_E).reshape(-1, 2), P_N, terms.friction)
+            change = float(np.linalg.norm(P_N - normal) + np.linalg.norm(P_T - tangential))
+            residual = float(np.linalg.norm(P_T - tangential, axis=1).max() / solver.r_sliding)
+            normal, tangential = P_N, P_T
+            iterations += 1
+        converged = change < solver.tolerance
+        return Solution(u_E, normal, tangential, held, roll, iterations, converged, residual)
+
+    def project(self, P: Array, gamma: Array, P_N: Array, friction: Array) -> Array:
+        """Return the friction impulses (2n, 2) after one projection, for given loads (2n,)."""
+        radii = friction * np.maximum(P_N, 0.0)[:, None]
+        pairs = zip(P - self.scene.solver.r_sliding * gamma, radii, strict=True)
+        return np.array([prox_half_ellipses(*x, *radius) for x, radius in pairs])
+
+    def finish(
+        self,
+        model: PlanarModel,
+        work: PlanarWorkspace,
+        steps: Steps,
+        terms: Terms,
+        found: Solution,
+        yaw_torque: Array,
+    ) -> bool:
+        """Move to the end of the step and report it, unless it is not planar; return whether."""
+        q, u, history, dt = steps.q, steps.u, steps.history, self.scene.dt
+        standing, report, roll = work.standing, steps.report[0], found.roll / dt
+        work.contacts['impulse'][:, 0] = found.P_N
+        standing['least_load'][:], standing['roll'][:] = found.P_N.min(), roll
+        standing['part'][:], standing['slips'][:] = 1.0, 0
+        laws = model.joint_laws
+        most = dt * (laws.torque_limit + laws.friction)[:, 1]
+        standing['overloaded'][:] = (np.abs(found.pitch_torque) > most).any()
+        if standing['overloaded'][0]:
+            return False
+        if not (found.P_N.min() > 0.0 and abs(roll) <= model.most_roll):
+            return False
+        u_E = found.u_E.reshape(-1, 3)
+        if model.held and slips_too_far(model, roll, u_E, history.memory):
+            standing['slips'][:] = 1
+            return False
+        history.impulse[:, 0], history.impulse[:, 1:3] = found.P_N, found.P_T
+        half = model.half_length
+        held_point = model.share @ (centers(q, half) + dt / 2 * (u + u_E)[:, :2])
+        q[2:] += dt / 2 * (u + u_E)[:, 2]
+        q[:2] += held_point - model.share @ centers(q, half)  # section VII-C
+        u[:] = u_E
+        work.applied[:] = np.column_stack([yaw_torque, found.pitch_torque])
+        report['steps'] += 1
+        report['iterations'] += found.iterations
+        report['unconverged'] += not found.converged
+        report['iterations_max'] = max(report['iterations_max'], found.iterations)
+        largest = max(report['residual_max'], found.residual)
+        report['residual_max'] = report['printed_residual_max'] = largest
+        report['contacts'] = len(found.P_N)
+        return True

@@ -1,0 +1,421 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The fit of friction and gains to recordings that are made, and what it says of its certainty."""
+
+from dataclasses import replace
+import json
+import math
+from pathlib import Path
+import re
+import shlex
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from random_states import random_parameters
+from recorded_messages import gait_commands, state_messages, write_messages
+
+from snake_sim_ros.commands.main import main
+from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.checked_records import flat_fields, ParameterError
+from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, with_settings
+from snake_sim_ros.scene.posture import chain_coordinates, joint_angles, joint_rates
+from snake_sim_ros.scene.rotations import about, product, rotation_matrices
+from snake_sim_ros.stepping.simulation import run, Simulation
+from snake_sim_ros.studies.fit import Fit, fit, scene_at, Unknown, unknowns_of
+from snake_sim_ros.studies.judgement import judge, what_is_not_determined
+from snake_sim_ros.studies.recorded_motion import read_recording
+from snake_sim_ros.studies.replay import (
+    ALIGNED,
+    aligned,
+    between,
+    Measured,
+    Replay,
+    ReplaySettings,
+    Residual,
+    start_state,
+    with_fit_steps,
+    with_noise,
+)
+
+PAGE = (Path(__file__).resolve().parents[2] / 'docs' / 'fit.md').read_text(encoding='utf-8')
+SETTINGS = ReplaySettings(segment=2.0, burn_in=1.5)
+DURATION, RATE = 7.7, 50.0  # s, Hz
+BOTH = ['friction.longitudinal', 'friction.transversal']
+ALL = [*BOTH, 'robot.yaw_stiffness']
+
+
+def recording_of(scene, folder):
+    """Return the bag of a run of a scene, read for a fit."""
+    path = folder / 'run.mcap'
+    if not path.exists():
+        simulation = replace(with_fit_steps(scene), duration=DURATION)
+        trajectory = run(simulation, rate=RATE)
+        motion = MadeOf(trajectory)
+        messages = [*gait_commands(scene, trajectory.time), *state_messages(motion)]
+        write_messages(path, messages, scene)
+    return read_recording(path)
+
+
+class MadeOf:
+    """What a trajectory has, by the names of a recording."""
+
+    def __init__(self, trajectory):
+        self.joint_time = self.pose_time = trajectory.time
+        self.joint_angle = trajectory.joint_angle
+        self.position, self.orientation = trajectory.position, trajectory.orientation
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp('recordings')
+
+
+@pytest.fixture(scope='module')
+def recording(folder):
+    """Return what was recorded of case A, without noise."""
+    return recording_of(load_scene('lateral_undulation'), folder)
+
+
+def replay_of(recording, seed=None, **start):
+    """Return the replay of a recording with noise."""
+    if seed is not None:
+        recording = with_noise(recording, SETTINGS.noise_position, SETTINGS.noise_angle, seed)
+    scene = with_settings(with_fit_steps(recording.scene), start)
+    return Replay(recording, scene, SETTINGS, 'interpolated')
+
+
+@pytest.fixture(scope='module')
+def found(recording):
+    """Return the fit of three values to a noisy recording, from far off."""
+    start = {'friction.longitudinal': 0.2, 'robot.yaw_stiffness': 60.0}
+    replay = replay_of(recording, seed=1, **start)
+    return fit(replay, unknowns_of(replay.scene, ALL))
+
+
+# ---- the fit ------------------------------------------------------------------------------------
+
+
+def test_it_finds_the_truth_within_its_intervals(recording, found):
+    truth = np.array([flat_fields(recording.scene)[name][0] for name in ALL])
+    judgement = judge(found)
+    # Four standard deviations are exceeded in 6 of 100 000 recordings; this one has a fixed seed.
+    off = np.log(np.array(found.values) / truth)
+    assert (np.abs(off) < 4 * judgement.deviation).all()
+    # The ratio of the coefficients is determined much better than each.
+    assert abs(off[1] - off[0]) < 0.2 * judgement.deviation.max()
+    assert judgement.failures == ()
+    for name, size in judgement.size.items():
+        assert size == pytest.approx(1.0, abs=0.03), name
+    # Both intervals are as wide as each other up to the uncertainty of few segments.
+    widths = [np.ptp(np.log(part), axis=1) for part in (judgement.interval, judgement.bootstrap)]
+    assert (widths[1] < 6 * widths[0]).all() and (widths[1] > 0.1 * widths[0]).all()
+    assert judgement.correlation == pytest.approx(judgement.correlation.T)
+    assert np.diag(judgement.correlation) == pytest.approx(np.ones(3))
+
+
+def test_it_finds_the_exact_truth_without_noise(recording):
+    replay = replay_of(recording, **{'friction.longitudinal': 0.15})
+    exact = fit(replay, unknowns_of(replay.scene, BOTH), threads=1)
+    # Integration by steps of 0.01 s and references between commands are all that is off.
+    assert exact.values == pytest.approx([0.1, 0.5], rel=1e-3)
+    judgement = judge(exact)
+    assert judgement.failures == ()
+    assert max(judgement.size.values()) < 0.01
+
+
+def test_threads_and_repetitions_give_the_same_bits(recording):
+    values = []
+    for threads in (1, 2):
+        replay = replay_of(recording, seed=3)
+        values.append(fit(replay, unknowns_of(replay.scene, BOTH[:1]), threads=threads).values)
+    assert values[0] == values[1]
+
+
+def test_what_hardly_matters_is_said(found):
+    sentences = what_is_not_determined(found, judge(found))
+    assert sentences[-1].startswith(
+        'a common change of friction.longitudinal, friction.transversal and robot.yaw_stiffness '
+        'hardly matters: 10 % change the motion by'
+    )
+    assert judge(found).singular[0] > 50 * judge(found).singular[-1]
+
+
+def test_friction_hardly_matters_in_case_b(tmp_path):
+    recording = recording_of(load_scene('lateral_undulation_isotropic'), tmp_path)
+    replay = replay_of(recording, seed=2)
+    names = ['friction.longitudinal=friction.transversal', 'robot.yaw_damping']
+    result = fit(replay, unknowns_of(replay.scene, names))
+    damping, friction = sorted(what_is_not_determined(result, judge(result)), reverse=True)
+    assert damping.startswith('the recording does not determine robot.yaw_damping: its standard')
+    assert friction.startswith(f'{names[0]} hardly matters: 10 % change the motion by')
+
+
+def test_a_wrong_model_fails_the_test_of_residuals(recording):
+    # Halfway the floor changes: both coefficients by a fifth, their ratio stays.
+    scene = with_fit_steps(recording.scene)
+    simulation, q = Simulation(scene), []
+    steps = round(1.0 / RATE / scene.dt)
+    for moment in recording.joint_time:
+        if moment > DURATION / 2 and simulation.scene is scene:
+            simulation.change(with_settings(scene, dict(zip(BOTH, (0.08, 0.4), strict=True))))
+        q.append(simulation.state.q)
+        times = simulation.midpoints(steps)
+        simulation.advance(*gait.reference(scene.gait, times, scene.robot.link_count - 1))
+    q = np.array(q)
+    changed = replace(recording, joint_angle=joint_angles(q), position=q[..., :3],
+                      orientation=q[..., 3:])  # fmt: skip
+    replay = replay_of(changed, seed=1)
+    judgement = judge(fit(replay, unknowns_of(replay.scene, BOTH)))
+    assert any('parts of the recording ask for different values' in x for x in judgement.failures)
+
+
+def test_a_wrong_statement_of_noise_is_found(found):
+    noisy = replace(found, residuals=[
+        item._replace(poses=2.0 * item.poses) for item in found.residuals
+    ])  # fmt: skip
+    (first, second, *_) = judge(noisy).failures
+    assert re.match('positions are off by (1.9|2)', first)
+    assert second.startswith('orientations are off by')
+
+
+def test_a_global_stage_finds_the_way_from_far_off(recording):
+    pytest.importorskip('cma')
+    replay = replay_of(recording, seed=1, **{'friction.transversal': 1.5, 'level': 'planar'})
+    unknowns = unknowns_of(replay.scene, ['friction.transversal'])
+    result = fit(replay, unknowns, globally=12, seed=4)
+    assert result.values == pytest.approx([0.5], rel=0.05)
+
+
+def test_a_value_at_its_bound_is_said(recording):
+    replay = replay_of(recording, **{'friction.rolling': 0.0})
+    scene = replay.scene
+    (unknown,) = unknowns_of(scene, ['robot.yaw_damping'])
+    narrow = replace(unknown, start=0.5, low=0.4, high=0.6)
+    assert fit(replay, (narrow,)).at_bound == ('robot.yaw_damping',)
+
+
+# ---- its parts ----------------------------------------------------------------------------------
+
+
+def test_states_between_are_cubic_in_time():
+    # x = t^3 and a turn about z by a constant rate: the first is met exactly, the second up to the
+    # fourth derivative of cos(t/2) over 384, h^4/(16 * 384).
+    h, times = 0.1, np.array([0.0, 0.03, 0.1, 0.17])
+    q, u = np.zeros((3, 1, 7)), np.zeros((3, 1, 6))
+    for k in range(3):
+        q[k, 0, 0], u[k, 0, 0] = (k * h) ** 3, 3 * (k * h) ** 2
+        q[k, 0, 3:], u[k, 0, 5] = (-1) ** k * about(2, k * h), 1.0
+    found = between(q, u, h, times)
+    assert found[:, 0, 0] == pytest.approx(times**3, abs=1e-15)
+    turns = np.array([about(2, t) for t in times])
+    assert np.abs((found[:, 0, 3:] * turns).sum(axis=1)) == pytest.approx(1.0, abs=1e-10)
+    off = found[:, 0, 3:] * np.sign((found[:, 0, 3:] * turns).sum(axis=1))[:, None] - turns
+    assert np.abs(off).max() < h**4 / (16 * 384)
+
+
+def test_alignment_removes_a_motion_of_the_whole_path(recording):
+    segment = replay_of(recording).segments[0]
+    q = np.concatenate([segment.position, segment.orientation], axis=-1)
+    turn = about(2, 0.3)
+    q[..., :3] = q[..., :3] @ rotation_matrices(turn).T + [0.2, -0.1, 0.05]
+    q[..., 3:] = product(np.broadcast_to(turn, (*q.shape[:2], 4)), q[..., 3:])
+    assert np.abs(aligned(segment, q, 1e-3, 8.7e-3)).max() < 1e-9
+
+
+@pytest.mark.parametrize('is_flat', [True, False])
+def test_a_chain_that_was_measured_spinning_starts_with_its_spin(is_flat):
+    # Link 1 turns about the vertical at omega, each yaw joint turns at its rate besides: link i
+    # turns at omega plus the rates before it. In space the whole robot rolls about e_x, too.
+    robot = Robot(link_count=4)
+    omega = np.array([0.0 if is_flat else 0.4, 0.0, 0.7])  # rad/s, in I
+    angle, rate = np.zeros((2, 3, 2))
+    angle[:, 0], rate[:, 0] = [0.3, -0.5, 0.2], [0.9, -0.4, 0.6]
+    q = chain_coordinates(robot, angle)
+    p, v = q[:1, 3:], np.array([0.2, -0.1, 0.0])
+    turning = product(np.array([0.0, *omega]), p[0]) / 2  # p' = (0, omega) p/2
+    measured = Measured(
+        angle=np.array([angle, rate]), links=np.array([0]),
+        position=np.array([q[:1, :3], v[None]]), orientation=np.array([p, turning[None]]),
+    )  # fmt: skip
+    state = start_state(Scene(robot=robot), measured, is_flat=is_flat)
+    R = rotation_matrices(state.q[:, 3:])
+    yaw_axes = R[:-1, :, 1] * rate[:, :1]
+    expected = omega + np.vstack([np.zeros(3), np.cumsum(yaw_axes, axis=0)])
+    # Central differences over 1 ms: h^2/6 omega^3, with up to 3 rad/s.
+    assert np.abs(np.einsum('nij,nj->ni', R, state.u[:, 3:]) - expected).max() < 27 * 1e-6 / 6
+    assert np.abs(state.u[0, :3] - v).max() < 1e-12
+    assert np.abs(joint_rates(state.q, state.u) - rate).max() < 27 * 1e-6 / 6
+
+
+def fit_of_one_value(residuals, jacobians):
+    """Return a fit that found one value; 8k residuals a segment are of k poses and two angles."""
+    unknown = Unknown(('friction.rolling',), 0.5, -math.inf, math.inf, '1', False)
+    kept = [
+        Residual(r[: len(r) // 4 * 3].reshape(-1, 1, 6), r[len(r) // 4 * 3 :].reshape(-1, 1, 2))
+        for r in residuals
+    ]
+    columns = [J[:, None] for J in jacobians]
+    return Fit(None, (unknown,), np.array([0.5]), kept, columns, (), 0)
+
+
+def test_freedom_is_what_values_and_alignments_leave():
+    # Place (3 numbers) and heading of each of three paths, and one value, of 3 * 40 numbers less
+    # one that was not measured. Residuals of 3 with derivatives that see none of them: the
+    # deviation is 1/sqrt(J^T J) times the root of the mean square per degree of freedom.
+    r = np.full((3, 40), 3.0)
+    r[2, 7] = np.nan
+    J = np.tile([1.0, -1.0], 20)
+    jacobians = [J, J, np.delete(J, 7)]
+    found = fit_of_one_value(r, jacobians)
+    assert found.freedom == 119 - 3 * 4 - 1
+    deviation = math.sqrt(119 * 9.0 / 106) / math.sqrt(119)
+    assert judge(found).deviation == pytest.approx([deviation], rel=1e-12)
+
+
+def test_alignment_takes_away_as_many_numbers_as_it_is_said_to():
+    # Of small errors of three poses, 18 numbers, it leaves those at right angles to motions of the
+    # whole path: an orthogonal projection, whose trace is the number of what is left.
+    rng, h = np.random.default_rng(5), 1e-5
+    position, p = rng.uniform(-1.0, 1.0, (3, 1, 3)), random_parameters(rng, 3)[:, None]
+    measured = SimpleNamespace(position=position, orientation=p)
+
+    def left(errors):
+        turns = np.concatenate([np.ones((3, 1, 1)), errors[..., 3:] / 2], axis=-1)
+        q = np.concatenate([position - errors[..., :3], product(turns, p)], axis=-1)
+        return aligned(measured, q, 1.0, 1.0).ravel()
+
+    units = np.eye(18).reshape(18, 3, 1, 6) * [1.0, 1.0, 1.0, -1.0, -1.0, -1.0]
+    P = np.column_stack([(left(h * e) - left(-h * e)) / (2 * h) for e in units])
+    # Central differences of a smooth function of numbers around 1, and its rounding.
+    assert np.abs(P @ P - P).max() < 1e-9
+    assert np.trace(P) == pytest.approx(18 - ALIGNED, abs=1e-9)
+
+
+def test_the_bootstrap_of_two_segments_is_known_by_hand():
+    # Two segments with one curvature A and the scores g and -g: draws are both, or one of them
+    # twice with probability 1/4 each, so that the quantiles of the steps are -+g/A. As the mean of
+    # two numbers, whose distribution is Student's with one degree of freedom, Cauchy's, they are
+    # wider by tan(0.475 pi)/1.96 and sqrt(2/1).
+    J, g = np.array([2.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.5]), 0.3
+    residuals = np.outer([g + 0.1, 0.1 - g], J / (J @ J))  # of which the mean, 0.1, says nothing
+    judgement = judge(fit_of_one_value(residuals, [J, J]))
+    wider = math.tan(0.475 * math.pi) / 1.959963984540054 * math.sqrt(2.0)
+    reach = wider * g / (J @ J)
+    assert judgement.bootstrap == pytest.approx(np.array([[0.5 - reach, 0.5 + reach]]), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ('free', 'sentence'),
+    [
+        (['friction.forward_'], "unknown name 'friction.forward_'"),
+        (['friction.longitudnal'], "did you mean 'friction.longitudinal'?"),
+        (
+            ['dt'],
+            '--free dt: a fit finds only numbers of the robot and of friction; choose from: ',
+        ),
+        (['gait.yaw.amplitude'], 'a fit finds only numbers of the robot and of friction'),
+        (['robot.link_count'], 'a fit finds only numbers of the robot and of friction'),
+        (['robot.joint_limit'], 'a fit finds only numbers of the robot and of friction'),
+        (['method'], "--free method: a fit finds numbers, this is 'newton'"),
+        (['robot.yaw_torque_limit'], 'has no value in the scene; --set one to start from'),
+        (['gravity'], 'a fit finds one number, this is a list of 3'),
+        (['friction.transversal', 'friction.transversal'], 'is given twice'),
+        (['friction.transversal=friction.transversal'], 'is given twice'),
+        ([], '--free must name at least one value'),
+    ],
+)
+def test_names_that_cannot_be_free(free, sentence):
+    with pytest.raises(ParameterError, match=re.escape(sentence)):
+        unknowns_of(Scene(), free)
+
+
+def test_unknowns_keep_to_their_limits():
+    scene = with_settings(Scene(), {'friction.rolling': 0.0, 'robot.yaw_stiffness': 40.0})
+    stiffness, rolling = unknowns_of(scene, ['robot.yaw_stiffness', 'friction.rolling'])
+    assert stiffness.is_positive and not rolling.is_positive
+    low, high = stiffness.bounds
+    assert low < math.log(40.0) < high
+    assert rolling.bounds == (0.0, 1e6)
+    assert rolling.value(-1.0) == 0.0
+    both = unknowns_of(scene, ['friction.longitudinal=friction.transversal'])
+    changed = scene_at(scene, both, np.log([0.3]))
+    assert changed.friction.longitudinal == pytest.approx(0.3)
+    assert changed.friction.transversal == changed.friction.longitudinal
+
+
+# ---- the command --------------------------------------------------------------------------------
+
+
+def test_commands_of_the_page_run(tmp_path, monkeypatch, capsys):
+    pytest.importorskip('matplotlib')
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r'^```sh\n(.*?)^```', PAGE, re.MULTILINE | re.DOTALL)
+    lines = [line for block in blocks for line in block.replace('\\\n', ' ').splitlines()]
+    ran = [line for line in lines if '--duration' in line or 'run.mcap' in line]
+    assert len(ran) >= 3
+    for line in ran:
+        words = shlex.split(line)
+        assert words[0] == './run', line
+        shorter = ['--duration', '7'] if '--bag' in words else []
+        if words[1] == 'fit':
+            shorter = ['--segment', '2', '--burn-in', '1.5']
+        if '--check' in words:
+            shorter += ['--check', '2']
+        assert main([*words[1:], *shorter]) == 0, line
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert result['explained'] and result['values']['friction.transversal']['value'] > 0.0
+
+
+def test_the_command_writes_a_scene_and_a_picture(recording, folder, tmp_path, capsys):
+    pytest.importorskip('matplotlib')
+    out, plot = tmp_path / 'fitted.yaml', tmp_path / 'fit.png'
+    options = ['--free', *BOTH, '--set', 'friction.longitudinal=0.2', '--segment', '2']
+    files = ['--out', str(out), '--plot', str(plot)]
+    assert main(['fit', str(folder / 'run.mcap'), *options, '--burn-in', '1.5', *files]) == 0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    value = result['values']['friction.longitudinal']
+    assert value['value'] == pytest.approx(0.1, rel=1e-3)
+    assert value['start'] == 0.2
+    low, high = value['interval']
+    assert low < value['value'] < high
+    scene = load_scene(out)
+    assert scene.friction.longitudinal == value['value']
+    assert scene.gait == recording.scene.gait and scene.dt == recording.scene.dt
+    assert out.read_text().startswith(
+        '# Found by snake-sim fit in run.mcap: friction.longitudinal'
+    )
+    assert plot.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['--free', 'dt', '--segment', '2'], '--free dt'),
+        (['--free', *BOTH, '--noise-position', '0'], 'noise_position must be above 0 m, got 0 m'),
+        (['--free', *BOTH, '--segment', '60'], 'must have at least 122.1'),
+        (['--free', *BOTH, '--threads', '0'], '--threads must be at least 1, got 0'),
+        (['--free', *BOTH, '--global', '-1'], '--global must be at least 0, got -1'),
+        (
+            ['--free', *BOTH, '--out', 'fitted.txt'],
+            '--out must end in .yaml or .yml, got fitted.txt',
+        ),
+        (['--free', *BOTH, '--out', 'nowhere/f.yaml'], '--out: no folder'),
+        (['--free', *BOTH, '--plot', 'fit.txt'], '--plot must end in .png'),
+        (['--free', *BOTH, '--scene', 'nowhere'], 'nowhere'),
+    ],
+)
+@pytest.mark.usefixtures('recording')
+def test_arguments_are_refused_in_one_sentence(folder, arguments, sentence, capsys):
+    pytest.importorskip('matplotlib')
+    assert main(['fit', str(folder / 'run.mcap'), *arguments]) == 2
+    errors = capsys.readouterr().err.splitlines()
+    assert len([line for line in errors if line.startswith('snake-sim: ')]) == 1
+    assert sentence in errors[-1]
+
+
+def test_the_page_names_every_option(capsys):
+    with pytest.raises(SystemExit):
+        main(['fit', '--help'])
+    options = set(re.findall(r'--[a-z][a-z-]+', capsys.readouterr().out)) - {'--help'}
+    assert options <= set(re.findall(r'`(--[a-z-]+)', PAGE))

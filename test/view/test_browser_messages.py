@@ -1,0 +1,162 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Messages of a browser to the page, on a real server: what it heeds, and what it says."""
+
+import re
+import time
+from urllib.request import urlopen
+
+from hypothesis import given, settings, strategies as st
+import pytest
+
+pytest.importorskip('viser')  # the server of the page, which brings websockets and msgspec
+
+from msgspec import msgpack
+import numpy as np
+import viser
+from websockets.sync.client import connect
+
+from snake_sim_ros.view.browser_guard import BrowserMessages, CAMERA, LONGEST_MESSAGE
+from snake_sim_ros.view.page import Page
+from snake_sim_ros.view.playback import Player
+
+GOOD_CAMERA = {'type': 'ViewerCameraMessage'} | {
+    name: [1.0] * count if count else 1 for name, count in CAMERA.items()
+}
+
+
+@pytest.fixture
+def page():
+    page = Page('test', '127.0.0.1', 0)
+    yield page
+    page.close()
+
+
+@pytest.fixture
+def player(page):
+    return Player(page, np.arange(11) / 10)
+
+
+@pytest.fixture
+def browser(page):
+    address = page.url.replace('http', 'ws')
+    with connect(address, subprotocols=[f'viser-v{viser.__version__}']) as connection:
+        yield connection
+
+
+def update(control, value, **more):
+    fields = {'uuid': control._impl.uuid, 'updates': {'value': value}, **more}
+    return {'type': 'GuiUpdateMessage', **fields}
+
+
+def heeded(browser, player, *messages):
+    """Send messages, then a value of a box; return whether that came within a second."""
+    for message in messages:
+        browser.send(message if isinstance(message, (str, bytes)) else msgpack.encode(message))
+    wanted = not player.loop.value
+    browser.send(msgpack.encode(update(player.loop, wanted)))
+    end = time.monotonic() + 1.0
+    while player.loop.value != wanted and time.monotonic() < end:
+        time.sleep(0.01)
+    return player.loop.value == wanted
+
+
+def test_values_that_controls_can_have_are_taken(page, player, browser):
+    values = update(player.speed, '2'), update(player.slider, 0.25), update(player.button, True)
+    assert heeded(browser, player, GOOD_CAMERA, *values)
+    assert (player.speed.value, player.slider.value) == ('2', 0.25)
+    assert page.watched
+    assert player.advance(0.0) == 2  # the slider was heard
+
+
+@pytest.mark.parametrize(
+    ('control', 'value', 'said'),
+    [
+        ('speed', 'x', "speed must be one of its options, got 'x'"),
+        ('speed', ['1'], 'one of its options'),
+        ('slider', float('nan'), r'time \[s\] must be 0 to 1, got nan'),
+        ('slider', 1.5, 'must be 0 to 1, got 1.5'),
+        ('slider', 10**18, 'must be 0 to 1'),
+        ('slider', '0.5', 'must be 0 to 1'),
+        ('slider', None, 'must be 0 to 1'),
+        ('loop', 0, 'must be true or false, got 0'),
+    ],
+)
+def test_other_values_are_ignored_with_a_reason(control, value, said, player, browser, capfd):
+    handle = getattr(player, control)
+    before = handle.value
+    assert heeded(browser, player, update(handle, value))
+    assert control == 'loop' or handle.value == before
+    player.advance(0.1)  # and the playback goes on
+    said_lines = capfd.readouterr().err.splitlines()
+    assert len(said_lines) == 1 and re.search(said, said_lines[0])
+
+
+def test_no_other_field_of_a_control_is_set(player, browser):
+    other = {'type': 'GuiUpdateMessage', 'uuid': player.speed._impl.uuid}
+    for updates in ({'removed': True}, {'value': '2', 'update_cb': 1}, {}, []):
+        assert heeded(browser, player, other | {'updates': updates})
+    assert player.speed.value == '1'
+    assert heeded(browser, player, update(player.speed, '2'))
+    assert player.speed.value == '2'
+
+
+@pytest.mark.parametrize('kind', ['ShareUrlRequest', 'ShareUrlDisconnect'])
+def test_no_tunnel_is_opened(kind, page, player, browser, monkeypatch):
+    asked = []
+    monkeypatch.setattr(page._server, 'request_share_url', lambda: asked.append('on'))
+    monkeypatch.setattr(page._server, 'disconnect_share_url', lambda: asked.append('off'))
+    assert heeded(browser, player, {'type': kind})
+    time.sleep(0.2)  # viser would ask in a thread of its own
+    assert not asked
+
+
+def test_malformed_frames_are_a_line_a_second(player, browser, capfd):
+    begin = time.monotonic()
+    frames = ['text', b'', b'\xc1', b'\x81\xa1a', msgpack.encode([1]), msgpack.encode({'type': 1})]
+    assert heeded(browser, player, *frames * 50)
+    lines = capfd.readouterr().err.splitlines()
+    assert 1 <= len(lines) <= 1 + (time.monotonic() - begin)
+    assert all(line.startswith('the page ignored ') for line in lines), lines
+
+
+def test_a_long_message_ends_its_connection_alone(player, browser, page):
+    address = page.url.replace('http', 'ws')
+    with connect(address, subprotocols=[f'viser-v{viser.__version__}']) as other:
+        other.send(bytes(LONGEST_MESSAGE + 1))
+        with pytest.raises(Exception, match='1009'):
+            while True:
+                other.recv(2.0)
+    assert heeded(browser, player)
+
+
+@pytest.mark.parametrize('path', ['/', '/missing'])
+def test_no_other_page_may_show_it_in_a_frame(path, page):
+    try:
+        headers = urlopen(page.url + path).headers
+    except OSError as error:
+        headers = error.headers
+    assert headers['Content-Security-Policy'] == "frame-ancestors 'none'"
+
+
+FIELDS = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.integers(-(2**63), 2**64 - 1) | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text() | st.integers(0, 9), inner),
+    max_leaves=10,
+)
+KEYS = st.sampled_from(['type', 'uuid', 'updates', *CAMERA])
+KINDS = st.sampled_from(['ViewerCameraMessage', 'GuiUpdateMessage'])
+
+
+@settings(max_examples=500, deadline=None)
+@given(
+    st.binary()
+    | st.text()
+    | st.builds(msgpack.encode, FIELDS)
+    | st.builds(
+        lambda fields, kind: msgpack.encode(fields | {'type': kind}),
+        st.dictionaries(KEYS, FIELDS), KINDS,
+    )
+)  # fmt: skip
+def test_no_message_is_an_error(message):
+    assert BrowserMessages().heeds(message) in (True, False)

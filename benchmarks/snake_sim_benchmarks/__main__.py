@@ -3,25 +3,25 @@
 """The command line: ``python3 -m snake_sim_benchmarks bench``, or ``./run bench``."""
 
 import argparse
-from importlib import import_module
 import sys
 
+from snake_sim_benchmarks import commands
+from snake_sim_ros import ParameterError
 from snake_sim_ros.commands.main import heed_ctrl_c
-from snake_sim_ros.scene.checked_records import ParameterError
 
-# In the order of the help text: the module of each command, where its function `add_...` is, and
-# what it does.
+SUMMARY = 'Measurements of the simulator, comparisons with others, and attacks.'
+# In the order of the help text.
 COMMANDS = {
-    'bench': ('bench', 'measure error, time and much else of all methods: a CSV file'),
-    'artefacts': ('artefacts', 'measure what methods without set-valued laws make up: a CSV file'),
-    'stability': ('stability', 'map where methods converge, fail or blow up: a CSV file'),
-    'limits': ('limits', 'whether all methods have one limit in random scenes: a CSV file'),
-    'chart': ('chart', 'draw what the others measured'),
-    'levels': ('levels', 'show the model level that each scene gets, its time and its error'),
-    'figures': ('figures', "draw the paper's figures anew"),
-    'pacing': ('pacing', 'measure how the node sim keeps time over ROS 2, and what that costs'),
-    'fuzz': ('attacks', 'attack files, nodes and physics with random input: a CSV file'),
-    'soak': ('attacks', 'very long runs, slowest steps, killed nodes and full disks: a CSV file'),
+    'bench': 'measure errors, times and costs of all methods, into a CSV file',
+    'artefacts': 'measure artefacts of methods without set-valued laws, into a CSV file',
+    'stability': 'map where methods converge, fail or blow up, into a CSV file',
+    'limits': 'check in random scenes that all methods have one limit, into a CSV file',
+    'chart': 'draw figures and tables from these CSV files',
+    'levels': 'print the model level chosen for each scene, its step time and its error',
+    'figures': "reproduce the paper's figures",
+    'pacing': 'measure jitter, latency and processor load of the node sim over ROS 2',
+    'fuzz': 'attack file readers, nodes and physics with random input, into a CSV file',
+    'soak': 'try very long runs, slowest steps, killed nodes, full disks, into a CSV file',
 }
 
 
@@ -49,14 +49,12 @@ def main(args: list[str] | None = None) -> int:
 
 def _parser(args: list[str]) -> argparse.ArgumentParser:
     """Return the parser of the command in the arguments, or of all if there is none."""
-    parser = argparse.ArgumentParser(prog='./run', description=__doc__)
+    parser = argparse.ArgumentParser(prog='./run', description=SUMMARY)
     subparsers = parser.add_subparsers(required=True, metavar='COMMAND')
-    # A command does not wait for the imports of the others.
     chosen = [name for name in args if name in COMMANDS][:1]
     for name in chosen:
-        module = import_module(f'snake_sim_benchmarks.commands.{COMMANDS[name][0]}')
-        getattr(module, f'add_{name}')(subparsers)
-    for name, (_, summary) in () if chosen else COMMANDS.items():
+        getattr(commands, f'add_{name}')(subparsers)
+    for name, summary in () if chosen else COMMANDS.items():
         subparsers.add_parser(name, help=summary)
     return parser
 

@@ -3,7 +3,7 @@
 """The part `accuracy` of the bench: the error of runs that were asked for an accuracy."""
 
 from snake_sim_benchmarks.__main__ import main
-from snake_sim_benchmarks.comparison import accuracies, bench
+from snake_sim_benchmarks.comparison import bench, cycles
 from snake_sim_benchmarks.comparison.bench_rows import rows_of
 from snake_sim_benchmarks.comparison.csv_tables import read_table
 
@@ -15,7 +15,7 @@ def test_the_bench_measures_what_was_asked_for(monkeypatch, tmp_path):
     options = ['--quick', '--parts', 'accuracy', '--out', str(path), *short]
     assert main(['bench', 'lateral_undulation', *options]) == 0
     rows = rows_of(read_table(path))
-    assert [row.tolerance for row in rows] == list(accuracies.ASKED)
+    assert [row.tolerance for row in rows] == list(cycles.ASKED)
     for row in rows:
         assert (row.method, row.trials, row.status) == ('bdf2', 2, 'converged')
         assert row.rms_low <= row.error_rms <= row.rms_high < row.tolerance + row.reference_error

@@ -20,9 +20,9 @@ from snake_sim_benchmarks.comparison.artefacts import (
     SLOPE_ANGLE,
 )
 from snake_sim_benchmarks.comparison.csv_tables import read_table
-from snake_sim_benchmarks.comparison.timed_run import trajectory_of_states
+from snake_sim_benchmarks.comparison.timing import trajectory_of_states
+from snake_sim_ros import Report
 from snake_sim_ros.contact.laws import PRESS_SPEED
-from snake_sim_ros.stepping.base import Report
 
 OURS, REGULARIZED, PYRAMID = ('newton', ''), 'semi_implicit_euler', ('pyramid', '')
 DEFAULT, STIFF, NO_SLIP = (('mujoco', name) for name in ('default', 'fast', 'accurate'))

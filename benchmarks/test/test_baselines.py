@@ -30,16 +30,13 @@ from snake_sim_benchmarks.comparison.baselines.integrators import (
     Penalty,
     SmoothRobot,
 )
+from snake_sim_ros import Gait, ParameterError, Scene, Simulation, State, Wave
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.gait import Gait, Wave
-from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
-from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import State
 
 DT = 1 / 4000
 LEVEL = (0.0, 0.0, -G)

@@ -4,38 +4,40 @@
 
 from dataclasses import asdict, replace
 import math
-import os
 from pathlib import Path
 import re
-import subprocess
-import sys
 
 import numpy as np
+from processes import python
 import pytest
 
 from snake_sim_benchmarks.__main__ import main
-from snake_sim_benchmarks.commands.bench import PARTS
+from snake_sim_benchmarks.commands import PARTS
 from snake_sim_benchmarks.comparison import bench, bench_rows, csv_tables as tables, soak, timing
 from snake_sim_benchmarks.comparison.bench_rows import COLUMNS, Entry, Row
-from snake_sim_benchmarks.comparison.bench_tables import agreement_table, soak_table
+from snake_sim_benchmarks.comparison.bench_tables import (
+    agreement_table,
+    fastest,
+    fitted_order,
+    fitted_power,
+    soak_table,
+)
 from snake_sim_benchmarks.comparison.charts import cost_over_links
 from snake_sim_benchmarks.comparison.contenders import all_contenders, Contender
 from snake_sim_benchmarks.comparison.csv_tables import plain, read_table, Table, TableWriter
-from snake_sim_benchmarks.comparison.pareto import fastest, fitted_order, fitted_power
-from snake_sim_benchmarks.comparison.path_errors import (
+from snake_sim_benchmarks.comparison.paths import (
     extrapolated,
     largest_difference,
     motion,
     path_error,
+    SAMPLING_PERIOD,
 )
-from snake_sim_benchmarks.comparison.timed_run import SAMPLING_PERIOD, trajectory_of_states
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene, Robot
+from snake_sim_benchmarks.comparison.timing import trajectory_of_states
+from snake_sim_ros import ParameterError, Report, Robot, Simulation, State
+from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.rotations import about, product
-from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import empty_history, State
+from snake_sim_ros.stepping.state import empty_history
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = replace(load_scene('lateral_undulation'), duration=0.3)
@@ -586,7 +588,7 @@ def test_bench_refuses_what_it_does_not_know(tmp_path, capsys):
 def test_bench_refuses_times_that_no_run_can_have(tmp_path, capsys, options, message):
     path = tmp_path / 'x.csv'
     assert main(['bench', '--quick', *options, '--out', str(path)]) == 2
-    assert re.fullmatch(f'snake-sim: {message}.*\n', capsys.readouterr().err)
+    assert re.fullmatch(f'run: {message}.*\n', capsys.readouterr().err)
     assert not path.exists()
 
 
@@ -596,7 +598,7 @@ def test_stages_are_those_of_the_step(tmp_path):
 from functools import partial
 
 import numpy as np
-from snake_sim_benchmarks.comparison import stage_times as stages
+from snake_sim_benchmarks.comparison import timing as stages
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.stepping.state import initial_state
@@ -618,8 +620,7 @@ for make, stamped in (
     ]
     assert (ends[0].q == ends[1].q).all() and (ends[0].u == ends[1].u).all()
 """
-    environment = {**os.environ, 'NUMBA_DISABLE_JIT': '1', 'PYTHONPATH': str(ROOT)}
-    subprocess.run([sys.executable, '-c', program], env=environment, timeout=100, check=True)
+    python('-c', program, folder=ROOT, NUMBA_DISABLE_JIT='1')
 
 
 def test_parts_can_be_run_alone():

@@ -9,10 +9,10 @@ from pydrake import all as drake
 import pytest
 from scenes import G
 
-from snake_sim_benchmarks.comparison.courses import compiled_course, Start
 from snake_sim_benchmarks.comparison.drake_runs import cenic_course, CenicRobot, CenicSettings
-from snake_sim_ros.scene.gait import Gait, Wave
-from snake_sim_ros.scene.parameters import Friction, load_scene, Robot, Scene, with_settings
+from snake_sim_benchmarks.comparison.paths import compiled_course, Start
+from snake_sim_ros import Friction, Gait, Robot, Scene, Wave
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.state import initial_state
 
 SETTINGS = CenicSettings(1e-3)

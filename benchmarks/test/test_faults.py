@@ -7,8 +7,8 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
 
 pytest.importorskip('mcap_ros2')  # bag_writer needs it
-from snake_sim_benchmarks.reliability.bag_without_end import what_is_wrong_with_stamps
-from snake_sim_benchmarks.reliability.clock_steps import WallClock
+from snake_sim_benchmarks.reliability.failing_resources import what_is_wrong_with_stamps
+from snake_sim_benchmarks.reliability.faults import WallClock
 from snake_sim_ros.nodes.bag_writer import BagWriter, STATES
 
 

@@ -13,19 +13,11 @@ from PIL import Image
 import pytest
 
 from snake_sim_benchmarks.__main__ import main
-from snake_sim_benchmarks.paper import (
-    experiments,
-    figure_page,
-    figures,
-    path_figures,
-    tables as paper_tables,
-)
+from snake_sim_benchmarks.paper import experiments, figures, tables as paper_tables
 from snake_sim_benchmarks.paper.experiments import case_scene, mean_velocity, record
+from snake_sim_ros import ParameterError, Scene, Simulation
 from snake_sim_ros.dynamics.energy import work_of_steps
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.posture import initial_coordinates
-from snake_sim_ros.stepping.simulation import Simulation
 
 DOCS = Path(__file__).resolve().parents[2] / 'docs'
 PAGE = (DOCS / 'paper.md').read_text(encoding='utf-8')
@@ -68,7 +60,7 @@ def test_figure_shows_something_and_says_what_is_assumed(pictures, name, tmp_pat
     file = tmp_path / 'figure.png'
     figures.save_small(figure, file)
     with Image.open(file) as image:
-        assert image.format == 'PNG' and image.width == figure_page.WIDTH * figures.DPI
+        assert image.format == 'PNG' and image.width == figures.WIDTH * figures.DPI
         assert len(image.getcolors()) > 10
 
 
@@ -91,7 +83,7 @@ def test_paths_are_to_scale(pictures):
 def test_outlines_are_as_wide_as_links():
     scene = Scene()
     q, axis = initial_coordinates(scene), np.tile([0.6, 0.8, 0.0], (11, 1))
-    corners = path_figures.outlines(scene.robot, q[:, :3], axis)
+    corners = figures.outlines(scene.robot, q[:, :3], axis)
     assert corners.mean(axis=1) == pytest.approx(q[:, :2])
     width = np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1)
     assert width == pytest.approx(np.full(11, 2 * 0.0525))

@@ -10,39 +10,48 @@ import numpy as np
 import pytest
 
 from snake_sim_benchmarks.__main__ import main
-from snake_sim_benchmarks.comparison import bench_rows, converged_paths, courses, cycles, ensembles
+from snake_sim_benchmarks.comparison import bench_rows, cycles, ensembles
 from snake_sim_benchmarks.comparison.bench_rows import Row
-from snake_sim_benchmarks.comparison.bench_tables import robust_table, speeds_table, spread_table
-from snake_sim_benchmarks.comparison.chart_of_spreads import spreads_figure
+from snake_sim_benchmarks.comparison.bench_tables import (
+    cost_at,
+    front,
+    robust_table,
+    speeds_table,
+    spread_table,
+)
 from snake_sim_benchmarks.comparison.chart_style import METHOD_STYLES
-from snake_sim_benchmarks.comparison.converged_paths import (
+from snake_sim_benchmarks.comparison.charts import spreads_figure
+from snake_sim_benchmarks.comparison.csv_tables import read_table
+from snake_sim_benchmarks.comparison.ensembles import (
+    family,
+    neighbors,
+    perturbed,
+    spread,
+    spread_rows,
+    Trial,
+    worst_rows,
+)
+from snake_sim_benchmarks.comparison.entrants import attempts, Entrant, entrants
+from snake_sim_benchmarks.comparison.mujoco_model import SEARCHED
+from snake_sim_benchmarks.comparison.paths import (
+    compiled_course,
     converged_path,
     ConvergedPaths,
+    Course,
     course_error,
     POINT_PERIOD,
-)
-from snake_sim_benchmarks.comparison.courses import (
-    compiled_course,
-    Course,
     portions,
     Start,
     step_count,
 )
-from snake_sim_benchmarks.comparison.csv_tables import read_table
-from snake_sim_benchmarks.comparison.entrants import attempts, Entrant, entrants
-from snake_sim_benchmarks.comparison.families import family, neighbors, perturbed
-from snake_sim_benchmarks.comparison.judges import spread_rows, Trial, worst_rows
-from snake_sim_benchmarks.comparison.mujoco_contacts import SEARCHED
-from snake_sim_benchmarks.comparison.pareto import cost_at, front
-from snake_sim_benchmarks.comparison.spread import spread
+from snake_sim_ros import ParameterError, Report, State
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, with_settings
-from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.state import empty_history, initial_state, State
+from snake_sim_ros.stepping.state import empty_history, initial_state
 
 A, C = load_scene('lateral_undulation'), load_scene('sidewinding')
+PATHS = 'snake_sim_benchmarks.comparison.paths'
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')
 
 # ---- spread of errors ---------------------------------------------------------------------------
@@ -148,14 +157,14 @@ class Sliding:
 def sliding(monkeypatch):
     """Return what makes the stepper of `compiled_course` a sliding one, on a clock of its own."""
     made, clock = [], [0]
-    monkeypatch.setattr(courses.time, 'thread_time_ns', lambda: clock[0])
+    monkeypatch.setattr('time.thread_time_ns', lambda: clock[0])
 
     def use(failing=math.inf):
         def make(scene):
             made.append(Sliding(scene, clock, failing))
             return made[-1]
 
-        monkeypatch.setattr(courses, 'make_stepper', make)
+        monkeypatch.setattr(f'{PATHS}.make_stepper', make)
         return made
 
     return use
@@ -238,7 +247,7 @@ def test_a_converged_path_is_extrapolated_and_computed_once(monkeypatch):
         made.append((scene.method, scene.level, scene.dt))
         return np.outer(TIMES, [1.0 + scene.dt, 0.0, 0.0])
 
-    monkeypatch.setattr(converged_paths, '_path', path)
+    monkeypatch.setattr(f'{PATHS}._path', path)
     paths = ConvergedPaths((0.02, 0.01))
     for method, dt in (('bdf2', 0.05), ('newton', 0.01)):
         found = paths.path(replace(A, method=method, dt=dt))

@@ -1,6 +1,6 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The attacks on nodes, `snake-sim fuzz --parts messages states`, for a second."""
+"""The attacks on nodes, `./run fuzz --parts messages states`, for a second."""
 
 import math
 import sys

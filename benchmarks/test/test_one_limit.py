@@ -11,8 +11,10 @@ import pytest
 from snake_sim_benchmarks.__main__ import main
 from snake_sim_benchmarks.comparison import limits
 from snake_sim_benchmarks.comparison.csv_tables import read_table, records_of
+from snake_sim_ros.scene.parameters import with_settings
+from snake_sim_ros.stepping.simulation import Simulation
 
-# Scenes of `snake-sim limits` whose limit is known: flat with and without pitch, pegs, folds.
+# Scenes of `./run limits` whose limit is known: flat with and without pitch, pegs, folds.
 KNOWN = (0, 5, 15, 32)
 
 
@@ -74,3 +76,16 @@ def test_the_command_continues_its_file(tmp_path, monkeypatch, capsys):
     text = (tmp_path / 'limits.md').read_text()
     assert '| one limit | 3 | 0 | 0 | 0 | 3 |' in text and text in capsys.readouterr().out
     assert main(['limits', '--scenes', '0', '--out', str(path)]) == 2
+
+
+def test_a_link_that_lands_while_links_touch_is_solved_for():
+    # A contact with the floor joins the solution after a contact of two links. `bdf2` once took
+    # that contact for one with the floor, and the robot was thrown apart at 0.52 s.
+    scene = with_settings(
+        limits.limit_scene(63),
+        {**limits.EXACT, 'method': 'bdf2', 'dt': 1 / 16_000, 'duration': 0.54},
+    )
+    simulation = Simulation(scene)
+    report = simulation.advance(*simulation.gait_reference(round(0.54 * 16_000)))
+    assert not report.failure
+    assert report.penetration_max < 1e-6

@@ -45,4 +45,4 @@ def test_unusable_arguments(capsys):
         assert cli.main(['pacing', *arguments]) == 2
         printed = capsys.readouterr()
         assert printed.err.count('\n') == 1 and not printed.out
-        assert printed.err.startswith(f'snake-sim: {sentence}')
+        assert printed.err.startswith(f'run: {sentence}')

@@ -11,29 +11,41 @@ import numpy as np
 import pytest
 from scenes import G, slope
 
-from snake_sim_benchmarks.comparison.courses import Start
-from snake_sim_benchmarks.comparison.families import perturbed
-from snake_sim_benchmarks.comparison.mujoco_contacts import SEARCHED
+from snake_sim_benchmarks.comparison.ensembles import perturbed
 from snake_sim_benchmarks.comparison.mujoco_model import (
     CONTACTS,
     DRIVES,
     INTEGRATORS,
     mjcf,
     MujocoSettings,
+    SEARCHED,
     tree_order,
 )
-from snake_sim_benchmarks.comparison.mujoco_rollouts import rolled_course
-from snake_sim_benchmarks.comparison.mujoco_runs import mujoco_trajectory, MujocoRobot, run_mujoco
-from snake_sim_benchmarks.comparison.timed_run import SAMPLING_PERIOD
+from snake_sim_benchmarks.comparison.mujoco_runs import (
+    mujoco_trajectory,
+    MujocoRobot,
+    rolled_course,
+    run_mujoco,
+)
+from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD, Start
+from snake_sim_ros import (
+    Friction,
+    Gait,
+    ParameterError,
+    Pegs,
+    Robot,
+    Scene,
+    Simulation,
+    State,
+    Wave,
+)
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.gait import Gait, Wave
-from snake_sim_ros.scene.parameters import Friction, load_scene, Pegs, Robot, Scene, with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.simulation import sample, Simulation
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.simulation import sample
+from snake_sim_ros.stepping.state import initial_state
 
 mujoco = pytest.importorskip('mujoco')
 

@@ -13,10 +13,10 @@ import pytest
 from snake_sim_benchmarks.reliability.file_corpus import corpus
 from snake_sim_benchmarks.reliability.file_readers import Answer, READERS
 from snake_sim_benchmarks.reliability.files import content_of, Reader
+from snake_sim_ros import ParameterError
 from snake_sim_ros.dynamics.code_cache import FOLDER
 from snake_sim_ros.recording import recorded_runs
 from snake_sim_ros.recording.recorded_runs import load_arrays
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.studies.table import Journal
 
 pytest.importorskip('mcap_ros2')  # the corpus has bags

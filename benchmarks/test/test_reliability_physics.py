@@ -14,11 +14,9 @@ from snake_sim_benchmarks.reliability.random_scenes import (
     scene_of,
     start_of,
 )
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Robot, Scene
+from snake_sim_ros import ParameterError, Robot, Scene, Simulation, State
 from snake_sim_ros.stepping.samples import make_samples
-from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.state import initial_state
 
 
 @pytest.fixture(scope='module', autouse=True)

@@ -17,10 +17,11 @@ import pytest
 
 from snake_sim_benchmarks.__main__ import main
 from snake_sim_benchmarks.comparison.csv_tables import plain, read_table, Table
+from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD
 from snake_sim_benchmarks.comparison.stability import maps as stability_maps, runs as stability
 from snake_sim_benchmarks.comparison.stability.chart import draw_stability
-from snake_sim_benchmarks.comparison.stability.impacts import dropped_precisely, rod_limit
 from snake_sim_benchmarks.comparison.stability.maps import MAPS, run_case
+from snake_sim_benchmarks.comparison.stability.problems import dropped_precisely, rod_limit
 from snake_sim_benchmarks.comparison.stability.runs import (
     Axis,
     cells_of,
@@ -28,9 +29,8 @@ from snake_sim_benchmarks.comparison.stability.runs import (
     OUTCOMES,
     simulate,
 )
-from snake_sim_benchmarks.comparison.timed_run import SAMPLING_PERIOD
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.stepping.base import Report, Status
+from snake_sim_ros import ParameterError, Report
+from snake_sim_ros.stepping.base import Status
 
 CHARTS = {chart.name: chart for chart in MAPS}
 

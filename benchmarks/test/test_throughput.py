@@ -10,10 +10,10 @@ import pytest
 from snake_sim_benchmarks.comparison import throughput as part
 from snake_sim_benchmarks.comparison.bench_rows import Row
 from snake_sim_benchmarks.comparison.bench_tables import throughput_table
-from snake_sim_benchmarks.comparison.converged_paths import ConvergedPaths
-from snake_sim_benchmarks.comparison.families import family
+from snake_sim_benchmarks.comparison.ensembles import family
 from snake_sim_benchmarks.comparison.mujoco_model import MujocoSettings
-from snake_sim_benchmarks.comparison.mujoco_rollouts import Rollouts
+from snake_sim_benchmarks.comparison.mujoco_runs import Rollouts
+from snake_sim_benchmarks.comparison.paths import ConvergedPaths
 from snake_sim_ros.scene.parameters import load_scene
 
 CASE = 'lateral_undulation'

@@ -10,8 +10,8 @@ import subprocess
 import pytest
 
 from snake_sim_benchmarks.comparison import timing
+from snake_sim_ros import Robot, Scene
 from snake_sim_ros.dynamics import compilation
-from snake_sim_ros.scene.parameters import Robot, Scene
 
 
 @pytest.fixture

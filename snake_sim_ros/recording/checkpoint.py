@@ -84,7 +84,7 @@ def read(path: Path) -> Simulation:
         return _simulation(data)
     except KeyError as error:
         raise ParameterError(f'{path} is not a whole checkpoint: it has no {error}') from None
-    except Exception as error:  # broken text makes parsers raise whatever they like
+    except Exception as error:  # parsers raise anything on broken text
         raise ParameterError(
             f'{path} is not a whole checkpoint: {cut(str(error), LONGEST_REASON)}'
         ) from None

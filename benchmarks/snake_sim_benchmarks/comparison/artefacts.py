@@ -24,14 +24,13 @@ from snake_sim_benchmarks.comparison.baselines.integrators import (
 )
 from snake_sim_benchmarks.comparison.mujoco_model import MujocoSettings
 from snake_sim_benchmarks.comparison.mujoco_runs import mujoco_trajectory
+from snake_sim_ros import Friction, ParameterError, Robot, Scene, Simulation, State
 from snake_sim_ros.dynamics.energy import mechanical_energy
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Friction, Robot, Scene
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.simulation import sample, Simulation
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.simulation import sample
+from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 DT = 1 / 4000  # s

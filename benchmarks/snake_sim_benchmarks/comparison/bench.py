@@ -4,15 +4,15 @@
 The bench: a matrix of runs, each of which makes one row of a CSV file.
 
 The parts of the matrix are: `ensemble`, the errors of the best methods over many perturbed scenes
-of every case; `cycle`, those after one period of the gait; `robust`, the largest of small changes
-of a case; `accuracy`, the errors of runs that were asked for one; `precision`, the error of every
-contender for its time steps in one run of every case, against the converged solution; `links`, the
-cost of a step over the number of links; `situations`, the cost of a step depending on contacts and
-friction; `stages`, the times of the stages of a step; `iterations`, the residuals of the solvers
-on stored hard problems; `start_up`; `agreement`, the distance of the paths of other solvers from
-that of `newton`; `user`, what a user sees; and `soak`, penetration and memory over very many
-steps. A run that fails makes a row as well. The file grows row by row, and rows that it has are
-not run again, so that an interrupted bench can be continued.
+of every case; `cycle`, those after one period of the gait; `robust`, the largest over small
+changes of a case; `accuracy`, the errors of runs with a target accuracy; `precision`, the error of
+every contender for its time steps in one run of every case, against the converged solution;
+`links`, the cost of a step over the number of links; `situations`, the cost of a step depending on
+contacts and friction; `stages`, the times of the stages of a step; `iterations`, the residuals of
+the solvers on stored hard problems; `start_up`; `agreement`, the distance of the paths of other
+solvers from that of `newton`; `user`, what a user sees; and `soak`, penetration and memory over
+very many steps. A run that fails makes a row as well. The file grows row by row, and rows that are
+already in it are not run again, so that an interrupted bench can be continued.
 
 The error of a run is its distance from the converged solution of the paper's model. A baseline has
 another model and therefore two errors: `error_limit` is that of its time step, the distance from
@@ -24,11 +24,16 @@ from dataclasses import replace
 from functools import partial
 import math
 
-from snake_sim_benchmarks.comparison.accuracies import accuracies, QUICK_TRIALS, TRIALS
 from snake_sim_benchmarks.comparison.bench_rows import Entry, Row
 from snake_sim_benchmarks.comparison.contenders import Contender
-from snake_sim_benchmarks.comparison.converged_paths import ConvergedPaths
-from snake_sim_benchmarks.comparison.cycles import cycles, PHASES, QUICK_PHASES
+from snake_sim_benchmarks.comparison.cycles import (
+    accuracies,
+    cycles,
+    PHASES,
+    QUICK_PHASES,
+    QUICK_TRIALS,
+    TRIALS,
+)
 from snake_sim_benchmarks.comparison.ensembles import (
     ENSEMBLE,
     ensemble,
@@ -37,7 +42,8 @@ from snake_sim_benchmarks.comparison.ensembles import (
     robust,
 )
 from snake_sim_benchmarks.comparison.hard_contacts import load_problems, reports_by_limit
-from snake_sim_benchmarks.comparison.path_errors import (
+from snake_sim_benchmarks.comparison.paths import (
+    ConvergedPaths,
     extrapolated,
     largest_difference,
     Motion,
@@ -51,9 +57,7 @@ from snake_sim_benchmarks.comparison.soak import (
     soaked_scene,
     SOAKED_SCENES,
 )
-from snake_sim_benchmarks.comparison.stage_times import stage_times
 from snake_sim_benchmarks.comparison.throughput import throughput
-from snake_sim_benchmarks.comparison.timed_run import TimedRun
 from snake_sim_benchmarks.comparison.timing import (
     calibration,
     CASE_A_NAME,
@@ -61,13 +65,15 @@ from snake_sim_benchmarks.comparison.timing import (
     REFERENCE_STEPS,
     SITUATIONS,
     situations,
+    stage_times,
     start_up_seconds,
     timed,
+    TimedRun,
     with_links,
 )
 from snake_sim_benchmarks.comparison.user_times import user
-from snake_sim_ros.scene.parameters import Array, load_scene, Scene, with_settings
-from snake_sim_ros.stepping.base import Report
+from snake_sim_ros import Report, Scene
+from snake_sim_ros.scene.parameters import Array, load_scene, with_settings
 
 QUICK_REFERENCE_STEPS = (1 / 8000, 1 / 16000)  # s, see `timing.REFERENCE_STEPS`
 LINK_COUNTS = (5, 10, 20, 40, 80, 160, 200)

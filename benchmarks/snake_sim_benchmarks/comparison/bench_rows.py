@@ -8,7 +8,7 @@ import math
 from typing import Any
 
 from snake_sim_benchmarks.comparison.csv_tables import is_empty, records_of, Table
-from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros import ParameterError
 
 
 @dataclass(frozen=True, kw_only=True)

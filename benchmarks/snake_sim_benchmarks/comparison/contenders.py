@@ -15,10 +15,10 @@ from snake_sim_benchmarks.comparison.baselines.integrators import (
 )
 from snake_sim_benchmarks.comparison.mujoco_model import MujocoSettings
 from snake_sim_benchmarks.comparison.mujoco_runs import run_mujoco
-from snake_sim_benchmarks.comparison.timed_run import SAMPLING_PERIOD, TimedRun
-from snake_sim_benchmarks.comparison.timing import energy_error, timed
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Scene, steps_in, with_settings
+from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD
+from snake_sim_benchmarks.comparison.timing import energy_error, timed, TimedRun
+from snake_sim_ros import ParameterError, Scene
+from snake_sim_ros.scene.parameters import steps_in, with_settings
 from snake_sim_ros.stepping.base import Stepper
 
 # Steps a second.

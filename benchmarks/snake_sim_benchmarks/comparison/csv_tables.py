@@ -21,10 +21,11 @@ import platform
 import subprocess
 from typing import Any
 
-from snake_sim_ros.scene import __version__, PACKAGE
-from snake_sim_ros.scene.checked_records import ParameterError
+import snake_sim_ros
+from snake_sim_ros import __version__, ParameterError
 from snake_sim_ros.scene.files import write_whole
 
+PACKAGE = Path(snake_sim_ros.__file__).parent
 LABORATORY = Path(__file__).resolve().parents[1]
 LIBRARIES = ('numpy', 'scipy', 'numba', 'mujoco-core', 'drake')
 HEAD_OF_ALL_ROWS = ('table', 'processor', 'settings')  # equal in all heads

@@ -1,12 +1,14 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-The part `cycle` of the bench: errors after one period of the gait.
+The parts `cycle` and `accuracy` of the bench: errors after one period of the gait.
 
 Over 15 s the landings of a gait make the error a matter of chance, to 0.1 % in case C. Over one
 period they do not: a method starts from a state of the steady gait, and its error is the distance
 of the middle link from where a converged run from the same state is a period later, over the
-distance that this one has gone. A row has the spread of these errors over phases of the gait.
+distance that this one has gone. A row of `cycle` has the spread of these errors over phases of the
+gait, for an entrant and its step. A row of `accuracy` has their spread over perturbed scenes, for
+the accuracy that was asked for, which is its tolerance.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,16 +19,25 @@ import math
 import numpy as np
 
 from snake_sim_benchmarks.comparison.bench_rows import Entry, Row
-from snake_sim_benchmarks.comparison.courses import Course, Start
-from snake_sim_benchmarks.comparison.ensembles import entered_rows, Field
+from snake_sim_benchmarks.comparison.ensembles import (
+    entered_rows,
+    family,
+    Field,
+    frequency,
+    spread_rows,
+    Trial,
+)
 from snake_sim_benchmarks.comparison.entrants import Entrant
-from snake_sim_benchmarks.comparison.families import frequency
-from snake_sim_benchmarks.comparison.judges import spread_rows, Trial
+from snake_sim_benchmarks.comparison.paths import compiled_course, Course, Start
+from snake_sim_ros import Scene, Simulation, State
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array, Scene, with_settings
+from snake_sim_ros.scene.parameters import Array, with_settings
+from snake_sim_ros.stepping.accuracy import with_accuracy
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.simulation import sample, Simulation
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.simulation import sample
+
+# ---- cycle --------------------------------------------------------------------------------------
+
 
 PHASES = 16
 QUICK_PHASES = 4
@@ -141,3 +152,64 @@ def trial_from(scene: Scene, start: Start, coarse: Scene, fine: Scene) -> Trial:
         return math.inf if course.failure else float(np.linalg.norm(course.path[-1] - end)) / way
 
     return Trial(scene, error, doubt, start)
+
+
+# ---- accuracy -----------------------------------------------------------------------------------
+
+
+ASKED = (1e-2, 1e-3, 1e-4)
+TRIALS, QUICK_TRIALS = 8, 2  # scenes of each case
+PERIODS = 5  # of a reference until the gait is steady, and after that
+
+
+def accuracies(
+    scenes: Mapping[str, Scene], steps: tuple[float, float], trials: int
+) -> Iterator[Entry]:
+    """
+    Yield an entry for each case, with a row for each accuracy.
+
+    Parameters
+    ----------
+    scenes : mapping
+        Cases, name -> scene.
+    steps : tuple of float
+        Time steps of the two runs from which the reference is extrapolated, the second half the
+        first [s].
+    trials : int
+        Number of perturbed scenes.
+
+    """
+    for case, scene in scenes.items():
+        one = replace(scene, duration=period(scene))
+        entered = [_entered(case, one, accuracy) for accuracy in ASKED]
+        run = partial(_accuracies, one, entered, steps, trials)
+        guess = STEP_SECONDS * PERIODS * trials * one.duration / steps[0]
+        yield Entry(tuple(row for _, row in entered), run, guess)
+
+
+def _entered(case: str, scene: Scene, accuracy: float) -> tuple[Entrant, Row]:
+    """Return who runs a case with an accuracy, and the row in which only the keys are filled."""
+    own = with_accuracy(scene, accuracy, scene.duration)
+    settings = {
+        'method': own.method,
+        'accuracy': accuracy,
+        'solver.residual_tolerance': own.solver.residual_tolerance,
+    }
+    row = Row(
+        part='accuracy', case=case, method=own.method, level='auto', setting='accuracy',
+        dt=own.dt, tolerance=accuracy, n=own.robot.link_count, duration=own.duration,
+    )  # fmt: skip
+    rates = (1 / own.dt,)
+    return Entrant(row.method, row.setting, rates, compiled_course, settings, row.level), row
+
+
+def _accuracies(
+    scene: Scene, entered: Sequence[tuple[Entrant, Row]], steps: tuple[float, float], trials: int
+) -> list[Row]:
+    return spread_rows(entered, (_trial(each, steps) for each in family(scene, trials)))
+
+
+def _trial(scene: Scene, steps: tuple[float, float]) -> Trial:
+    coarse, fine = (reference_run(scene, dt) for dt in steps)
+    (start,) = steady_starts(coarse, 1)
+    return trial_from(scene, start, coarse, fine)

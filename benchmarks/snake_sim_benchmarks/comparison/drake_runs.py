@@ -20,13 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_benchmarks.comparison.courses import Course, least_seconds, Start
+from snake_sim_benchmarks.comparison.paths import Course, least_seconds, Start
+from snake_sim_ros import ParameterError, Scene, State
 from snake_sim_ros.scene import gait, obstacles
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.state import initial_state
 
 BETWEEN_MASS = 1e-6  # of a body between two axes [kg]
 REFERENCE_PERIOD = 0.002  # between two points of the joint references, with lines between [s]
@@ -57,7 +57,7 @@ def import_drake() -> Any:
         import pydrake.all as drake
     except ImportError:
         raise ParameterError(
-            'Drake is not installed: pip install "snake_sim_ros[drake]", with Python 3.12 or newer'
+            'Drake is not installed: pip install drake, with Python 3.12 or newer'
         ) from None
     logging.getLogger('drake').setLevel(logging.ERROR)  # it warns of every half space
     return drake

@@ -15,12 +15,12 @@ from itertools import zip_longest
 from typing import Any
 
 from snake_sim_benchmarks.comparison.contenders import LOOSE_TOLERANCE
-from snake_sim_benchmarks.comparison.courses import compiled_course, Runner
 from snake_sim_benchmarks.comparison.drake_runs import cenic_course, CenicSettings
-from snake_sim_benchmarks.comparison.mujoco_contacts import searched_for
-from snake_sim_benchmarks.comparison.mujoco_model import MujocoSettings
-from snake_sim_benchmarks.comparison.mujoco_rollouts import rolled_course
-from snake_sim_ros.scene.parameters import Scene, with_settings
+from snake_sim_benchmarks.comparison.mujoco_model import MujocoSettings, searched_for
+from snake_sim_benchmarks.comparison.mujoco_runs import rolled_course
+from snake_sim_benchmarks.comparison.paths import compiled_course, Runner
+from snake_sim_ros import Scene
+from snake_sim_ros.scene.parameters import with_settings
 
 # Steps a second.
 SECOND_ORDER_RATES = (400, 200, 100, 70, 50, 40, 30, 20, 10)

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from snake_sim_ros import Report
 from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import make_stepper
 
 TESTS = Path(__file__).resolve().parents[3] / 'test'

@@ -32,11 +32,12 @@ from typing import Any
 import numpy as np
 
 from snake_sim_benchmarks.comparison.csv_tables import records_of, Table
-from snake_sim_ros.scene.checked_records import from_mapping, ParameterError
+from snake_sim_ros import ParameterError, Scene, Simulation
+from snake_sim_ros.scene.checked_records import from_mapping
 from snake_sim_ros.scene.files import write_whole
-from snake_sim_ros.scene.parameters import Array, Scene, with_settings
+from snake_sim_ros.scene.parameters import Array, with_settings
 from snake_sim_ros.stepping.accuracy import with_accuracy
-from snake_sim_ros.stepping.simulation import sample, Simulation
+from snake_sim_ros.stepping.simulation import sample
 
 KINDS = ('flat', 'pegs', 'cells', 'folds')
 SEED = 36

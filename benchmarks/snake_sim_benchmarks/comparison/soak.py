@@ -14,10 +14,9 @@ from pathlib import Path
 import time
 from typing import Any
 
-from snake_sim_ros.scene.parameters import load_scene, Scene, steps_in, with_settings
-from snake_sim_ros.stepping.base import Report
+from snake_sim_ros import Report, Scene, Simulation
+from snake_sim_ros.scene.parameters import load_scene, steps_in, with_settings
 from snake_sim_ros.stepping.samples import Samples
-from snake_sim_ros.stepping.simulation import Simulation
 
 MARKS = (10**4, 10**5, 10**6, 10**7)  # numbers of steps after which the state of a soak is noted
 QUICK_MARKS = (10**3, 10**4, 10**5)

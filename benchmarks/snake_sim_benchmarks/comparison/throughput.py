@@ -22,16 +22,13 @@ import numpy as np
 from snake_sim_benchmarks.comparison.bench_rows import Entry, Row
 from snake_sim_benchmarks.comparison.bench_tables import on_threads, THREADS
 from snake_sim_benchmarks.comparison.contenders import LOOSE_TOLERANCE
-from snake_sim_benchmarks.comparison.converged_paths import ConvergedPaths
-from snake_sim_benchmarks.comparison.courses import compiled_course, step_count
-from snake_sim_benchmarks.comparison.ensembles import worst_of_neighbors
+from snake_sim_benchmarks.comparison.ensembles import family, worst_of_neighbors
 from snake_sim_benchmarks.comparison.entrants import Entrant
-from snake_sim_benchmarks.comparison.families import family
-from snake_sim_benchmarks.comparison.mujoco_contacts import searched_for
-from snake_sim_benchmarks.comparison.mujoco_model import MujocoSettings
-from snake_sim_benchmarks.comparison.mujoco_rollouts import rolled_course, Rollouts
+from snake_sim_benchmarks.comparison.mujoco_model import MujocoSettings, searched_for
+from snake_sim_benchmarks.comparison.mujoco_runs import rolled_course, Rollouts
+from snake_sim_benchmarks.comparison.paths import compiled_course, ConvergedPaths, step_count
+from snake_sim_ros import Scene
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.state import initial_state
 

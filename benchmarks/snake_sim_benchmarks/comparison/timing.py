@@ -1,7 +1,7 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Runs of compiled methods that are timed step by step.
+Wall times of runs, of their steps, and of the stages of a step.
 
 The cycle counter of the processor is read between two steps, so that the times of steps contain
 neither references nor recording. All times are those of one machine at one moment. On a noisy
@@ -9,7 +9,7 @@ machine it is better to compare ratios, either to a calibration loop, which is a
 the same kind of arithmetic, or between runs that take turns.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 import math
 import os
@@ -22,25 +22,123 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_benchmarks.comparison.path_errors import extrapolated, Motion, path_error
-from snake_sim_benchmarks.comparison.timed_run import SAMPLING_PERIOD, TimedRun, timing_of
-from snake_sim_ros.dynamics.articulated_body import factor
+from snake_sim_benchmarks.comparison.paths import extrapolated, Motion, path_error, SAMPLING_PERIOD
+from snake_sim_ros import Report, Robot, Scene, Simulation, State
+from snake_sim_ros.contact.newton import Newton, solve_contacts
+from snake_sim_ros.dynamics.articulated_body import factor, factor_chain, reset_chain, solve_chain
 from snake_sim_ros.dynamics.compilation import compiled, COUNTS_CYCLES, cycle_counter
 from snake_sim_ros.dynamics.energy import balance_error, BALANCE_TIME
 from snake_sim_ros.scene.checked_records import flat_fields
 from snake_sim_ros.scene.parameters import (
     Array,
     load_scene,
-    Robot,
-    Scene,
     scene_to_text,
     steps_in,
     with_settings,
 )
+from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import method_of, METHODS, what_is_not_planar
+from snake_sim_ros.stepping.moreau import begin_step, end_step
+from snake_sim_ros.stepping.planar import moreau as planar, solvers as planar_newton
+from snake_sim_ros.stepping.planar.stepper import PlanarStepper
 from snake_sim_ros.stepping.sampling import Keep, Limits
-from snake_sim_ros.stepping.simulation import sample, Simulation
+from snake_sim_ros.stepping.simulation import sample
+from snake_sim_ros.stepping.spatial import SpatialStepper
+from snake_sim_ros.stepping.state import without_memory
+from snake_sim_ros.stepping.trajectory import Trajectory
+
+# ---- runs of any method or simulator ------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Wall times of the steps of a run, and of compiling."""
+
+    median: float  # of single steps [us]; nan if there were no steps
+    p99: float
+    compile_seconds: float  # of compiling, of loading compiled code, or of building a model [s]
+
+
+@dataclass(frozen=True)
+class TimedRun:
+    """
+    A run with its times, sampled every SAMPLING_PERIOD.
+
+    The failure in the report of the trajectory says why it ended early.
+    """
+
+    trajectory: Trajectory
+    timing: Timing
+    energy_error: float = math.nan  # see `energy.balance_error`; nan if it was not computed
+    late: bool = False  # whether the run was stopped because it took too long
+
+    @property
+    def simulated(self) -> float:
+        """Simulated time up to the last sample [s]."""
+        return float(self.trajectory.time[-1])
+
+    @property
+    def status(self) -> str:
+        """Status of the run: a value of `base.Status`, or too_slow."""
+        return 'too_slow' if self.late else self.trajectory.report.status.value
+
+
+def timing_of(microseconds: Array, compile_seconds: float) -> Timing:
+    """Return the timing of steps with these wall times, shape (steps,) [us]."""
+    if not len(microseconds):
+        return Timing(math.nan, math.nan, compile_seconds)
+    median, p99 = np.median(microseconds), np.percentile(microseconds, 99)
+    return Timing(float(median), float(p99), compile_seconds)
+
+
+def trajectory_of_states(
+    scene: Scene, states: Sequence[State], period: float, report: Report, seconds: float
+) -> Trajectory:
+    """
+    Return the record of a run that was not sampled by `simulation.sample`.
+
+    Parameters
+    ----------
+    scene : Scene
+    states : sequence of State
+        One for each sample.
+    period : float
+        Between two samples [s].
+    report : Report
+    seconds : float
+        See `Trajectory`.
+
+    Returns
+    -------
+    Trajectory
+        Without contacts; joint torques are not known (nan).
+
+    """
+    q, u = (np.array([getattr(state, name) for state in states]) for name in 'qu')
+    m, angle = len(states), joint_angles(q)
+    return Trajectory(
+        scene=scene,
+        time=period * np.arange(m),
+        position=q[..., :3],
+        orientation=q[..., 3:],
+        joint_angle=angle,
+        joint_velocity=joint_rates(q, u),
+        joint_torque=np.full_like(angle, math.nan),
+        contact_sample=np.zeros(0, dtype=int),
+        contact_number=np.zeros(0, dtype=int),
+        contact_point=np.zeros((0, 3)),
+        contact_force=np.zeros((0, 3)),
+        level=np.full(m, 'spatial'),
+        report=report,
+        seconds=seconds,
+        interrupted=False,
+        velocity=u,
+    )
+
+
+# ---- runs of compiled methods -------------------------------------------------------------------
+
 
 REFERENCE_STEPS = (1 / 16000, 1 / 32000)  # s, of the two runs that are extrapolated
 LIFTED_HEIGHT = 10.0  # m, out of reach of the floor for more than a second
@@ -300,3 +398,81 @@ def start_up_seconds(scene: Scene, *, cold: bool) -> float:
             check=True,
         )
         return time.perf_counter() - begin
+
+
+# ---- stages of a step of newton -----------------------------------------------------------------
+
+
+STAGES = ('kinematics, control, contacts', 'contact laws and chain', 'end of step, drift')
+CHAIN_SWEEP = 'one sweep over the chain'  # part of the second stage, about one per iteration
+TIMED_STEPS = 1000
+
+
+@compiled
+def spatial_stages(model, work, steps, stamps):
+    """Do what `moreau.advance` does, with a time stamp after every stage, and a sweep apart."""
+    for k in range(len(steps.angle)):
+        stamps[k, 0] = cycle_counter()
+        problem = begin_step(model, work, steps, k)
+        stamps[k, 1] = cycle_counter()
+        outcome = solve_contacts(
+            Newton(None), model, problem, steps.history, model.iteration_limit
+        )
+        stamps[k, 2] = cycle_counter()
+        if not end_step(model, work, steps, problem, outcome):
+            break
+        stamps[k, 3] = cycle_counter()
+        reset_chain(work.chain)
+        factor_chain(work.chain)
+        solve_chain(work.chain, work.chain.torque)
+        stamps[k, 4] = cycle_counter()
+
+
+@compiled
+def planar_stages(model, work, steps, stamps):
+    """Do what `moreau.advance` does, with a time stamp after every stage."""
+    history = without_memory(steps.history)
+    for k in range(len(steps.angle)):
+        stamps[k, 0] = cycle_counter()
+        count = planar.begin_planar_step(model, work, steps, k)
+        stamps[k, 1] = cycle_counter()
+        closed = work.closed[:count]
+        outcome = planar_newton.solve_planar_contacts(
+            planar_newton.PlanarNewton(None), model, work, closed, history, model.iteration_limit
+        )
+        stamps[k, 2] = cycle_counter()
+        if not planar.end_planar_step(model, work, steps, count, outcome):
+            break
+        stamps[k, 3] = cycle_counter()
+        stamps[k, 4] = stamps[k, 3]
+
+
+def stage_times(scene: Scene, level: str) -> dict[str, float]:
+    """
+    Return the median time of every stage of a step, and at the spatial level of CHAIN_SWEEP [us].
+
+    The median is that of TIMED_STEPS steps after the first second of the scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    level : str
+        `spatial` or `planar`.
+
+    """
+    stamps = np.zeros((TIMED_STEPS, 5), np.int64)
+    stages = planar_stages if level == 'planar' else spatial_stages
+
+    def loop(model, work, steps):  # type: ignore[no-untyped-def]
+        stages(model, work, steps, stamps)
+
+    make = PlanarStepper if level == 'planar' else SpatialStepper
+    simulation = Simulation(scene, make(scene, loop))
+    for steps in [TIMED_STEPS] * (round(1 / scene.dt / TIMED_STEPS) + 1):
+        reference = simulation.gait_reference(steps)
+        start = time.perf_counter(), cycle_counter()
+        simulation.advance(*reference)
+        wall, ticks = time.perf_counter() - start[0], cycle_counter() - start[1]
+    medians = tick_length(wall, ticks) * np.median(np.diff(stamps, axis=1), axis=0)
+    names = (*STAGES, CHAIN_SWEEP) if level == 'spatial' else STAGES
+    return {name: float(median) for name, median in zip(names, medians, strict=False)}

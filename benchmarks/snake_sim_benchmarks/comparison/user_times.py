@@ -29,10 +29,11 @@ from snake_sim_benchmarks.comparison.bench_tables import (
     REFERENCE,
     RUN,
 )
-from snake_sim_ros.scene.parameters import Array, samples_of, Scene
+from snake_sim_ros import Scene, Simulation
+from snake_sim_ros.scene.parameters import Array, samples_of
 from snake_sim_ros.stepping.controlled import controlled
 from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.simulation import run, Simulation
+from snake_sim_ros.stepping.simulation import run
 
 USER_CASES = ('lateral_undulation', 'sidewinding')  # in the plane, and in space
 METHODS_OF_USERS = (('newton', 1 / 4000), ('bdf2', 1 / 200))

@@ -18,8 +18,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from snake_sim_benchmarks.reliability.hostile_messages import good_message, NAMES, TIME
 from snake_sim_benchmarks.reliability.message_attack import ANSWER, MessageAttack
+from snake_sim_ros import Robot
 from snake_sim_ros.nodes.messages import seconds_from
-from snake_sim_ros.scene.parameters import Robot
 
 PERIOD = 0.005  # s of a publish period
 OBEYED = 2  # periods after which a good command is obeyed, besides one that was under way
@@ -30,8 +30,8 @@ WAIT = 2.0  # s for a message that must come at once
 BEYOND = 0.01  # by which joints may be beyond limits: a stop ends a motion at the end of a step
 TOO_FAST = 0.03  # as a share; rates at the end of a step are measured with the drift of joints
 SLOW = 0.5  # rad/s of a joint that holds still
-# Rad that a joint is told to turn, and by which it obeyed: the way of two periods at its rate
-# limit, 10 rad/s. Damping of a joint that is not led elsewhere adds 0.05 rad at most.
+# Angle [rad] by which a joint is commanded to turn, and from which on it has obeyed: the travel of
+# two periods at its rate limit, 10 rad/s. Damping of a joint at rest adds 0.05 rad at most.
 TURN, TURNED = 0.3, 0.1
 DEFAULTS: dict[str, float | bool] = {
     **{'robot.yaw_stiffness': 40.0, 'friction.longitudinal': 0.1, 'real_time_factor': 1.0},
@@ -165,10 +165,10 @@ class SimCheck:
 
     def _reference(self, joint: int) -> float:
         """
-        Return the angle that a joint is led to, as its angle and torque tell [rad].
+        Return the reference of a joint [rad], estimated from its angle and torque.
 
-        A robot that was thrown may press on a joint so hard that it neither turns much when it is
-        told to nor needs more torque: it was led elsewhere with much torque before.
+        A robot that was thrown may press on a joint so hard that it neither turns much when
+        commanded nor needs more torque: a large torque already held it at another reference.
         """
         torque = self.last.effort[joint]
         return float(self.last.position[joint] + torque / DEFAULTS['robot.yaw_stiffness'])

@@ -4,14 +4,68 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 import signal
+import struct
 import subprocess
 import time
 
-from snake_sim_benchmarks.reliability.attacked_node import AttackedNode, node
-from snake_sim_benchmarks.reliability.bag_without_end import messages_in
-from snake_sim_benchmarks.reliability.graph_watch import GraphWatch, large_command
+from mcap.exceptions import McapError
+from mcap.records import Channel, Message
+from mcap.stream_reader import StreamReader
+
+from snake_sim_benchmarks.reliability.attacked_node import (
+    AttackedNode,
+    GraphWatch,
+    large_command,
+    node,
+)
+
+# ---- what can be read of a bag whose recorder was killed, or whose disk was full ----------------
+
+
+def messages_in(path: Path) -> int:
+    """Return how many messages a bag has up to its end, wherever that is."""
+    count = 0
+    with path.open('rb') as file:
+        try:
+            for record in StreamReader(file).records:
+                count += isinstance(record, Message)
+        except McapError:  # the end
+            pass
+    return count
+
+
+def what_is_wrong_with_stamps(path: Path, topic: str) -> str:
+    """
+    Return a sentence if the stamps of a topic of a bag do not grow; empty if all do.
+
+    Parameters
+    ----------
+    path : Path
+    topic : str
+        Its messages begin with a header.
+
+    """
+    channel, stamps = None, []
+    try:
+        with path.open('rb') as file:
+            for record in StreamReader(file).records:
+                if isinstance(record, Channel) and record.topic == topic:
+                    channel = record.id
+                elif isinstance(record, Message) and record.channel_id == channel:
+                    stamps.append(struct.unpack('<iI', record.data[4:12]))
+    except (OSError, McapError, struct.error) as error:
+        return f'{path.name} cannot be read: {error}'
+    if not stamps:
+        return f'{path.name} has no {topic}'
+    back = sum(later <= earlier for earlier, later in pairwise(stamps))
+    return f'{back} of {len(stamps)} stamps of {topic} do not grow' if back else ''
+
+
+# ---- trials -------------------------------------------------------------------------------------
+
 
 END = 120.0  # s for a program to end, which may have to compile the physics
 ROOM = 300_000  # bytes of the disk, or of a file at most
@@ -48,23 +102,23 @@ def _disk(folder: Path, room: int) -> Iterator[list[str]]:
             subprocess.run(['umount', str(folder)], check=True)
 
 
-def _verdict(program: AttackedNode, *, told: str) -> str:
+def _verdict(program: AttackedNode, *, named: str) -> str:
     """Return what is wrong with the end of a program, whose last line must have some words."""
     status = program.wait(END)
     if status is None:
         program.end()
-        return f'{told}: no end within {END:g} s'
+        return f'{named}: no end within {END:g} s'
     words = program.lines[-1] if program.lines else ''
     if status in (0, 1) or program.said('Traceback'):
-        return f'{told}: ended with status {status}: {words}'
-    return '' if told in words else f'the last line does not name {told}: {words}'
+        return f'{named}: ended with status {status}: {words}'
+    return '' if named in words else f'the last line does not name {named}: {words}'
 
 
 def _run(name: str, option: str, duration: str, folder: Path) -> str:
     path, room = folder / name, ROOM if option == 'bag' else ROOM // 10
     arguments = 'run', 'lateral_undulation', '--duration', duration, f'--{option}', str(path)
     with _disk(folder, room) as prefix:
-        problem = _verdict(AttackedNode([*COMMANDS, *arguments], prefix=prefix), told=str(path))
+        problem = _verdict(AttackedNode([*COMMANDS, *arguments], prefix=prefix), named=str(path))
         if not problem and option == 'out' and path.exists():
             return f'{path} is there, and is not whole'
     return problem
@@ -77,7 +131,7 @@ def _record(folder: Path) -> str:
         sim.wait_until_said('physics ready', END)
         with _disk(folder, ROOM) as prefix:
             recorder = AttackedNode([*COMMANDS, 'record', str(path)], prefix=prefix)
-            problem, unreadable = _verdict(recorder, told=str(path)), not messages_in(path)
+            problem, unreadable = _verdict(recorder, named=str(path)), not messages_in(path)
         return problem or (f'{path} has no message that can be read' if unreadable else '')
     finally:
         sim.end()
@@ -103,12 +157,12 @@ def _killed_recorder(folder: Path) -> str:
 def _large_run(_: Path) -> str:
     duration = '100000'
     arguments = 'run', 'lateral_undulation', '--duration', duration
-    return _verdict(_limited(f'--as={2 * LITTLE}', *arguments), told='memory')
+    return _verdict(_limited(f'--as={2 * LITTLE}', *arguments), named='memory')
 
 
 def _little_node(name: str) -> str:
     """Start a node with too little memory."""
-    return _verdict(node(name, prefix=['prlimit', f'--as={LITTLE // 2}']), told='ulimit -v')
+    return _verdict(node(name, prefix=['prlimit', f'--as={LITTLE // 2}']), named='ulimit -v')
 
 
 def _large_messages(_: Path) -> str:
@@ -122,7 +176,7 @@ def _large_messages(_: Path) -> str:
             commands.publish(large_command(LARGE))
             watch.spin(0.2)
         if not sim.is_alive:
-            return _verdict(sim, told='memory')
+            return _verdict(sim, named='memory')
         return '' if watch.flow(STATES, ANSWER) else 'sim fell silent after large messages'
     finally:
         sim.end()

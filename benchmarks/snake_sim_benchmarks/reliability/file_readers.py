@@ -7,7 +7,7 @@ This runs in a process of its own, which the reader may exhaust or kill. It answ
 what came of it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 import os
 from pathlib import Path
@@ -16,28 +16,52 @@ import sys
 import time
 from typing import NamedTuple
 
+import rclpy
+
 from snake_sim_benchmarks.comparison.csv_tables import read_table
-from snake_sim_benchmarks.reliability.trial_start import start_and_end
+from snake_sim_ros import ParameterError, Scene, Simulation
 from snake_sim_ros.gaits.blending import check_reach
+from snake_sim_ros.nodes.gait_node import GaitNode
+from snake_sim_ros.nodes.node_process import initialize, made
 from snake_sim_ros.recording import checkpoint
 from snake_sim_ros.recording.recorded_runs import read_npz, read_run, summary, write_csv, write_npz
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.files import parse_yaml
 from snake_sim_ros.scene.parameters import (
     load_scene,
     samples_of,
-    Scene,
     scene_from_text,
     scene_to_text,
     with_settings,
 )
 from snake_sim_ros.scene.robot_description import robot_of
 from snake_sim_ros.stepping.methods import with_usual_steps
-from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.studies.problem import load_problem
 from snake_sim_ros.studies.recorded_motion import read_recording
 from snake_sim_ros.studies.study import load_study
 from snake_sim_ros.studies.table import Journal
+
+
+def start_and_end(arguments: Sequence[str]) -> None:
+    """
+    Make the node `gait` as its process does, and end it.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        What would stand after ``--ros-args``.
+
+    Raises
+    ------
+    ParameterError
+        If the node does not start with them.
+
+    """
+    initialize(['gait', '--ros-args', *arguments])
+    try:
+        made(GaitNode).destroy_node()
+    finally:
+        rclpy.try_shutdown()
+
 
 LONGEST_SENTENCE = 2000  # characters; names of all keys or parameters may be in it
 ADDRESS_SPACE = 4_000_000_000  # bytes beyond those that the process has, where a bomb ends

@@ -122,7 +122,7 @@ def trials(seconds: float, seed: int) -> Iterator[Trial]:
 
 
 def _trial(name: str, folder: Path, seconds: float, seed: int, changes: list[Change]) -> Trial:
-    """Return what came of the files of a kind that were read in some time."""
+    """Return the trial of the files of a kind that were read in some time."""
     tried = violations = was_read = 0
     longest, memory, first = 0.0, 0.0, ''
     with Reader(name, folder) as reader:

@@ -24,8 +24,8 @@ from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
+from snake_sim_ros import Robot
 from snake_sim_ros.nodes.messages import joint_names, stamp_from
-from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.robot_description import robot_description
 
 LINKS = 11

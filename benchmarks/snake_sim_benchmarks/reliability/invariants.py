@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from snake_sim_ros import Report, Scene, State
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.detection import reach_of_step
 from snake_sim_ros.dynamics import kinematics
@@ -38,12 +39,10 @@ from snake_sim_ros.dynamics.force_directions import (
 )
 from snake_sim_ros.dynamics.joint_laws import make_joint_laws
 from snake_sim_ros.scene.obstacles import contact_friction
-from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.posture import center_of_mass, joint_angles
 from snake_sim_ros.scene.rotations import product, rotation_matrices
-from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.samples import Samples
-from snake_sim_ros.stepping.state import State
 
 ROUNDING = 1e-7  # of the largest velocity that a step deals with
 FASTEST = 500.0  # steps of an explicit controller that explodes are not judged [m/s], [rad/s]

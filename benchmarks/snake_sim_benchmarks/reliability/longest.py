@@ -17,8 +17,9 @@ import numpy as np
 
 from snake_sim_benchmarks.comparison.soak import EndlessRun
 from snake_sim_benchmarks.reliability.trials import shares, Trial
+from snake_sim_ros import Scene
 from snake_sim_ros.nodes.diagnostics import step_times
-from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 
 MOST_STEPS = 10**7
 PERIOD = 5e-3  # of publishing at 200 Hz [s]

@@ -67,7 +67,7 @@ def trials(seconds: float, seed: int) -> Iterator[Trial]:
 
 
 def _flooded(attacked: AttackedNode, url: str, seconds: float, seed: int) -> Trial:
-    """Flood a page again and again; return what came of it."""
+    """Flood a page repeatedly, and return the trial."""
     from websockets.exceptions import WebSocketException
 
     rng, sent, violations, most, longest, first = random.Random(seed), 0, 0, 0, 0.0, ''

@@ -27,12 +27,10 @@ from snake_sim_benchmarks.reliability.random_scenes import (
     start_of,
 )
 from snake_sim_benchmarks.reliability.trials import Trial
-from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros import ParameterError, Simulation, State
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.stepping.samples import make_samples, Samples
-from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import State
 
 KINDS = (
     *((FLAT, 'newton'), (FLAT, 'bdf2'), (OBSTACLES, 'newton'), (OBSTACLES, 'bdf2')),

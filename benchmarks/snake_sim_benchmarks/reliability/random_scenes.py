@@ -18,13 +18,13 @@ from typing import Any
 
 import numpy as np
 
+from snake_sim_ros import ParameterError, Scene, State
 from snake_sim_ros.dynamics.force_directions import scene_gaps
-from snake_sim_ros.scene.checked_records import from_mapping, ParameterError
-from snake_sim_ros.scene.parameters import Array, PD_SCHEMES, Scene
+from snake_sim_ros.scene.checked_records import from_mapping
+from snake_sim_ros.scene.parameters import Array, PD_SCHEMES
 from snake_sim_ros.scene.posture import chain_coordinates, gaps
 from snake_sim_ros.scene.rotations import product, rotation_matrices
 from snake_sim_ros.stepping.bdf2.step import IMPLICIT_SCHEMES
-from snake_sim_ros.stepping.state import State
 
 Case = dict[str, Any]
 Generator = np.random.Generator

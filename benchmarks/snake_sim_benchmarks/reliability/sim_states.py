@@ -1,6 +1,6 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What anybody may do to the node `sim`, in any order: a state machine of hypothesis."""
+"""All that clients may do to the node `sim`, in any order: a state machine of hypothesis."""
 
 import random
 

@@ -40,7 +40,7 @@ def trials(seconds: float, seed: int) -> Iterator[Trial]:
 
 
 def sequences(attacked: AttackedNode, seconds: float, seed: int) -> Trial:
-    """Run sequences on a `sim` that has started, and return what came of them."""
+    """Run sequences on a `sim` that has started, and return the trial."""
     if find_spec('hypothesis') is None:
         figures = 'not tried, since hypothesis is not installed: pip install hypothesis'
         return Trial('states', 'sim', 'rules', 0, 0, 0.0, figures=figures)

@@ -25,12 +25,12 @@ import numpy as np
 
 from snake_sim_benchmarks.comparison.soak import EndlessRun, resident_memory, SOAKED_SCENES
 from snake_sim_benchmarks.reliability.trials import shares, Trial
+from snake_sim_ros import Scene, Simulation, State
 from snake_sim_ros.recording import checkpoint
-from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.rotations import product, rotation_matrices
 from snake_sim_ros.stepping.samples import make_samples
-from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import named_arrays, State
+from snake_sim_ros.stepping.state import named_arrays
 
 MOST_STEPS = {'newton': 10**8, 'bdf2': 25 * 10**5}
 MEMORY_GROWTH = 5.0  # MB

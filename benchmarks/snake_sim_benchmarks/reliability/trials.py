@@ -4,7 +4,7 @@
 Trials: what was tried how often, and what went wrong, as rows of a CSV file and of a page.
 
 A part of an attack is a module of this room with a function `trials(seconds, seed)`. It yields a
-`Trial` for each subject it attacks and takes about as long as it is told.
+`Trial` for each subject it attacks and takes about the time it is given.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -35,7 +35,7 @@ class Trial:
     tried : int
         How many of them.
     violations : int
-        How many of them broke a promise; 0 is what is wanted.
+        How many of them broke a promise.
     seconds : float
         Wall time of all of them.
     longest : float

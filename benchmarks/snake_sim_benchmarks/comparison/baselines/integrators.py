@@ -24,23 +24,20 @@ from scipy.integrate import BDF, LSODA, Radau, RK45
 
 from snake_sim_benchmarks.comparison.baselines import minimal_coordinates, penalty as regularized
 from snake_sim_benchmarks.comparison.baselines.pyramid import Pyramid
-from snake_sim_benchmarks.comparison.timed_run import (
-    SAMPLING_PERIOD,
-    TimedRun,
-    timing_of,
-    trajectory_of_states,
-)
+from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD
+from snake_sim_benchmarks.comparison.timing import TimedRun, timing_of, trajectory_of_states
+from snake_sim_ros import ParameterError, Report, Scene, State
 from snake_sim_ros.contact.delassus import make_delassus
 from snake_sim_ros.dynamics.energy import imbalance, mechanical_energy
-from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
+from snake_sim_ros.scene.checked_records import CheckedRecord, quantity
 from snake_sim_ros.scene.obstacles import contact_count
-from snake_sim_ros.scene.parameters import Array, Scene, with_settings
+from snake_sim_ros.scene.parameters import Array, with_settings
 from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.stepping import moreau
-from snake_sim_ros.stepping.base import Report, Stepper
+from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.model import make_model, make_workspace
 from snake_sim_ros.stepping.spatial import SpatialStepper
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.state import initial_state
 
 INTEGRATORS: dict[str, Any] = {'RK45': RK45, 'LSODA': LSODA, 'Radau': Radau, 'BDF': BDF}
 JACOBIAN_DIFFERENCE = 1e-8  # in the unit of each number; less than the sag of a link
@@ -93,7 +90,7 @@ def make_semi_implicit(scene: Scene, penalty: Penalty) -> Stepper:
     Return a stepper of regularized contact: the paper's step with explicit contact forces.
 
     The contacts limit the step, since their forces are explicit: dt < 2/omega for a spring of
-    angular frequency omega without damping. Every step counts as converged. The residual tells
+    angular frequency omega without damping. Every step counts as converged. The residual says
     how far forces and velocities are from the set-valued laws.
 
     Raises

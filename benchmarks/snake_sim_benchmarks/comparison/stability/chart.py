@@ -22,7 +22,7 @@ from snake_sim_benchmarks.comparison.chart_style import CHART_STYLE, save
 from snake_sim_benchmarks.comparison.csv_tables import Table
 from snake_sim_benchmarks.comparison.stability.maps import MAPS
 from snake_sim_benchmarks.comparison.stability.runs import Cell, cells_of, StabilityMap
-from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros import ParameterError
 from snake_sim_ros.scene.parameters import Array
 
 OUTCOME_COLORS = {

@@ -11,47 +11,39 @@ import numpy as np
 
 from snake_sim_benchmarks.comparison.mujoco_model import MujocoSettings
 from snake_sim_benchmarks.comparison.mujoco_runs import run_mujoco
-from snake_sim_benchmarks.comparison.stability.contact_laws import (
-    heavy,
-    prox_limit,
-    sinking,
-    sticking,
-    undulating,
-)
-from snake_sim_benchmarks.comparison.stability.impacts import (
-    dropped_flat,
-    dropped_precisely,
-    dropped_tilted,
-    landing_error,
-    landing_limit,
-    rod,
-    rod_error,
-    rod_limit,
-    spin_limit,
-    spinning,
-    transverse_gain,
-    upright,
-)
-from snake_sim_benchmarks.comparison.stability.joint_control import (
-    control_limit,
-    in_flight,
-    on_the_ground,
-)
-from snake_sim_benchmarks.comparison.stability.regularized import (
-    pushed_along,
-    pushed_down,
-    smooth_limit,
-    spring_limit,
-)
-from snake_sim_benchmarks.comparison.stability.runs import Axis, Case, Run, simulate, StabilityMap
-from snake_sim_benchmarks.comparison.stability.scenes import (
+from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD
+from snake_sim_benchmarks.comparison.stability.problems import (
     AIKO,
     angle_error,
     CASE_A,
+    control_limit,
+    dropped_flat,
+    dropped_precisely,
+    dropped_tilted,
+    heavy,
+    in_flight,
+    landing_error,
+    landing_limit,
+    on_the_ground,
     position_error,
+    prox_limit,
+    pushed_along,
+    pushed_down,
+    rod,
+    rod_error,
+    rod_limit,
+    sinking,
+    smooth_limit,
     speed,
+    spin_limit,
+    spinning,
+    spring_limit,
+    sticking,
+    transverse_gain,
+    undulating,
+    upright,
 )
-from snake_sim_benchmarks.comparison.timed_run import SAMPLING_PERIOD
+from snake_sim_benchmarks.comparison.stability.runs import Axis, Case, Run, simulate, StabilityMap
 
 SCHEMES = ('newton start', 'newton midpoint', 'newton average', 'newton end', 'bdf2')
 SOLVERS = ('newton', 'newton_dense', 'gauss_seidel', 'paper', 'bdf2')
@@ -109,7 +101,7 @@ def control_map(
 def with_default_tolerances(
     case: Callable[[str, float, float], Case],
 ) -> Callable[[str, float, float], Case]:
-    """Return cases that are solved as a scene is for which nobody chose a tolerance."""
+    """Return cases that are solved with the tolerances that a scene has by default."""
 
     def found(method: str, x: float, y: float) -> Case:
         chosen = case(method, x, y)

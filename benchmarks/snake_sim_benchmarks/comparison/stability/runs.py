@@ -19,14 +19,13 @@ from typing import Any
 import numpy as np
 
 from snake_sim_benchmarks.comparison.csv_tables import records_of, Table
-from snake_sim_benchmarks.comparison.timed_run import SAMPLING_PERIOD
+from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD
+from snake_sim_ros import ParameterError, Report, Scene, Simulation, State
 from snake_sim_ros.dynamics.energy import mechanical_energy
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Scene, steps_in
-from snake_sim_ros.stepping.base import Report, Stepper
+from snake_sim_ros.scene.parameters import steps_in
+from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.sampling import Keep, Limits
-from snake_sim_ros.stepping.simulation import sample, Simulation
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 OUTCOMES = ('converged', 'inaccurate', 'unconverged', 'blown_up')  # or failed: it raised

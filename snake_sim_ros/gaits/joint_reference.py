@@ -1,6 +1,11 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The references of the joints over time: commands, held or extrapolated, and trajectories."""
+"""
+References of the joints over time: commands, held or extrapolated, trajectories, a limit of rates.
+
+In compiled sampling, rows of the arrays angle [rad] and rate [rad/s] belong to times, columns to
+joint axes.
+"""
 
 from dataclasses import dataclass, replace
 import math

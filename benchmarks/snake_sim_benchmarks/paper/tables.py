@@ -9,6 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from snake_sim_benchmarks.coordinates import (
+    end_coordinates,
+    middle_coordinates,
+    with_unit_parameters,
+)
 from snake_sim_benchmarks.paper.experiments import (
     Experiment,
     mean_velocity,
@@ -20,7 +25,6 @@ from snake_sim_benchmarks.paper.experiments import (
     reversed_wave,
 )
 from snake_sim_ros import Robot, Scene, Solver, State
-from snake_sim_ros.dynamics import kinematics
 from snake_sim_ros.dynamics.force_directions import (
     joint_directions,
     mass_matrix,
@@ -41,27 +45,6 @@ from snake_sim_ros.stepping.state import initial_state
 def consistent(scene: Scene) -> Scene:
     """Return the scene with moments of inertia from the radius as the paper states it."""
     return replace(scene, robot=replace(scene.robot, inertia='consistent'))
-
-
-def middle_coordinates(state: State, dt: float) -> Array:
-    """Return the coordinates (n, 7) at the middle of a step, eq. (72), p_M not of length 1."""
-    q_M = np.empty_like(state.q)
-    kinematics.middle_coordinates(dt, state.q, state.u, q_M)
-    return q_M
-
-
-def with_unit_parameters(q: Array) -> Array:
-    """Return coordinates (n, 7) with Euler parameters of length 1."""
-    return np.hstack([q[:, :3], q[:, 3:] / np.linalg.norm(q[:, 3:], axis=1, keepdims=True)])
-
-
-def end_coordinates(q_M: Array, u_E: Array, dt: float) -> Array:
-    """Return the coordinates (n, 7) at the end of a step, eq. (83), before joints are closed."""
-    q_E = q_M.copy()
-    q_E[:, :3] += dt / 2 * u_E[:, :3]
-    spin = np.column_stack([np.zeros(len(u_E)), u_E[:, 3:]])
-    q_E[:, 3:] += dt / 4 * product(q_M[:, 3:], spin)
-    return q_E
 
 
 def controller_torques(scene: Scene, state: State, q_M: Array, angle: Array, rate: Array) -> Array:

@@ -22,10 +22,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from snake_sim_benchmarks.coordinates import (
+    end_coordinates,
+    middle_coordinates,
+    with_unit_parameters,
+)
 from snake_sim_ros import Report, Scene, State
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.detection import reach_of_step
-from snake_sim_ros.dynamics import kinematics
 from snake_sim_ros.dynamics.energy import mechanical_energy
 from snake_sim_ros.dynamics.force_directions import (
     joint_directions,
@@ -41,7 +45,7 @@ from snake_sim_ros.dynamics.joint_laws import make_joint_laws
 from snake_sim_ros.scene.obstacles import contact_friction
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.posture import center_of_mass, joint_angles
-from snake_sim_ros.scene.rotations import product, rotation_matrices
+from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.samples import Samples
 
 ROUNDING = 1e-7  # of the largest velocity that a step deals with
@@ -97,27 +101,6 @@ def of_run(
         turn = 4.0 * scene.dt * float(np.linalg.norm(moved[..., 3:], axis=-1).max())
         if angle > max(first, laws.stop) + turn + 1e-9:
             yield f'stop: a joint is at {angle:.4g} rad beyond its stop {laws.stop:.4g} rad'
-
-
-def middle_coordinates(state: State, dt: float) -> Array:
-    """Return the coordinates (n, 7) at the middle of a step, eq. (72), p_M not of length 1."""
-    q_M = np.empty_like(state.q)
-    kinematics.middle_coordinates(dt, state.q, state.u, q_M)
-    return q_M
-
-
-def with_unit_parameters(q: Array) -> Array:
-    """Return coordinates (n, 7) with Euler parameters of length 1."""
-    return np.hstack([q[:, :3], q[:, 3:] / np.linalg.norm(q[:, 3:], axis=1, keepdims=True)])
-
-
-def end_coordinates(q_M: Array, u_E: Array, dt: float) -> Array:
-    """Return the coordinates (n, 7) at the end of a step, eq. (83), before joints are closed."""
-    q_E = q_M.copy()
-    q_E[:, :3] += dt / 2 * u_E[:, :3]
-    spin = np.column_stack([np.zeros(len(u_E)), u_E[:, 3:]])
-    q_E[:, 3:] += dt / 4 * product(q_M[:, 3:], spin)
-    return q_E
 
 
 class Terms(NamedTuple):

@@ -45,7 +45,7 @@ def test_a_seed_is_a_scene_and_kinds_take_turns():
 
 def row(**values):
     """Return the row of a scene with one limit, with some other values."""
-    numbers = dict.fromkeys(limits.COLUMNS[5:-1], 1e-6) | {'jump': math.nan}
+    numbers = dict.fromkeys(limits.COLUMNS[5:-1], 1e-6) | {'jump': math.nan, 'refined': math.nan}
     return limits.Row(**({'seed': 0, 'kind': 'flat', 'links': 3, 'path': 0.1, 'unconverged': 0}
                          | numbers | values))  # fmt: skip
 
@@ -57,7 +57,26 @@ def test_verdicts():
     # A jump explains what is left only if it is about as large.
     assert limits.verdict(row(apart_128=1e-1, jump=2e-3)) == 'open'
     assert limits.verdict(row(bdf2_8=1e-3, jump=0.0)) == 'open'
+    assert limits.verdict(row(apart_128=1e-3, settings=1e-3, refined=5e-5)) == 'one limit'
     assert limits.verdict(row(message='diverged')) == 'not run'
+
+
+def test_steps_are_halved_until_there_is_one_limit(monkeypatch):
+    # Paths are off by 1.5e-4 at 1/256000 s (`newton`) and 1/32000 s (`bdf2`), and by half of it
+    # with half the step.
+    class OffByTheStep(limits.Paths):
+        def run(self, settings, accuracy=0.0):
+            error = settings['dt'] * {'newton': 256_000, 'bdf2': 32_000}[settings['method']]
+            path = np.zeros((3, 3))
+            path[1, 0] = error * 1.5e-4 * self.scene.robot.per_link('link_length').mean()
+            return path, 0
+
+    paths = OffByTheStep(limits.limit_scene(0))
+    assert 0.0 < limits.refined(paths) < limits.LIMIT
+    assert max(rate for _, rate in paths._known) == 512_000
+    monkeypatch.setattr(limits, 'LIMIT', 0.0)
+    limits.refined(paths)
+    assert max(rate for _, rate in paths._known) == limits.FINEST
 
 
 def test_accuracies_are_judged_where_the_limit_is_known():

@@ -127,13 +127,13 @@ class Run(Trajectory):
     path                             (m, 3)           center of the middle link [m]
     ================================ ================ =========================================
 
-    `scene` repeats the run, and `report` says how its steps went: `report.failure` is empty unless
-    a step diverged, which ends a run early.
+    `scene` reproduces the run, and `report` says how its steps went: `report.failure` is empty
+    unless a step diverged, which ends a run early.
     """
 
     @property
     def distance(self) -> float:
-        """Horizontal distance of the center of mass from start to end [m]."""
+        """Horizontal displacement of the center of mass from start to end [m]."""
         return metrics.METRICS['distance'](self)
 
     @property
@@ -163,7 +163,7 @@ class Run(Trajectory):
 
     def write(self, path: str | Path) -> None:
         """
-        Write the run to a file, which `read_run` and `snake-sim view` read if it is npz.
+        Write the run to a file; `read_run` and `snake-sim view` read npz files.
 
         Parameters
         ----------
@@ -195,7 +195,7 @@ def load_scene(source: Scene | str | Path, values: Values | None = None, **more:
     """
     Return a scene, with some of its values replaced.
 
-    What neither the scene nor the caller gives is that of the robot Aiko in the paper.
+    Values given neither by the scene nor by the caller are those of the robot Aiko in the paper.
 
     Parameters
     ----------
@@ -217,8 +217,8 @@ def load_scene(source: Scene | str | Path, values: Values | None = None, **more:
     Raises
     ------
     ParameterError
-        If there is no such scene, a name is unknown, a value is not usable, or the gait is beyond
-        the joint limit. The message says which and why.
+        If there is no such scene, a name is unknown, a value is invalid, or the gait exceeds the
+        joint limit. The message says which and why.
 
     """
     return _scene_and_names(source, values, more)[0]
@@ -233,7 +233,7 @@ def run(
     Run a scene, and return its trajectory.
 
     If neither `dt`, `method`, `level` nor `accuracy` is given, here or in the scene, the steps are
-    those of an accuracy of 1e-3, as of ``snake-sim run``. The first run on a machine compiles the
+    those of an accuracy of 1e-3, as in ``snake-sim run``. The first run on a machine compiles the
     physics, which takes up to a minute or two; a bar on stderr shows its progress.
 
     Parameters
@@ -313,7 +313,7 @@ def _run_of(trajectory: Trajectory) -> Run:
 def _checked(
     controller: Callable[[Simulation], Any], joints: int
 ) -> Callable[[Simulation], tuple[Array, Array]]:
-    """Return a controller of the user as `controlled` takes it: with rates, of right shapes."""
+    """Return a controller of the user as `controlled` expects it: with rates, of valid shapes."""
     still = np.zeros((joints, 2))
 
     def references(simulation: Simulation) -> tuple[Array, Array]:

@@ -10,8 +10,8 @@ import sys
 from snake_sim_ros.scene import __version__
 from snake_sim_ros.scene.checked_records import ParameterError
 
-# In the order of the help text: the module of each command, where its function `add_...` is, and
-# what it does.
+# In the order of the help text: the module of each command, which has its function `add_...`, and
+# what the command does.
 COMMANDS = {
     'run': ('scenes', 'run a scene and record it'),
     'study': ('study', 'run a scene with many values on all cores'),
@@ -58,8 +58,8 @@ def _parser(args: list[str]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='snake-sim', description=__doc__)
     parser.add_argument('--version', action='version', version=__version__)
     subparsers = parser.add_subparsers(required=True, metavar='COMMAND')
-    # A command does not wait for the imports of the others, the compiler above all, and the list
-    # of all commands for none.
+    # A command does not wait for the imports of the others, above all the compiler; the list of
+    # all commands waits for none.
     chosen = [name for name in args if name in COMMANDS][:1]
     for name in chosen:
         module = import_module(f'snake_sim_ros.commands.{COMMANDS[name][0]}')
@@ -70,6 +70,6 @@ def _parser(args: list[str]) -> argparse.ArgumentParser:
 
 
 def heed_ctrl_c() -> None:
-    """Let SIGINT end the command also where a script started it with ``&``, which ignores it."""
+    """Let SIGINT end the command even if a script started it with ``&``, which ignores SIGINT."""
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -1,6 +1,6 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Options that several commands share, the checks of them, and the scene and files they mean."""
+"""Options that commands share, their checks, and the scenes, sensors and files they stand for."""
 
 import argparse
 from collections.abc import Callable, Mapping
@@ -79,7 +79,7 @@ def scene_from(options: argparse.Namespace, source: str) -> Scene:
     Raises
     ------
     ParameterError
-        If there is no such scene, a value is not usable, or the gait is beyond the joint limit.
+        If there is no such scene, a value is invalid, or the gait exceeds the joint limit.
 
     """
     loaded = load_scene(source)
@@ -94,7 +94,7 @@ def scene_from(options: argparse.Namespace, source: str) -> Scene:
 
 
 def given_settings(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the values that the options of a command give, by their dotted names in a scene."""
+    """Return the values given by the options of a command, by their dotted names in a scene."""
     settings = by_dotted_names(given_values(options.set, '--set'), Scene())
     if isinstance(settings.get('robot'), str):
         path = find_file(settings['robot'], Path(), '--set')
@@ -106,7 +106,7 @@ def given_settings(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def given_values(items: list[str], option: str) -> dict[str, Any]:
-    """Return the values of KEY=VALUE items that were given with an option, by their keys."""
+    """Return the values of KEY=VALUE items given with an option, by their keys."""
     values: dict[str, Any] = {}
     for item in items:
         key, separator, value = item.partition('=')
@@ -121,7 +121,7 @@ def given_values(items: list[str], option: str) -> dict[str, Any]:
 
 def scene_with_accuracy(options: argparse.Namespace, source: str, period: float) -> Scene:
     """
-    Return the scene of `scene_from` with the steps that its accuracy asks for, if it has one.
+    Return the scene of `scene_from`, with the steps that its accuracy requires, if it has one.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def scene_with_accuracy(options: argparse.Namespace, source: str, period: float)
     Raises
     ------
     ParameterError
-        If there is no such scene, or a value is not usable.
+        If there is no such scene, or a value is invalid.
 
     """
     scene, given = scene_from(options, source), given_settings(options)
@@ -149,7 +149,7 @@ OF_LINKS = {'imu': 'imu_links', 'contact_forces': 'contact_force_links'}
 
 
 def add_sensors(command: argparse.ArgumentParser) -> None:
-    """Add the options that choose sensors and how well they measure."""
+    """Add the options that select sensors and their errors."""
     for name, what in (('imu', 'with an IMU'), ('contact-forces', 'whose contacts are measured')):
         command.add_argument(
             f'--{name}', action='append', default=[], metavar='LINK',
@@ -177,7 +177,7 @@ def sensors_of(options: argparse.Namespace, count: int, rate: float) -> Sensors:
     Raises
     ------
     ParameterError
-        If a value is not usable.
+        If a value is invalid.
 
     """
     values = given_values(options.sensor, '--sensor')
@@ -225,8 +225,8 @@ def outputs(options: argparse.Namespace) -> dict[str, Path]:
     Raises
     ------
     ParameterError
-        If a file has another suffix or its folder does not exist, if a bag exists already, if the
-        speed is not usable, or if what an animation needs is not installed.
+        If a file has the wrong suffix, its folder does not exist, a bag already exists, the speed
+        is invalid, or a package that an animation needs is not installed.
 
     """
     files = {name: path for name in FORMATS if (path := getattr(options, name, None))}
@@ -256,7 +256,7 @@ def write_outputs(
     sensors: Mapping[str, Array] | None = None,
 ) -> None:
     """
-    Write a trajectory in every format but that of a bag, which is written as a scene runs.
+    Write a trajectory in all formats but bags, which are written while a scene runs.
 
     Parameters
     ----------

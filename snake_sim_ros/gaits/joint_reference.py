@@ -1,6 +1,11 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The references of the joints over time: commands, held or extrapolated, and trajectories."""
+"""
+References of the joints over time: commands, held or extrapolated, trajectories, a limit of rates.
+
+In compiled sampling, rows of the arrays angle [rad] and rate [rad/s] belong to times, columns to
+joint axes.
+"""
 
 from dataclasses import dataclass, replace
 import math
@@ -15,7 +20,10 @@ from snake_sim_ros.scene.posture import initial_coordinates, joint_angles
 
 
 @compiled
-def sample_command(times, stamp, command_angle, command_rate, horizon, angle, rate):
+def sample_command(
+    times: Array, stamp: Array, command_angle: Array, command_rate: Array, horizon: float,
+    angle: Array, rate: Array,
+) -> None:  # fmt: skip
     """
     Fill angles that change at their rates for a while after their stamps and are held afterwards.
 
@@ -39,7 +47,9 @@ def sample_command(times, stamp, command_angle, command_rate, horizon, angle, ra
 
 
 @compiled
-def sample_motion(times, axes, knots, coefficients, angle, rate):
+def sample_motion(
+    times: Array, axes: Array, knots: Array, coefficients: Array, angle: Array, rate: Array
+) -> None:
     """
     Fill the columns of some axes from the begin of a motion on; see `Motion`.
 
@@ -75,7 +85,7 @@ def sample_motion(times, axes, knots, coefficients, angle, rate):
 
 
 @compiled
-def hold_at_limit(limit, angle, rate):
+def hold_at_limit(limit: float, angle: Array, rate: Array) -> None:
     """
     Clip angles to a limit [rad], and set the rates of clipped axes to 0.
 

@@ -373,7 +373,6 @@ def _refuse_vertical(topic: str, command: ReceivedCommand) -> None:
 
 # ---- other publishers ---------------------------------------------------------------------------
 
-
 CLOCK = '/clock'
 COUNTS = 'the last message counts'  # of commands
 UNKNOWN = '_NODE_NAME_UNKNOWN_'  # of a node that is about to come, or has just gone

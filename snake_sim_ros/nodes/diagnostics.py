@@ -17,7 +17,6 @@ from snake_sim_ros.stepping.simulation import Simulation
 
 # ---- load ---------------------------------------------------------------------------------------
 
-
 INTERVAL = 1.0  # s of wall time
 SHORTEST = 0.1  # s of wall time that must have run for a real-time factor
 
@@ -72,7 +71,6 @@ class LoadMeter:
 
 
 # ---- slow steps ---------------------------------------------------------------------------------
-
 
 HARD = 40  # contact iterations; a step with more takes a part of a millisecond
 
@@ -159,7 +157,6 @@ def reason(report: Report, seconds: float, used: float, most: float) -> str:
 
 
 # ---- messages -----------------------------------------------------------------------------------
-
 
 SLOW = re.compile(r'real-time factor \S+ of ([^\s;]+)(?:; )?')  # the warning that time slips
 

@@ -12,6 +12,11 @@ from rclpy.node import Node
 
 from snake_sim_ros.nodes.node_parameters import NOT_USABLE
 
+try:
+    from rclpy.experimental import EventsExecutor
+except ImportError:  # It costs a third per message, but not every rclpy has it.
+    EventsExecutor = SingleThreadedExecutor
+
 WARN_PERIOD = 5.0  # s between two warnings of one kind
 
 
@@ -60,12 +65,6 @@ class Refusals:
 
 
 # ---- executors ----------------------------------------------------------------------------------
-
-
-try:
-    from rclpy.experimental import EventsExecutor
-except ImportError:  # It costs a third per message, but not every rclpy has it.
-    EventsExecutor = SingleThreadedExecutor
 
 # Seconds for which messages are served before the caller continues. A newer message replaces those
 # that wait, so some twenty calls find nothing and one or two take a message. The limit is the same

@@ -27,7 +27,6 @@ from snake_sim_ros.scene.parameters import Array, Robot
 
 # ---- jumps --------------------------------------------------------------------------------------
 
-
 MANY_JUMPS = 4  # jumps in a row, each soon after the one before
 SOON_AFTER = 0.2  # s between two jumps in a row; resets do not follow each other that fast
 CALM = 1.0  # s without a jump after which all is well again
@@ -68,7 +67,6 @@ class Jumps:
 
 
 # ---- the clock ----------------------------------------------------------------------------------
-
 
 APART = 5.0  # s between a stamp and the clock, more than messages are under way
 PERSISTENT = 2.0  # s for which all stamps must be so far away
@@ -164,7 +162,6 @@ class ClockWatch:
 
 
 # ---- joint angles -------------------------------------------------------------------------------
-
 
 FRESH = 0.05  # s for which angles hold, by the clock of the node or by that of the machine
 ANGLES_WAIT = 1.0  # s of waiting for angles while nobody publishes any that are usable

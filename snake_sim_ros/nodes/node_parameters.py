@@ -182,7 +182,6 @@ def keep_types(node: Node, parameters: list[Parameter]) -> list[Parameter]:
 
 # ---- requests -----------------------------------------------------------------------------------
 
-
 # Errors that a value causes, such as one of a type that does not exist.
 NOT_USABLE = (
     *(ValueError, TypeError, ArithmeticError, LookupError, AttributeError, RuntimeError),

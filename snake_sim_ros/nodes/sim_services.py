@@ -30,6 +30,11 @@ from snake_sim_ros.scene.rotations import FLAT, product, rotation_matrices
 from snake_sim_ros.stepping.controlled import place
 from snake_sim_ros.stepping.simulation import Simulation
 
+try:
+    from simulation_interfaces import msg as standard, srv as standard_services
+except ImportError:  # The ROS 2 packages on PyPI do not have it.
+    standard = standard_services = None
+
 # ---- reset, pause and step ----------------------------------------------------------------------
 
 # Services that control simulated time: ``~/reset``, ``~/pause`` and ``~/step``.
@@ -37,11 +42,6 @@ from snake_sim_ros.stepping.simulation import Simulation
 # The services of the standard, simulation_interfaces, are offered as well if that package is
 # installed.
 
-
-try:
-    from simulation_interfaces import msg as standard, srv as standard_services
-except ImportError:  # The ROS 2 packages on PyPI do not have it.
-    standard = standard_services = None
 
 DIVERGED = 'diverged: call ~/reset first'
 STILL_RUNNING = 'not paused: call ~/pause with true first'
@@ -205,7 +205,6 @@ def serve_simulation(node: Controllable) -> None:
 
 # ---- pushes and placing -------------------------------------------------------------------------
 
-
 TURN = np.array([0.0, 0.0, 0.0, 1.0])  # half a turn about z, from the middle link to the base
 FASTEST, FASTEST_TURN = 100.0, 50.0  # m/s, rad/s of a link beyond which nothing pushes
 FARTHEST = 1e4  # m from the origin where a robot may be put
@@ -363,12 +362,6 @@ def numbers_of(message: Any, names: str, what: str) -> Array:
 #
 # They are offered where that package is installed. The entity `snake_robot`, as the URDF calls it,
 # has the pose of ``base_link``, which may be set; links, such as `link_6`, can be asked for.
-
-
-try:
-    from simulation_interfaces import msg as standard, srv as standard_services
-except ImportError:  # The ROS 2 packages on PyPI do not have it.
-    standard = standard_services = None
 
 
 class EntityServices:

@@ -43,13 +43,12 @@ from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.simulation import Simulation
 
-# ---- transforms ---------------------------------------------------------------------------------
-
-
 try:
     from tf2_msgs.msg import TFMessage
 except ImportError:  # The ROS 2 packages on PyPI do not have it.
     TFMessage = None
+
+# ---- transforms ---------------------------------------------------------------------------------
 
 
 class TransformMessages:
@@ -341,7 +340,6 @@ def _publishers(node: Node, kind: Any, messages: dict[str, Any]) -> list[tuple[A
 
 
 # ---- all topics ---------------------------------------------------------------------------------
-
 
 LAST_TIME = QoSProfile(depth=1)  # A newer time replaces one that waits.
 

@@ -24,6 +24,11 @@ from snake_sim_ros.nodes.received_commands import RejectedCommand
 from snake_sim_ros.scene.checked_records import quoted
 from snake_sim_ros.scene.parameters import Array
 
+try:
+    from control_msgs.action import FollowJointTrajectory
+except ImportError:  # The ROS 2 packages on PyPI do not have it.
+    FollowJointTrajectory = None
+
 # ---- tolerances ---------------------------------------------------------------------------------
 
 
@@ -101,12 +106,6 @@ def tolerance_from(field: str, told: Sequence[Any], names: Sequence[str]) -> Tol
 
 
 # ---- the action ---------------------------------------------------------------------------------
-
-
-try:
-    from control_msgs.action import FollowJointTrajectory
-except ImportError:  # The ROS 2 packages on PyPI do not have it.
-    FollowJointTrajectory = None
 
 REACHED, INVALID_GOAL, OFF_PATH, GOAL_MISSED = 0, -1, -4, -5  # numbers of FollowJointTrajectory
 FEEDBACK_PERIOD = 0.05  # s of simulated time, as that of a joint_trajectory_controller

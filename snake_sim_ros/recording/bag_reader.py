@@ -198,8 +198,7 @@ def _read(
             )
         if file.seek(0, SEEK_END) < 2 * len(MAGIC) or _last(file) != MAGIC:
             raise ParameterError(
-                f'{path} is not whole, its end is missing; `mcap recover` of the MCAP tools saves '
-                f'what is there'
+                f'{path} is truncated; `mcap recover` of the MCAP tools saves what is there'
             )
         file.seek(0)
         try:
@@ -207,7 +206,7 @@ def _read(
             scene = [r.metadata['scene'] for r in reader.iter_metadata() if r.name == METADATA]
             for topic, *raw in _decoded(reader, others, wanted):
                 found.setdefault(topic, []).append(tuple(raw))
-        except Exception as error:  # On broken data decoders raise errors of any type.
+        except Exception as error:  # decoders raise anything on broken data
             raise ParameterError(
                 f'{path} cannot be read as a bag of ROS 2: {type(error).__name__}: '
                 f'{cut(str(error), LONGEST_REASON)}'

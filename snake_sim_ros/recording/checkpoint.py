@@ -84,7 +84,7 @@ def read(path: Path) -> Simulation:
         return _simulation(data)
     except KeyError as error:
         raise ParameterError(f'{path} is not a whole checkpoint: it has no {error}') from None
-    except Exception as error:  # broken text makes parsers raise whatever they like
+    except Exception as error:  # parsers raise anything on broken text
         raise ParameterError(
             f'{path} is not a whole checkpoint: {cut(str(error), LONGEST_REASON)}'
         ) from None
@@ -102,7 +102,7 @@ def _simulation(data: dict[str, Array]) -> Simulation:
     _check_counters(simulation.scene, named_arrays(history))
     step_count = text('step_count')
     if type(step_count) is not int or step_count < 0:
-        raise ParameterError(f'step_count must be a whole number from 0 on, got {step_count}')
+        raise ParameterError(f'step_count must be a whole number, at least 0, got {step_count}')
     simulation.state, simulation.history, simulation.step_count = state, history, step_count
     report, axes = report_from_text(text('report')), (simulation.scene.robot.link_count - 1, 2)
     if report.joint_torque.shape != axes:

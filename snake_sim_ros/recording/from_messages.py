@@ -126,7 +126,7 @@ def _ground(marker: Any) -> Ground:
         places = np.round((points[:, :2] - corner[:2]) / cell - 0.5)
     if not (np.isfinite(places).all() and 0 <= places.min() and places.max() < MOST_CELLS):
         raise ParameterError(
-            f'the ground in the markers must be of at most {MOST_CELLS} by {MOST_CELLS} cells'
+            f'the ground in the markers must have at most {MOST_CELLS} by {MOST_CELLS} cells'
         )
     columns, rows = places.astype(int).T
     heights = np.zeros((rows.max() + 1, columns.max() + 1))

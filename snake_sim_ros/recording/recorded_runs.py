@@ -28,8 +28,8 @@ ARRAYS = (
     *('time', 'position', 'orientation', 'joint_angle', 'joint_velocity', 'joint_torque'),
     *('contact_sample', 'contact_number', 'contact_point', 'contact_force', 'level'),
 )
-USUAL_BYTES = 256_000_000  # to which any file may unpack
-MOST_TIMES = 100  # its size to which a larger one may: runs have 2 to 10, a bomb has 1000
+USUAL_BYTES = 256_000_000  # that any file may unpack to
+MOST_TIMES = 100  # times its size that a larger file may unpack to: runs have 2 to 10, bombs 1000
 
 
 def write_npz(
@@ -90,7 +90,7 @@ def read_npz(path: Path) -> Trajectory:
             interrupted=bool(data['interrupted']),
         )
         trajectory.check()
-    except Exception as error:  # and so does broken text
+    except Exception as error:  # parsers of broken text too
         raise ParameterError(
             f'{path} is not a whole run: {cut(str(error), LONGEST_REASON)}'
         ) from None
@@ -105,7 +105,7 @@ def load_arrays(path: Path, source: str) -> dict[str, Array]:
     ----------
     path : Path
     source : str
-        What writes such files, for the sentence on those that are broken.
+        What writes such files, for the error on broken ones.
 
     Raises
     ------
@@ -129,12 +129,12 @@ def load_arrays(path: Path, source: str) -> dict[str, Array]:
         raise ParameterError(f'{path} cannot be read: {error.strerror}') from None
     except ParameterError:
         raise
-    except Exception:  # broken data makes NumPy, zipfile and zlib raise whatever they like
+    except Exception:  # NumPy, zipfile and zlib raise anything on broken data
         raise ParameterError(f'{path} is not a whole npz file; {source}') from None
 
 
 def format_of(data: Mapping[str, Array]) -> int:
-    """Return the number of the format of a file: 1 if it has none, 0 if it is no number."""
+    """Return the format number of a file: 1 if it has none, 0 if it is not a number."""
     number = data.get('format', np.array(1))
     return int(number) if number.dtype.kind == 'i' and not number.shape else 0
 
@@ -151,7 +151,7 @@ def report_from_text(text: str) -> Report:
     Raises
     ------
     ParameterError
-        If a value is of another kind than that of a report.
+        If a value has the wrong type.
 
     """
     values = json.loads(text)
@@ -278,7 +278,7 @@ def read_run(path: Path, namespace: str | None = None) -> Trajectory:
 
 
 def summary(trajectory: Trajectory) -> dict[str, Any]:
-    """Return how a run went, name -> value as JSON has them."""
+    """Return a summary of a run, name -> JSON value."""
     scene, report = trajectory.scene, trajectory.report
     return {
         'method': method_of(scene),

@@ -6,6 +6,9 @@ What sensors on the robot measure: its links, its contacts and its joints.
 The node `sim` and recorded runs compute it by the same functions, number by number, so that both
 have the same bits. Vectors are in the frame of their link as messages have it: x along the link
 toward the next one, y to the left and z up when the link lies flat.
+
+The bits of the noise depend on the seed, the sensor and the number of the sample alone: every
+sensor has its own stream of random numbers, so that requests to one do not change another.
 """
 
 from collections.abc import Sequence
@@ -511,7 +514,7 @@ def _wrenches(trajectory: Trajectory, sensors: Sensors, links: list[int], every:
     """Return the wrenches of the contacts on links at every so many states."""
     kept = trajectory.every(every)
     if (kept.contact_number < 0).any():
-        raise ParameterError('the run does not say which contacts its forces are those of')
+        raise ParameterError('the run does not say which contacts its forces belong to')
     wrenches = wrenches_on_links(
         kept.scene, kept.coordinates, kept.contact_sample, kept.contact_number,
         kept.contact_point, kept.contact_force,

@@ -1,6 +1,14 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Files: YAML that may be hostile, scenes and robots by their names, and writing as a whole."""
+"""
+Files: reading of YAML, scenes and robots by their names, and files that are written as a whole.
+
+YAML text is read here only, with checks that PyYAML does not make. It may be hostile: a few lines
+of aliases stand for billions of values, brackets nest without end, and tags ask for values that
+their text cannot give. Length, depth and number of values are bounded, aliases counted with all
+they stand for. Only plain values are made: texts, numbers, truth values, dates, lists, sets and
+mappings, never objects. Whatever is wrong becomes one sentence.
+"""
 
 from collections import Counter
 from collections.abc import Iterator

@@ -22,7 +22,6 @@ from snake_sim_ros.commands.options import scene_from
 from snake_sim_ros.recording.bag_reader import read_bag
 from snake_sim_ros.scene.parameters import load_scene, scene_from_text
 from snake_sim_ros.scene.robot_description import robot_description
-from snake_sim_ros.stepping import simulation
 from snake_sim_ros.view.chart import path_figure
 
 ROOT = Path(__file__).parents[2]
@@ -330,7 +329,7 @@ def test_nodes_say_that_they_need_ros(name, start):
 def test_without_ffmpeg_no_run_begins(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, 'imageio_ffmpeg', None)
     monkeypatch.setattr(shutil, 'which', lambda name: None)
-    monkeypatch.setattr(simulation, 'run', None)  # it would be called
+    monkeypatch.setattr(scenes, 'run', None)  # it would be called
     file = str(tmp_path / 'run.mp4')
     assert main(['run', 'lateral_undulation', '--mp4', file]) == 2
     assert 'an .mp4 needs ffmpeg' in capsys.readouterr().err

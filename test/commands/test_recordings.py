@@ -98,7 +98,7 @@ def test_bags_and_runs_that_are_not_usable_are_not_shown(recorded, tmp_path, cap
     half.write_bytes((recorded / 'run.mcap').read_bytes()[:5000])
     with np.load(recorded / 'run.npz') as file:
         np.savez(old, **{**{name: file[name] for name in file.files}, 'format': 1})
-    for path, sentence in ((half, 'is not whole'), (old, 'is a run in format 1, of another')):
+    for path, sentence in ((half, 'is truncated'), (old, 'is a run in format 1, of another')):
         assert main(['view', str(path), '--no-browser']) == 2
         (told,) = capsys.readouterr().err.splitlines()
         assert told.startswith(f'snake-sim: {path} {sentence}')

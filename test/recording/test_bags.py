@@ -228,9 +228,9 @@ def test_bags_that_are_not_usable(recorded, tmp_path):
     for content, sentence in (
         (b'', 'is not an MCAP file; snake-sim run --bag and ros2 bag record -s mcap write one'),
         (b'SQLite format 3\0' * 9, 'is not an MCAP file'),
-        (data[:8], 'is not whole, its end is missing; `mcap recover`'),
-        (data[: len(data) // 2], 'is not whole'),
-        (data[:-1], 'is not whole'),
+        (data[:8], 'is truncated; `mcap recover`'),
+        (data[: len(data) // 2], 'is truncated'),
+        (data[:-1], 'is truncated'),
         (data[:100] + data[-100:], 'cannot be read as a bag of ROS 2: '),
         (broken, 'cannot be read as a bag of ROS 2: '),
     ):

@@ -14,6 +14,8 @@ of the middle link at any time, over ``max(l, L)`` with the length l of its path
   in m/s: how a push grows;
 - of runs with an `accuracy`, to the limit.
 
+Where these are not below LIMIT, steps are halved until they are, or down to 1/FINEST s.
+
 Wherever a push of 1e-10 m/s grows beyond GROWTH, the motion is sensitive: rounding decides. In
 most others that have no limit to LIMIT, it depends on the past in jumps. A robot that falls
 on its spheres takes the impacts in the order in which they land; if microseconds decide which is
@@ -46,6 +48,7 @@ RATES = {  # steps a second, each line twice the one before
     'newton': (16_000, 32_000, 64_000, 128_000),
     'bdf2': (2_000, 4_000, 8_000, 16_000),
 }
+FINEST = 1_024_000  # of `newton`, up to which rates are doubled while paths are not one
 FINE = {'newton': 64_000, 'bdf2': 8_000}  # with which settings and pushes are compared
 EXACT = {'level': 'spatial', 'solver.residual_tolerance': 1e-12, 'solver.iteration_limit': 200}
 # As above, but for one setting.
@@ -91,6 +94,7 @@ class Row:
     accuracy_2: float  # error with accuracy 1e-2
     accuracy_3: float
     accuracy_4: float
+    refined: float = math.nan  # as `refined` returns it; nan if steps are small enough
     message: str = ''  # why there are no numbers
 
 
@@ -219,14 +223,14 @@ class Paths:
         apart = np.linalg.norm(path - other, axis=1).max()
         return float(apart / max(self.length, link))
 
-    def changed(self, settings: dict[str, Any]) -> float:
+    def changed(self, settings: dict[str, Any], rates: dict[str, int] = FINE) -> float:
         """Return the distance of runs with settings from those without; the largest."""
         return max(
             self.distance(
                 self.of(method, rate),
                 self.run({'method': method, 'dt': 1 / rate, **settings})[0],
             )
-            for method, rate in FINE.items()
+            for method, rate in rates.items()
         )
 
     def ahead(self, phase: float) -> float:
@@ -260,9 +264,7 @@ def distances(paths: Paths) -> dict[str, float]:
     for newton, bdf2 in zip(RATES['newton'], RATES['bdf2'], strict=True):
         apart = paths.distance(paths.of('newton', newton), paths.of('bdf2', bdf2))
         found[f'apart_{newton // 1000}'] = apart
-    found['settings'] = max(
-        paths.changed({name: value}) for name, values in SETTINGS.items() for value in values
-    )
+    found['settings'] = changed_by_settings(paths, FINE)
     auto, _ = paths.run({'method': 'bdf2', 'dt': 1 / RATES['bdf2'][-1], 'level': 'auto'})
     found['levels'] = paths.distance(auto, paths.best)
     found['small_push'] = paths.ahead(SMALL_PUSH)
@@ -270,8 +272,38 @@ def distances(paths: Paths) -> dict[str, float]:
         path, _ = paths.run({}, accuracy)
         found[accuracy_column(accuracy)] = paths.distance(path, paths.best)
     settled = max(found['apart_128'], found['bdf2_8'], found['settings']) < LIMIT
+    insensitive = not settled and found['small_push'] <= GROWTH
+    found['refined'] = refined(paths) if insensitive else math.nan
+    settled = settled or found['refined'] < LIMIT
     found['jump'] = math.nan if settled else largest_jump(paths)
     return found
+
+
+def changed_by_settings(paths: Paths, rates: dict[str, int]) -> float:
+    """Return the largest distance of a run with one other setting, with some rates."""
+    return max(
+        paths.changed({name: value}, rates)
+        for name, values in SETTINGS.items()
+        for value in values
+    )
+
+
+def refined(paths: Paths) -> float:
+    """
+    Return the largest distance that judges a limit, with steps halved until it is below LIMIT.
+
+    It is that of both methods, that of `bdf2` from twice its step, and that of other settings.
+    """
+    rates = {method: each[-1] for method, each in RATES.items()}
+    apart = math.inf
+    while apart >= LIMIT and rates['newton'] < FINEST:
+        rates = {method: 2 * rate for method, rate in rates.items()}
+        best = paths.of('bdf2', rates['bdf2'])
+        others = paths.of('newton', rates['newton']), paths.of('bdf2', rates['bdf2'] // 2)
+        apart = max(paths.distance(other, best) for other in others)
+        if apart < LIMIT:
+            apart = max(apart, changed_by_settings(paths, rates))
+    return apart
 
 
 def largest_jump(paths: Paths) -> float:
@@ -282,14 +314,14 @@ def largest_jump(paths: Paths) -> float:
 
 def doubt(row: Row) -> float:
     """Return the distance of two methods with their smallest steps, and from larger steps."""
-    return max(row.apart_128, row.bdf2_8)
+    return max(row.apart_128, row.bdf2_8) if math.isnan(row.refined) else row.refined
 
 
 def verdict(row: Row) -> str:
     """Return what became of the limit of a scene: one of VERDICTS."""
     if row.message:
         return 'not run'
-    apart = max(doubt(row), row.settings)
+    apart = max(doubt(row), row.settings) if math.isnan(row.refined) else row.refined
     if apart < LIMIT:
         return 'one limit'
     if row.small_push > GROWTH:

@@ -8,6 +8,7 @@ Nothing here takes time to import, so that a program heeds signals from its firs
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 import signal
 from threading import Event
 from types import FrameType
@@ -36,8 +37,8 @@ def interruptible() -> Iterator[Event]:
 
 def missing_ros(what: str, command: str, error: ImportError) -> Exception:
     """Return the ParameterError to raise where ROS 2 is missing."""
-    from snake_sim_ros.scene.checked_records import ParameterError
-
-    return ParameterError(
+    records = import_module('snake_sim_ros.scene.checked_records')  # NumPy takes its time
+    missing: Exception = records.ParameterError(
         f'{what} needs ROS 2 ({error}): source a ROS 2 installation, or ./run {command}'
     )
+    return missing

@@ -14,9 +14,7 @@ from random_states import EPS, rate_of
 from scenes import course, isotropic, kinetic_energy, RADIUS
 
 from snake_sim_ros.comparison import limits
-from snake_sim_ros.contact.linear_problem import list_pairs_last
 from snake_sim_ros.contact.selection import LEAST_COMPLIANCE
-from snake_sim_ros.contact.table import make_table
 from snake_sim_ros.dynamics.force_directions import mean_delassus, scene_contacts
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.checked_records import ParameterError
@@ -400,11 +398,3 @@ def test_a_link_that_lands_while_links_touch_is_solved_for():
     report = simulation.advance(*simulation.gait_reference(round(0.54 * 16_000)))
     assert not report.failure
     assert report.penetration_max < 1e-6
-
-
-def test_contacts_of_two_links_are_listed_last():
-    contacts = make_table(6)
-    contacts['other_link'][:] = [-1, 3, -1, 5, 4, -1]
-    closed = np.array([1, 0, 4, 5, 2])
-    list_pairs_last(closed, contacts, 'pairs')
-    assert closed.tolist() == [0, 5, 2, 1, 4]

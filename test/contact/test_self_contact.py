@@ -14,8 +14,6 @@ from random_states import EPS, rate_of
 from scenes import course, isotropic, kinetic_energy, RADIUS
 
 from snake_sim_ros.contact.laws import LEAST_COMPLIANCE
-from snake_sim_ros.contact.linear_problem import list_pairs_last
-from snake_sim_ros.contact.problem import make_table
 from snake_sim_ros.dynamics.force_directions import mean_delassus, scene_contacts
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.checked_records import ParameterError
@@ -386,11 +384,3 @@ def test_a_pair_does_nothing_until_it_closes():
         start = State(q, np.zeros((7, 6))), empty_history(case)
         ends.append(make_stepper(case).advance(*start, *references)[0])
     assert np.abs(ends[0].u - ends[1].u).max() < 1e-8
-
-
-def test_contacts_of_two_links_are_listed_last():
-    contacts = make_table(6)
-    contacts['other_link'][:] = [-1, 3, -1, 5, 4, -1]
-    closed = np.array([1, 0, 4, 5, 2])
-    list_pairs_last(closed, contacts, 'pairs')
-    assert closed.tolist() == [0, 5, 2, 1, 4]

@@ -284,7 +284,8 @@ def param_set(client: Client, options: Any) -> None:
         value = get_parameter_value(options.value)
     except (OverflowError, AssertionError):
         raise ParameterError(
-            f'a whole number must fit into 64 bits, got {options.value}'
+            f'a parameter must be true, false, a text, a list or a number, and a whole number '
+            f'must fit into 64 bits; got {quoted(options.value)}'
         ) from None
     parameter = ParameterMessage(name=options.name, value=value)
     request = _remote(client, options.node).set_parameters([parameter])

@@ -88,6 +88,7 @@ setup(
         'test': [
             'pytest>=7',
             'pytest-xdist',
+            'hypothesis',
             'import-linter>=2.5',
             'ruff',
             'mypy',

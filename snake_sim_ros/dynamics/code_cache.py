@@ -186,10 +186,16 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
         self._lock: IO[str] | None = None
 
     def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
-        """Return the key of Numba, with the contents of other packages that take part."""
+        """
+        Return the key of Numba, with the contents of other packages that take part.
+
+        Types are in it as text: an index of types could only be read where all packages that have
+        ever taken part can be imported.
+        """
         modules = {self._py_func.__module__, *(name for kind in sig for name in modules_of(kind))}
         others = {name.partition('.')[0] for name in modules} - {PACKAGE.name}
-        return (*super()._index_key(sig, codegen), *map(sources_of, sorted(others)))
+        _, *code = super()._index_key(sig, codegen)
+        return (str(sig), *sorted(modules), *code, *map(sources_of, sorted(others)))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """

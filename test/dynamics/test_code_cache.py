@@ -60,6 +60,27 @@ def test_installations_of_the_same_sources_share_it(tmp_path):
     assert compiled_functions(cache, copy) > 3
 
 
+def test_code_for_types_of_an_absent_package_is_in_nobodys_way(tmp_path):
+    law = (
+        'from snake_sim_ros.dynamics.compilation import compiled\n\n\n@compiled\ndef first(way):\n'
+    )
+    (tmp_path / 'laws').mkdir()
+    (tmp_path / 'laws' / 'law.py').write_text(f'{law}    return way[0]\n')
+    (tmp_path / 'types').mkdir()
+    (tmp_path / 'types' / 'ways.py').write_text(
+        'from typing import NamedTuple\n\n\nclass Way(NamedTuple):\n    x: float\n'
+    )
+
+    def said(script, *folders):
+        path = os.pathsep.join([str(PACKAGE.parent), *(str(tmp_path / name) for name in folders)])
+        environment = {**os.environ, 'XDG_CACHE_HOME': str(tmp_path / 'cache'), 'PYTHONPATH': path}
+        command = [sys.executable, '-c', f'import law\n{script}']
+        return subprocess.check_output(command, env=environment, cwd=tmp_path, text=True)
+
+    assert said('import ways\nprint(law.first(ways.Way(1.0)))', 'laws', 'types') == '1.0\n'
+    assert said('print(law.first((2.0,)))', 'laws') == '2.0\n'
+
+
 def test_what_was_not_used_for_long_is_removed(tmp_path, monkeypatch):
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
     monkeypatch.delenv('NUMBA_CACHE_DIR', raising=False)

@@ -10,7 +10,6 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from oracle import make_stepper, ORACLE
 import pytest
 from scenes import (
     ACROSS,
@@ -39,7 +38,6 @@ from snake_sim_ros.contact.laws import IMPACT_WEIGHTS, LEAST_COMPLIANCE, PRESS_S
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene.parameters import Robot, Scene, Solver
 from snake_sim_ros.scene.rotations import product, rotation_matrices
-from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import initial_state, State
 
@@ -245,7 +243,7 @@ def test_selection_rule_presses_an_impact_no_deeper_than_its_bound(method, dt):
     assert abs(report.printed_residual_max - abs(lift - later * P)) < error
 
 
-@pytest.mark.parametrize('method', [*METHODS, ORACLE])
+@pytest.mark.parametrize('method', ['newton', 'bdf2', 'reference'])
 def test_an_impact_does_not_depend_on_when_in_a_step_it_is(method):
     # A tilted link lands with one sphere and slides. Two impacts one after the other, with the
     # velocity between them that closes the gap, would turn it by 0.1 rad/s more or less.
@@ -265,7 +263,7 @@ def test_an_impact_does_not_depend_on_when_in_a_step_it_is(method):
         lowest = min(ends, key=lambda end: end[2])
         fall = -(v + np.cross(omega, lowest))[2]
         q[0, 2] = scene.robot.contact_radius - lowest[2] + (2 + share) * dt * fall
-        simulation = Simulation(scene, make_stepper(scene))
+        simulation = Simulation(scene)
         simulation.state = State(q, np.concatenate([v, R.T @ omega])[None])
         assert not simulation.advance(np.zeros((6, 0, 2))).failure
         found.append(simulation.state.u)

@@ -74,12 +74,8 @@ def predict_gaps(closed_gap: float, dt: float, closed: Array, contacts: Table) -
     Fill the shifts of contacts that may close in a step of the paper, and add them to gamma_N.
 
     Deviation: the paper closes a contact once it is inside the floor in the middle of a step. Here
-    contacts with a gap take part. One that would close its gap in the step by its velocity at the
-    start lands: it has the law of velocities alone, and a move closes what is left of its gap. Any
-    other has ``gamma_N + g/(dt/2) >= 0``. Two impacts one after the other, of which the first has
-    the velocity that closes the gap, would make of sliding friction something else than one does,
-    and how would depend on when in the step a contact lands, however small the step is. A contact
-    that is deep inside the floor for other reasons than its motion stays where it is.
+    contacts with a gap take part with ``gamma_N + g/(dt/2) >= 0``, so that they land with none. A
+    contact that is deep inside the floor for other reasons than its motion stays where it is.
 
     Parameters
     ----------
@@ -94,7 +90,7 @@ def predict_gaps(closed_gap: float, dt: float, closed: Array, contacts: Table) -
         gap, way = contacts.gap[a], 0.5 * dt * contacts.gamma[a, 0]
         start = gap - way
         contacts.start_gap[a] = start if start < -2.0 * abs(way) - DEEP else 0.0
-        if min(gap, gap + way) > closed_gap:
+        if gap > closed_gap:
             contacts.shift[a] = gap / (0.5 * dt)
             contacts.gamma[a, 0] += contacts.shift[a]
 

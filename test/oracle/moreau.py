@@ -337,7 +337,7 @@ class DenseStepper:
             active=active,
             R=R,
             gap=gap,
-            shift=np.where(np.minimum(gap, gap + way) > closed, gap / (dt / 2), 0.0),
+            shift=np.where(gap > closed, gap / (dt / 2), 0.0),
             start_gap=np.where(deep, gap - way, 0.0),
             friction=obstacles.contact_friction(scene, active, q_M),
             W_N=W_N,

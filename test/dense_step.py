@@ -5,7 +5,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from oracle import moreau
+from oracle import make_stepper, moreau
 
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.detection import reach_of_step
@@ -16,7 +16,6 @@ from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Report
-from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.model import PROXIMAL
 from snake_sim_ros.stepping.state import History, State
 

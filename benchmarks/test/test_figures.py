@@ -89,6 +89,11 @@ def test_outlines_are_as_wide_as_links():
     assert width == pytest.approx(np.full(11, 2 * 0.0525))
 
 
+def test_a_figure_needs_some_time(tmp_path, capsys):
+    assert main(['figures', '--out', str(tmp_path), '--duration', '0']) == 2
+    assert 'duration must be above 0 s, got 0 s' in capsys.readouterr().err
+
+
 def test_all_is_written(tmp_path, monkeypatch, capsys):
     # Pictures are tested above.
     monkeypatch.setattr(figures, 'all_figures', lambda *_: {'one': Figure(figsize=(9.0, 1.0))})

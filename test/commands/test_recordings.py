@@ -73,7 +73,6 @@ def test_rate_of_a_run_with_a_bag_may_be_another_one(tmp_path):
         ),
         (['view', '--port', '70000'], 'port must be 0 (any free one) to 65535, got 70000'),
         (['view', '--host', '192.0.2.1'], "host must be an address of this machine, got '192.0"),
-        (['figures', '--duration', '0'], 'duration must be above 0 s, got 0 s'),
     ],
 )
 def test_what_is_refused(arguments, sentence, tmp_path, monkeypatch, capsys):

@@ -11,7 +11,7 @@ import re
 import numpy as np
 from obstacle_scenes import HERE
 import pytest
-from scenes import DT, each_method, EPS, every_method, isotropic, MASS, ROBOT, slope
+from scenes import DT, EPS, every_method, isotropic, MASS, ROBOT, slope
 from schemes import press_of
 
 from snake_sim_ros.commands.main import main
@@ -81,10 +81,11 @@ def residual_speed(scene):
 # ---- imu ----------------------------------------------------------------------------------------
 
 
-@each_method
+@every_method
 @pytest.mark.parametrize('angle', [0.0, 0.2])
-def test_at_rest_it_measures_what_carries_it(method, dt, angle):
+def test_at_rest_it_measures_what_carries_it(method, angle):
     # Friction of 1 holds the robot on a slope of 0.2.
+    dt = DT
     scene = still(method, dt, gravity=slope(angle), friction=isotropic(1.0))
     _, found = read(scene, 5)
     expected = -np.array(scene.gravity)  # links lie along x of I: its axes are those of messages
@@ -95,8 +96,9 @@ def test_at_rest_it_measures_what_carries_it(method, dt, angle):
     assert np.abs(found[..., ORIENTATION] - [0, 0, 0, 1]).max() < 1e-6
 
 
-@each_method
-def test_in_free_fall_it_measures_nothing(method, dt):
+@every_method
+def test_in_free_fall_it_measures_nothing(method):
+    dt = DT
     scene = still(method, dt)
     q = Simulation(scene).state.q + np.array([0, 0, 1.0, 0, 0, 0, 0])
     simulation, found = read(scene, 5, State(q, np.zeros((3, 6))))
@@ -167,9 +169,10 @@ def test_orientation_is_that_of_link_poses():
 # ---- contact forces -----------------------------------------------------------------------------
 
 
-@each_method
+@every_method
 @pytest.mark.parametrize('level', ['planar', 'spatial'])
-def test_at_rest_wrenches_carry_the_weight(method, dt, level):
+def test_at_rest_wrenches_carry_the_weight(method, level):
+    dt = DT
     scene = replace(still(method, dt), level=level)
     simulation = Simulation(scene)
     reader = SensorReader(simulation, ALL, STEPS, 1 / (STEPS * dt))

@@ -187,7 +187,7 @@ def test_recorded_run(page, tmp_path):
     process = Process([*VIEW, file], next_domain())
     try:
         page.open(address(process))
-        page.until(lambda: 'again and again' in page.text, 'the controls of a run')
+        page.until(lambda: 'repeat' in page.text, 'the controls of a run')
         # viser drops clicks until it knows the page, and then the run begins.
         page.until(lambda: seconds(page) > 0.0, 'the run to begin')
         page.press_until('pause', lambda: page.has('play'), 'the run to pause')

@@ -9,9 +9,6 @@ It takes some seconds without the compiler:
 """
 
 from dataclasses import replace
-from importlib import import_module
-from pathlib import Path
-import re
 
 from dense_step import dense_step
 from flat_states import crooked, flat_robot
@@ -28,17 +25,7 @@ from obstacle_scenes import (
 from oracle import moreau, ORACLE
 import pytest
 from random_states import EPS, jointed_links, random_robot
-from scenes import (
-    first_steps,
-    isotropic,
-    link_scene,
-    lying,
-    OFFSET,
-    RADIUS,
-    references,
-    run,
-    SPEED,
-)
+from scenes import first_steps, isotropic, link_scene, lying, OFFSET, RADIUS, run, SPEED
 from test_bdf2_reference import (
     among_obstacles,
     assert_agreement,
@@ -52,10 +39,8 @@ from test_bdf2_reference import (
 from test_planar import EXACT, HELD
 
 from snake_sim_ros.contact.closing import gaps_to_close, MOST_CLOSED
-from snake_sim_ros.contact.newton import Newton
 from snake_sim_ros.contact.problem import make_table
 from snake_sim_ros.dynamics.force_directions import joint_gaps
-from snake_sim_ros.dynamics.records import Loop
 from snake_sim_ros.scene.parameters import (
     DRIFT_CORRECTIONS,
     Friction,
@@ -66,9 +51,8 @@ from snake_sim_ros.scene.parameters import (
 )
 from snake_sim_ros.scene.posture import center_of_mass, chain_coordinates, joint_angles
 from snake_sim_ros.stepping.bdf2.formula import ANEW, SMOOTH, UNKNOWN
-from snake_sim_ros.stepping.methods import empty_history, make_stepper
-from snake_sim_ros.stepping.spatial import SpatialStepper
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.methods import empty_history
+from snake_sim_ros.stepping.state import State
 
 FRICTION = Friction(longitudinal=0.2, transversal=0.4, backward=0.3, rolling=0.05)
 each_solver = pytest.mark.parametrize('method', MIDDLE)
@@ -306,19 +290,3 @@ def test_what_is_no_error_of_a_step_is_not_closed_by_a_move():
         contacts.end_gap[a], contacts.is_loaded[a] = gaps[a], int(a < 4)
     assert gaps_to_close(np.arange(6), contacts) == pytest.approx(0.99 * MOST_CLOSED)
     assert [contacts.S_N[a] for a in range(6)] == [0.0, 1.0, 1.0, 0.0, 1.0, 0.0]
-
-
-def test_the_time_stepping_of_the_recipe_takes_the_step_of_newton(tmp_path, monkeypatch):
-    text = (Path(__file__).parents[2] / 'CONTRIBUTING.md').read_text(encoding='utf-8')
-    codes = re.findall(r'```python\n(.*?)```', text, re.DOTALL)
-    (code,) = (code for code in codes if 'def advance' in code)
-    (tmp_path / 'my_step.py').write_text(code, encoding='utf-8')
-    monkeypatch.syspath_prepend(tmp_path)
-    loop = Loop(import_module('my_step').advance, Newton(None))
-    scene = floor_scene(np.random.default_rng(1), 3, method='newton')
-    start = initial_state(scene), empty_history(scene), *references(scene, 3)
-    own, expected = (
-        stepper.advance(*start) for stepper in (SpatialStepper(scene, loop), make_stepper(scene))
-    )
-    assert own[2].steps == 3
-    assert np.array_equal(own[0].q, expected[0].q) and np.array_equal(own[0].u, expected[0].u)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from dense_step import dense_step, DenseStep, EPS
 import numpy as np
-from oracle import bdf2 as dense_bdf2
+from oracle import bdf2 as dense_bdf2, empty_history
 from oracle.bdf2 import motion_of, moved
 from scenes import whole_steps
 
@@ -20,7 +20,6 @@ from snake_sim_ros.contact.laws import PRESS_SPEED
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.stepping.bdf2 import formula, motion, step as bdf2
 from snake_sim_ros.stepping.bdf2.motion import Motion
-from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.state import History, State
 
 

@@ -32,6 +32,12 @@ LINES = 50  # of the output that are kept
 END = 5.0  # s for a process to end when it is asked to
 LOOK = 0.02  # s between two looks at what a process said
 
+# What Fast DDS and rcutils print of a damaged message, below the node.
+OF_MIDDLEWARE = re.compile(
+    rb"$|sequence size exceeds|  'Fast CDR exception|>>> \[rcutils|This error state is being"
+    rb'|with this new error message|rcutils_reset_error\(\) should|<<<'
+)
+
 
 class AttackedNode:
     """
@@ -49,9 +55,9 @@ class AttackedNode:
     Attributes
     ----------
     printed : int
-        Bytes of its output so far.
+        Bytes of its output so far, without what the middleware says of damaged messages.
     lines : deque of str
-        The last lines of it.
+        The last lines of that.
 
     """
 
@@ -73,8 +79,9 @@ class AttackedNode:
     def _read(self) -> None:
         assert self.process.stdout is not None
         for line in self.process.stdout:
-            self.printed += len(line)
-            self.lines.append(line.decode(errors='replace').rstrip())
+            if not OF_MIDDLEWARE.match(line):
+                self.printed += len(line)
+                self.lines.append(line.decode(errors='replace').rstrip())
 
     @property
     def is_alive(self) -> bool:

@@ -9,9 +9,11 @@ from graph import next_domain, Process
 import pytest
 
 from snake_sim_benchmarks import __main__ as cli
+from snake_sim_ros import Scene, Simulation
 
 
-def test_measurement(compiled):
+def test_measurement():
+    Simulation(Scene()).compile()  # into the cache on disk, so that no node has to
     command = [sys.executable, '-m', 'snake_sim_benchmarks', 'pacing', '--duration', '0.3']
     process = Process([*command, '--rates', '200'], next_domain())
     assert process.wait(60) == 0, process.output

@@ -95,6 +95,41 @@ def predict_gaps(closed_gap: float, dt: float, closed: Array, contacts: Table) -
             contacts.gamma[a, 0] += contacts.shift[a]
 
 
+@inlined
+def keep_closed_contacts(closed_gap: float, closed: Array, contacts: Table) -> int:
+    """
+    Return how many contacts are closed after contacts with gaps have landed, 0 if none has.
+
+    Deviation: with the velocity that closes its gap, a contact that lands in the second half of a
+    step would have a part of its impact in this step and the rest in the next one. Two impacts
+    with friction are not one: the velocity afterwards would depend on when in a step a contact
+    lands, however small the step. The coordinates of the end therefore take the velocities that
+    close gaps, and the velocities those of a second solution, in which landed contacts are closed.
+    Others that can close take no part in it.
+
+    Parameters
+    ----------
+    closed_gap : float
+        As of `closed_gap` [m].
+    closed, contacts
+        Those of a `problem.Problem` that is solved. The numbers of closed contacts are moved to
+        the front of `closed`, and their shifts set to 0.
+
+    """
+    lands = False
+    for a in closed:
+        lands = lands or (contacts.shift[a] > 0.0 and contacts.impulse[a, 0] > 0.0)
+    if not lands:
+        return 0
+    count = 0
+    for a in closed:
+        if contacts.gap[a] <= closed_gap or contacts.impulse[a, 0] > 0.0:
+            contacts.shift[a] = 0.0
+            closed[count] = a
+            count += 1
+    return count
+
+
 @merged
 def close_step(model: Any, center: Array, problem: Problem, furthest: Array, q: Array) -> None:
     """

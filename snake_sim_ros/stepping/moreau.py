@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.contact.closing import close_step, predict_gaps
+from snake_sim_ros.contact.closing import close_step, keep_closed_contacts, predict_gaps
 from snake_sim_ros.contact.detection import find_contacts, penetration, reach_of_step
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.laws import apply_selection_rule, PRESS_SPEED
@@ -59,6 +59,7 @@ from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.stepping.model import Model, Workspace
 from snake_sim_ros.stepping.pushes import add_pushes, whole_step
+from snake_sim_ros.stepping.state import History
 from snake_sim_ros.stepping.steps import (
     count_steps,
     iterations_left,
@@ -110,6 +111,17 @@ def begin_step(model: Model, work: Workspace, steps: Steps, k: int) -> Problem:
 
 
 @inlined
+def begin_landing(problem: Problem, count: int, history: History) -> Problem:
+    """Return the problem of the first `count` contacts, with velocities of the first solution."""
+    laws, closed, contacts, chain = problem
+    contact_velocities(closed[:count], contacts, chain.frame, chain.twist)
+    for a in closed[:count]:
+        for j in range(5):
+            history.change[a, j] = 0.0
+    return Problem(laws, closed[:count], contacts, chain)
+
+
+@inlined
 def solve_again(
     model: Model, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Any
 ) -> bool:
@@ -140,13 +152,17 @@ def controller_impulses(model: Model, work: Workspace) -> None:
 def end_step(
     model: Model, work: Workspace, steps: Steps, problem: Problem, outcome: Outcome
 ) -> bool:
-    """Move q and u to the end of the step; return whether the loop continues."""
+    """
+    Move q and u to the end of the step; return whether the loop continues.
+
+    `work.moving` has the velocities that move the coordinates.
+    """
     q, u, report = steps.q, steps.u, steps.report[0]
     if not turns_are_small(model.dt, work.chain.twist, report):
         return False
     controller_impulses(model, work)
     end_velocities(work.chain.twist, work.R, work.center, u)
-    end_coordinates(model.dt, work.q_mid, u, q)
+    end_coordinates(model.dt, work.q_mid, work.moving, q)
     note_outcome(outcome, report)
     report.contacts = len(problem.closed)
     note_joints(model, q, report)
@@ -211,11 +227,22 @@ def advance(solver: Any, model: Model, work: Workspace, steps: Steps) -> None:
         steps.cycles[k] = cycle_counter()
         before = noted(report)
         problem = begin_step(model, work, steps, k)
-        for attempt in range(MOST_CHANGES):
-            left = iterations_left(before[0] + model.iteration_limit, report)
-            outcome = solve(solver, model, problem, steps.history, left)
-            if not solve_again(model, work, outcome, attempt, left, report):
+        lands = False
+        while True:  # one call of the solver, which is compiled where it is called
+            for attempt in range(MOST_CHANGES):
+                left = iterations_left(before[0] + model.iteration_limit, report)
+                outcome = solve(solver, model, problem, steps.history, left)
+                if not solve_again(model, work, outcome, attempt, left, report):
+                    break
+            if lands:
                 break
+            end_velocities(work.chain.twist, work.R, work.center, work.moving)
+            count = keep_closed_contacts(model.closed_gap, problem.closed, problem.contacts)
+            lands = count > 0 and turns_are_small(model.dt, work.chain.twist, report)
+            if not lands:
+                break
+            note_outcome(outcome, report)
+            problem = begin_landing(problem, count, steps.history)
         goes_on = end_step(model, work, steps, problem, outcome)
         count_steps(before, report)
         if report.steps > k:

@@ -212,6 +212,27 @@ class Solution(NamedTuple):
     converged: bool
 
 
+def closed_contacts(
+    terms: Terms, rule: SelectionRule, P: Array, closed_gap: float
+) -> tuple[Terms, SelectionRule, Array]:
+    """Return what belongs to the contacts that are closed after a landing, without shifts."""
+    kept = (terms.gap <= closed_gap) | (P[:, 0] > 0.0)
+    return (
+        terms._replace(
+            active=terms.active[kept],
+            gap=terms.gap[kept],
+            shift=np.zeros(kept.sum()),
+            start_gap=terms.start_gap[kept],
+            friction=terms.friction[kept],
+            W_N=terms.W_N[:, kept],
+            W_T=terms.W_T[:, np.repeat(kept, 2)],
+            W_V=terms.W_V[:, np.repeat(kept, 2)],
+        ),
+        rule._replace(center=rule.center[kept]),
+        P[kept],
+    )
+
+
 class DenseStepper:
     """The time step (72)-(93) of the paper for a scene; see `base.Stepper`."""
 
@@ -267,12 +288,18 @@ class DenseStepper:
         of_joints, angle_M = make_joint_laws(robot), posture.joint_angles(q_M)
         low = np.where(angle_M <= -of_joints.stop, 0.0, -np.inf)
         high = np.where(angle_M >= of_joints.stop, 0.0, np.inf)
+        closed = closed_gap(scene.solver.activation_tolerance, dt)
         laws = dense_laws(of_joints, dt, dt * torque, dt * damping, low, high)
+
+        first: Solution | None = None  # in which contacts land
 
         def solve(torque: Array, damping: Array, limit: int) -> tuple[Array, Solution, int]:
             terms = self.terms(state, q_M, torque.ravel(), damping.ravel(), pushes)
             P = history.impulse[terms.active]
             rule = self.selection_rule(terms, state.u.ravel(), P)
+            if first is not None:
+                P = first.P
+                terms, rule, P = closed_contacts(terms, rule, P, closed)
             P, last_P, u_E, iterations, converged = self.iterate(terms, rule, P, limit)
             found = Solution(terms, rule, P, last_P, u_E, converged)
             return (terms.W_tau.T @ u_E).reshape(-1, 2), found, iterations
@@ -281,12 +308,21 @@ class DenseStepper:
             *(laws, of_joints.inertia, posture.joint_rates(q_M, state.u), solve),
             scene.solver.iteration_limit,
         )
+        moving = found.u_E.reshape(n, 6)
+        if ((found.terms.shift > 0.0) & (found.P[:, 0] > 0.0)).any():
+            first = found
+            found, joint_rate, _, more, settles = solve_laws_of_axes(
+                *(laws, of_joints.inertia, joint_rate, solve),
+                max(1, scene.solver.iteration_limit - iterations),
+            )
+            iterations += more
+            settled = settled and settles and first.converged
         terms, rule, P, last_P, u_E, converged = found
         history.impulse[:] = 0.0  # also of contacts that have opened
         history.impulse[terms.active] = P
 
         gamma, u_E = terms.shifted_velocities(u_E), u_E.reshape(n, 6)
-        q_free = end_coordinates(state.q, q_M, state.u, u_E, dt)  # (83)
+        q_free = end_coordinates(state.q, q_M, state.u, moving, dt)  # (83)
         furthest = furthest_angles(of_joints.stop, posture.joint_angles(state.q), angle_M)
         q_E = without_drift(robot, q_free, scene.drift_correction, furthest)
         closing = Closing(terms.W_N, terms.W_J, terms.M_inv, terms.R, PROXIMAL * self.size)

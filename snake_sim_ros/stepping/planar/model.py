@@ -126,6 +126,7 @@ class PlanarWorkspace(NamedTuple):
     closed: Array  # (c,) begins with the numbers of the closed contacts, first the 2n of the floor
     contacts: Table  # (c,) table of all contacts
     twist: Array  # (n, 3) twists of the links about O, in the plane [rad/s], [m/s]
+    moving: Array  # (n, 3) velocities from the middle of the step to its end, as `u`
     standing: Any  # (1,) a record of STANDING
 
 
@@ -200,6 +201,7 @@ def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
         closed=closed,
         contacts=make_table(count),
         twist=np.zeros((n, 3)),
+        moving=np.zeros((n, 3)),
         standing=record_array(1, STANDING),
     )
 

@@ -32,6 +32,7 @@ are those of all axes, of which the first column is used. Pitch joints hold a fl
 import math
 from typing import Any
 
+from snake_sim_ros.contact.closing import keep_closed_contacts
 from snake_sim_ros.contact.problem import Outcome
 from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, merged
 from snake_sim_ros.dynamics.joint_control import pd_law
@@ -51,6 +52,7 @@ from snake_sim_ros.stepping.planar.equilibrium import (
     fill_grips,
     fill_momentum,
     find_peg_contacts,
+    peg_velocities,
     place_links_in_plane,
 )
 from snake_sim_ros.stepping.planar.model import (
@@ -317,7 +319,7 @@ def end_planar_step(
     joint_impulses_in_plane(model, work)
     end_planar_velocities(work, u)
     stop_impact(work)
-    move_in_plane(model, 0.5 * model.dt, q, u)
+    move_in_plane(model, 0.5 * model.dt, q, work.moving)
     after_x, after_y = held_point(model, q)
     q[0] += before_x - after_x
     q[1] += before_y - after_y
@@ -381,11 +383,23 @@ def advance_in_plane(solver: Any, model: PlanarModel, work: PlanarWorkspace, ste
         steps.cycles[k] = cycle_counter()
         before = noted(report)
         count = begin_planar_step(model, work, steps, k)
-        for attempt in range(MOST_CHANGES):
-            left = iterations_left(before[0] + model.iteration_limit, report)
-            outcome = solve_in_plane(solver, model, work, work.closed[:count], history, left)
-            if not yaw_axes_change(model, work, outcome, attempt, left, report):
+        lands = False
+        while True:  # one call of the solver, which is compiled where it is called
+            for attempt in range(MOST_CHANGES):
+                left = iterations_left(before[0] + model.iteration_limit, report)
+                outcome = solve_in_plane(solver, model, work, work.closed[:count], history, left)
+                if not yaw_axes_change(model, work, outcome, attempt, left, report):
+                    break
+            if lands:
                 break
+            end_planar_velocities(work, work.moving)
+            pegs = work.closed[2 * len(steps.u) : count]
+            kept = keep_closed_contacts(model.closed_gap, pegs, work.contacts)
+            if kept == 0:
+                break
+            lands, count = True, 2 * len(steps.u) + kept
+            note_outcome(outcome, report)
+            peg_velocities(pegs[:kept], work)
         if not end_planar_step(model, work, steps, count, outcome):
             break
         count_steps(before, report)

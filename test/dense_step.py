@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One step of the paper's scheme in dense NumPy, to judge the results of compiled solvers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from oracle import make_stepper, moreau
@@ -132,9 +132,49 @@ class DenseStep:
         )
 
 
+@dataclass
+class MoreauStep(DenseStep):
+    """
+    The linear part of a step of the paper.
+
+    Attributes
+    ----------
+    bare : ndarray, shape (6n, 6n)
+        Mass matrix without the controller.
+    free_momentum : ndarray, shape (6n,)
+        Momentum without the controller.
+    W_tau : ndarray, shape (6n, 2(n-1))
+
+    """
+
+    bare: Array
+    free_momentum: Array
+    W_tau: Array
+
+    def after_landing(self, P: Array, torque: Array) -> 'MoreauStep':
+        """
+        Return the step as it was solved last, from its impulses (k, 5) and torques (n-1, 2).
+
+        It is this one or, if contacts with gaps carry load, the impact of all that are closed.
+        """
+        loaded = P[:, 0] > 0.0
+        if not self.shift[loaded].any():
+            return self
+        kept = (self.shift == 0.0) | loaded
+        return replace(
+            self,
+            active=self.active[kept],
+            W=self.W[:, kept],
+            M=self.bare,
+            momentum=self.free_momentum + self.scene.dt * self.W_tau @ torque.ravel(),
+            center=self.center[kept],
+            shift=np.zeros(kept.sum()),
+        )
+
+
 def dense_step(
     scene: Scene, state: State, history: History, angle: Array, rate: Array
-) -> DenseStep:
+) -> MoreauStep:
     """Return the step from a state with one reference (n-1, 2)."""
     robot, dt, n = scene.robot, scene.dt, scene.robot.link_count
     q_M = moreau.middle_coordinates(state, dt)
@@ -161,7 +201,7 @@ def dense_step(
         scene.solver.normal_compliance * size, LEAST_COMPLIANCE * size, most
     )
     weight = -dt * scene.gravity[2] * robot.per_link('link_mass').sum()
-    return DenseStep(
+    return MoreauStep(
         scene=scene,
         active=active,
         W=W,
@@ -171,6 +211,9 @@ def dense_step(
         compliance=compliance,
         center=selection_center(last, gamma_A, weight),
         shift=np.where(gap > closed, gap / (dt / 2), 0.0)[active],
+        bare=M,
+        free_momentum=M @ u_A + h * dt,
+        W_tau=W_tau,
     )
 
 

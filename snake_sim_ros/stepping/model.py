@@ -76,7 +76,7 @@ class Workspace(NamedTuple):
     damping: Array  # (n-1, 2) implicit part of the controller, times dt [N m s^2]
     applied: Array  # (n-1, 2) impulse of the controller with its implicit part [N m s]
     axes: AxisLaws  # laws of the joint axes in this step
-    moving: Array  # (n, 6) velocities from the middle of the step to its end, as `u`
+    moving: Array  # (n, 6) velocities that lead to a landing, as `u`; see `closing`
     chain: Chain  # the links as a tree, about O
     closed: Array  # (c,) begins with the numbers of the closed contacts
     operator: Operator  # of the contacts, for `bdf2`

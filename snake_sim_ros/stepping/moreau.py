@@ -39,6 +39,7 @@ from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
 from snake_sim_ros.dynamics.joint_control import read_by_controllers, START
 from snake_sim_ros.dynamics.joint_drift import close_joints, joint_violation
 from snake_sim_ros.dynamics.joint_laws import (
+    begin_axis_impact,
     begin_joint_laws,
     controller_impulse,
     joint_laws_change,
@@ -111,13 +112,28 @@ def begin_step(model: Model, work: Workspace, steps: Steps, k: int) -> Problem:
 
 
 @inlined
-def begin_landing(problem: Problem, count: int, history: History) -> Problem:
-    """Return the problem of the first `count` contacts, with velocities of the first solution."""
+def begin_landing(
+    model: Model, work: Workspace, problem: Problem, count: int, history: History
+) -> Problem:
+    """
+    Return the problem of the first `count` contacts: an impact, with velocities of the solution.
+
+    The impulses of controllers and joint friction stay what they are.
+    """
     laws, closed, contacts, chain = problem
     contact_velocities(closed[:count], contacts, chain.frame, chain.twist)
     for a in closed[:count]:
         for j in range(5):
             history.change[a, j] = 0.0
+    for j in range(len(work.applied)):
+        for k in range(2):
+            if model.joint_laws.present:
+                work.torque[j, k], work.damping[j, k] = begin_axis_impact(
+                    model.joint_laws, work.axes, j, k, work.torque[j, k], work.damping[j, k]
+                )
+            else:
+                work.torque[j, k], work.damping[j, k] = work.applied[j, k], 0.0
+    axis_loads(chain.axis, work.torque, work.damping, chain.torque, chain.damping)
     return Problem(laws, closed[:count], contacts, chain)
 
 
@@ -150,19 +166,23 @@ def controller_impulses(model: Model, work: Workspace) -> None:
 
 @inlined
 def end_step(
-    model: Model, work: Workspace, steps: Steps, problem: Problem, outcome: Outcome
+    model: Model,
+    work: Workspace,
+    steps: Steps,
+    problem: Problem,
+    outcome: Outcome,
+    lands: bool,
 ) -> bool:
     """
     Move q and u to the end of the step; return whether the loop continues.
 
-    `work.moving` has the velocities that move the coordinates.
+    If contacts land, `work.moving` has the velocities that move the coordinates.
     """
     q, u, report = steps.q, steps.u, steps.report[0]
     if not turns_are_small(model.dt, work.chain.twist, report):
         return False
-    controller_impulses(model, work)
     end_velocities(work.chain.twist, work.R, work.center, u)
-    end_coordinates(model.dt, work.q_mid, work.moving, q)
+    end_coordinates(model.dt, work.q_mid, work.moving if lands else u, q)
     note_outcome(outcome, report)
     report.contacts = len(problem.closed)
     note_joints(model, q, report)
@@ -236,14 +256,18 @@ def advance(solver: Any, model: Model, work: Workspace, steps: Steps) -> None:
                     break
             if lands:
                 break
-            end_velocities(work.chain.twist, work.R, work.center, work.moving)
-            count = keep_closed_contacts(model.closed_gap, problem.closed, problem.contacts)
-            lands = count > 0 and turns_are_small(model.dt, work.chain.twist, report)
-            if not lands:
+            controller_impulses(model, work)
+            if outcome.iterations >= left or not (
+                outcome.converged and turns_are_small(model.dt, work.chain.twist, report)
+            ):
                 break
+            count = keep_closed_contacts(model.closed_gap, problem.closed, problem.contacts)
+            if count == 0:
+                break
+            end_velocities(work.chain.twist, work.R, work.center, work.moving)
             note_outcome(outcome, report)
-            problem = begin_landing(problem, count, steps.history)
-        goes_on = end_step(model, work, steps, problem, outcome)
+            problem, lands = begin_landing(model, work, problem, count, steps.history), True
+        goes_on = end_step(model, work, steps, problem, outcome, lands)
         count_steps(before, report)
         if report.steps > k:
             keep_sample(k, model.dt, model.dt, work.applied, steps)

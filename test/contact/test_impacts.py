@@ -29,6 +29,7 @@ from scenes import (
     pitched,
     PRINTED,
     RADIUS,
+    references,
     ROBOT,
     run,
     SPEED,
@@ -37,6 +38,7 @@ from scenes import (
 
 from snake_sim_ros.contact.laws import IMPACT_WEIGHTS, LEAST_COMPLIANCE, PRESS_SPEED, REST_SPEED
 from snake_sim_ros.dynamics.force_directions import mean_delassus
+from snake_sim_ros.scene.gait import Gait, Wave
 from snake_sim_ros.scene.parameters import Robot, Scene, Solver
 from snake_sim_ros.scene.rotations import product, rotation_matrices
 from snake_sim_ros.stepping.methods import METHODS
@@ -270,3 +272,34 @@ def test_an_impact_does_not_depend_on_when_in_a_step_it_is(method):
         assert not simulation.advance(np.zeros((6, 0, 2))).failure
         found.append(simulation.state.u)
     assert np.ptp(found, axis=0).max() < 3e-3
+
+
+@pytest.mark.parametrize('method', [name for name in METHODS if name != 'bdf2'])
+@pytest.mark.parametrize('laws', [{}, {'joint_friction': 0.02, 'pitch_torque_limit': 0.3}])
+def test_joints_do_not_act_in_the_impact_of_a_landing(method, laws):
+    # Three links that lift and set down, one sphere after the other. Each step in which one lands
+    # is that in dense matrices; a damper that acted in the impact would change it.
+    yaw, pitch = (Wave(amplitude=a, angular_frequency=12.0, phase_lag=1.0) for a in (0.4, 0.3))
+    scene = Scene(
+        robot=Robot(link_count=3, **laws), friction=isotropic(0.3), dt=1e-3, level='spatial',
+        gait=Gait(yaw=yaw, pitch=pitch), solver=Solver(tolerance=1e-13, iteration_limit=20000),
+    )  # fmt: skip
+    states, impulses, _ = course(scene, initial_state(scene), 400)
+    loaded, (angle, rate) = impulses[:, :, 0] > 0.0, references(scene, 400)
+    landings = np.flatnonzero((loaded[1:] & ~loaded[:-1]).any(axis=1))
+    judged = 0
+    for k in landings:
+        state, ends = State(states.q[k], states.u[k]), []
+        for name in (method, ORACLE):
+            stepper = make_stepper(replace(scene, method=name))
+            history = stepper.empty_history()
+            history.impulse[:] = impulses[k]
+            ends.append(stepper.advance(state, history, angle[k : k + 1], rate[k : k + 1]))
+        (end, _, report), (dense, _, dense_report) = ends
+        if report.unconverged or dense_report.unconverged:
+            continue
+        judged += 1
+        assert np.abs(end.u - dense.u).max() < 1e-8
+        assert np.abs(end.q - dense.q).max() < 1e-8 * scene.dt
+        assert np.abs(report.joint_torque - dense_report.joint_torque).max() < 1e-6
+    assert judged > 8

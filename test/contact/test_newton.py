@@ -64,6 +64,7 @@ def solved(name, method):
     scene, *start = PROBLEMS[name]
     step = dense_step(scene, *start[:2], *start[2:])
     state, history, report = one_step(with_settings(scene, {'method': method}), *start)
+    step = step.after_landing(history.impulse[step.active], report.joint_torque)
     return step, history.impulse[step.active], state.u, report
 
 
@@ -80,7 +81,8 @@ def test_the_report_is_honest(name, method):
     step, P, u, report = solved(name, method)
     gamma = step.gamma(u)
     assert report.steps == 1
-    assert report.contacts == len(step.active) > 0
+    # A contact that lands may carry no load after the impact.
+    assert report.contacts >= len(step.active) > 0
     converged = report.residual_max <= RESIDUAL
     assert report.status is (Status.CONVERGED if converged else Status.MAX_ITERATIONS)
     assert report.unconverged == (not converged)
@@ -143,7 +145,9 @@ def test_other_methods_are_as_honest(method):
         step = step_of(scene, state, history, angle, rate)
         end, history, report = one_step(scene, state, history, angle, rate)
         assert not report.failure
-        if method == 'bdf2' and not of_two_states(history):
+        if method != 'bdf2':
+            step = step.after_landing(history.impulse[step.active], report.joint_torque)
+        elif not of_two_states(history):
             step = step.last_solved(report.joint_torque)
         P = history.impulse[step.active]
         slack = rounding(P, end.u)

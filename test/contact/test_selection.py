@@ -11,6 +11,7 @@ import pytest
 from random_states import random_robot
 from scipy.optimize import nnls
 
+from snake_sim_ros.contact.closing import left_gap
 from snake_sim_ros.contact.laws import LEAST_COMPLIANCE, PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene import gait
@@ -255,8 +256,8 @@ def test_mean_delassus_is_that_of_the_step():
 @pytest.mark.parametrize('tolerance', [1e-6, 1e-8, 0.0])
 def test_a_contact_lands_without_a_gap(method, tolerance):
     # A link at rest over the floor. Up to the gap that counts as closed it stays where it is.
-    # Beyond, it falls to the floor, by -2 gap/dt in the second half of the step, if g dt leads it
-    # there. Without a tolerance, as printed, it falls until it is inside the floor.
+    # Beyond, it falls to the floor in the second half of the step, if g dt leads it there, and is
+    # stopped. Without a tolerance, as printed, it falls until it is inside the floor.
     scene = Scene(
         robot=Robot(link_count=1), method=method, level='spatial',
         solver=Solver(activation_tolerance=tolerance),
@@ -270,10 +271,10 @@ def test_a_contact_lands_without_a_gap(method, tolerance):
         q[0, 2] += gap - gaps(scene.robot, q).min()
         start = State(q, np.zeros((1, 6)))
         end, history, _ = one_step(scene, start, empty_history(scene), none, none)
-        if gap <= closed:
+        if gap <= max(closed, lands):
             assert abs(end.u[0, 2]) <= left
-        elif gap < lands:
-            assert end.u[0, 2] == pytest.approx(-2 * gap / dt, abs=left)
+            kept = min(gap, left_gap(closed)) + left * dt / 2 + 1e-15
+            assert abs(gaps(scene.robot, end.q).min()) <= kept
         else:
             assert end.u[0, 2] == pytest.approx(-9.81 * dt, rel=10 * EPS)
         assert np.count_nonzero(history.impulse[:, 0]) == (2 if gap <= max(closed, lands) else 0)

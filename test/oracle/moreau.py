@@ -304,19 +304,18 @@ class DenseStepper:
             found = Solution(terms, rule, P, last_P, u_E, converged)
             return (terms.W_tau.T @ u_E).reshape(-1, 2), found, iterations
 
-        found, joint_rate, _, iterations, settled = solve_laws_of_axes(
-            *(laws, of_joints.inertia, posture.joint_rates(q_M, state.u), solve),
-            scene.solver.iteration_limit,
+        limit = scene.solver.iteration_limit
+        found, joint_rate, joint_impulse, iterations, settled = solve_laws_of_axes(
+            laws, of_joints.inertia, posture.joint_rates(q_M, state.u), solve, limit
         )
-        moving = found.u_E.reshape(n, 6)
-        if ((found.terms.shift > 0.0) & (found.P[:, 0] > 0.0)).any():
-            first = found
-            found, joint_rate, _, more, settles = solve_laws_of_axes(
-                *(laws, of_joints.inertia, joint_rate, solve),
-                max(1, scene.solver.iteration_limit - iterations),
+        applied, moving = laws.controller(joint_rate) / dt, found.u_E.reshape(n, 6)
+        lands = ((found.terms.shift > 0.0) & (found.P[:, 0] > 0.0)).any()
+        if lands and found.converged and iterations < limit:
+            first, laws = found, laws.in_impact(joint_rate, joint_impulse)
+            found, _, _, more, settled = solve_laws_of_axes(
+                laws, of_joints.inertia, joint_rate, solve, limit - iterations
             )
             iterations += more
-            settled = settled and settles and first.converged
         terms, rule, P, last_P, u_E, converged = found
         history.impulse[:] = 0.0  # also of contacts that have opened
         history.impulse[terms.active] = P
@@ -347,7 +346,7 @@ class DenseStepper:
             joint_gap_max=_largest(g_J[:, :3]),
             joint_twist_max=_largest(g_J[:, 3]),
             contacts=len(terms.active),
-            joint_torque=laws.controller(joint_rate) / dt,
+            joint_torque=applied,
         )
         return State(q_E, u_E), history, report
 

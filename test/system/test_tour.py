@@ -92,7 +92,7 @@ def test_ten_minutes(toured, tmp_path):
 
 def act(tour, line, folder):
     """Run a line and return whether it did what the tutorial says."""
-    sim, graph = tour.sim, tour.graph
+    graph = tour.graph
     if line.startswith('ros2 run'):
         tour.node(line)
         return True

@@ -174,9 +174,12 @@ def joint_impulses_in_plane(model: PlanarModel, work: PlanarWorkspace) -> bool:
 def begin_planar_impact(model: PlanarModel, work: PlanarWorkspace) -> None:
     """Fill the laws of the yaw joints in an impact, with the torques of the part before it."""
     for j in range(len(work.torque)):
-        work.torque[j], work.chain.damping[j] = begin_axis_impact(
-            model.joint_laws, work.axes, j, 0, work.torque[j], work.chain.damping[j]
-        )
+        if model.joint_laws.present:
+            work.torque[j], work.chain.damping[j] = begin_axis_impact(
+                model.joint_laws, work.axes, j, 0, work.torque[j], work.chain.damping[j]
+            )
+        else:
+            work.torque[j], work.chain.damping[j] = work.applied[j, 0], 0.0
 
 
 @inlined
@@ -316,7 +319,6 @@ def end_planar_step(
         return False
     before_x, before_y = held_point(model, q)
     move_in_plane(model, 0.5 * model.dt, q, u)
-    joint_impulses_in_plane(model, work)
     end_planar_velocities(work, u)
     stop_impact(work)
     move_in_plane(model, 0.5 * model.dt, q, work.moving)
@@ -392,7 +394,10 @@ def advance_in_plane(solver: Any, model: PlanarModel, work: PlanarWorkspace, ste
                     break
             if lands:
                 break
+            joint_impulses_in_plane(model, work)
             end_planar_velocities(work, work.moving)
+            if outcome.iterations >= left or not outcome.converged:
+                break
             pegs = work.closed[2 * len(steps.u) : count]
             kept = keep_closed_contacts(model.closed_gap, pegs, work.contacts)
             if kept == 0:
@@ -400,6 +405,7 @@ def advance_in_plane(solver: Any, model: PlanarModel, work: PlanarWorkspace, ste
             lands, count = True, 2 * len(steps.u) + kept
             note_outcome(outcome, report)
             peg_velocities(pegs[:kept], work)
+            begin_planar_impact(model, work)
         if not end_planar_step(model, work, steps, count, outcome):
             break
         count_steps(before, report)

@@ -142,7 +142,7 @@ def trajectory_of_states(
 # ---- runs of compiled methods -------------------------------------------------------------------
 
 
-REFERENCE_STEPS = (1 / 16000, 1 / 32000)  # s, of the two runs that are extrapolated
+REFERENCE_STEPS = (1 / 32000, 1 / 64000)  # s, of the two runs that are extrapolated
 LIFTED_HEIGHT = 10.0  # m, out of reach of the floor for more than a second
 CASE_A_NAME = 'lateral_undulation'
 SITUATIONS: dict[str, tuple[str, dict[str, Any], float]] = {  # scene, settings and lift [m]

@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from oracle import make_stepper, moreau
 
+from snake_sim_ros import Report, Scene, State
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.detection import reach_of_step
 from snake_sim_ros.contact.laws import LEAST_COMPLIANCE, selection_center, selection_compliance
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.dynamics.joint_control import make_control_memory
-from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.model import PROXIMAL
-from snake_sim_ros.stepping.state import History, State
+from snake_sim_ros.stepping.state import History
 
 EPS = np.finfo(float).eps
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 from random_states import random_robot
 
-from snake_sim_ros.scene.parameters import Array, Robot
+from snake_sim_ros import Robot, State
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
-from snake_sim_ros.stepping.state import State
 
 
 def flat_robot(rng: np.random.Generator, link_count: int) -> Robot:

@@ -4,9 +4,8 @@
 
 import numpy as np
 
-from snake_sim_ros.scene.parameters import Robot, Scene
+from snake_sim_ros import Report, Robot, Scene
 from snake_sim_ros.scene.rotations import FLAT
-from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 RADIUS = 0.0525  # m, of a link of Aiko

@@ -18,9 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from snake_sim_ros import Scene, State
 from snake_sim_ros.dynamics.joint_control import make_control_memory
-from snake_sim_ros.scene.parameters import Array, Scene, scene_from_text
-from snake_sim_ros.stepping.state import History, State
+from snake_sim_ros.scene.parameters import Array, scene_from_text
+from snake_sim_ros.stepping.state import History
 
 
 class StoredStep(NamedTuple):

@@ -4,10 +4,9 @@
 
 import numpy as np
 
-from snake_sim_ros.scene.parameters import Robot, Scene, Solver
+from snake_sim_ros import Robot, Scene, Solver, State
 from snake_sim_ros.scene.posture import chain_coordinates, joint_angles, joint_rates
 from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.state import State
 
 AXES = {'yaw': 0, 'pitch': 1}
 EVERY = [(method, axis) for method in METHODS for axis in AXES]

@@ -8,10 +8,9 @@ import numpy as np
 from oracle import make_stepper, ORACLE
 from scenes import references
 
-from snake_sim_ros.scene.gait import Gait, Wave
-from snake_sim_ros.scene.parameters import Array, Friction, Pegs, Robot, Scene, Solver
+from snake_sim_ros import Friction, Gait, Pegs, Robot, Scene, Solver, State, Wave
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping import simulation
-from snake_sim_ros.stepping.state import State
 
 TIME = 0.3  # s
 KINDS = ('push', 'landing', 'stop', 'peg', 'push and landing')

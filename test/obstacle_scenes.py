@@ -12,26 +12,16 @@ import pytest
 from random_states import free_links, random_robot, rate_of
 from scenes import DT, first_steps, references
 
+from snake_sim_ros import Friction, Ground, Patches, Pegs, Report, Scene, Simulation, Solver, State
 from snake_sim_ros.contact.laws import PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import scene_contacts
 from snake_sim_ros.scene import gait, obstacles
-from snake_sim_ros.scene.parameters import (
-    Array,
-    Friction,
-    Ground,
-    Patches,
-    Pegs,
-    Scene,
-    Solver,
-    steps_in,
-)
+from snake_sim_ros.scene.parameters import Array, steps_in
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
-from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
-from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import History, State
+from snake_sim_ros.stepping.state import History
 
 CELL = 0.15  # m
 

@@ -4,10 +4,10 @@
 
 import numpy as np
 
-from snake_sim_ros.scene.parameters import Array, Robot
+from snake_sim_ros import Robot, State
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import product, rotation_matrices
-from snake_sim_ros.stepping.state import State
 
 EPS = np.finfo(float).eps
 

@@ -10,14 +10,14 @@ import numpy as np
 from oracle import empty_history, make_stepper, ORACLE
 import pytest
 
+from snake_sim_ros import Friction, Report, Robot, Scene, Solver, State
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Array, Friction, Robot, Scene, Solver
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import about, FLAT, product
-from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.model import PROXIMAL
-from snake_sim_ros.stepping.state import History, State
+from snake_sim_ros.stepping.state import History
 
 EPS = np.finfo(float).eps
 G = 9.81

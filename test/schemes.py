@@ -15,12 +15,13 @@ from oracle import bdf2 as dense_bdf2, empty_history
 from oracle.bdf2 import motion_of, moved
 from scenes import whole_steps
 
+from snake_sim_ros import Scene, State
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.laws import PRESS_SPEED
-from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.bdf2 import formula, motion, step as bdf2
 from snake_sim_ros.stepping.bdf2.motion import Motion
-from snake_sim_ros.stepping.state import History, State
+from snake_sim_ros.stepping.state import History
 
 
 def span(scene: Scene) -> float:

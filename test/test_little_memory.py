@@ -8,9 +8,9 @@ import tracemalloc
 
 import pytest
 
+from snake_sim_ros import Scene
 from snake_sim_ros.nodes.received_commands import axes_of, RejectedCommand
 from snake_sim_ros.scene.checked_records import cut
-from snake_sim_ros.scene.parameters import Scene
 
 
 def test_a_node_with_too_little_memory_names_the_limit():

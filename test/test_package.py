@@ -10,8 +10,7 @@ from xml.etree import ElementTree
 import pytest
 import setuptools
 
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros import ParameterError, Robot
 from snake_sim_ros.stepping.methods import LARGE_STEP
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -10,8 +10,8 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
+from snake_sim_ros import ParameterError
 from snake_sim_ros.recording.recorded_runs import ARRAYS, read_npz, write_csv, write_npz
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.stepping.simulation import run
 

@@ -11,8 +11,8 @@ import pytest
 from snake_sim_benchmarks.__main__ import main
 from snake_sim_benchmarks.comparison import limits
 from snake_sim_benchmarks.comparison.csv_tables import read_table, records_of
+from snake_sim_ros import Simulation
 from snake_sim_ros.scene.parameters import with_settings
-from snake_sim_ros.stepping.simulation import Simulation
 
 # Scenes of `./run limits` whose limit is known: flat with and without pitch, pegs, folds.
 KNOWN = (0, 5, 15, 32)

@@ -10,6 +10,7 @@ from obstacle_scenes import anywhere, lying_on, random_ground, random_pegs
 import pytest
 from random_states import random_robot, random_velocities
 
+from snake_sim_ros import Friction, Scene, Solver, State
 from snake_sim_ros.contact.delassus import end_twists
 from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities
 from snake_sim_ros.contact.linear_problem import linear_step
@@ -18,13 +19,11 @@ from snake_sim_ros.contact.problem import Problem
 from snake_sim_ros.contact.sweeps import predict
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain, solve_chain
 from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.scene.parameters import Friction, Scene, Solver
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.stepping.methods import empty_history
 from snake_sim_ros.stepping.model import make_model, make_workspace, whole_operator
 from snake_sim_ros.stepping.moreau import begin_step
 from snake_sim_ros.stepping.samples import make_samples
-from snake_sim_ros.stepping.state import State
 from snake_sim_ros.stepping.steps import make_steps, Record
 
 ROLLING = Friction(longitudinal=0.2, transversal=0.4, rolling=0.05)

@@ -10,21 +10,12 @@ from random_states import EPS
 from scenes import MASS
 from schemes import press_of, span, step_of, undisturbed
 
+from snake_sim_ros import Friction, Robot, Scene, Simulation, Solver, State
 from snake_sim_ros.contact.laws import prox_disc, prox_ellipse, prox_half_line
 from snake_sim_ros.dynamics import force_directions
-from snake_sim_ros.scene.parameters import (
-    Friction,
-    load_scene,
-    Robot,
-    Scene,
-    Solver,
-    STICKY,
-    with_settings,
-)
+from snake_sim_ros.scene.parameters import load_scene, STICKY, with_settings
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.stepping.methods import make_stepper, METHODS
-from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import State
 
 # A projection is exact up to rounding: the root t to sqrt(1e-8)^2, then three products.
 ROUNDING = 8 * EPS

@@ -14,19 +14,10 @@ import pytest
 from scenes import course, DT, EPS, G, kinetic_energy, late_stop, MASS, slope
 from schemes import span
 
+from snake_sim_ros import Friction, ParameterError, Patches, Robot, Scene, Solver
 from snake_sim_ros.contact.laws import prox_ellipse
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import is_flat
-from snake_sim_ros.scene.parameters import (
-    Friction,
-    Patches,
-    Robot,
-    Scene,
-    scene_from_text,
-    scene_to_text,
-    Solver,
-    with_settings,
-)
+from snake_sim_ros.scene.parameters import scene_from_text, scene_to_text, with_settings
 from snake_sim_ros.scene.posture import joint_angles
 
 FORWARD, BACKWARD, ACROSS = 0.1, 0.25, 0.4

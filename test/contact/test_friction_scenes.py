@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scenes import course, kinetic_energy
 
-from snake_sim_ros.scene.parameters import Friction, load_scene, Robot, Scene, with_settings
-from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros import Friction, Robot, Scene, Simulation
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 
 
 @pytest.mark.parametrize('name', ['scales', 'patches'])

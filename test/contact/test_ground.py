@@ -39,13 +39,13 @@ from scenes import (
     SWEEPING,
 )
 
+from snake_sim_ros import Ground, ParameterError, Robot, Scene, State
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Ground, load_scene, Robot, Scene
+from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.rotations import about, FLAT, product
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.state import initial_state
 
 # A method that adds laws of a stiffness 1/(1e-5 G) to the inertia of a link loses up to six digits
 # of velocities around 1 m/s.

@@ -36,14 +36,12 @@ from scenes import (
     TIGHT,
 )
 
+from snake_sim_ros import Gait, Robot, Scene, Simulation, Solver, State, Wave
 from snake_sim_ros.contact.laws import IMPACT_WEIGHTS, LEAST_COMPLIANCE, PRESS_SPEED, REST_SPEED
 from snake_sim_ros.dynamics.force_directions import mean_delassus
-from snake_sim_ros.scene.gait import Gait, Wave
-from snake_sim_ros.scene.parameters import Robot, Scene, Solver
 from snake_sim_ros.scene.rotations import product, rotation_matrices
 from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.state import initial_state
 
 
 @each_method

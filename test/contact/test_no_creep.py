@@ -8,13 +8,14 @@ from dense_step import EPS
 import numpy as np
 import pytest
 
+from snake_sim_ros import Friction, Robot, Scene, State
 from snake_sim_ros.contact.laws import PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import joint_gaps
-from snake_sim_ros.scene.parameters import Friction, load_scene, Robot, Scene, with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import gaps, joint_angles
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.state import initial_state
 
 DT = 1 / 1000
 TILT = np.radians(10.0)

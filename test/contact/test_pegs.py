@@ -39,14 +39,14 @@ from scenes import (
     SPEED,
 )
 
+from snake_sim_ros import ParameterError, Pegs, Robot, Scene, Solver, State
 from snake_sim_ros.contact.closing import closed_gap, left_gap
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene, Pegs, Robot, Scene, Solver
+from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.posture import chain_coordinates, initial_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.state import initial_state
 
 PEG = 0.03  # radius of a single peg [m]
 FREE = 25.0  # far above the floor [m]

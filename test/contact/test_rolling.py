@@ -10,23 +10,16 @@ from oracle import empty_history, make_stepper, ORACLE
 import pytest
 from scenes import first_steps, references, same_bits
 
+from snake_sim_ros import Friction, Gait, Robot, Scene, Solver, State, Wave
 from snake_sim_ros.dynamics.kinematics import STILL_SPEED
 from snake_sim_ros.gaits.joint_reference import start_posture
-from snake_sim_ros.scene.gait import Gait, Wave
-from snake_sim_ros.scene.parameters import (
-    Friction,
-    load_scene,
-    Robot,
-    Scene,
-    Solver,
-    with_settings,
-)
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping import levels
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.planar.model import ROLL_LIMIT, SLIP_SHARE
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.state import initial_state
 
 RADIUS = 0.0525
 DT = 1 / 2000

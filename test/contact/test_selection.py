@@ -11,24 +11,17 @@ import pytest
 from random_states import random_robot
 from scipy.optimize import nnls
 
+from snake_sim_ros import Friction, Gait, Robot, Scene, Solver, State
 from snake_sim_ros.contact.closing import left_gap
 from snake_sim_ros.contact.laws import LEAST_COMPLIANCE, PRESS_SPEED
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.gait import Gait
-from snake_sim_ros.scene.parameters import (
-    Friction,
-    load_scene,
-    Robot,
-    Scene,
-    Solver,
-    with_settings,
-)
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import gaps, joint_angles
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.model import PROXIMAL
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.state import initial_state
 
 DELTA = 1e-4  # default of Solver.normal_compliance
 RESIDUAL = 1e-9  # m/s

@@ -13,17 +13,24 @@ import pytest
 from random_states import EPS, rate_of
 from scenes import course, isotropic, kinetic_energy, RADIUS
 
+from snake_sim_ros import (
+    Friction,
+    Gait,
+    ParameterError,
+    Pegs,
+    Robot,
+    Scene,
+    Simulation,
+    Solver,
+    State,
+    Wave,
+)
 from snake_sim_ros.contact.laws import LEAST_COMPLIANCE
 from snake_sim_ros.dynamics.force_directions import mean_delassus, scene_contacts
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.gait import Gait, Wave
-from snake_sim_ros.scene.parameters import Friction, Pegs, Robot, Scene, Solver
 from snake_sim_ros.scene.posture import chain_coordinates, initial_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
-from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import State
 
 SLACK = dict.fromkeys(('yaw_stiffness', 'yaw_damping', 'pitch_stiffness', 'pitch_damping'), 0.0)
 

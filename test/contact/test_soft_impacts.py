@@ -14,13 +14,12 @@ import numpy as np
 import pytest
 from scenes import course, G, isotropic, link_scene, lying, OFFSET, RADIUS, SPEED
 
+from snake_sim_ros import Ground, Pegs, Robot, Scene, Solver, State
 from snake_sim_ros.dynamics.force_directions import scene_contacts
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.parameters import Ground, Pegs, Robot, Scene, Solver
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.state import State
 
 PEG = 0.03  # m
 FAST = 1e-6  # velocity away from what it met up to which a body has not bounced [m/s]

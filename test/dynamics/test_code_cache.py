@@ -11,10 +11,10 @@ import sys
 
 import pytest
 
+from snake_sim_ros import Scene
 from snake_sim_ros.dynamics import code_cache
 from snake_sim_ros.dynamics.compilation import compiled, COMPILES, inlined, watched
 from snake_sim_ros.scene import PACKAGE
-from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping.apart import function_counts
 from snake_sim_ros.stepping.simulation import LEVELS
 

@@ -8,11 +8,11 @@ from hinges import AXES, DT, EVERY, floating, hinge, of_joint
 import numpy as np
 import pytest
 
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene, Robot, with_settings
+from snake_sim_ros import ParameterError, Robot, Simulation
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.controlled import command_effort, commanded_effort
 from snake_sim_ros.stepping.methods import make_stepper, METHODS
-from snake_sim_ros.stepping.simulation import run, Simulation
+from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.state import initial_state
 
 

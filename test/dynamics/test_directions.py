@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from random_states import EPS, free_links, jointed_links, moved, random_robot, rate_of
 
+from snake_sim_ros import Robot, State
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.dynamics.force_directions import E_X, E_Y, E_Z
 from snake_sim_ros.scene import posture
-from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.rotations import about, FLAT, product, rotation_matrices
-from snake_sim_ros.stepping.state import State
 
 # Central differences with step h = 1e-5 of r + R b: the third derivative of R b is |omega|^3 |b|.
 # Here |omega| <= 2 sqrt(3) = 3.5 rad/s and |b| <= 0.12 m, the longest lever: h^2/6 |omega|^3 |b|

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from snake_sim_ros import Robot, Scene, Simulation
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.dynamics.energy import (
     balance_error,
@@ -14,10 +15,10 @@ from snake_sim_ros.dynamics.energy import (
     floor_contact_velocities,
     mechanical_energy,
 )
-from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, steps_in
+from snake_sim_ros.scene.parameters import load_scene, steps_in
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.simulation import sample, Simulation
+from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.state import initial_state
 
 RNG = np.random.default_rng(0)

@@ -12,16 +12,14 @@ import numpy as np
 from processes import python
 import pytest
 
+from snake_sim_ros import Gait, ParameterError, Robot, Scene, Solver, State, Wave
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.gait import Gait, Wave
-from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, Solver, with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import chain_coordinates, joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import make_stepper, METHODS, what_is_not_planar
 from snake_sim_ros.stepping.simulation import run
-from snake_sim_ros.stepping.state import State
 
 ROOT = Path(__file__).resolve().parents[2]
 # The rate of a joint that is held is rounded in sweeps over links, or in dense matrices.

@@ -15,9 +15,8 @@ from oracle import empty_history, make_stepper, ORACLE
 import pytest
 from scenes import EPS, every_method, G, references, run
 
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.gait import Gait
-from snake_sim_ros.scene.parameters import Friction, load_scene, Robot, Scene, Solver
+from snake_sim_ros import Friction, Gait, ParameterError, Robot, Scene, Solver
+from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.posture import center_of_mass, joint_angles, joint_rates
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.state import initial_state

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from random_states import EPS
 
+from snake_sim_ros import Gait, ParameterError, Robot, Wave
 from snake_sim_ros.gaits.blending import Blend, check_limits, largest_values, shortest_blend
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.gait import Gait, Wave
-from snake_sim_ros.scene.parameters import load_scene, Robot
+from snake_sim_ros.scene.parameters import load_scene
 
 ROBOT = Robot()
 JOINTS = 10

@@ -5,11 +5,11 @@
 import numpy as np
 import pytest
 
+from snake_sim_ros import Simulation
 from snake_sim_ros.gaits.joint_reference import LimitedReference, start_posture
 from snake_sim_ros.nodes.sim_parameters import as_it_runs, Settings
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.sampling import joint_motion
-from snake_sim_ros.stepping.simulation import Simulation
 
 PERIOD, STEPS, LIMIT = 0.005, 20, 10.0
 TIMES = PERIOD / STEPS * (np.arange(STEPS) + 0.5)

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from random_states import EPS
 
+from snake_sim_ros import Gait, Robot, Scene, Simulation, Wave
 from snake_sim_ros.gaits.blending import Blend, check_limits
 from snake_sim_ros.gaits.steering import Steering
-from snake_sim_ros.scene.gait import Gait, Wave
-from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.simulation import Simulation
 
 ROBOT = Robot()
 STRIDE = 0.5  # m

@@ -7,10 +7,10 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
+from snake_sim_ros import Ground, Patches, Pegs, Scene
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.state_publishers import SceneMarkers
 from snake_sim_ros.recording.from_messages import FORCE_SCALE
-from snake_sim_ros.scene.parameters import Ground, Patches, Pegs, Scene
 
 STAMP = stamp_from(5_000_000)
 NOTHING = np.zeros((0, 3))

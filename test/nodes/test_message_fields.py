@@ -11,8 +11,8 @@ from std_msgs.msg import ByteMultiArray, Int8, String, UInt8MultiArray
 from std_srvs.srv import SetBool
 import yaml
 
+from snake_sim_ros import ParameterError
 from snake_sim_ros.nodes.graph import as_yaml, filled, interface
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.files import parse_yaml
 
 # Every kind of field that the interfaces of the robot have.

@@ -13,6 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from snake_sim_ros import Robot, Scene
 from snake_sim_ros.gaits.joint_reference import (
     compile_sampling,
     hold_at_limit,
@@ -30,7 +31,6 @@ from snake_sim_ros.nodes.received_commands import (
     position_commands,
     RejectedCommand,
 )
-from snake_sim_ros.scene.parameters import Robot, Scene
 
 ROBOT = Robot()
 NAMES = joint_names(11)

@@ -16,12 +16,11 @@ import numpy as np
 import pytest
 from std_msgs.msg import Header
 
+from snake_sim_ros import Scene, Simulation
 from snake_sim_ros.nodes import sim_services, state_publishers
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.state_messages import StateMessages
-from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.simulation import Simulation
 
 
 class State:

@@ -15,14 +15,14 @@ from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
+from snake_sim_ros import Robot, State
 from snake_sim_ros.nodes.diagnostics import shown, status_of
 from snake_sim_ros.nodes.messages import command_message, joint_names, seconds_from, stamp_from
 from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.scene.checked_records import flat_fields
-from snake_sim_ros.scene.parameters import load_scene, Robot
+from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.rotations import FLAT, rotation_matrices
 from snake_sim_ros.stepping.sampling import joint_motion
-from snake_sim_ros.stepping.state import State
 
 ROBOT = Robot()
 NAMES = joint_names(11)

@@ -14,7 +14,7 @@ scene whose method is ORACLE takes one of the first two, that of its level, by t
 
 from oracle.moreau import DenseStepper
 from oracle.planar import DenseLoop
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros import Scene
 from snake_sim_ros.stepping import levels, methods
 from snake_sim_ros.stepping.base import Method, Stepper
 from snake_sim_ros.stepping.moreau import where_impulses_acted

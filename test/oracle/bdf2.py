@@ -52,6 +52,7 @@ import numpy as np
 
 from oracle.contact_laws import solve_laws
 from oracle.joint_laws import dense_laws, DenseLaws, solve_laws_of_axes
+from snake_sim_ros import Robot, Scene, State
 from snake_sim_ros.contact.closing import closed_gap, COMPLIANCE, left_gap, MOST_CLOSED
 from snake_sim_ros.contact.detection import LANDING_SPEED
 from snake_sim_ros.contact.laws import (
@@ -71,7 +72,7 @@ from snake_sim_ros.dynamics.force_directions import (
 )
 from snake_sim_ros.dynamics.joint_laws import make_joint_laws
 from snake_sim_ros.scene import obstacles, posture
-from snake_sim_ros.scene.parameters import Array, Robot, Scene
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.rotations import cross, H_bar, product, rotation_matrices
 from snake_sim_ros.stepping.bdf2.events import DEEP, MOST_CLOSINGS, RESTING_GAP
 from snake_sim_ros.stepping.bdf2.formula import AFTER_EVENT, ANEW, SMOOTH, TICKS, UNKNOWN
@@ -79,7 +80,7 @@ from snake_sim_ros.stepping.bdf2.motion import Bdf2Memory, CONSISTENT_SPEED, Mot
 from snake_sim_ros.stepping.bdf2.step import PRESS_SPEED
 from snake_sim_ros.stepping.model import MOST_CONDENSED, PROXIMAL
 from snake_sim_ros.stepping.pushes import NO_PUSHES, not_pushed, Pushed, PushTable, STEP, Stretch
-from snake_sim_ros.stepping.state import History, State
+from snake_sim_ros.stepping.state import History
 
 
 def motion_of(robot: Robot, state: State) -> Motion:

@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from oracle.joint_drift import without_drift
+from snake_sim_ros import Scene
 from snake_sim_ros.contact.closing import closed_gap, left_gap, MOST_CLOSED, MOST_MOVES
 from snake_sim_ros.dynamics.force_directions import scene_gaps
-from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.rotations import product
 
 

@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
+from snake_sim_ros import Robot
 from snake_sim_ros.dynamics.force_directions import E_X, E_Y, E_Z
 from snake_sim_ros.scene import posture
-from snake_sim_ros.scene.parameters import Array, Robot
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.rotations import cross, product, rotation_matrices
 
 

@@ -21,6 +21,7 @@ from oracle.closing import Closing, with_closed_gaps
 from oracle.contact_laws import prox_half_ellipses
 from oracle.joint_drift import furthest_angles, without_drift
 from oracle.joint_laws import dense_laws, solve_laws_of_axes
+from snake_sim_ros import Report, Scene, Solver, State
 from snake_sim_ros.contact.closing import closed_gap, DEEP
 from snake_sim_ros.contact.detection import reach_of_step
 from snake_sim_ros.contact.laws import (
@@ -49,13 +50,13 @@ from snake_sim_ros.dynamics.joint_control import (
 )
 from snake_sim_ros.dynamics.joint_laws import make_joint_laws
 from snake_sim_ros.scene import obstacles, posture
-from snake_sim_ros.scene.parameters import Array, PD_SCHEMES, Scene, Solver
+from snake_sim_ros.scene.parameters import Array, PD_SCHEMES
 from snake_sim_ros.scene.rotations import H_bar, rotation_matrices
-from snake_sim_ros.stepping.base import divergence, Report
+from snake_sim_ros.stepping.base import divergence
 from snake_sim_ros.stepping.model import PROXIMAL
 from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import Samples
-from snake_sim_ros.stepping.state import check_arguments, copied, empty_history, History, State
+from snake_sim_ros.stepping.state import check_arguments, copied, empty_history, History
 
 
 def dense_control(

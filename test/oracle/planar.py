@@ -15,9 +15,10 @@ import numpy as np
 
 from oracle.contact_laws import prox_half_ellipses
 from oracle.joint_laws import dense_laws, DenseLaws, solve_laws_of_axes
+from snake_sim_ros import Scene
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.scene.obstacles import floor_friction
-from snake_sim_ros.scene.parameters import Array, PD_SCHEMES, Scene
+from snake_sim_ros.scene.parameters import Array, PD_SCHEMES
 from snake_sim_ros.stepping.planar.model import (
     PlanarMemory,
     PlanarModel,

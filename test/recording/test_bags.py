@@ -15,6 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
+from snake_sim_ros import ParameterError, Robot
 from snake_sim_ros.nodes.bag_writer import BagWriter, RunTopics, schema_text
 from snake_sim_ros.nodes.messages import joint_names, stamp_from
 from snake_sim_ros.nodes.sensor_topics import SensorTopics
@@ -22,8 +23,7 @@ from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.nodes.state_publishers import SceneMarkers
 from snake_sim_ros.recording.bag_reader import read_bag
 from snake_sim_ros.recording.sensors import recorded_sensors, Sensors
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene, Robot
+from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.posture import gaps, joint_angles
 from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping.simulation import run

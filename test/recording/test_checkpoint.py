@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from scenes import same_bits
 
+from snake_sim_ros import ParameterError, Simulation
 from snake_sim_ros.recording import checkpoint
 from snake_sim_ros.recording.recorded_runs import write_npz
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.methods import make_stepper, METHODS
-from snake_sim_ros.stepping.simulation import run, Simulation
+from snake_sim_ros.stepping.simulation import run
 
 STEPS = 6
 LEVELS = ('spatial', 'planar', 'auto')

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
 
+from snake_sim_ros import ParameterError, Robot, Scene
 from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.nodes.state_publishers import SceneMarkers
 from snake_sim_ros.recording import from_messages
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene, Robot, Scene
+from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.robot_description import robot_description, robot_of
 from snake_sim_ros.stepping.state import initial_state
 

@@ -14,6 +14,7 @@ import pytest
 from scenes import DT, EPS, every_method, isotropic, MASS, ROBOT, slope
 from schemes import press_of
 
+from snake_sim_ros import Gait, ParameterError, Pegs, Scene, Simulation, Solver, State
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.recording.from_messages import TO_WIRE
 from snake_sim_ros.recording.recorded_runs import read_npz
@@ -30,15 +31,12 @@ from snake_sim_ros.recording.sensors import (
     Sensors,
     wrenches_on_links,
 )
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.gait import Gait
 from snake_sim_ros.scene.obstacles import contact_count, contact_links
-from snake_sim_ros.scene.parameters import load_scene, Pegs, Scene, Solver, with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.sampling import joint_motion
-from snake_sim_ros.stepping.simulation import run, Simulation
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.simulation import run
 
 PAGE = (Path(__file__).parents[2] / 'docs' / 'sensors.md').read_text(encoding='utf-8')
 G, STEPS = 9.81, 4

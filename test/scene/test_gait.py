@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from random_states import EPS, random_robot
 
+from snake_sim_ros import Gait, Robot, Scene, Wave
 from snake_sim_ros.scene import gait, posture
-from snake_sim_ros.scene.gait import Gait, Wave
-from snake_sim_ros.scene.parameters import load_scene, Robot, Scene
+from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.rotations import rotation_matrices
 
 SCENES = ['lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting']

@@ -8,14 +8,12 @@ import math
 import numpy as np
 import pytest
 
+from snake_sim_ros import Gait, ParameterError, Robot, Table, Wave
 from snake_sim_ros.gaits.blending import Blend, check_limits, check_reach
 from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.gait import Gait, Table, Wave
 from snake_sim_ros.scene.parameters import (
     load_scene,
-    Robot,
     scene_from_text,
     scene_to_text,
     with_settings,

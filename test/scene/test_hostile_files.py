@@ -10,14 +10,14 @@ from types import SimpleNamespace
 
 import pytest
 
+from snake_sim_ros import ParameterError, Robot, Scene, Simulation
 from snake_sim_ros.recording.from_messages import scene_of
 from snake_sim_ros.recording.sensors import Sensors
-from snake_sim_ros.scene.checked_records import ParameterError, quoted
+from snake_sim_ros.scene.checked_records import quoted
 from snake_sim_ros.scene.files import MOST_CHARACTERS, parse_yaml
-from snake_sim_ros.scene.parameters import load_scene, Robot, samples_of, Scene, with_settings
+from snake_sim_ros.scene.parameters import load_scene, samples_of, with_settings
 from snake_sim_ros.scene.robot_description import robot_description, robot_of
 from snake_sim_ros.stepping.samples import make_samples
-from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.studies.problem import load_problem
 from snake_sim_ros.studies.study import load_study
 

@@ -8,17 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from snake_sim_ros.scene.checked_records import from_mapping, ParameterError
-from snake_sim_ros.scene.gait import Gait, Wave
-from snake_sim_ros.scene.parameters import (
-    Friction,
-    Ground,
-    Pegs,
-    Robot,
-    Scene,
-    Solver,
-    with_settings,
-)
+from snake_sim_ros import Friction, Gait, Ground, ParameterError, Pegs, Robot, Scene, Solver, Wave
+from snake_sim_ros.scene.checked_records import from_mapping
+from snake_sim_ros.scene.parameters import with_settings
 
 FIELDS = [
     (record, item)

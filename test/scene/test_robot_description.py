@@ -10,11 +10,12 @@ import pytest
 from random_states import random_robot
 import yaml
 
+from snake_sim_ros import Robot
 from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.nodes.messages import joint_names
 from snake_sim_ros.recording.from_messages import B_TO_WIRE
 from snake_sim_ros.scene.files import CONFIG
-from snake_sim_ros.scene.parameters import load_scene, Robot
+from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.scene.rotations import product, rotation_matrices

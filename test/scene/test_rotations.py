@@ -9,6 +9,7 @@ from oracle.moreau import end_coordinates, middle_coordinates
 import pytest
 from random_states import EPS, random_parameters
 
+from snake_sim_ros import State
 from snake_sim_ros.dynamics import kinematics
 from snake_sim_ros.scene.rotations import (
     about,
@@ -20,7 +21,6 @@ from snake_sim_ros.scene.rotations import (
     rotation_matrix,
     tilde,
 )
-from snake_sim_ros.stepping.state import State
 
 # Entries of the matrices are at most 1 and come from at most a dozen operations on numbers up to 1
 # that are themselves rounded, |p|^2 = 1 +- 4 eps: 32 roundings are enough for every product below.

@@ -7,18 +7,10 @@ import math
 import pytest
 import yaml
 
-from snake_sim_ros.scene.checked_records import flat_fields, from_mapping, ParameterError
+from snake_sim_ros import Friction, Gait, ParameterError, Robot, Scene, Solver, Wave
+from snake_sim_ros.scene.checked_records import flat_fields, from_mapping
 from snake_sim_ros.scene.files import CONFIG
-from snake_sim_ros.scene.gait import Gait, Wave
-from snake_sim_ros.scene.parameters import (
-    Friction,
-    load_scene,
-    Robot,
-    Scene,
-    scene_from_text,
-    scene_to_text,
-    Solver,
-)
+from snake_sim_ros.scene.parameters import load_scene, scene_from_text, scene_to_text
 
 ROBOTS = ('aiko', 'scaled_snake', 'slender')
 SCENES = sorted(path.stem for path in CONFIG.glob('*.yaml') if path.stem not in ROBOTS)

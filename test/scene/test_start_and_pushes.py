@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros import ParameterError, Simulation
 from snake_sim_ros.scene.parameters import (
     load_scene,
     scene_from_text,
@@ -15,7 +15,7 @@ from snake_sim_ros.scene.parameters import (
     with_settings,
 )
 from snake_sim_ros.scene.posture import center_of_mass, gaps, initial_coordinates, joint_angles
-from snake_sim_ros.stepping.simulation import run, sample, Simulation
+from snake_sim_ros.stepping.simulation import run, sample
 
 CASE_A = load_scene('lateral_undulation')
 MASS = 7.5

@@ -10,12 +10,10 @@ from types import SimpleNamespace
 from gliding import glide
 import pytest
 
+from snake_sim_ros import ParameterError, Robot, Scene, Simulation
 from snake_sim_ros.recording import checkpoint
 from snake_sim_ros.recording.recorded_runs import write_csv, write_npz
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.files import whole_file, write_whole
-from snake_sim_ros.scene.parameters import Robot, Scene
-from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.studies import chart as study_chart, judgement, optimization, table
 from snake_sim_ros.studies.metrics import METRICS
 from snake_sim_ros.view import chart

@@ -8,13 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from snake_sim_ros import ParameterError, Scene, Simulation
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.nodes.sim_parameters import as_it_runs, Settings
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.accuracy import longest_step, path_tolerance, with_accuracy
 from snake_sim_ros.stepping.methods import make_stepper, method_of
-from snake_sim_ros.stepping.simulation import Simulation
 
 PERIOD = 0.1  # of samples [s]
 CYCLE = 4.5  # of the gait [s]

@@ -11,6 +11,7 @@ import pytest
 from random_states import EPS, jointed_links, random_parameters, random_robot, random_velocities
 from scenes import layout, PRINTED, same_bits
 
+from snake_sim_ros import Friction, Report, Scene, Solver, State
 from snake_sim_ros.contact.laws import PRESS_SPEED
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.dynamics.articulated_body import (
@@ -21,19 +22,11 @@ from snake_sim_ros.dynamics.articulated_body import (
 )
 from snake_sim_ros.dynamics.kinematics import chain_geometry
 from snake_sim_ros.scene import gait, posture
-from snake_sim_ros.scene.parameters import (
-    DRIFT_CORRECTIONS,
-    Friction,
-    load_scene,
-    PD_SCHEMES,
-    Scene,
-    Solver,
-)
+from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS, load_scene, PD_SCHEMES
 from snake_sim_ros.scene.rotations import about, FLAT, H_bar, product, rotation_matrices
-from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.methods import empty_history, METHODS
 from snake_sim_ros.stepping.model import PROXIMAL
-from snake_sim_ros.stepping.state import initial_state, named_arrays, State
+from snake_sim_ros.stepping.state import initial_state, named_arrays
 
 # Laws of the paper as printed, and with the selection rule and the activation tolerance.
 RULE: dict[str, float] = {}

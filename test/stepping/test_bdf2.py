@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 from scenes import same_bits
 
+from snake_sim_ros import Friction, Report, Robot, Scene, State
 from snake_sim_ros.contact.laws import REST_SPEED
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import Friction, load_scene, Robot, Scene
+from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.posture import center_of_mass, gaps, joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import Report, Status
+from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.bdf2.formula import TICKS
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
-from snake_sim_ros.stepping.state import copied, initial_state, State
+from snake_sim_ros.stepping.state import copied, initial_state
 
 G = 9.81
 GRAVITY = np.array([0.0, 0.0, -G])

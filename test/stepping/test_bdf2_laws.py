@@ -10,12 +10,13 @@ from random_states import EPS
 from scenes import same_bits
 from test_bdf2 import CASE_A, GRAVITY, momentum, references, spinning
 
+from snake_sim_ros import Report, Robot, Scene, State
 from snake_sim_ros.dynamics.force_directions import joint_gaps
-from snake_sim_ros.scene.parameters import load_scene, Robot, Scene
+from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.posture import center_of_mass
-from snake_sim_ros.stepping.base import Report, Status
+from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.state import initial_state
 
 METHOD = {'method': 'bdf2', 'level': 'spatial'}
 

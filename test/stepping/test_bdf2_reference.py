@@ -10,14 +10,13 @@ from oracle import bdf2 as dense_bdf2, contact_laws
 import pytest
 from random_states import random_robot
 
+from snake_sim_ros import Friction, Pegs, Scene, Solver, State
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.parameters import Friction, Pegs, Scene, Solver
 from snake_sim_ros.scene.posture import chain_coordinates, joint_angles
 from snake_sim_ros.scene.rotations import about, FLAT, product, rotation_matrices
 from snake_sim_ros.stepping.bdf2.formula import AFTER_EVENT, ANEW, AT_START, SMOOTH, TICKS, UNKNOWN
 from snake_sim_ros.stepping.bdf2.motion import Bdf2Memory, make_memory, Motion
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
-from snake_sim_ros.stepping.state import State
 
 FRICTIONS = {
     'isotropic': Friction(longitudinal=0.2, transversal=0.2),

@@ -17,14 +17,13 @@ from obstacle_scenes import anywhere
 import pytest
 from scenes import isotropic, layout, same_bits
 
+from snake_sim_ros import Ground, ParameterError, Pegs, Robot, Scene, Simulation, Solver, State
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Ground, LEVELS, Pegs, Robot, Scene, Solver
+from snake_sim_ros.scene.parameters import LEVELS
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
-from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import carried, copied, initial_state, named_arrays, State
+from snake_sim_ros.stepping.state import carried, copied, initial_state, named_arrays
 from snake_sim_ros.stepping.steps import make_steps, Record
 
 # Nothing of it is in reach of a robot that lies at the origin. The first peg of the one scene is

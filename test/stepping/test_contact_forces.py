@@ -10,12 +10,11 @@ import pytest
 from random_states import moved
 from scenes import DT, isotropic, slope
 
+from snake_sim_ros import Gait, Scene, Simulation
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.gait import Gait
-from snake_sim_ros.scene.parameters import load_scene, Scene
+from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.simulation import Simulation
 
 MASS, WEIGHT = 7.5, 7.5 * 9.81
 # The method `newton` loses up to six digits of velocities around 1 m/s: as forces of a step,

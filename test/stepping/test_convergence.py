@@ -20,11 +20,12 @@ from scenes import ACROSS, ALONG, course, G, HEIGHT, lying, MASS, particle_scene
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from snake_sim_ros.scene.parameters import load_scene, PD_SCHEMES, Robot, Scene, with_settings
+from snake_sim_ros import Robot, Scene, State
+from snake_sim_ros.scene.parameters import load_scene, PD_SCHEMES, with_settings
 from snake_sim_ros.scene.posture import center_of_mass, chain_coordinates, joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.state import initial_state
 
 # In NumPy the same takes minutes; the oracle agrees with `paper` step by step, see
 # test_agreement.

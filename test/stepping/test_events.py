@@ -14,11 +14,9 @@ from obstacle_scenes import WITHOUT_COMPILER
 import pytest
 from scenes import EPS, isotropic
 
-from snake_sim_ros.scene.parameters import Robot, Scene, Solver
+from snake_sim_ros import Robot, Scene, Simulation, Solver, State
 from snake_sim_ros.scene.posture import center_of_mass
 from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import State
 
 IMPULSE = np.array([0.3, -1.0, 0.0])  # N s
 # `newton` adds laws of a stiffness 1/(1e-5 G) to the inertia, and joints have a condition of

@@ -15,12 +15,13 @@ import pytest
 from scenes import EPS, HEIGHT, isotropic, references
 from test_bdf2 import momentum
 
-from snake_sim_ros.scene.parameters import load_scene, Robot, Scene
+from snake_sim_ros import Report, Robot, Scene, State
+from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.posture import center_of_mass, chain_coordinates, joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import Report, Status
+from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.state import initial_state
 
 GAITS = ('lateral_undulation', 'sidewinding', 'sinus_lifting')  # A and B, C, D
 # Steps without friction. `paper` and `gauss_seidel` sweep for long.

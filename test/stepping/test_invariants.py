@@ -29,20 +29,18 @@ from scenes import (
 )
 from schemes import check_laws, of_two_states, step_of
 
+from snake_sim_ros import Friction, Gait, ParameterError, Report, Robot, Scene, Solver, State, Wave
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.detection import reach_of_step
 from snake_sim_ros.contact.laws import LEAST_COMPLIANCE, selection_center, selection_compliance
 from snake_sim_ros.dynamics.force_directions import contact_directions, mean_delassus
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.gait import Gait, Wave
-from snake_sim_ros.scene.parameters import Friction, PD_SCHEMES, Robot, Scene, Solver
+from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
-from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.bdf2.step import IMPLICIT_SCHEMES
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.model import PROXIMAL
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.state import initial_state
 
 
 def wave(sign=1.0):

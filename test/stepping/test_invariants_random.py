@@ -12,12 +12,11 @@ import pytest
 from scenes import same_bits, SWEEPING
 from schemes import check_laws, of_two_states, step_of, undisturbed
 
-from snake_sim_ros.scene.parameters import Friction, Robot, Scene, Solver
+from snake_sim_ros import Friction, Robot, Scene, Solver, State
 from snake_sim_ros.scene.posture import chain_coordinates, gaps, joint_angles
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.state import State
 
 RESIDUAL = 1e-9  # m/s
 LIMIT = 500  # iterations

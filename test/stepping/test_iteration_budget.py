@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 
+from snake_sim_ros import ParameterError, Report, Scene, Simulation
 from snake_sim_ros.nodes.sim_parameters import changed, Settings
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
-from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.bdf2.formula import LEAST_ITERATIONS, TICKS
-from snake_sim_ros.stepping.simulation import FLOOR, IterationBudget, Simulation, TOGETHER
+from snake_sim_ros.stepping.simulation import FLOOR, IterationBudget, TOGETHER
 
 STEPS, MOST = 20, 5000
 ANGLE = np.zeros((STEPS, 10, 2))

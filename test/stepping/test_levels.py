@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from scenes import G, kinetic_energy, references, same_bits, slope
 
+from snake_sim_ros import Friction, ParameterError, Report, Robot, Scene, Simulation, State
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.dynamics.kinematics import FLAT_GAP, FLAT_TILT, STILL_SPEED
 from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.recording.recorded_runs import write_npz
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Friction, load_scene, Robot, Scene, with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import center_of_mass, gaps, joint_angles
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
-from snake_sim_ros.stepping.base import Report, Status
+from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
-from snake_sim_ros.stepping.simulation import run, Simulation
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.state import initial_state
 
 CASE_A = load_scene('lateral_undulation')
 CASE_B = load_scene('lateral_undulation_isotropic')

@@ -15,7 +15,7 @@ import numpy as np
 from oracle import ORACLE
 import pytest
 
-from snake_sim_ros.scene.parameters import Solver
+from snake_sim_ros import Solver
 
 SEEDS = (
     0,

@@ -38,21 +38,14 @@ from test_bdf2_reference import (
 )
 from test_planar import EXACT, HELD
 
+from snake_sim_ros import Friction, Robot, Scene, Solver, State
 from snake_sim_ros.contact.closing import gaps_to_close, MOST_CLOSED
 from snake_sim_ros.contact.problem import make_table
 from snake_sim_ros.dynamics.force_directions import joint_gaps
-from snake_sim_ros.scene.parameters import (
-    DRIFT_CORRECTIONS,
-    Friction,
-    PD_SCHEMES,
-    Robot,
-    Scene,
-    Solver,
-)
+from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS, PD_SCHEMES
 from snake_sim_ros.scene.posture import center_of_mass, chain_coordinates, joint_angles
 from snake_sim_ros.stepping.bdf2.formula import ANEW, SMOOTH, UNKNOWN
 from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.state import State
 
 FRICTION = Friction(longitudinal=0.2, transversal=0.4, backward=0.3, rolling=0.05)
 each_solver = pytest.mark.parametrize('method', MIDDLE)

@@ -45,7 +45,7 @@ from scenes import (
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from snake_sim_ros.scene.parameters import Friction, Robot
+from snake_sim_ros import Friction, Robot
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import about, FLAT, product
 

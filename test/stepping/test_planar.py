@@ -14,8 +14,8 @@ from scenes import course, EPS, G, kinetic_energy, MASS, OFFSET, RADIUS, referen
 from schemes import span
 from scipy.linalg import null_space
 
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Friction, load_scene, PD_SCHEMES, Robot, Scene, Solver
+from snake_sim_ros import Friction, ParameterError, Robot, Scene, Solver
+from snake_sim_ros.scene.parameters import load_scene, PD_SCHEMES
 from snake_sim_ros.scene.posture import center_of_mass, joint_angles
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import last_span

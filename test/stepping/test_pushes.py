@@ -20,17 +20,14 @@ from scenes import (
     TIGHT,
 )
 
+from snake_sim_ros import Gait, ParameterError, Push, Robot, Scene, Simulation, Solver, State
 from snake_sim_ros.dynamics.force_directions import joint_gaps
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.gait import Gait
-from snake_sim_ros.scene.parameters import load_scene, Push, Robot, Scene, Solver
+from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.accuracy import with_accuracy
 from snake_sim_ros.stepping.bdf2.formula import AT_START
 from snake_sim_ros.stepping.pushes import make_push, make_table, Pushes, STEP
-from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import State
 
 FORCE, TORQUE = np.array([0.3, -0.2, 0.5]), np.array([0.02, 0.05, -0.03])
 MU = 0.5

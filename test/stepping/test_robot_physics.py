@@ -39,6 +39,7 @@ from scenes import (
 from schemes import press_of, span, undisturbed
 from scipy.linalg import null_space
 
+from snake_sim_ros import ParameterError, Robot, Scene, Solver, State
 from snake_sim_ros.contact.laws import LEAST_COMPLIANCE, PRESS_SPEED, REST_SPEED
 from snake_sim_ros.dynamics.force_directions import (
     contact_directions,
@@ -47,21 +48,13 @@ from snake_sim_ros.dynamics.force_directions import (
     mean_delassus,
     torque_directions,
 )
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import (
-    DRIFT_CORRECTIONS,
-    load_scene,
-    Robot,
-    Scene,
-    Solver,
-    with_settings,
-)
+from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS, load_scene, with_settings
 from snake_sim_ros.scene.posture import center_of_mass, chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.state import initial_state, named_arrays, State
+from snake_sim_ros.stepping.state import initial_state, named_arrays
 
 
 def flying(scene):

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene, Pegs, Scene, Solver, with_settings
+from snake_sim_ros import ParameterError, Pegs, Scene, Simulation, Solver
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.samples import make_samples, Samples
-from snake_sim_ros.stepping.simulation import run, sample, Simulation
+from snake_sim_ros.stepping.simulation import run, sample
 from snake_sim_ros.stepping.trajectory import OF_CONTACTS, OF_SAMPLES
 
 CASE_A, CASE_C = load_scene('lateral_undulation'), load_scene('sidewinding')

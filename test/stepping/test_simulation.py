@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from random_states import random_parameters
 
+from snake_sim_ros import ParameterError, Simulation
 from snake_sim_ros.gaits.joint_reference import JointReference, start_posture
 from snake_sim_ros.recording.recorded_runs import write_npz
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, scene_from_text, steps_in, with_settings
 from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.sampling import joint_motion, Keep, LEAST_STEPS, Limits
-from snake_sim_ros.stepping.simulation import run, sample, Simulation
+from snake_sim_ros.stepping.simulation import run, sample
 from snake_sim_ros.stepping.state import initial_state
 
 

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from scenes import references, same_bits
 
+from snake_sim_ros import ParameterError, Simulation, State
 from snake_sim_ros.dynamics.compilation import watched
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.methods import make_stepper, METHODS
-from snake_sim_ros.stepping.simulation import GaitAhead, Simulation
-from snake_sim_ros.stepping.state import State
+from snake_sim_ros.stepping.simulation import GaitAhead
 
 CASE_A, CASE_C = load_scene('lateral_undulation'), load_scene('sidewinding')
 each_method = pytest.mark.parametrize('method', METHODS)

@@ -10,26 +10,17 @@ import numpy as np
 import pytest
 from scenes import layout, same_bits
 
+from snake_sim_ros import ParameterError, Report, Robot, Scene, Simulation, Solver, State
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import (
-    LEVELS,
-    load_scene,
-    PD_SCHEMES,
-    Robot,
-    Scene,
-    Solver,
-    with_settings,
-)
+from snake_sim_ros.scene.parameters import LEVELS, load_scene, PD_SCHEMES, with_settings
 from snake_sim_ros.stepping import levels
-from snake_sim_ros.stepping.base import Report, Status
+from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.bdf2.motion import Bdf2Memory
 from snake_sim_ros.stepping.bdf2.step import IMPLICIT_SCHEMES
 from snake_sim_ros.stepping.methods import empty_history, make_stepper, method_of, METHODS
 from snake_sim_ros.stepping.planar import bdf2 as planar_bdf2
 from snake_sim_ros.stepping.planar.model import PlanarMemory
-from snake_sim_ros.stepping.simulation import Simulation
-from snake_sim_ros.stepping.state import copied, History, initial_state, named_arrays, State
+from snake_sim_ros.stepping.state import copied, History, initial_state, named_arrays
 
 each_method = pytest.mark.parametrize('method', METHODS)
 

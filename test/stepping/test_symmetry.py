@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from scenes import first_steps
 
-from snake_sim_ros.scene.parameters import Friction, Pegs, Robot, Scene, Solver
+from snake_sim_ros import Friction, Pegs, Robot, Scene, Solver, State
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.state import initial_state, State
+from snake_sim_ros.stepping.state import initial_state
 
 LINKS = 6
 FRICTION = {

@@ -7,7 +7,7 @@ import warnings
 
 import pytest
 
-from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros import ParameterError
 from snake_sim_ros.studies.expressions import constraint_of, expression_of
 
 NUMBERS = {'speed': 0.5, 'cost': 2.0, 'gait.yaw.phase': -3.0, 'void': math.nan}

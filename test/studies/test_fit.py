@@ -15,13 +15,14 @@ import pytest
 from random_states import random_parameters
 from recorded_messages import gait_commands, state_messages, write_messages
 
+from snake_sim_ros import ParameterError, Robot, Scene, Simulation
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.checked_records import flat_fields, ParameterError
-from snake_sim_ros.scene.parameters import load_scene, Robot, Scene, with_settings
+from snake_sim_ros.scene.checked_records import flat_fields
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import chain_coordinates, joint_angles, joint_rates
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
-from snake_sim_ros.stepping.simulation import run, Simulation
+from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.studies.fit import Fit, fit, scene_at, Unknown, unknowns_of
 from snake_sim_ros.studies.judgement import judge, what_is_not_determined
 from snake_sim_ros.studies.recorded_motion import read_recording

@@ -9,6 +9,7 @@ import pytest
 from recorded_messages import gait_commands, state_messages, write_messages
 from std_msgs.msg import Float64MultiArray
 
+from snake_sim_ros import ParameterError, Simulation
 from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.nodes.messages import joint_names, stamp_from, trajectory_message
 from snake_sim_ros.nodes.received_commands import (
@@ -17,11 +18,9 @@ from snake_sim_ros.nodes.received_commands import (
     position_commands,
 )
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.stepping.samples import make_samples
-from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.studies.recorded_motion import read_recording, Recording
 from snake_sim_ros.studies.replay import Replay, ReplaySettings
 

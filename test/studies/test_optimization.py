@@ -13,8 +13,8 @@ import pytest
 from stopped_commands import rows_of, stopped
 import yaml
 
+from snake_sim_ros import ParameterError
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.methods import with_usual_steps
 from snake_sim_ros.stepping.simulation import run

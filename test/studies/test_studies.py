@@ -11,18 +11,17 @@ import re
 import numpy as np
 import pytest
 
+from snake_sim_ros import ParameterError, Report, Scene, study
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.recording.recorded_runs import read_npz
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
-from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.methods import with_usual_steps
 from snake_sim_ros.stepping.simulation import run
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.studies import workers
 from snake_sim_ros.studies.metrics import METRICS, USUAL_METRICS
-from snake_sim_ros.studies.study import load_study, study, study_from, STUDY_KEYS, StudySettings
+from snake_sim_ros.studies.study import load_study, study_from, STUDY_KEYS, StudySettings
 from snake_sim_ros.studies.table import Journal, journal_of
 from snake_sim_ros.studies.variations import Listed, Normal, Range, Variations
 

@@ -10,9 +10,8 @@ from graph import Graph, next_domain
 import pytest
 import rclpy
 
+from snake_sim_ros import Scene, Simulation
 from snake_sim_ros.gaits.joint_reference import compile_sampling
-from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping.simulation import Simulation
 
 
 @pytest.fixture(scope='session', autouse=True)

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from snake_sim_ros import Scene, Simulation
 from snake_sim_ros.gaits.joint_reference import JointReference, LimitedReference, start_posture
 from snake_sim_ros.nodes.sim_parameters import as_it_runs, Settings
-from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.sampling import joint_motion
-from snake_sim_ros.stepping.simulation import Simulation
 
 STEPS = 20  # of 1/4000 s in a period of 1/200 s
 PERIOD = 5_000_000  # ns

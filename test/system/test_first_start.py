@@ -19,10 +19,11 @@ from std_srvs.srv import SetBool, Trigger
 from test_readme import blocks, README
 from test_tour import run, section
 
+from snake_sim_ros import Scene
 from snake_sim_ros.dynamics.code_cache import FOLDER
 from snake_sim_ros.nodes.compiling import Compiler
 from snake_sim_ros.nodes.sim_node import look_at_compiler, REPORT_PERIOD, SimNode
-from snake_sim_ros.scene.parameters import load_scene, Scene
+from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.posture import initial_coordinates, joint_angles
 
 WHOLE_CACHE = 300.0  # s for a level to be compiled on a busy machine

@@ -20,10 +20,11 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
+from snake_sim_ros import Robot
 from snake_sim_ros.gaits.blending import Blend, largest_values
 from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import load_scene, Robot
+from snake_sim_ros.scene.parameters import load_scene
 
 SCENES = ('lateral_undulation', 'sidewinding')
 BLEND_TIME = 0.5  # s

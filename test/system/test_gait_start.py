@@ -18,11 +18,12 @@ from sensor_msgs.msg import JointState
 from sim_client import SimClient
 from std_srvs.srv import Trigger
 
+from snake_sim_ros import Scene
 from snake_sim_ros.gaits.blending import Blend
 from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.nodes.executors import WARN_PERIOD
 from snake_sim_ros.nodes.messages import stamp_from
-from snake_sim_ros.scene.parameters import load_scene, Scene
+from snake_sim_ros.scene.parameters import load_scene
 
 BLEND_TIME = 0.5  # s
 STRIDE = 0.546  # m, the default

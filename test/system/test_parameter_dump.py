@@ -8,12 +8,12 @@ import pytest
 from rclpy.node import Node
 from test_graph_commands import started as command
 
+from snake_sim_ros import ParameterError
 from snake_sim_ros.nodes import gait_node, sim_node, viewer_node
 from snake_sim_ros.nodes.graph import parameter_file
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import made
 from snake_sim_ros.nodes.sim_parameters import as_it_runs
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.files import files_of_package
 
 OF_SIM = {'kind': sim_node.Settings, 'complete': as_it_runs}

@@ -24,10 +24,10 @@ from rclpy.parameter import Parameter
 from sim_client import SimClient
 from std_srvs.srv import Trigger
 
+from snake_sim_ros import Report
 from snake_sim_ros.nodes.diagnostics import reason
 from snake_sim_ros.nodes.sim_node import SimNode
 from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.stepping.base import Report
 
 # Messages carry doubles unchanged; values that go through matrices are rounded a few times.
 ROUNDING = 1e-14

@@ -17,9 +17,9 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from snake_sim_ros import Robot
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.nodes.messages import joint_names
-from snake_sim_ros.scene.parameters import Robot
 from snake_sim_ros.scene.robot_description import robot_description
 
 pytest.importorskip('viser')

@@ -12,8 +12,7 @@ import numpy as np
 from PIL import Image, ImageSequence
 import pytest
 
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Ground, Pegs, Scene
+from snake_sim_ros import Ground, ParameterError, Pegs, Scene
 from snake_sim_ros.view import animation
 from snake_sim_ros.view.animation import (
     animate,

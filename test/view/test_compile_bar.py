@@ -4,10 +4,10 @@
 
 import pytest
 
+from snake_sim_ros import Simulation
 from snake_sim_ros.dynamics import code_cache
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.view.compile_bar import compile_with_bar
 
 

@@ -10,8 +10,7 @@ import sys
 import numpy as np
 import pytest
 
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros import ParameterError, Robot
 from snake_sim_ros.scene.posture import chain_coordinates, gaps, joint_angles
 from snake_sim_ros.scene.rotations import about, FLAT, product, rotation_matrices
 from snake_sim_ros.view import page as viewer

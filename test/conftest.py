@@ -1,6 +1,6 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The tests that run with the compiler, and their order in two processes."""
+"""The tests that run with the compiler, and how two processes of tests share it."""
 
 from importlib.util import find_spec
 import os
@@ -25,35 +25,13 @@ if not os.environ.get('NUMBA_DISABLE_JIT'):
 if find_spec('control_msgs') is None:  # it is not on PyPI; test_trajectory_action.py stands in
     collect_ignore.append('system/test_follow_joint_trajectory.py')
 
-# Two processes take a file each (--dist loadfile). What compiles most is first, apart from what
-# compiles the same, so that the other process finds it on disk. Live robots are next, when their
-# physics is compiled, mixed with what computes, because they wait; what is short is last, so that
-# both end together.
-ORDER = (
-    *('test_pegs', 'test_without_compiler', 'test_levels', 'test_agreement'),
-    *('test_friction_scenes', 'test_newton', 'test_viewer'),
-    *('test_single_steps', 'test_joint_laws', 'test_bdf2_reference', 'test_optimization'),
-    *('test_graph_commands', 'test_invariants', 'test_graph_reports', 'test_interface'),
-    *('test_tour', 'test_demo', 'test_gait_start', 'test_free_robots', 'test_gait_node'),
-    *('test_first_start', 'test_readme', 'test_examples', 'test_bad_input'),
-    *('test_record', 'test_sim_node', 'test_physics', 'test_checkpoint'),
-    *('test_cli', 'test_architecture', 'test_samples'),
-)
-
 
 def pytest_configure(config):
-    """Keep the order of files below, and heed SIGINT."""
+    """Heed SIGINT."""
     # A script that starts the tests with & has it ignored, and then all their processes ignore it.
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    config.option.loadscopereorder = False
     CodeCache.shares_work = True  # with the other process of the tests
-
-
-def pytest_collection_modifyitems(items):
-    """Put files in order; tests of a file stay as they are."""
-    rank = {name: k for k, name in enumerate(ORDER)}
-    items.sort(key=lambda item: rank.get(item.path.stem, len(ORDER)))
 
 
 @pytest.hookimpl(hookwrapper=True, tryfirst=True)

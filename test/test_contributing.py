@@ -16,7 +16,7 @@ PAGE = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
 RUN = """
 import numpy as np
 from snake_sim_ros.scene.parameters import load_scene, with_settings
-from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import simulate
 
 SHORT = with_settings(
     load_scene('lateral_undulation'),
@@ -24,7 +24,7 @@ SHORT = with_settings(
 )
 
 def trajectory(method, **settings):
-    found = run(with_settings(SHORT, {'method': method, **settings}), rate=1000.0)
+    found = simulate(with_settings(SHORT, {'method': method, **settings}), rate=1000.0)
     report = found.report
     assert (report.steps, report.failure, report.unconverged) == (3, '', 0), report
     return found

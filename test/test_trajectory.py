@@ -13,12 +13,12 @@ import pytest
 from snake_sim_ros import ParameterError
 from snake_sim_ros.recording.recorded_runs import ARRAYS, read_npz, write_csv, write_npz
 from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import simulate
 
 
 @pytest.fixture(scope='module')
 def trajectory():
-    return run(replace(load_scene('lateral_undulation'), duration=0.1))
+    return simulate(replace(load_scene('lateral_undulation'), duration=0.1))
 
 
 @pytest.fixture(scope='module')

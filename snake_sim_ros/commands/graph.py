@@ -82,4 +82,4 @@ def _run(name: str, options: Any) -> int:
     except ImportError as error:
         raise missing_ros('this command', 'topic, ./run param or ./run service', error) from None
     sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
-    return graph.run(name, options)
+    return graph.run_verb(name, options)

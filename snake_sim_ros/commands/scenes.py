@@ -40,7 +40,7 @@ from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.samples import make_samples
-from snake_sim_ros.stepping.simulation import run, Simulation
+from snake_sim_ros.stepping.simulation import simulate, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.studies.metrics import metrics_of_run
 from snake_sim_ros.view.compile_bar import LAYOUT
@@ -112,7 +112,7 @@ def _recorded(scene: Scene, rate: float, bag: Path | None, sensors: Sensors) -> 
             # Rounding may exceed the total, and tqdm would warn of that.
             bar.update(min(seconds, bar.total) - bar.n)
 
-        return run(scene, rate=rate, observe=observe if keep else None, progress=progress)
+        return simulate(scene, rate=rate, observe=observe if keep else None, progress=progress)
 
 
 def _bag(

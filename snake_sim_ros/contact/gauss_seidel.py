@@ -20,7 +20,7 @@ from snake_sim_ros.contact.admissible import without_gain
 from snake_sim_ros.contact.delassus import condense, condensed_twists, condensed_velocities
 from snake_sim_ros.contact.laws import Laws, natural_map
 from snake_sim_ros.contact.newton import is_negligible, iterate_laws, Operator
-from snake_sim_ros.contact.problem import Outcome, Problem, solve
+from snake_sim_ros.contact.problem import Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.prox_iteration import copy_impulses, forget_open
 from snake_sim_ros.contact.sweeps import sweep
 from snake_sim_ros.dynamics.compilation import compiled, inlined, Table
@@ -56,12 +56,12 @@ class GaussSeidel(NamedTuple):
     operator: Operator
 
 
-@solve.register(GaussSeidel)
+@solve_contacts.register(GaussSeidel)
 @inlined
 def solve_with_sweeps(
     solver: GaussSeidel, model: Any, problem: Problem, history: Any, limit: int
 ) -> Outcome:
-    """Sweep until the contact laws hold; see `problem.solve`."""
+    """Sweep until the contact laws hold; see `problem.solve_contacts`."""
     laws, closed, contacts, chain = problem
     operator, impulse, tolerance = solver.operator, history.impulse, model.residual_tolerance
     delassus = operator.delassus

@@ -52,7 +52,7 @@ from snake_sim_ros.contact.linear_problem import (
     normal_law,
     Reduced,
 )
-from snake_sim_ros.contact.problem import FREE, Outcome, Problem, solve
+from snake_sim_ros.contact.problem import FREE, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.sweeps import improve, predict, remember
 from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
@@ -610,12 +610,12 @@ def next_relaxation(relaxation: float, along: float, before: float, rounds: int)
     return relaxation
 
 
-@solve.register(Newton)
+@solve_contacts.register(Newton)
 @inlined
-def solve_contacts(
+def solve_with_newton(
     solver: Newton, model: Any, problem: Problem, history: Any, limit: int
 ) -> Outcome:
-    """Solve the contacts of a step; see `problem.solve`."""
+    """Solve the contacts of a step; see `problem.solve_contacts`."""
     prepare_contacts(solver.operator, problem)
     return solve_prepared(solver.operator, model, problem, history, limit)
 
@@ -646,7 +646,7 @@ def condense_anew(operator: Operator, problem: Problem) -> None:
 def solve_prepared(
     operator: Operator | None, model: Any, problem: Problem, history: Any, limit: int
 ) -> Outcome:
-    """Solve contacts after `prepare_contacts`; see `problem.solve`."""
+    """Solve contacts after `prepare_contacts`; see `problem.solve_contacts`."""
     laws, closed, contacts, chain = problem
     predict(laws, closed, contacts, history)
     outcome = iterate(problem, model.residual_tolerance, limit, operator)

@@ -102,7 +102,7 @@ class Outcome(NamedTuple):
 
 
 @Dispatched
-def solve(solver: Any, model: Any, problem: Problem, history: Any, limit: int) -> Outcome:  # type: ignore[empty-body]
+def solve_contacts(solver: Any, model: Any, problem: Problem, history: Any, limit: int) -> Outcome:  # type: ignore[empty-body]
     """
     Solve the contact problem of a step with the method that belongs to the type of `solver`.
 

@@ -16,7 +16,7 @@ from snake_sim_ros.contact.laws import (
     rolling_disc,
     sliding_disc,
 )
-from snake_sim_ros.contact.problem import Outcome, Problem, solve
+from snake_sim_ros.contact.problem import Outcome, Problem, solve_contacts
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
 from snake_sim_ros.scene.parameters import Array
@@ -89,13 +89,13 @@ class ProxIteration(NamedTuple):
     delassus: Delassus
 
 
-@solve.register(ProxIteration)
+@solve_contacts.register(ProxIteration)
 @inlined
 def solve_with_projections(
     solver: ProxIteration, model: Any, problem: Problem, history: Any, limit: int
 ) -> Outcome:
     """
-    Iterate impulses and twists until the contact laws hold; see `problem.solve`.
+    Iterate impulses and twists until the contact laws hold; see `problem.solve_contacts`.
 
     The residual is that of the impulses before the last projection, to which the twists belong.
     """

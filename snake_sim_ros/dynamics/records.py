@@ -128,7 +128,7 @@ def type_of(value: Any) -> Any:
     return _type_of(_read(value, []))
 
 
-def type_of_made(record: Any) -> Any:
+def type_of_record(record: Any) -> Any:
     """Return the type of a record that compiled code makes of the fields of such a record."""
     return made_type(type(record), *map(type_of, record))
 
@@ -261,7 +261,7 @@ class Loop:
     func : callable
         Compiled ``advance(first, model, work, steps)``.
     first : NamedTuple
-        A contact solver of `moreau.advance`, or the arrays of `bdf2.advance`.
+        A contact solver of `moreau.advance_moreau`, or the arrays of `bdf2.advance_bdf2`.
 
     """
 

@@ -72,7 +72,7 @@ class Client:
         return dict(self.node.get_topic_names_and_types()).get(topic, [])
 
 
-def run(verb: str, options: Any) -> int:
+def run_verb(verb: str, options: Any) -> int:
     """Run a verb, such as ``topic_echo``, with a node of its own; return its exit status."""
     return run_client(
         lambda node, interrupted: globals()[verb](

@@ -125,13 +125,13 @@ class ViewerNode(Node):
         qos: QoSProfile,
         then: Callable[[Any], None] = lambda message: None,
     ) -> None:
-        def take(message: Any) -> None:
+        def keep_latest(message: Any) -> None:
             self.messages += 1
             self.new = self.new or topic in ('joint_states', 'link_poses')
             self.latest[topic] = message
             then(message)
 
-        self.create_subscription(kind, topic, take, qos)
+        self.create_subscription(kind, topic, keep_latest, qos)
 
     # ---- what there is to see -------------------------------------------------------------------
 

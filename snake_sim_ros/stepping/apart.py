@@ -14,9 +14,9 @@ from snake_sim_ros.contact.admissible import without_gain
 from snake_sim_ros.contact.laws import natural_map
 from snake_sim_ros.contact.linear_problem import linear_step
 from snake_sim_ros.contact.newton import line_search, Newton
-from snake_sim_ros.contact.problem import Outcome, Problem, solve
+from snake_sim_ros.contact.problem import Outcome, Problem, solve_contacts
 from snake_sim_ros.dynamics.compilation import Dispatched
-from snake_sim_ros.dynamics.records import compile_call, made_type, type_of, type_of_made
+from snake_sim_ros.dynamics.records import compile_call, made_type, type_of, type_of_record
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping import moreau
 from snake_sim_ros.stepping.bdf2 import step as bdf2
@@ -28,7 +28,7 @@ from snake_sim_ros.stepping.pushes import NO_PUSHES
 from snake_sim_ros.stepping.state import initial_state, without_memory
 from snake_sim_ros.stepping.steps import REPORT
 
-OUTCOME_TYPE = type_of_made(Outcome(0, False, 0.0, 0.0, False))
+OUTCOME_TYPE = type_of_record(Outcome(0, False, 0.0, 0.0, False))
 REPORT_TYPE = type_of(np.zeros(1, REPORT)).dtype
 
 
@@ -78,11 +78,11 @@ def compile_solver(scene: Scene, level: str) -> None:
     """Compile the contact solver as the steps of a level call it."""
     stepper = one_level(scene, level)
     function, first, work = stepper.loop.func, stepper.loop.first, type_of(stepper.work)
-    model, history = type_of(stepper.model), type_of_made(without_memory(stepper.empty))
-    if function is moreau.advance:
+    model, history = type_of(stepper.model), type_of_record(without_memory(stepper.empty))
+    if function is moreau.advance_moreau:
         whole = type_of(stepper.empty)
-        compile_call(solve, type_of(first), model, _problem(stepper), whole, type_of(1))
-    elif function is bdf2.advance:
+        compile_call(solve_contacts, type_of(first), model, _problem(stepper), whole, type_of(1))
+    elif function is bdf2.advance_bdf2:
         rest = _problem(stepper), type_of(1.0), type_of(1.0), history, REPORT_TYPE, type_of(1)
         compile_call(bdf2.solve_landing, model, type_of(first), work, *rest)
     else:
@@ -95,7 +95,7 @@ def _contacts(stepper: Any) -> list[Any]:
     """Return the types of the laws, the closed contacts and all contacts in the steps."""
     laws, work = stepper.model.laws, stepper.work
     # In space the selection rule makes laws of a step from those of the model.
-    kind = type_of(laws) if stepper.level == 'planar' else type_of_made(laws)
+    kind = type_of(laws) if stepper.level == 'planar' else type_of_record(laws)
     return [kind, type_of(work.closed), type_of(work.contacts)]
 
 
@@ -111,7 +111,7 @@ def compile_search(scene: Scene, level: str) -> None:
     if level == 'planar':
         step = type_of(stepper.model), type_of(stepper.work), OUTCOME_TYPE, type_of(1), type_of(1)
         compile_call(yaw_axes_change, *step, REPORT_TYPE)
-    elif stepper.loop.func is bdf2.advance or isinstance(first, Newton):
+    elif stepper.loop.func is bdf2.advance_bdf2 or isinstance(first, Newton):
         operator = first.operator if isinstance(first, Newton) else stepper.work.operator
         compile_call(linear_step, _problem(stepper), type_of(operator), type_of(True))
         compile_call(without_gain, _problem(stepper), OUTCOME_TYPE)
@@ -125,6 +125,6 @@ def compile_loop(scene: Scene, level: str) -> None:
     none = np.zeros((0, scene.robot.link_count - 1, 2))
     now = initial_state(scene), stepper.empty_history(), none, none, stepper.no_samples, NO_PUSHES
     if level == 'planar':
-        stepper.take(*now, goes_on=False)
+        stepper.take_steps(*now, goes_on=False)
     else:
-        stepper.take(*now)
+        stepper.take_steps(*now)

@@ -138,7 +138,7 @@ class OneByOne(Protocol):
     @property
     def history(self) -> History: ...  # noqa: D102
 
-    def take(  # noqa: D102
+    def take_one_step(  # noqa: D102
         self, angle: Array, rate: Array, pushes: PushTable
     ) -> Report | None: ...
 

@@ -184,7 +184,7 @@ class LevelStepper:
                     part = slice(start, min(start + pause, part.stop or len(vertical)))
             self.prepare(stepper.level, state)
             told = angle[part], rate[part], samples.after(start), pushes.after(start)
-            state, history, news = self.take(stepper, state, history, *told, goes_on)
+            state, history, news = self.take_steps(stepper, state, history, *told, goes_on)
             history.settling[0] -= min(pause, news.steps)
             if news.left:
                 if not is_finite(history):
@@ -199,7 +199,7 @@ class LevelStepper:
         self.level, self.returned.last = report.level, (state, history)
         return state, history, report
 
-    def take(
+    def take_steps(
         self, stepper: Any, state: State, history: History, angle: Array, rate: Array,
         samples: Samples, pushes: PushTable, goes_on: bool,
     ) -> tuple[State, History, Report]:  # fmt: skip
@@ -208,13 +208,13 @@ class LevelStepper:
         if stepper is self.planar:
             history, was_planar = history._replace(memory=memory.planar), memory.planar.known[0]
             given = angle, rate, samples, pushes
-            state, history, report = stepper.take(state, history, *given, goes_on)
+            state, history, report = stepper.take_steps(state, history, *given, goes_on)
             other = memory.spatial if was_planar else copied(empty.spatial)
             memory = LevelMemory(history.memory, other)
         else:
             history = history._replace(memory=memory.spatial)
             given = angle, rate, samples, pushes
-            state, history, report = stepper.take(state, history, *given)
+            state, history, report = stepper.take_steps(state, history, *given)
             memory = LevelMemory(memory.planar, history.memory)
         return state, history._replace(memory=memory), report
 
@@ -276,7 +276,7 @@ class LevelStepper:
             elif single:
                 own = history._replace(memory=history.memory.spatial)
                 self.spatial.single_steps(state, own, NO_PUSHES).prepare()
-            self.take(stepper, state, history, none, none, samples, NO_PUSHES, goes_on=False)
+            self.take_steps(stepper, state, history, none, none, samples, NO_PUSHES, goes_on=False)
             self.compile_seconds += time.perf_counter() - begin
             self.used.add(level)
 

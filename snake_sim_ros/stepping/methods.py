@@ -35,7 +35,7 @@ Make = Callable[[Scene], Any]  # a contact solver for a scene
 
 def _spatial(solver: Make) -> Callable[[Scene], SpatialStepper]:
     """Return the maker of a stepper for the paper's step with a contact solver."""
-    return lambda scene: SpatialStepper(scene, Loop(moreau.advance, solver(scene)))
+    return lambda scene: SpatialStepper(scene, Loop(moreau.advance_moreau, solver(scene)))
 
 
 def _planar(solver: Make) -> Callable[[Scene], PlanarStepper]:
@@ -55,7 +55,7 @@ def _small_delassus(scene: Scene) -> Delassus:
 def _spatial_bdf2(scene: Scene) -> SpatialStepper:
     n = scene.robot.link_count
     own = make_arrays(n, contact_count(scene))
-    return SpatialStepper(scene, Loop(bdf2.advance, own), make_memory(n))
+    return SpatialStepper(scene, Loop(bdf2.advance_bdf2, own), make_memory(n))
 
 
 def _planar_bdf2(scene: Scene) -> PlanarStepper:

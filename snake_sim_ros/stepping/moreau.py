@@ -27,7 +27,7 @@ from snake_sim_ros.contact.closing import close_step, keep_closed_contacts, pred
 from snake_sim_ros.contact.detection import find_contacts, penetration, reach_of_step
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.laws import apply_selection_rule, PRESS_SPEED
-from snake_sim_ros.contact.problem import Outcome, Problem, solve
+from snake_sim_ros.contact.problem import Outcome, Problem, solve_contacts
 from snake_sim_ros.dynamics.balance import (
     axis_loads,
     control_impulses,
@@ -153,6 +153,47 @@ def solve_again(
 
 
 @inlined
+def solve_step(
+    solver: Any, model: Model, work: Workspace, steps: Steps, problem: Problem
+) -> tuple[Problem, Outcome, bool]:
+    """
+    Solve the contacts and, if they land, the impact; see `closing.keep_closed_contacts`.
+
+    Returns
+    -------
+    problem : Problem
+        The problem whose solution the chain has.
+    outcome : Outcome
+        That of the last solution.
+    lands : bool
+        Whether it is an impact. `work.moving` then has the velocities before it.
+
+    """
+    report, lands = steps.report[0], False
+    most = report.iterations + model.iteration_limit
+    while True:  # one call of the solver, which is compiled where it is called
+        for attempt in range(MOST_CHANGES):
+            left = iterations_left(most, report)
+            outcome = solve_contacts(solver, model, problem, steps.history, left)
+            if not solve_again(model, work, outcome, attempt, left, report):
+                break
+        if lands:
+            break
+        controller_impulses(model, work)
+        if outcome.iterations >= left or not (
+            outcome.converged and turns_are_small(model.dt, work.chain.twist, report)
+        ):
+            break
+        count = keep_closed_contacts(model.closed_gap, problem.closed, problem.contacts)
+        if count == 0:
+            break
+        end_velocities(work.chain.twist, work.R, work.center, work.moving)
+        note_outcome(outcome, report)
+        problem, lands = begin_landing(model, work, problem, count, steps.history), True
+    return problem, outcome, lands
+
+
+@inlined
 def controller_impulses(model: Model, work: Workspace) -> None:
     """Fill work.applied, the impulses of the controllers at the rates in work.axes."""
     rate = work.axes.rate
@@ -188,7 +229,7 @@ def end_step(
     note_joints(model, q, report)
     furthest = work.axes.furthest
     close_joints(model.drift_correction, model.half_length, model.mass, furthest, q)
-    goes_on = finish(model, work.chain.twist, q, u, steps.history.settling, report)
+    goes_on = report_end(model, work.chain.twist, q, u, steps.history.settling, report)
     if model.closed_gap > 0.0:
         close_step(model, work.center, problem, furthest, q)
     depth = penetration(model.obstacles, model.contact_offset, model.contact_radius, q)
@@ -216,7 +257,9 @@ def note_joints(model: Model, q: Array, report: Any) -> None:
 
 
 @inlined
-def finish(model: Model, twist: Array, q: Array, u: Array, settling: Array, report: Any) -> bool:
+def report_end(
+    model: Model, twist: Array, q: Array, u: Array, settling: Array, report: Any
+) -> bool:
     """
     Report a step at its end.
 
@@ -236,37 +279,18 @@ def finish(model: Model, twist: Array, q: Array, u: Array, settling: Array, repo
 
 
 @compiled
-def advance(solver: Any, model: Model, work: Workspace, steps: Steps) -> None:
+def advance_moreau(solver: Any, model: Model, work: Workspace, steps: Steps) -> None:
     """
     Take the steps up to the first that diverges; see `spatial.SpatialStepper`.
 
-    The type of `solver` chooses the contact solver; see `contact.problem.solve`.
+    The type of `solver` chooses the contact solver; see `contact.problem.solve_contacts`.
     """
     report = steps.report[0]
     for k in range(len(steps.angle)):
         steps.cycles[k] = cycle_counter()
         before = noted(report)
         problem = begin_step(model, work, steps, k)
-        lands = False
-        while True:  # one call of the solver, which is compiled where it is called
-            for attempt in range(MOST_CHANGES):
-                left = iterations_left(before[0] + model.iteration_limit, report)
-                outcome = solve(solver, model, problem, steps.history, left)
-                if not solve_again(model, work, outcome, attempt, left, report):
-                    break
-            if lands:
-                break
-            controller_impulses(model, work)
-            if outcome.iterations >= left or not (
-                outcome.converged and turns_are_small(model.dt, work.chain.twist, report)
-            ):
-                break
-            count = keep_closed_contacts(model.closed_gap, problem.closed, problem.contacts)
-            if count == 0:
-                break
-            end_velocities(work.chain.twist, work.R, work.center, work.moving)
-            note_outcome(outcome, report)
-            problem, lands = begin_landing(model, work, problem, count, steps.history), True
+        problem, outcome, lands = solve_step(solver, model, work, steps, problem)
         goes_on = end_step(model, work, steps, problem, outcome, lands)
         count_steps(before, report)
         if report.steps > k:

@@ -340,7 +340,7 @@ class Simulation:
         rate = np.zeros(np.shape(angle)) if rate is None else rate
         pushes = self.pushes.at(self.step_count)
         going_on = self._single_steps if samples is None and not self.budget.share else None
-        last = going_on.take(angle, rate, pushes) if going_on else None
+        last = going_on.take_one_step(angle, rate, pushes) if going_on else None
         if not last:
             last = self._taken(angle, rate, samples, pushes)
         goes_on = last.steps == self.last.steps == 1 and not self._single_steps
@@ -459,7 +459,7 @@ def sample(
     return trajectory_of(simulation.scene, *kept, interrupted=interrupted)
 
 
-def run(
+def simulate(
     scene: Scene, *, rate: float = 100.0, observe: Callable[[Simulation], object] | None = None,
     progress: Callable[[float], object] | None = None,
 ) -> Trajectory:  # fmt: skip

@@ -26,7 +26,7 @@ class SpatialStepper:
     loop : callable
         Compiled ``advance(model, work, steps)``, which takes the steps up to the first that
         diverges; see `steps.Steps`. Its first argument is bound: a contact solver of
-        `moreau.advance`, or the arrays of `bdf2.advance`.
+        `moreau.advance_moreau`, or the arrays of `bdf2.advance_bdf2`.
     memory : NamedTuple of arrays, optional
         Memory of the loop before the first step; see `state.History`.
 
@@ -62,11 +62,13 @@ class SpatialStepper:
         """Return state, history and report after as many steps as there are references."""
         self.returned.check(state, history, angle, rate)
         samples = checked(samples, self.no_samples)
-        state, history, report = self.take(state, copied(history), angle, rate, samples, pushes)
+        state, history, report = self.take_steps(
+            state, copied(history), angle, rate, samples, pushes
+        )
         self.returned.last = state, history
         return state, history, report
 
-    def take(
+    def take_steps(
         self, state: State, history: History, angle: Array, rate: Array, samples: Samples,
         pushes: PushTable,
     ) -> tuple[State, History, Report]:  # fmt: skip

@@ -304,7 +304,7 @@ class SingleSteps:
         self.given_state: Given | None = None
         self.given_history: Given | None = None
 
-    def take(self, angle: Array, rate: Array, pushes: PushTable) -> Report | None:
+    def take_one_step(self, angle: Array, rate: Array, pushes: PushTable) -> Report | None:
         """
         Take a step, and return its report; None, without a step, if it is not like the last one.
 

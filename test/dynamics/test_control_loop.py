@@ -12,7 +12,7 @@ from snake_sim_ros import ParameterError, Robot, Simulation
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.controlled import command_effort, commanded_effort
 from snake_sim_ros.stepping.methods import make_stepper, METHODS
-from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import simulate
 from snake_sim_ros.stepping.state import initial_state
 
 
@@ -206,7 +206,7 @@ def test_a_commanded_torque_is_limited(method):
 def test_calls_of_any_length_are_the_same_bits(method):
     settings = {'robot.reference_rate': 50.0, 'robot.command_delay': 0.03, 'method': method}
     scene = with_settings(load_scene('sidewinding'), settings | {'dt': 1 / 200, 'duration': 0.5})
-    assert not run(scene, rate=100).report.failure
+    assert not simulate(scene, rate=100).report.failure
     angle = np.zeros((100, 10, 2))
     angle[:, :, 0] = np.linspace(0.0, 0.3, 100)[:, None]
     ends = []
@@ -245,7 +245,7 @@ def test_what_does_not_fit_is_one_sentence(settings, said):
 
 def test_a_loop_is_at_the_spatial_level():
     scene = with_settings(load_scene('lateral_undulation'), {'robot.reference_rate': 1000.0})
-    assert set(run(replace(scene, duration=0.05)).level) == {'spatial'}
+    assert set(simulate(replace(scene, duration=0.05)).level) == {'spatial'}
     with pytest.raises(ParameterError, match='control loop'):
         make_stepper(replace(scene, level='planar'))
 

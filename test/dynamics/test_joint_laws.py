@@ -19,7 +19,7 @@ from snake_sim_ros.scene.posture import chain_coordinates, joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import make_stepper, METHODS, what_is_not_planar
-from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import simulate
 
 ROOT = Path(__file__).resolve().parents[2]
 # The rate of a joint that is held is rounded in sweeps over links, or in dense matrices.
@@ -242,7 +242,7 @@ def test_levels_agree_with_a_limit_and_with_stops(method):
                 load_scene('lateral_undulation'),
                 settings | {'method': method, 'level': level, 'duration': 0.3, 'dt': 1e-3},
             )
-            trajectory = run(scene)
+            trajectory = simulate(scene)
             ends.append(trajectory.position[-1, 5, :2])
             assert not trajectory.report.failure
             if 'robot.joint_stop' not in settings:
@@ -258,16 +258,16 @@ def test_a_pitch_limit_that_cannot_hold_the_robot_flat_takes_it_to_space():
         load_scene('lateral_undulation'),
         {'robot.pitch_torque_limit': 0.01, 'duration': 0.5, 'method': 'newton', 'dt': 1e-3},
     )
-    trajectory = run(scene)
+    trajectory = simulate(scene)
     assert 'spatial' in trajectory.level and not trajectory.report.failure
     assert np.abs(trajectory.joint_torque[:, :, 1]).max() <= 0.01 * (1 + 1e-9)
-    assert 'torque than its limit' in run(replace(scene, level='planar')).report.failure
+    assert 'torque than its limit' in simulate(replace(scene, level='planar')).report.failure
 
 
 def test_dry_friction_of_pitch_joints_is_not_planar():
     scene = with_settings(load_scene('lateral_undulation'), {'robot.joint_friction': 0.1})
     assert 'joint_friction' in what_is_not_planar(scene)
-    assert set(run(replace(scene, duration=0.05)).level) == {'spatial'}
+    assert set(simulate(replace(scene, duration=0.05)).level) == {'spatial'}
 
 
 @pytest.mark.parametrize(
@@ -302,7 +302,7 @@ def test_random_loads_satisfy_the_laws_on_a_moving_robot():
     }  # fmt: skip
     for method in ('newton', 'bdf2'):
         scene = with_settings(load_scene('sidewinding'), settings | {'method': method})
-        trajectory = run(scene)
+        trajectory = simulate(scene)
         assert trajectory.report.unconverged == 0
         most = np.abs(trajectory.joint_torque).max(axis=(0, 1))
         assert most[0] == pytest.approx(1.0, rel=1e-9) and most[1] == pytest.approx(5.0, rel=1e-9)
@@ -313,7 +313,7 @@ def test_a_gait_beyond_the_stop_ends_at_the_stop():
     robot = Robot(joint_stop=True, joint_limit=0.4)
     for method, beyond in (('newton', 2e-2), ('bdf2', 1e-9)):
         scene = Scene(robot=robot, gait=gait, method=method, dt=1 / 500, duration=3.0)
-        trajectory = run(scene)
+        trajectory = simulate(scene)
         assert not trajectory.report.failure
         assert 0.399 < np.abs(trajectory.joint_angle).max() <= 0.4 + beyond
 

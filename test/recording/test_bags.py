@@ -26,7 +26,7 @@ from snake_sim_ros.recording.sensors import recorded_sensors, Sensors
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.posture import gaps, joint_angles
 from snake_sim_ros.scene.robot_description import robot_description
-from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import simulate
 from snake_sim_ros.stepping.state import initial_state
 
 pytest.importorskip('mcap_ros2')  # bag_writer needs it
@@ -48,7 +48,7 @@ def recorded(scene, tmp_path_factory):
     """Return a bag of a run and the run itself."""
     path = tmp_path_factory.mktemp('bags') / 'run.mcap'
     with BagWriter(path, scene) as bag:
-        trajectory = run(scene, rate=200.0, observe=RunTopics(bag, scene).observe)
+        trajectory = simulate(scene, rate=200.0, observe=RunTopics(bag, scene).observe)
     return path, trajectory
 
 
@@ -281,7 +281,7 @@ def test_sensors_in_a_bag_are_those_of_the_run(scene, tmp_path):
     path, shorter = tmp_path / 'run.mcap', replace(scene, duration=0.2)
     with BagWriter(path, shorter) as bag:
         topics = RunTopics(bag, shorter, SensorTopics(bag, sensors, 200.0).measure)
-        found = recorded_sensors(run(shorter, rate=200.0, observe=topics.observe), sensors)
+        found = recorded_sensors(simulate(shorter, rate=200.0, observe=topics.observe), sensors)
     heard = {}
     with Reader(path) as reader:
         for connection in reader.connections:

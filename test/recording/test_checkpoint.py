@@ -16,7 +16,7 @@ from snake_sim_ros.recording import checkpoint
 from snake_sim_ros.recording.recorded_runs import write_npz
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.methods import make_stepper, METHODS
-from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import simulate
 
 STEPS = 6
 LEVELS = ('spatial', 'planar', 'auto')
@@ -139,7 +139,7 @@ def test_files_of_others_get_a_sentence(stored, tmp_path):
     path.write_bytes(path.read_bytes()[:500])
     with pytest.raises(ParameterError, match=r'is not a whole npz file; checkpoint\.write writes'):
         checkpoint.read(path)
-    write_npz(run(replace(load_scene('lateral_undulation'), duration=0.01)), path)
+    write_npz(simulate(replace(load_scene('lateral_undulation'), duration=0.01)), path)
     with pytest.raises(ParameterError, match='is not a checkpoint'):
         checkpoint.read(path)
 

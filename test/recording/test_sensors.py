@@ -36,7 +36,7 @@ from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.sampling import joint_motion
-from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import simulate
 
 PAGE = (Path(__file__).parents[2] / 'docs' / 'sensors.md').read_text(encoding='utf-8')
 G, STEPS = 9.81, 4
@@ -311,7 +311,7 @@ def measured_live(scene, sensors, rate, wrenches=True):
         reader.add_noise(*joints)
         found['joints'].append(joints)
 
-    run(scene, rate=rate, observe=lambda other: follow(simulation, other, observe))
+    simulate(scene, rate=rate, observe=lambda other: follow(simulation, other, observe))
     return {name: np.array(values) for name, values in found.items()}
 
 
@@ -331,7 +331,7 @@ def test_recorded_and_live_have_the_same_bits(case, method, sensors):
     dt = 1 / 400 if method == 'bdf2' else DT
     scene = replace(load_scene(case), duration=0.5, method=method, dt=dt)
     live = measured_live(scene, sensors, 100.0)
-    found = recorded_sensors(run(scene, rate=100.0), sensors)
+    found = recorded_sensors(simulate(scene, rate=100.0), sensors)
     assert (found['sensor_time'] == live['sensor_time']).all()
     assert (found['imu_orientation'] == live['imu'][..., ORIENTATION]).all()
     assert (found['imu_angular_velocity'] == live['imu'][..., ANGULAR_VELOCITY]).all()
@@ -348,7 +348,7 @@ def test_recorded_and_live_have_the_same_bits(case, method, sensors):
 
 
 def test_files_have_no_velocities_for_an_imu():
-    trajectory = run(replace(load_scene('sidewinding'), duration=0.05))
+    trajectory = simulate(replace(load_scene('sidewinding'), duration=0.05))
     read_again = replace(trajectory, velocity=np.zeros(0))
     assert set(recorded_sensors(read_again, Sensors(contact_force_links=(1,)))) == {
         'sensor_time',
@@ -416,7 +416,7 @@ def test_a_run_writes_its_sensors(tmp_path, capsys):
         imu_links=(1, 2), contact_force_links='all', sensor_rate=50, joint_velocity_noise=0.01
     )
     scene = replace(load_scene('sidewinding'), method='newton', duration=0.1)
-    expected = recorded_sensors(run(scene, rate=100.0), sensors)
+    expected = recorded_sensors(simulate(scene, rate=100.0), sensors)
     with np.load(out) as found:
         assert expected.keys() <= set(found.files)
         assert all((found[name] == expected[name]).all() for name in expected)
@@ -470,7 +470,7 @@ def test_the_page_has_every_parameter_and_every_array():
     assert fields <= names
     sensors = replace(NOISY, imu_links=(1,))
     scene = replace(load_scene('sidewinding'), duration=0.05)
-    assert recorded_sensors(run(scene), sensors).keys() <= names
+    assert recorded_sensors(simulate(scene), sensors).keys() <= names
 
 
 def test_the_programs_of_the_page_run(capsys):

@@ -15,7 +15,7 @@ from snake_sim_ros.scene.parameters import (
     with_settings,
 )
 from snake_sim_ros.scene.posture import center_of_mass, gaps, initial_coordinates, joint_angles
-from snake_sim_ros.stepping.simulation import run, sample
+from snake_sim_ros.stepping.simulation import sample, simulate
 
 CASE_A = load_scene('lateral_undulation')
 MASS = 7.5
@@ -109,7 +109,7 @@ def afloat(**values):
 
 def motion(scene):
     """Return momentum [N s] and center of mass [m] at the end of a run."""
-    trajectory = run(scene)
+    trajectory = simulate(scene)
     assert not trajectory.report.failure
     momentum = scene.robot.per_link('link_mass') @ trajectory.velocity[-1, :, :3]
     return momentum, center_of_mass(scene.robot, trajectory.coordinates[-1])
@@ -134,7 +134,7 @@ def test_a_push_has_the_momentum_and_the_way_of_its_force(method, dt):
 
 def test_a_torque_turns_the_robot():
     scene = afloat(pushes=[{'torque': [0.0, 0.0, 1.0], 'duration': 0.1}])
-    trajectory = run(scene)
+    trajectory = simulate(scene)
     q, u = trajectory.coordinates[-1], trajectory.velocity[-1]
     mass = scene.robot.per_link('link_mass')
     arm = q[:, :3] - center_of_mass(scene.robot, q)

@@ -20,7 +20,7 @@ from snake_sim_ros.scene.posture import center_of_mass, gaps, joint_angles
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
-from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import simulate
 from snake_sim_ros.stepping.state import initial_state
 
 CASE_A = load_scene('lateral_undulation')
@@ -82,7 +82,7 @@ def test_levels_agree(scene):
 def test_auto_takes_the_smallest_level(name, level, tmp_path):
     scene = replace(load_scene(name), duration=0.05)
     assert scene.level == 'auto'
-    trajectory = run(scene)
+    trajectory = simulate(scene)
     report = trajectory.report
     assert (report.level, trajectory.level.tolist()) == (level, [level] * 6)
     assert report.planar_steps == (report.steps if level == 'planar' else 0)

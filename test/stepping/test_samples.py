@@ -12,7 +12,7 @@ from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.samples import make_samples, Samples
-from snake_sim_ros.stepping.simulation import run, sample
+from snake_sim_ros.stepping.simulation import sample, simulate
 from snake_sim_ros.stepping.trajectory import OF_CONTACTS, OF_SAMPLES
 
 CASE_A, CASE_C = load_scene('lateral_undulation'), load_scene('sidewinding')
@@ -42,8 +42,8 @@ def test_a_run_in_one_call_has_the_samples_of_a_run_in_many(method, name):
     scene = replace(scene, solver=FEW_SWEEPS)
     seen = []
     rate = 200.0 if few else 40.0
-    whole = run(scene, rate=rate)
-    single = run(scene, rate=rate, observe=lambda simulation: seen.append(simulation.time))
+    whole = simulate(scene, rate=rate)
+    single = simulate(scene, rate=rate, observe=lambda simulation: seen.append(simulation.time))
     assert_same(whole, single)
     assert seen == pytest.approx(whole.time.tolist())
     assert len(whole.time) == round(scene.duration * rate) + 1
@@ -81,7 +81,7 @@ def test_forces_of_all_samples_are_those_of_each():
     def note(simulation):
         found.append(contact_forces(simulation.scene, simulation.state, simulation.history))
 
-    trajectory = run(scene, rate=50.0, observe=note)
+    trajectory = simulate(scene, rate=50.0, observe=note)
     assert (trajectory.contact_number >= 22).any()
     for k, (points, forces) in enumerate(found):
         here, loads = trajectory.contacts(k)
@@ -126,8 +126,8 @@ def test_samples_of_another_scene_are_refused():
 
 def test_a_run_that_diverges_keeps_the_samples_before():
     scene = with_settings(CASE_C, {'method': 'newton', 'pd_scheme': 'start', 'dt': 1 / 500})
-    whole = run(scene, rate=50.0)
-    single = run(scene, rate=50.0, observe=lambda simulation: None)
+    whole = simulate(scene, rate=50.0)
+    single = simulate(scene, rate=50.0, observe=lambda simulation: None)
     assert whole.report.failure == single.report.failure
     assert whole.report.failure.startswith('t = ')
     assert_same(whole, single)

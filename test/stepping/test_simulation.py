@@ -15,7 +15,7 @@ from snake_sim_ros.scene.parameters import load_scene, scene_from_text, steps_in
 from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.sampling import joint_motion, Keep, LEAST_STEPS, Limits
-from snake_sim_ros.stepping.simulation import run, sample
+from snake_sim_ros.stepping.simulation import sample, simulate
 from snake_sim_ros.stepping.state import initial_state
 
 
@@ -82,7 +82,7 @@ def test_steps_in_a_period():
 
 
 def test_recording_has_all_samples_and_its_scene(scene, tmp_path):
-    trajectory = run(scene)
+    trajectory = simulate(scene)
     path = tmp_path / 'run.npz'
     write_npz(trajectory, path)
     with np.load(path) as data:
@@ -119,7 +119,7 @@ def test_recording_has_all_samples_and_its_scene(scene, tmp_path):
 
 
 def test_samples_do_not_change_the_run(scene):
-    coarse, fine = run(scene, rate=20.0), run(scene, rate=4000.0)
+    coarse, fine = simulate(scene, rate=20.0), simulate(scene, rate=4000.0)
     assert (len(coarse.time), len(fine.time)) == (2, 201)
     assert (coarse.position[-1] == fine.position[-1]).all()
     assert (coarse.orientation[-1] == fine.orientation[-1]).all()
@@ -142,19 +142,19 @@ def test_samples_do_not_change_the_run(scene):
 )
 def test_unusable_rates_are_refused(scene, rate, sentence):
     with pytest.raises(ParameterError) as error:
-        run(scene, rate=rate)
+        simulate(scene, rate=rate)
     assert str(error.value) == sentence
 
 
 def test_duration_that_is_no_multiple_of_the_sampling_period_is_refused(scene):
     # 0.055 s at 100 samples a second: half a period would be left out.
     with pytest.raises(ParameterError, match='duration'):
-        run(replace(scene, duration=0.055))
+        simulate(replace(scene, duration=0.055))
 
 
 def test_run_that_diverges_returns_what_was_good(scene):
     # With explicit damping a rate grows by K_d dt/Theta a step; 5 N m s/rad is far too much.
-    trajectory = run(
+    trajectory = simulate(
         with_settings(scene, {'robot.yaw_damping': 5.0, 'pd_scheme': 'start'}), rate=1000.0
     )
     report = trajectory.report
@@ -193,7 +193,7 @@ def test_interruption_returns_what_was_recorded(scene):
         if len(times) == 4:
             raise KeyboardInterrupt
 
-    trajectory = run(scene, observe=observe)
+    trajectory = simulate(scene, observe=observe)
     assert len(trajectory.time) == 4
     assert times == pytest.approx([0.0, 0.01, 0.02, 0.03])
     assert len(trajectory.position) == len(trajectory.joint_torque) == 4

@@ -22,7 +22,7 @@ from snake_sim_ros.scene.checked_records import flat_fields
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import chain_coordinates, joint_angles, joint_rates
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
-from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import simulate
 from snake_sim_ros.studies.fit import Fit, fit, scene_at, Unknown, unknowns_of
 from snake_sim_ros.studies.judgement import judge, what_is_not_determined
 from snake_sim_ros.studies.recorded_motion import read_recording
@@ -51,7 +51,7 @@ def recording_of(scene, folder):
     path = folder / 'run.mcap'
     if not path.exists():
         simulation = replace(with_fit_steps(scene), duration=DURATION)
-        trajectory = run(simulation, rate=RATE)
+        trajectory = simulate(simulation, rate=RATE)
         motion = MadeOf(trajectory)
         messages = [*gait_commands(scene, trajectory.time), *state_messages(motion)]
         write_messages(path, messages, scene)

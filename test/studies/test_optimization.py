@@ -17,7 +17,7 @@ from snake_sim_ros import ParameterError
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.methods import with_usual_steps
-from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import simulate
 from snake_sim_ros.studies import workers
 from snake_sim_ros.studies.metrics import METRICS
 from snake_sim_ros.studies.optimization import NO_VALUE, optimize
@@ -350,10 +350,10 @@ def test_the_example_runs_and_its_scene_is_one(tmp_path, capsys):
     assert check['feasible'] and check['objective'] != winner['objective']
     assert found['start']['check']['status'] == 'converged'
     scene = load_scene(tmp_path / 'short.best.yaml')
-    again = run(with_usual_steps(scene, (), 1 / 20), rate=20)
+    again = simulate(with_usual_steps(scene, (), 1 / 20), rate=20)
     assert METRICS['speed'](again) == winner['objective']
     steps = {'accuracy': 0.0, **content['check']}
-    checked = METRICS['speed'](run(with_settings(scene, steps), rate=20))
+    checked = METRICS['speed'](simulate(with_settings(scene, steps), rate=20))
     assert checked == check['objective']
     assert scene.gait.pitch.angular_frequency == scene.gait.yaw.angular_frequency
 

@@ -17,7 +17,7 @@ from snake_sim_ros.recording.recorded_runs import read_npz
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.methods import with_usual_steps
-from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import simulate
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.studies import workers
 from snake_sim_ros.studies.metrics import METRICS, USUAL_METRICS
@@ -281,7 +281,7 @@ def test_metrics_are_those_of_the_same_run_alone():
     scene = with_settings(scene, SHORT)
     names = list(METRICS)
     frame = study('lateral_undulation', {'friction.transversal': [0.3]}, names, set=SHORT, rate=40)
-    alone = run(with_usual_steps(scene, (), 1 / 40), rate=40.0)
+    alone = simulate(with_usual_steps(scene, (), 1 / 40), rate=40.0)
     for name in names:
         assert frame[name][0] == measured(name, alone), name
 

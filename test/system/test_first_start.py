@@ -27,7 +27,7 @@ from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.posture import initial_coordinates, joint_angles
 
 WHOLE_CACHE = 300.0  # s for a level to be compiled on a busy machine
-PLANAR, SPATIAL = 'stepping.planar/moreau.advance', 'stepping/moreau.advance-'
+PLANAR, SPATIAL = 'stepping.planar/moreau.advance_in_plane', 'stepping/moreau.advance_moreau-'
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from sim_client import connected, SimClient, with_twin
 
 from snake_sim_ros.recording.sensors import recorded_sensors, Sensors
 from snake_sim_ros.scene.parameters import load_scene, with_settings
-from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import simulate
 
 # A robot that is told nothing slides down a slope.
 SLOPE = {'gait.yaw.amplitude': 0.0, 'gravity': [3.0, 1.0, -9.0], 'duration': 0.2}
@@ -166,7 +166,7 @@ def test_sensors_have_the_bits_of_a_recorded_run(noisy):
         noisy.graph.until(lambda: all(len(item) >= 21 for item in lists), 'all messages', 10)
         runs.append([list(messages) for messages in lists])
     scene = with_settings(load_scene('lateral_undulation'), SLOPE)
-    found = recorded_sensors(run(scene, rate=200.0), Sensors(**LINKS, **NOISE))
+    found = recorded_sensors(simulate(scene, rate=200.0), Sensors(**LINKS, **NOISE))
     for joint_states, head, middle, *wrenches in runs:
         start = nanoseconds(joint_states[0])
         assert [nanoseconds(item) - start for item in head] == [2 * PERIOD * k for k in range(21)]

@@ -236,7 +236,7 @@ class Result:
     message: str = ''
     refused: bool = False
 
-    def take(self, entrant: Entrant, trial: Trial) -> None:
+    def note_trial(self, entrant: Entrant, trial: Trial) -> None:
         """Let an entrant run a trial, unless it was refused before."""
         if self.refused:
             return
@@ -283,7 +283,7 @@ def results(
     for trial in trials:
         doubts.append(trial.doubt)
         for result, (entrant, _) in zip(found, entered, strict=True):
-            result.take(entrant, trial)
+            result.note_trial(entrant, trial)
     return found, doubts
 
 

@@ -24,7 +24,7 @@ import numpy as np
 
 from snake_sim_benchmarks.comparison.paths import extrapolated, Motion, path_error, SAMPLING_PERIOD
 from snake_sim_ros import Report, Robot, Scene, Simulation, State
-from snake_sim_ros.contact.newton import Newton, solve_contacts
+from snake_sim_ros.contact.newton import Newton
 from snake_sim_ros.dynamics.articulated_body import factor, factor_chain, reset_chain, solve_chain
 from snake_sim_ros.dynamics.compilation import compiled, COUNTS_CYCLES, cycle_counter
 from snake_sim_ros.dynamics.energy import balance_error, BALANCE_TIME
@@ -40,13 +40,13 @@ from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import method_of, METHODS, what_is_not_planar
 from snake_sim_ros.stepping.model import Model, Workspace
-from snake_sim_ros.stepping.moreau import begin_step, end_step
-from snake_sim_ros.stepping.planar import moreau as planar, solvers as planar_newton
+from snake_sim_ros.stepping.moreau import begin_step, end_step, solve_step
+from snake_sim_ros.stepping.planar import moreau as planar
+from snake_sim_ros.stepping.planar.solvers import PlanarNewton
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
 from snake_sim_ros.stepping.sampling import Keep, Limits
 from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.spatial import SpatialStepper
-from snake_sim_ros.stepping.state import without_memory
 from snake_sim_ros.stepping.steps import Steps
 from snake_sim_ros.stepping.trajectory import Trajectory
 
@@ -386,8 +386,8 @@ def start_up_seconds(scene: Scene, *, cold: bool) -> float:
     one_step = replace(scene, duration=scene.dt)
     program = (
         'import sys; from snake_sim_ros.scene.parameters import scene_from_text; '
-        'from snake_sim_ros.stepping.simulation import run; '
-        'scene = scene_from_text(sys.stdin.read()); run(scene, rate=1 / scene.dt)'
+        'from snake_sim_ros.stepping.simulation import simulate; '
+        'scene = scene_from_text(sys.stdin.read()); simulate(scene, rate=1 / scene.dt)'
     )
     with tempfile.TemporaryDirectory() as folder:
         environment = {**os.environ, 'NUMBA_CACHE_DIR': folder} if cold else None
@@ -412,16 +412,14 @@ TIMED_STEPS = 1000
 
 @compiled
 def spatial_stages(model: Model, work: Workspace, steps: Steps, stamps: Array) -> None:
-    """Do what `moreau.advance` does, with a time stamp after every stage, and a sweep apart."""
+    """Do what `advance_moreau` does, with a time stamp after every stage, and a sweep apart."""
     for k in range(len(steps.angle)):
         stamps[k, 0] = cycle_counter()
         problem = begin_step(model, work, steps, k)
         stamps[k, 1] = cycle_counter()
-        outcome = solve_contacts(
-            Newton(None), model, problem, steps.history, model.iteration_limit
-        )
+        problem, outcome, lands = solve_step(Newton(None), model, work, steps, problem)
         stamps[k, 2] = cycle_counter()
-        if not end_step(model, work, steps, problem, outcome):
+        if not end_step(model, work, steps, problem, outcome, lands):
             break
         stamps[k, 3] = cycle_counter()
         reset_chain(work.chain)
@@ -432,16 +430,12 @@ def spatial_stages(model: Model, work: Workspace, steps: Steps, stamps: Array) -
 
 @compiled
 def planar_stages(model: Any, work: Any, steps: Steps, stamps: Array) -> None:
-    """Do what `moreau.advance` does, with a time stamp after every stage."""
-    history = without_memory(steps.history)
+    """Do what `advance_in_plane` does, with a time stamp after every stage."""
     for k in range(len(steps.angle)):
         stamps[k, 0] = cycle_counter()
         count = planar.begin_planar_step(model, work, steps, k)
         stamps[k, 1] = cycle_counter()
-        closed = work.closed[:count]
-        outcome = planar_newton.solve_planar_contacts(
-            planar_newton.PlanarNewton(None), model, work, closed, history, model.iteration_limit
-        )
+        count, outcome = planar.solve_planar_step(PlanarNewton(None), model, work, steps, count)
         stamps[k, 2] = cycle_counter()
         if not planar.end_planar_step(model, work, steps, count, outcome):
             break

@@ -33,7 +33,7 @@ from snake_sim_ros import Scene, Simulation
 from snake_sim_ros.scene.parameters import Array, samples_of
 from snake_sim_ros.stepping.controlled import controlled
 from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import simulate
 
 USER_CASES = ('lateral_undulation', 'sidewinding')  # in the plane, and in space
 METHODS_OF_USERS = (('newton', 1 / 4000), ('bdf2', 1 / 200))
@@ -73,7 +73,7 @@ def _times(rows: tuple[Row, ...], scene: Scene) -> list[Row]:
         simulation.advance(*reference)
         times[LOOP].append(time.perf_counter() - begin)
         begin = time.perf_counter()
-        times[RUN].append(run(scene, rate=RATE).seconds)
+        times[RUN].append(simulate(scene, rate=RATE).seconds)
         times[CALL].append(time.perf_counter() - begin)
         times[CONTROLLED].append(_controlled(scene))
     small = _small_calls(scene)

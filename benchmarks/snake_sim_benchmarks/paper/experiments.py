@@ -19,7 +19,7 @@ from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Array, load_scene, steps_in
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.simulation import run, sample
+from snake_sim_ros.stepping.simulation import sample, simulate
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 RATE = 100.0  # Hz, samples of an experiment
@@ -147,7 +147,7 @@ def experiment(trajectory: Trajectory, steps: int) -> Experiment:
 
 def path_of(scene: Scene) -> Array:
     """Return the center of the middle link at PATH_RATE, shape (m, 3) [m, frame I]."""
-    return run(scene, rate=PATH_RATE).path
+    return simulate(scene, rate=PATH_RATE).path
 
 
 def isotropic_paths(duration: float) -> Mapping[float, Array]:

@@ -24,7 +24,7 @@ from snake_sim_ros.recording.recorded_runs import write_npz
 from snake_sim_ros.scene.files import CONFIG
 from snake_sim_ros.scene.parameters import Array, load_scene, with_settings
 from snake_sim_ros.scene.robot_description import robot_description
-from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import simulate
 
 # ---- random changes -----------------------------------------------------------------------------
 
@@ -349,7 +349,7 @@ def _table(random: Random, change: bool = True) -> bytes:
 def _binary(folder: Path) -> dict[str, list[Change]]:
     """Return the functions for npz files and bags, and write a good one of each."""
     scene = with_settings(load_scene('lateral_undulation'), SHORT)
-    write_npz(run(scene, rate=100.0), folder / 'run.npz')
+    write_npz(simulate(scene, rate=100.0), folder / 'run.npz')
     with_queue = {'method': 'bdf2', 'robot.command_delay': 0.01, 'robot.control_rate': 200.0}
     checkpoint.write(Simulation(with_settings(scene, with_queue)), folder / 'checkpoint.npz')
     found: dict[str, list[Change]] = {}

@@ -19,7 +19,7 @@ from snake_sim_benchmarks.reliability.attacked_node import AttackedNode
 from snake_sim_benchmarks.reliability.trials import Trial
 from snake_sim_ros.recording.recorded_runs import write_npz
 from snake_sim_ros.scene.parameters import load_scene, with_settings
-from snake_sim_ros.stepping.simulation import run
+from snake_sim_ros.stepping.simulation import simulate
 from snake_sim_ros.view.browser_guard import CAMERA
 
 URL = r'http://\S+'
@@ -45,7 +45,9 @@ def trials(seconds: float, seed: int) -> Iterator[Trial]:
     """Flood the page that plays a run."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'run.npz'
-        write_npz(run(with_settings(load_scene('lateral_undulation'), {'duration': 1.0})), path)
+        write_npz(
+            simulate(with_settings(load_scene('lateral_undulation'), {'duration': 1.0})), path
+        )
         command = [
             '-m',
             'snake_sim_ros.commands',

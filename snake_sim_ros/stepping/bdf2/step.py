@@ -111,7 +111,7 @@ from snake_sim_ros.stepping.bdf2.motion import (
     recognize,
 )
 from snake_sim_ros.stepping.model import Model, Workspace
-from snake_sim_ros.stepping.moreau import finish, turns_are_small
+from snake_sim_ros.stepping.moreau import report_end, turns_are_small
 from snake_sim_ros.stepping.pushes import add_pushes, Stretch
 from snake_sim_ros.stepping.state import History, without_memory
 from snake_sim_ros.stepping.steps import (
@@ -201,7 +201,7 @@ def begin_impact(laws: JointLaws, work: Workspace) -> None:
 
 
 @merged
-def begin(
+def begin_part(
     model: Model,
     own: Bdf2Arrays,
     work: Workspace,
@@ -355,7 +355,7 @@ def one_part(
             history.impulse[a, j] *= scale
         history.change[a, 0] *= scale
     contact_history = without_memory(history)
-    problem = begin(
+    problem = begin_part(
         model,
         own,
         work,
@@ -378,7 +378,7 @@ def one_part(
 
 
 @merged
-def take(
+def take_part(
     own: Bdf2Arrays, model: Model, work: Workspace, dt: float, part: Part, steps: Steps
 ) -> None:
     """Move to the end of a `Part` of length dt [s]."""
@@ -403,7 +403,7 @@ def take(
 
 
 @merged
-def step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: int) -> bool:
+def bdf2_step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: int) -> bool:
     """Take step k in parts; return whether the loop continues."""
     report, memory = steps.report[0], steps.history.memory
     start = memory.end.angle, memory.end.rate, 0.0
@@ -439,7 +439,7 @@ def step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: int) -
             elif size > 1:
                 is_taken, next_size = False, size // 2
         if is_taken:
-            take(own, model, work, dt, part, steps)
+            take_part(own, model, work, dt, part, steps)
             done, parts = done + size, parts + 1
             forget_who_took_part(work.contacts)
             if done == TICKS and stretch.end < stretch.step_end:
@@ -451,17 +451,17 @@ def step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: int) -
     report.further_parts += parts - 1
     keep_references(size, rate, memory)
     count_steps(before, report)
-    return finish(model, work.chain.twist, steps.q, steps.u, steps.history.settling, report)
+    return report_end(model, work.chain.twist, steps.q, steps.u, steps.history.settling, report)
 
 
 @compiled
-def advance(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps) -> None:
+def advance_bdf2(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps) -> None:
     """Take the steps up to the first that diverges; see `spatial.SpatialStepper`."""
     memory = steps.history.memory
     recognize(model, work, steps.q, steps.u, memory)
     for k in range(len(steps.angle)):
         steps.cycles[k] = cycle_counter()
-        goes_on = step(own, model, work, steps, k)
+        goes_on = bdf2_step(own, model, work, steps, k)
         if steps.report[0].steps > k:
             keep_sample(k, model.dt, memory.span[0], work.applied, steps)
         if not goes_on:

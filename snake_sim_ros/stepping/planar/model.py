@@ -126,7 +126,7 @@ class PlanarWorkspace(NamedTuple):
     closed: Array  # (c,) begins with the numbers of the closed contacts, first the 2n of the floor
     contacts: Table  # (c,) table of all contacts
     twist: Array  # (n, 3) twists of the links about O, in the plane [rad/s], [m/s]
-    moving: Array  # (n, 3) velocities from the middle of the step to its end, as `u`
+    moving: Array  # (n, 3) velocities that move the coordinates to the end, as `u`
     standing: Any  # (1,) a record of STANDING
 
 

@@ -372,6 +372,41 @@ def keep_planar_sample(k: int, dt: float, span: float, applied: Array, steps: St
         keep_forces(row, applied, dt, span, steps.history, record)
 
 
+@inlined
+def solve_planar_step(
+    solver: Any, model: PlanarModel, work: PlanarWorkspace, steps: Steps, count: int
+) -> tuple[int, Outcome]:
+    """
+    Solve the first `count` contacts and, if links land on pegs, the impact.
+
+    As `stepping.moreau.solve_step`; return the contacts of the last solution, and its outcome.
+    `work.moving` has the velocities that move the coordinates.
+    """
+    history, report, lands = without_memory(steps.history), steps.report[0], False
+    most, floor = report.iterations + model.iteration_limit, 2 * len(steps.u)
+    while True:  # one call of the solver, which is compiled where it is called
+        for attempt in range(MOST_CHANGES):
+            left = iterations_left(most, report)
+            outcome = solve_in_plane(solver, model, work, work.closed[:count], history, left)
+            if not yaw_axes_change(model, work, outcome, attempt, left, report):
+                break
+        if lands:
+            break
+        joint_impulses_in_plane(model, work)
+        end_planar_velocities(work, work.moving)
+        if outcome.iterations >= left or not outcome.converged:
+            break
+        pegs = work.closed[floor:count]
+        kept = keep_closed_contacts(model.closed_gap, pegs, work.contacts)
+        if kept == 0:
+            break
+        lands, count = True, floor + kept
+        note_outcome(outcome, report)
+        peg_velocities(pegs[:kept], work)
+        begin_planar_impact(model, work)
+    return count, outcome
+
+
 @compiled
 def advance_in_plane(solver: Any, model: PlanarModel, work: PlanarWorkspace, steps: Steps) -> None:
     """
@@ -379,33 +414,12 @@ def advance_in_plane(solver: Any, model: PlanarModel, work: PlanarWorkspace, ste
 
     The type of `solver` chooses the contact solver; see `solve_in_plane`.
     """
-    history = without_memory(steps.history)
     report = steps.report[0]
     for k in range(len(steps.angle)):
         steps.cycles[k] = cycle_counter()
         before = noted(report)
         count = begin_planar_step(model, work, steps, k)
-        lands = False
-        while True:  # one call of the solver, which is compiled where it is called
-            for attempt in range(MOST_CHANGES):
-                left = iterations_left(before[0] + model.iteration_limit, report)
-                outcome = solve_in_plane(solver, model, work, work.closed[:count], history, left)
-                if not yaw_axes_change(model, work, outcome, attempt, left, report):
-                    break
-            if lands:
-                break
-            joint_impulses_in_plane(model, work)
-            end_planar_velocities(work, work.moving)
-            if outcome.iterations >= left or not outcome.converged:
-                break
-            pegs = work.closed[2 * len(steps.u) : count]
-            kept = keep_closed_contacts(model.closed_gap, pegs, work.contacts)
-            if kept == 0:
-                break
-            lands, count = True, 2 * len(steps.u) + kept
-            note_outcome(outcome, report)
-            peg_velocities(pegs[:kept], work)
-            begin_planar_impact(model, work)
+        count, outcome = solve_planar_step(solver, model, work, steps, count)
         if not end_planar_step(model, work, steps, count, outcome):
             break
         count_steps(before, report)

@@ -81,8 +81,9 @@ def solve_in_plane(  # type: ignore[empty-body]
     """
     Solve the contacts of a step in the plane with the method of the type of `solver`.
 
-    This is `contact.problem.solve` for the plane, where the normal loads follow from the friction:
-    a method fills impulses and velocities in `work.contacts`, and `work.twist`; see `equilibrium`.
+    This is `contact.problem.solve_contacts` for the plane, where the normal loads follow from the
+    friction: a method fills impulses and velocities in `work.contacts`, and `work.twist`; see
+    `equilibrium`.
 
     Parameters
     ----------

@@ -196,11 +196,11 @@ class PlanarStepper:
         samples, history = checked(samples, self.no_samples), copied(history)
         goes_on = self.goes_on(state, history.memory)
         told = angle, rate, samples, pushes
-        state, history, report = self.take(state, history, *told, goes_on)
+        state, history, report = self.take_steps(state, history, *told, goes_on)
         self.returned.last = state, history
         return state, history, report
 
-    def take(
+    def take_steps(
         self, state: State, history: History, angle: Array, rate: Array, kept: Samples,
         pushes: PushTable, goes_on: bool,
     ) -> tuple[State, History, Report]:  # fmt: skip

@@ -102,7 +102,7 @@ def make_semi_implicit(scene: Scene, penalty: Penalty) -> Stepper:
     refuse_rolling(scene)
     # Its contacts are inside the floor: no gap is closed.
     scene = with_settings(scene, {'solver.activation_tolerance': 0.0})
-    return SpatialStepper(scene, partial(moreau.advance, make_law(penalty)))
+    return SpatialStepper(scene, partial(moreau.advance_moreau, make_law(penalty)))
 
 
 def make_pyramid(scene: Scene) -> Stepper:
@@ -120,7 +120,7 @@ def make_pyramid(scene: Scene) -> Stepper:
     """
     refuse_rolling(scene)
     solver = Pyramid(make_delassus(3 * contact_count(scene), scene.robot.link_count))
-    return SpatialStepper(scene, partial(moreau.advance, solver))
+    return SpatialStepper(scene, partial(moreau.advance_moreau, solver))
 
 
 class SmoothRobot:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from snake_sim_ros.contact.delassus import end_twists
 from snake_sim_ros.contact.laws import grip, Laws, link_of, natural_map, sliding_disc
-from snake_sim_ros.contact.problem import Outcome, Problem, solve
+from snake_sim_ros.contact.problem import Outcome, Problem, solve_contacts
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
 from snake_sim_ros.scene.parameters import Array
@@ -79,13 +79,13 @@ def make_impulses(dt: float, closed: Array, contacts: Table, impulse: Array) -> 
             impulse[a, j] = contacts.impulse[a, j]
 
 
-@solve.register(PenaltyLaw)
+@solve_contacts.register(PenaltyLaw)
 @inlined
 def solve_with_springs(
     law: PenaltyLaw, model: Any, problem: Problem, history: Any, limit: int
 ) -> Outcome:
     """
-    Fill contact impulses and the velocities that follow from them; see `contact.problem.solve`.
+    Fill contact impulses and the velocities that follow from them; see `problem.solve_contacts`.
 
     Forces are those of the middle configuration and of the velocities at the start. The residual
     is that of the set-valued laws, for these impulses and the velocities that follow.

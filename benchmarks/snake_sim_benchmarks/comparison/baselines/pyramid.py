@@ -21,7 +21,7 @@ from snake_sim_ros.contact.delassus import (
     Delassus,
 )
 from snake_sim_ros.contact.laws import grip, Laws, natural_map, prox_half_line, sliding_disc
-from snake_sim_ros.contact.problem import Outcome, Problem, solve
+from snake_sim_ros.contact.problem import Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.prox_iteration import copy_impulses
 from snake_sim_ros.contact.sweeps import project_normal, set_impulse
 from snake_sim_ros.dynamics.compilation import inlined, merged, Table
@@ -75,13 +75,13 @@ class Pyramid(NamedTuple):
     delassus: Delassus
 
 
-@solve.register(Pyramid)
+@solve_contacts.register(Pyramid)
 @inlined
 def solve_with_pyramid(
     solver: Pyramid, model: Any, problem: Problem, history: Any, limit: int
 ) -> Outcome:
     """
-    Sweep until the laws of the pyramid hold; see `problem.solve`.
+    Sweep until the laws of the pyramid hold; see `problem.solve_contacts`.
 
     Its residual is that of the pyramid, and its printed residual that of the paper's laws.
     """

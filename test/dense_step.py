@@ -144,12 +144,15 @@ class MoreauStep(DenseStep):
     free_momentum : ndarray, shape (6n,)
         Momentum without the controller.
     W_tau : ndarray, shape (6n, 2(n-1))
+    landed : bool
+        Whether it is the impact of a landing.
 
     """
 
     bare: Array
     free_momentum: Array
     W_tau: Array
+    landed: bool = False
 
     def after_landing(self, P: Array, torque: Array) -> 'MoreauStep':
         """
@@ -169,6 +172,7 @@ class MoreauStep(DenseStep):
             momentum=self.free_momentum + self.scene.dt * self.W_tau @ torque.ravel(),
             center=self.center[kept],
             shift=np.zeros(kept.sum()),
+            landed=True,
         )
 
 

@@ -491,6 +491,8 @@ def iterate(problem: Problem, tolerance: float, limit: int, operator: Operator |
             fell_back = True
         elif rounds > 0:
             most -= HELD_ITERATIONS  # leave enough for a round with held radii
+            if most < 0:
+                break  # the impulses of the last round take energy and leave no penetration
         elif swept > 0:
             sweeps = SWEEPS if rounds == -swept else MORE_SWEEPS
             sweep_contacts(laws, closed, contacts, operator, sweeps)

@@ -94,7 +94,7 @@ def test_the_report_is_honest(name, method):
     assert converged or residual > RESIDUAL  # and no false alarm
     # With and without the rule the residual differs by at most what the rule presses in with.
     ruled = step.compliance * np.abs(P[:, 0] - step.center).max()
-    if converged:
+    if converged and not step.landed:
         assert report.printed_residual_max <= report.residual_max + ruled + slack
 
 
@@ -147,7 +147,7 @@ def test_other_methods_are_as_honest(method):
         assert not report.failure
         if method != 'bdf2':
             step = step.after_landing(history.impulse[step.active], report.joint_torque)
-        elif not of_two_states(history):
+        elif not (of_two_states(history) or report.unconverged):
             step = step.last_solved(report.joint_torque)
         P = history.impulse[step.active]
         slack = rounding(P, end.u)

@@ -5,6 +5,7 @@
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
+from scenes import kinetic_energy
 
 from snake_sim_ros import ParameterError, Report, Scene, Simulation
 from snake_sim_ros.nodes.sim_parameters import changed, Settings
@@ -125,3 +126,32 @@ def test_the_limit_bounds_all_parts_and_landings_of_a_step(limit):
         assert report.unconverged or report.iterations <= limit
         reached += report.iterations > limit / 2
     assert reached > 0
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_steps_that_give_up_do_not_drive_a_robot(seed):
+    # It slides down a steep slope on all of its links, and most steps reach a limit this small.
+    rng = np.random.default_rng([7, seed])
+    heading, slope = rng.uniform(0.0, 2 * np.pi), np.radians(rng.uniform(60.0, 75.0))
+    along = np.sin(slope) * np.array([np.cos(heading), np.sin(heading)])
+    settings = {
+        'robot.link_count': 20,
+        'friction.longitudinal': rng.uniform(0.8, 1.5),
+        'friction.transversal': rng.uniform(0.8, 1.5),
+        'gait.yaw.amplitude': 0.3,
+        'gait.yaw.angular_frequency': 2.0,
+        'gait.yaw.phase_lag': -0.5,
+        'gait.soft_start': 0.5,
+        'gravity': [*(9.81 * along), -9.81 * np.cos(slope)],
+        'level': 'spatial',
+        'method': 'bdf2',
+        'dt': 1 / 50,
+        'solver.iteration_limit': 100,
+    }
+    simulation = Simulation(with_settings(Scene(), settings))
+    mass, start = simulation.scene.robot.per_link('link_mass'), simulation.state.q
+    report = simulation.advance(*simulation.gait_reference(15))
+    assert not report.failure
+    moved = simulation.state.q[:, :3] - start[:, :3]
+    work = mass @ moved @ np.array(simulation.scene.gravity)
+    assert kinetic_energy(simulation.scene.robot, simulation.state.u) < 1.1 * work

@@ -270,7 +270,9 @@ def solve_landing(
     all contacts that can close take part from the start, so that there are two solutions at most.
 
     The velocities that move the coordinates are then in own.moving, and those after the impact in
-    the chain.
+    own.end. An impact starts from the torques of the joints, which belong to the impulses of the
+    first solution. If either does not converge, there is no impact: those torques would drive the
+    links. The next part then stops what still approaches.
 
     Returns
     -------
@@ -296,9 +298,12 @@ def solve_landing(
             if not axes_change(model.joint_laws, work, outcome, attempt, left, report):
                 break
         note_outcome(outcome, report)
+        if impact and not outcome.converged:
+            break
         if not turns_are_small(model.dt, chain.twist, report):
             return False, found, count
         if impact:
+            keep_velocities(work, own.end)
             break
         contact_velocities(closed[count:], contacts, chain.frame, chain.twist)
         more = add_approaching(closed, count, contacts)
@@ -306,12 +311,13 @@ def solve_landing(
             count = more
             continue
         keep_velocities(work, own.moving)
+        keep(own.moving, own.end)
         meets = joints_meet_stops(model.joint_laws, own.moving.rate, work)
         find_end_gaps(h_q, closed, contacts)
         found = events(model, h, closed, contacts)
         if meets:
             found = Events(True, True, found.closed)
-        if not found.lands:
+        if not (found.lands and outcome.converged):
             break
         count, impact = closed_at_end(model.closed_gap, closed, contacts), True
         begin_impact(model.joint_laws, work)
@@ -371,7 +377,6 @@ def one_part(
         model, own, work, problem, h, h_q, contact_history, report, most
     )
     if is_small:
-        keep_velocities(work, own.end)
         place_end(model, own, work, problem, count, h_q, memory.depth[0] > DEEP, steps.q)
         depth = penetration(model.obstacles, model.contact_offset, model.contact_radius, own.q)
     return Part(is_small, found, h, depth)

@@ -12,7 +12,7 @@ What remains is small beside the gap up to which contacts count as closed, `clos
 go to zero with the step: the limit of small steps is a robot on its contacts, whatever the
 settings of a method are. Both numbers are needed. The stiff joints of a robot that lies flat turn
 a micrometer into tenths of a newton, so that gaps must be closed. And the robot has fewer freedoms
-than contacts, so that the gaps of some follow from those of others. If such a contact were told to
+than contacts, so that the gaps of some follow from those of others. If such a contact had to
 close a gap that the others do not leave to it, it would carry no load, or that of all others,
 however small the gap is.
 """

@@ -608,7 +608,7 @@ def next_relaxation(relaxation: float, along: float, before: float, rounds: int)
     if rounds > 0 and along > 0.5 * before:
         return min(2.0 * relaxation, MOST_RELAXATION)  # slow, in one direction: go further
     if along < 0.0:
-        return max(0.5 * min(relaxation, 1.0), 1.0 / MOST_RELAXATION)  # to and fro: go less far
+        return max(0.5 * min(relaxation, 1.0), 1.0 / MOST_RELAXATION)  # it oscillates: go less far
     return relaxation
 
 

@@ -140,7 +140,7 @@ class ControlMemory(NamedTuple):
     next: Array  # (1,) the oldest place in the queue, from 1; 0 before the first step
     queue: Array  # (delay, 2, n-1, 2) references (angle, rate) that are not in effect yet
     late: Array  # (2, n-1, 2) references in effect in this step
-    told: Array  # (2, n-1, 2) references that are held, with rates 0
+    held_reference: Array  # (2, n-1, 2) references that are held, with rates 0
 
 
 def make_control_loop(scene: Scene) -> ControlLoop:
@@ -179,7 +179,7 @@ def make_control_memory(scene: Scene) -> ControlMemory:
         next=np.zeros(1),
         queue=np.zeros((loop.delay, 2, *axes)),
         late=np.zeros((2, *axes)),
-        told=np.zeros((2, *axes)),
+        held_reference=np.zeros((2, *axes)),
     )
 
 
@@ -222,9 +222,9 @@ def references_that_are_held(
         memory.wait[1] = loop.hold
         for j in range(len(angle)):
             for k in range(2):
-                memory.told[0, j, k] = angle[j, k] - 0.5 * dt * rate[j, k]
+                memory.held_reference[0, j, k] = angle[j, k] - 0.5 * dt * rate[j, k]
     memory.wait[1] -= 1.0
-    return memory.told[0], memory.told[1]
+    return memory.held_reference[0], memory.held_reference[1]
 
 
 @inlined

@@ -13,7 +13,7 @@ An axis has the impulse P that its rate w at the end of a step determines:
 
 The set of admissible pairs (w, P) is the graph of a falling function with vertical parts, a
 maximal monotone relation. The law is therefore equivalent to ``w = resolvent(w - r P)`` for any
-r > 0, where the resolvent gives the only w of the graph with ``w - r P`` as told. A step solves
+r > 0, where the resolvent gives the only w of the graph with ``w - r P`` as given. A step solves
 the laws of all axes by Newton's method: where the resolvent falls on a sloped part, P is linear in
 w, with the torque and the damping of this part; on a vertical part the rate is held. Then the
 contacts are solved as without these laws, for the chain of links with these torques and dampings,

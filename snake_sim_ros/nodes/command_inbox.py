@@ -40,7 +40,7 @@ from snake_sim_ros.nodes.received_commands import (
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.controlled import command_effort, commanded_effort
-from snake_sim_ros.stepping.levels import is_vertical, what_is_told
+from snake_sim_ros.stepping.levels import is_vertical, what_is_commanded
 from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.simulation import Simulation
 
@@ -55,8 +55,8 @@ LARGEST = 100_000
 class Tracked(NamedTuple):
     """Where the joints of a trajectory are commanded to be and where they are, shape (k,)."""
 
-    told_angle: Array  # [rad]
-    told_rate: Array  # [rad/s]
+    commanded_angle: Array  # [rad]
+    commanded_rate: Array  # [rad/s]
     angle: Array  # [rad]
     rate: Array  # [rad/s]
 
@@ -239,7 +239,7 @@ class CommandInbox:
     ) -> None:
         stamp = seconds_from(message.header.stamp) if hasattr(message, 'header') else 0.0
         if not 0.0 < stamp <= self._void or not self.settings.publish_clock:
-            self._when_open(topic, type(message), lambda: self._told(topic, read, message))
+            self._when_open(topic, type(message), lambda: self._command_with(topic, read, message))
 
     def _on_trajectory(self, data: bytes) -> None:
         def read() -> ReceivedTrajectory:
@@ -268,7 +268,7 @@ class CommandInbox:
             self._early.pop(topic, None)  # It goes to the end.
             self._early[topic] = lambda: self._when_open(topic, kind, read)
 
-    def _told(
+    def _command_with(
         self, topic: str, read: Callable[..., ReceivedCommand], message: Any
     ) -> ReceivedCommand:
         """Return the effect of a command, and whether joints jump to it."""
@@ -364,11 +364,11 @@ class CommandInbox:
 def _refuse_vertical(topic: str, command: ReceivedCommand) -> None:
     """Raise if a command moves pitch joints, which the planar level cannot."""
     reference = command.reference
-    told = 'a pitch joint is commanded to move' if command.moves_pitch else ''
+    commanded = 'a pitch joint is commanded to move' if command.moves_pitch else ''
     if is_vertical(reference.angle, reference.rate):
-        told = what_is_told(reference.angle, reference.rate)
-    if told:
-        raise RejectedCommand('pitch', f'{topic}: {told}, but level is planar')
+        commanded = what_is_commanded(reference.angle, reference.rate)
+    if commanded:
+        raise RejectedCommand('pitch', f'{topic}: {commanded}, but level is planar')
 
 
 # ---- other publishers ---------------------------------------------------------------------------
@@ -385,12 +385,12 @@ class OtherPublishers:
 
     The graph says who may publish. It still has a node that was killed for up to 20 s, so nobody
     is named for being there: after the first look at several publishers of a topic, the messages
-    on it are heard, and the second look tells whether they come from several.
+    on it are heard, and the second look shows whether they come from several.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._told: list[tuple[str, set[str]]] = []  # topics and names
+        self._said: list[tuple[str, set[str]]] = []  # topics and names
         self._before: set[str] = set()  # topics with commands in the interval before
         self._listeners: dict[str, Listener] = {}
 
@@ -432,19 +432,19 @@ class OtherPublishers:
     def _look_at(self, topic: str, kind: Any, nodes: list[str], advice: str) -> None:
         """Warn if messages of a topic come from several of its publishers, at the second look."""
         what, listener = f'{topic} has', self._listeners.pop(topic, None)
-        if len(nodes) > 1 and not self._is_told(what, nodes):
+        if len(nodes) > 1 and not self._was_said(what, nodes):
             self._listeners[topic] = listener or Listener(self._node, topic, kind)
             if listener and listener.hears_several():
                 self._tell(what, nodes, advice)
         elif listener:
             listener.close()
 
-    def _is_told(self, what: str, nodes: list[str]) -> bool:
-        return any(what == told and set(nodes) <= names for told, names in self._told)
+    def _was_said(self, what: str, nodes: list[str]) -> bool:
+        return any(what == said and set(nodes) <= names for said, names in self._said)
 
     def _tell(self, what: str, nodes: list[str], advice: str) -> None:
-        if not self._is_told(what, nodes):
-            self._told.append((what, set(nodes)))
+        if not self._was_said(what, nodes):
+            self._said.append((what, set(nodes)))
             self._node.get_logger().warning(
                 f'{what} {len(nodes)} publishers, {", ".join(nodes)}: {advice}'
             )

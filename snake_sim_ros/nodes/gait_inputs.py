@@ -36,7 +36,7 @@ OF_ROBOT = 'joint_states jump back and forth: is there more than one publisher o
 
 class Jumps:
     """
-    Counts jumps, tells single ones from repeated ones, and warns of the latter.
+    Counts jumps, distinguishes single ones from repeated ones, and warns of the latter.
 
     All times are those of the monotonic clock, since the clock of the node may be what jumps.
     """
@@ -93,7 +93,7 @@ class ClockWatch:
         self._latest = 0  # newest time that was seen [ns]
         self._jumped = False
         self._apart_since: float | None = None
-        self._told = False
+        self._warned = False
         threshold = JumpThreshold(
             min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
         )
@@ -130,13 +130,13 @@ class ClockWatch:
         now = self._node.get_clock().now().nanoseconds
         ahead = 1e-9 * (stamp - now)
         if stamp == 0 or abs(ahead) < APART or not self._foreign(ahead):
-            self._apart_since, self._told = None, False
+            self._apart_since, self._warned = None, False
             return
         if self._apart_since is None:
             self._apart_since = time.monotonic()
-        if self._told or time.monotonic() - self._apart_since < PERSISTENT:
+        if self._warned or time.monotonic() - self._apart_since < PERSISTENT:
             return
-        self._told = True
+        self._warned = True
         if self._simulated:
             advice = 'set use_sim_time to false, since this robot goes by the wall clock'
         else:
@@ -260,7 +260,7 @@ class MeasuredStart:
         self._last: Measured | None = None
         self._put_back = self._refused = False
         self._missing_since: float | None = None  # s on the monotonic clock
-        self._told = False  # that angles are missing
+        self._warned = False  # that angles are missing
         self._made = time.monotonic()
         # The newest message counts, and whoever publishes at whatever reliability is heard.
         quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -281,7 +281,7 @@ class MeasuredStart:
         if not self._used:
             return True
         if self._angles(now) is not None:
-            self._missing_since, self._told = None, False
+            self._missing_since, self._warned = None, False
             return True
         if self._missing_since is None:
             self._missing_since = time.monotonic()
@@ -289,8 +289,8 @@ class MeasuredStart:
         end = self._missing_since + (SILENT_WAIT if silent else ANGLES_WAIT)
         if time.monotonic() < max(end, self._made + DISCOVERY):
             return False
-        if not (self._told or self._refused):
-            self._told = True
+        if not (self._warned or self._refused):
+            self._warned = True
             why = 'nothing comes on' if silent else 'nobody publishes'
             self._node.get_logger().warning(
                 f'{why} joint_states: {ANGLES_UNKNOWN}; start_from:=now does not wait for them'

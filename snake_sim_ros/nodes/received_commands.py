@@ -111,8 +111,8 @@ def joint_command(
 
     stamp = _stamp(topic, message, last, axes, now)
     position, clamped = clamped_to(topic, names, position, robot.joint_limit)
-    told = last.commanded(axes, stamp, position, velocity)
-    return ReceivedCommand(told, clamped, effort=effort)
+    reference = last.commanded(axes, stamp, position, velocity)
+    return ReceivedCommand(reference, clamped, effort=effort)
 
 
 def _stamp(
@@ -365,8 +365,8 @@ def read_trajectory(message: JointTrajectory, robot: Robot) -> ReadTrajectory:
     if len(times) > 1:
         motion = motion_through(axes, times, angle, rate)
         pieces[1:], (reach, speed) = motion.coefficients, motion.extremes()
-    told = (angle,) if rate is None else (angle, rate)
-    moves_pitch = any(values[:, axes % 2 == 1].any() for values in told)
+    moves = (angle,) if rate is None else (angle, rate)
+    moves_pitch = any(values[:, axes % 2 == 1].any() for values in moves)
     return ReadTrajectory(
         *(names, seconds_from(message.header.stamp), axes, times, angle, rate),
         *(pieces, reach, speed, clamped, moves_pitch),
@@ -411,8 +411,8 @@ def joint_trajectory(
         motion = Motion(axes, times[first:], pieces[first + 1 :])
     reach, speed = message.reach[first:], message.speed[first:]
     swing = _check_pieces(message.names, times[first + 1 :], reach, speed, robot) or swing
-    told = last.moved(motion), message.clamped or swing, jump, message.moves_pitch
-    return ReceivedTrajectory(*told, motion=motion)
+    found = last.moved(motion), message.clamped or swing, jump, message.moves_pitch
+    return ReceivedTrajectory(*found, motion=motion)
 
 
 def _points(message: JointTrajectory) -> tuple[Array, Array, Array | None]:

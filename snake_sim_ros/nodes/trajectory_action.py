@@ -53,8 +53,8 @@ class Tolerance:
     def violation(self, tracked: Tracked) -> str:
         """Return a sentence on the first joint that is too far off, empty if none is."""
         for what, unit, most, off in (
-            ('angle', 'rad', self.angle, tracked.angle - tracked.told_angle),
-            ('rate', 'rad/s', self.rate, tracked.rate - tracked.told_rate),
+            ('angle', 'rad', self.angle, tracked.angle - tracked.commanded_angle),
+            ('rate', 'rad/s', self.rate, tracked.rate - tracked.commanded_rate),
         ):
             (beyond,) = np.nonzero(~(np.abs(off) <= most))
             if len(beyond):
@@ -66,7 +66,7 @@ class Tolerance:
         return ''
 
 
-def tolerance_from(field: str, told: Sequence[Any], names: Sequence[str]) -> Tolerance:
+def tolerance_from(field: str, given: Sequence[Any], names: Sequence[str]) -> Tolerance:
     """
     Return the tolerances of a goal.
 
@@ -74,7 +74,7 @@ def tolerance_from(field: str, told: Sequence[Any], names: Sequence[str]) -> Tol
     ----------
     field : str
         Name of the field of the goal, for messages.
-    told : sequence of control_msgs/JointTolerance
+    given : sequence of control_msgs/JointTolerance
         Values that are 0 or negative demand nothing. Accelerations are not measured.
     names : sequence of str
         Joints of the trajectory.
@@ -86,7 +86,7 @@ def tolerance_from(field: str, told: Sequence[Any], names: Sequence[str]) -> Tol
 
     """
     found = Tolerance(names, *np.full((2, len(names)), math.inf))
-    for item in told:
+    for item in given:
         if item.name not in names:
             raise RejectedCommand(
                 'tolerance',
@@ -214,7 +214,7 @@ class TrajectoryAction:
                 self._inbox.stop(motion)
                 self._end(OFF_PATH, violation)
             return
-        followed.final = tracked.told_angle
+        followed.final = tracked.commanded_angle
         violation = followed.goal.violation(tracked)
         if not violation:
             self._end(REACHED, '')
@@ -226,16 +226,16 @@ class TrajectoryAction:
         followed = self._followed
         if followed is None or followed.final is None:
             return followed is not None and not self._inbox.follows(followed.motion)
-        return not np.array_equal(tracked.told_angle, followed.final)
+        return not np.array_equal(tracked.commanded_angle, followed.final)
 
     def _feedback(self, now: float, tracked: Tracked) -> Any:
-        """Return where the joints are told to be, where they are, and the difference."""
+        """Return where the joints are commanded to be, where they are, and the difference."""
         feedback, followed = self._kind.Feedback(), self._followed
         feedback.header.stamp = stamp_from(round(1e9 * now))
         feedback.joint_names = list(followed.path.names) if followed else []
-        told, there = tracked[:2], tracked[2:]
-        off = [one - other for one, other in zip(told, there, strict=True)]
-        for name, (angle, rate) in (('desired', told), ('actual', there), ('error', off)):
+        commanded, there = tracked[:2], tracked[2:]
+        off = [one - other for one, other in zip(commanded, there, strict=True)]
+        for name, (angle, rate) in (('desired', commanded), ('actual', there), ('error', off)):
             point = JointTrajectoryPoint(positions=angle.tolist(), velocities=rate.tolist())
             setattr(feedback, name, point)
         return feedback

@@ -167,7 +167,7 @@ class LevelStepper:
             part = slice(start, start + int(changes.argmax()) if changes.any() else None)
             reason, goes_on = '', False
             if vertical[start]:
-                reason = what_is_told(angle[start], rate[start], pushes.after(start))
+                reason = what_is_commanded(angle[start], rate[start], pushes.after(start))
             elif history.settling[0] <= 0:
                 goes_on = self.planar.goes_on(state, history.memory.planar)
                 reason = '' if goes_on else what_does_not_lie(self.scene, state)
@@ -183,8 +183,8 @@ class LevelStepper:
                 if pause:
                     part = slice(start, min(start + pause, part.stop or len(vertical)))
             self.prepare(stepper.level, state)
-            told = angle[part], rate[part], samples.after(start), pushes.after(start)
-            state, history, news = self.take_steps(stepper, state, history, *told, goes_on)
+            given = angle[part], rate[part], samples.after(start), pushes.after(start)
+            state, history, news = self.take_steps(stepper, state, history, *given, goes_on)
             history.settling[0] -= min(pause, news.steps)
             if news.left:
                 if not is_finite(history):
@@ -281,13 +281,13 @@ class LevelStepper:
             self.used.add(level)
 
 
-def what_is_told(angle: Array, rate: Array, pushes: PushTable = NO_PUSHES) -> str:
+def what_is_commanded(angle: Array, rate: Array, pushes: PushTable = NO_PUSHES) -> str:
     """Return the largest pitch reference of a step, or the push that lifts, as a clause."""
     if not is_vertical(angle, rate):
         p = pushes.lifting(1)[0]
         return f'link {pushes.link[p] + 1} is pushed out of the plane'
-    told = np.abs([angle[:, 1], rate[:, 1]])
-    kind, j = np.unravel_index(int(told.argmax()), told.shape)
+    commanded = np.abs([angle[:, 1], rate[:, 1]])
+    kind, j = np.unravel_index(int(commanded.argmax()), commanded.shape)
     value, unit = ((angle, 'rad'), (rate, 'rad/s'))[kind]
     return f'joint_{j + 1}_pitch is commanded to {value[j, 1]:.3g} {unit}'
 
@@ -325,11 +325,11 @@ class FlatStepper:
         goes_on = self.planar.goes_on(state, history.memory)
         reason = '' if goes_on else what_does_not_lie(self.scene, state)
         if not reason:
-            told = angle[:stop], rate[:stop]
-            state, history, report = self.planar.advance(state, history, *told, samples, pushes)
+            given = angle[:stop], rate[:stop]
+            state, history, report = self.planar.advance(state, history, *given, samples, pushes)
             self.cycles, reason, report.left = self.planar.cycles, report.left, ''
             if not reason and not report.failure and stop < len(vertical):
-                reason = what_is_told(angle[stop], rate[stop], pushes.after(stop))
+                reason = what_is_commanded(angle[stop], rate[stop], pushes.after(stop))
         if reason:
             report.failure = f'level planar: {reason}; choose level spatial or auto'
         return state, history, report

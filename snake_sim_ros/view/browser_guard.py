@@ -8,7 +8,7 @@ server outside when it is asked for a link to share, and prints a traceback for 
 decode. Messages are therefore judged before viser sees them.
 
 A browser lets any website open a websocket to a server of this machine, and a page that steers a
-robot must not be steered by another one. The browser tells the website in the header `Origin`, and
+robot must not be steered by another one. The browser names the website in the header `Origin`, and
 the name by which it found the server in `Host`. A script has no `Origin`: it is accepted, since it
 could claim any. No website may show the page in a frame, where a click could be meant for another.
 """

@@ -80,9 +80,9 @@ def dense_control(
         memory.next[0] = 1 + (oldest + 1) % loop.delay
     if loop.hold > 0:
         if memory.wait[1] == 0.0:
-            memory.wait[1], memory.told[0] = loop.hold, angle - dt / 2 * rate
+            memory.wait[1], memory.held_reference[0] = loop.hold, angle - dt / 2 * rate
         memory.wait[1] -= 1.0
-        angle, rate = memory.told
+        angle, rate = memory.held_reference
     if loop.period > 0:
         if memory.wait[0] == 0.0:
             memory.wait[0], step = loop.period, loop.resolution

@@ -44,11 +44,11 @@ def refusal(function, *arguments, **options):
 def test_a_table_of_waves_is_these_waves():
     times = np.linspace(0.0, CYCLE, 777)
     angle, rate = gait.reference(WAVES, times, 10)
-    told, told_rate = gait.reference(Gait(table=table_of_waves(201)), times, 10)
+    told, commanded_rate = gait.reference(Gait(table=table_of_waves(201)), times, 10)
     # A cubic spline is off by 5/384 h^4 |alpha''''| inside, and ten times that at its ends.
     h = OMEGA * CYCLE / 200
     assert np.abs(told - angle).max() < 0.4 * 10 * 5 / 384 * h**4
-    assert np.abs(told_rate - rate).max() < 0.4 * OMEGA * h**3
+    assert np.abs(commanded_rate - rate).max() < 0.4 * OMEGA * h**3
 
 
 def test_rates_that_are_given_are_those_of_the_rows():

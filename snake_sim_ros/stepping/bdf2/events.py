@@ -194,7 +194,7 @@ def place_end(
     """
     Fill the coordinates at the end, with the gaps of the contacts closed that carry load.
 
-    The solver knows the first `count` contacts of the problem, and gets to know all that close.
+    The solver has the first `count` contacts of the problem, and then all that close, too.
     If a contact is deep in an obstacle at the start, at q_start, all return to their depths there:
     the step undoes no more than it did.
     """

@@ -195,8 +195,8 @@ class PlanarStepper:
         self.returned.check(state, history, angle, rate)
         samples, history = checked(samples, self.no_samples), copied(history)
         goes_on = self.goes_on(state, history.memory)
-        told = angle, rate, samples, pushes
-        state, history, report = self.take_steps(state, history, *told, goes_on)
+        given = angle, rate, samples, pushes
+        state, history, report = self.take_steps(state, history, *given, goes_on)
         self.returned.last = state, history
         return state, history, report
 

@@ -139,26 +139,18 @@ class MoreauStep(DenseStep):
 
     Attributes
     ----------
-    bare : ndarray, shape (6n, 6n)
-        Mass matrix without the controller.
-    free_momentum : ndarray, shape (6n,)
-        Momentum without the controller.
-    W_tau : ndarray, shape (6n, 2(n-1))
     landed : bool
-        Whether it is the impact of a landing.
+        Whether it is that of a landing.
 
     """
 
-    bare: Array
-    free_momentum: Array
-    W_tau: Array
     landed: bool = False
 
-    def after_landing(self, P: Array, torque: Array) -> 'MoreauStep':
+    def after_landing(self, P: Array) -> 'MoreauStep':
         """
-        Return the step as it was solved last, from its impulses (k, 5) and torques (n-1, 2).
+        Return the step as it was solved last, from its impulses (k, 5).
 
-        It is this one or, if contacts with gaps carry load, the impact of all that are closed.
+        It is this one or, if contacts with gaps carry load, that of all contacts that are closed.
         """
         loaded = P[:, 0] > 0.0
         if not self.shift[loaded].any():
@@ -168,8 +160,6 @@ class MoreauStep(DenseStep):
             self,
             active=self.active[kept],
             W=self.W[:, kept],
-            M=self.bare,
-            momentum=self.free_momentum + self.scene.dt * self.W_tau @ torque.ravel(),
             center=self.center[kept],
             shift=np.zeros(kept.sum()),
             landed=True,
@@ -215,9 +205,6 @@ def dense_step(
         compliance=compliance,
         center=selection_center(last, gamma_A, weight),
         shift=np.where(gap > closed, gap / (dt / 2), 0.0)[active],
-        bare=M,
-        free_momentum=M @ u_A + h * dt,
-        W_tau=W_tau,
     )
 
 

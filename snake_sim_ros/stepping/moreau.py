@@ -39,7 +39,6 @@ from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
 from snake_sim_ros.dynamics.joint_control import read_by_controllers, START
 from snake_sim_ros.dynamics.joint_drift import close_joints, joint_violation
 from snake_sim_ros.dynamics.joint_laws import (
-    begin_axis_impact,
     begin_joint_laws,
     controller_impulse,
     joint_laws_change,
@@ -112,28 +111,13 @@ def begin_step(model: Model, work: Workspace, steps: Steps, k: int) -> Problem:
 
 
 @inlined
-def begin_landing(
-    model: Model, work: Workspace, problem: Problem, count: int, history: History
-) -> Problem:
-    """
-    Return the problem of the first `count` contacts: an impact, with velocities of the solution.
-
-    The impulses of controllers and joint friction stay what they are.
-    """
+def begin_landing(problem: Problem, count: int, history: History) -> Problem:
+    """Return the problem of the first `count` contacts, with velocities of the first solution."""
     laws, closed, contacts, chain = problem
     contact_velocities(closed[:count], contacts, chain.frame, chain.twist)
     for a in closed[:count]:
         for j in range(5):
             history.change[a, j] = 0.0
-    for j in range(len(work.applied)):
-        for k in range(2):
-            if model.joint_laws.present:
-                work.torque[j, k], work.damping[j, k] = begin_axis_impact(
-                    model.joint_laws, work.axes, j, k, work.torque[j, k], work.damping[j, k]
-                )
-            else:
-                work.torque[j, k], work.damping[j, k] = work.applied[j, k], 0.0
-    axis_loads(chain.axis, work.torque, work.damping, chain.torque, chain.damping)
     return Problem(laws, closed[:count], contacts, chain)
 
 
@@ -157,7 +141,7 @@ def solve_step(
     solver: Any, model: Model, work: Workspace, steps: Steps, problem: Problem
 ) -> tuple[Problem, Outcome, bool]:
     """
-    Solve the contacts and, if they land, the impact; see `closing.keep_closed_contacts`.
+    Solve the contacts and, if they land, once more; see `closing.keep_closed_contacts`.
 
     Returns
     -------
@@ -166,7 +150,7 @@ def solve_step(
     outcome : Outcome
         That of the last solution.
     lands : bool
-        Whether it is an impact. `work.moving` then has the velocities before it.
+        Whether it is the second one. `work.moving` then has the velocities of the first.
 
     """
     report, lands = steps.report[0], False
@@ -177,11 +161,10 @@ def solve_step(
             outcome = solve_contacts(solver, model, problem, steps.history, left)
             if not solve_again(model, work, outcome, attempt, left, report):
                 break
-        if lands:
-            break
-        controller_impulses(model, work)
-        if outcome.iterations >= left or not (
-            outcome.converged and turns_are_small(model.dt, work.chain.twist, report)
+        if (
+            lands
+            or outcome.iterations >= left
+            or not (outcome.converged and turns_are_small(model.dt, work.chain.twist, report))
         ):
             break
         count = keep_closed_contacts(model.closed_gap, problem.closed, problem.contacts)
@@ -189,7 +172,7 @@ def solve_step(
             break
         end_velocities(work.chain.twist, work.R, work.center, work.moving)
         note_outcome(outcome, report)
-        problem, lands = begin_landing(model, work, problem, count, steps.history), True
+        problem, lands = begin_landing(problem, count, steps.history), True
     return problem, outcome, lands
 
 
@@ -222,6 +205,7 @@ def end_step(
     q, u, report = steps.q, steps.u, steps.report[0]
     if not turns_are_small(model.dt, work.chain.twist, report):
         return False
+    controller_impulses(model, work)
     end_velocities(work.chain.twist, work.R, work.center, u)
     end_coordinates(model.dt, work.q_mid, work.moving if lands else u, q)
     note_outcome(outcome, report)

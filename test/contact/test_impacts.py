@@ -274,9 +274,8 @@ def test_an_impact_does_not_depend_on_when_in_a_step_it_is(method):
 
 @pytest.mark.parametrize('method', [name for name in METHODS if name != 'bdf2'])
 @pytest.mark.parametrize('laws', [{}, {'joint_friction': 0.02, 'pitch_torque_limit': 0.3}])
-def test_joints_do_not_act_in_the_impact_of_a_landing(method, laws):
-    # Three links that lift and set down, one sphere after the other. Each step in which one lands
-    # is that in dense matrices; a damper that acted in the impact would change it.
+def test_a_landing_of_links_with_joints_is_that_of_the_dense_step(method, laws):
+    # Three links that lift and set down, one sphere after the other: steps in which one lands.
     yaw, pitch = (Wave(amplitude=a, angular_frequency=12.0, phase_lag=1.0) for a in (0.4, 0.3))
     scene = Scene(
         robot=Robot(link_count=3, **laws), friction=isotropic(0.3), dt=1e-3, level='spatial',

@@ -64,7 +64,7 @@ def solved(name, method):
     scene, *start = PROBLEMS[name]
     step = dense_step(scene, *start[:2], *start[2:])
     state, history, report = one_step(with_settings(scene, {'method': method}), *start)
-    step = step.after_landing(history.impulse[step.active], report.joint_torque)
+    step = step.after_landing(history.impulse[step.active])
     return step, history.impulse[step.active], state.u, report
 
 
@@ -146,7 +146,7 @@ def test_other_methods_are_as_honest(method):
         end, history, report = one_step(scene, state, history, angle, rate)
         assert not report.failure
         if method != 'bdf2':
-            step = step.after_landing(history.impulse[step.active], report.joint_torque)
+            step = step.after_landing(history.impulse[step.active])
         elif not (of_two_states(history) or report.unconverged):
             step = step.last_solved(report.joint_torque)
         P = history.impulse[step.active]

@@ -305,16 +305,16 @@ class DenseStepper:
             found = Solution(terms, rule, P, last_P, u_E, converged)
             return (terms.W_tau.T @ u_E).reshape(-1, 2), found, iterations
 
-        limit = scene.solver.iteration_limit
-        found, joint_rate, joint_impulse, iterations, settled = solve_laws_of_axes(
-            laws, of_joints.inertia, posture.joint_rates(q_M, state.u), solve, limit
+        limit, rates = scene.solver.iteration_limit, posture.joint_rates(q_M, state.u)
+        found, rates, _, iterations, settled = solve_laws_of_axes(
+            laws, of_joints.inertia, rates, solve, limit
         )
-        applied, moving = laws.controller(joint_rate) / dt, found.u_E.reshape(n, 6)
+        moving = found.u_E.reshape(n, 6)
         lands = ((found.terms.shift > 0.0) & (found.P[:, 0] > 0.0)).any()
         if lands and found.converged and iterations < limit:
-            first, laws = found, laws.in_impact(joint_rate, joint_impulse)
-            found, _, _, more, settled = solve_laws_of_axes(
-                laws, of_joints.inertia, joint_rate, solve, limit - iterations
+            first = found
+            found, rates, _, more, settled = solve_laws_of_axes(
+                laws, of_joints.inertia, rates, solve, limit - iterations
             )
             iterations += more
         terms, rule, P, last_P, u_E, converged = found
@@ -347,7 +347,7 @@ class DenseStepper:
             joint_gap_max=_largest(g_J[:, :3]),
             joint_twist_max=_largest(g_J[:, 3]),
             contacts=len(terms.active),
-            joint_torque=applied,
+            joint_torque=laws.controller(rates) / dt,
         )
         return State(q_E, u_E), history, report
 

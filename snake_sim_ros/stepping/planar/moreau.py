@@ -174,12 +174,9 @@ def joint_impulses_in_plane(model: PlanarModel, work: PlanarWorkspace) -> bool:
 def begin_planar_impact(model: PlanarModel, work: PlanarWorkspace) -> None:
     """Fill the laws of the yaw joints in an impact, with the torques of the part before it."""
     for j in range(len(work.torque)):
-        if model.joint_laws.present:
-            work.torque[j], work.chain.damping[j] = begin_axis_impact(
-                model.joint_laws, work.axes, j, 0, work.torque[j], work.chain.damping[j]
-            )
-        else:
-            work.torque[j], work.chain.damping[j] = work.applied[j, 0], 0.0
+        work.torque[j], work.chain.damping[j] = begin_axis_impact(
+            model.joint_laws, work.axes, j, 0, work.torque[j], work.chain.damping[j]
+        )
 
 
 @inlined
@@ -319,6 +316,7 @@ def end_planar_step(
         return False
     before_x, before_y = held_point(model, q)
     move_in_plane(model, 0.5 * model.dt, q, u)
+    joint_impulses_in_plane(model, work)
     end_planar_velocities(work, u)
     stop_impact(work)
     move_in_plane(model, 0.5 * model.dt, q, work.moving)
@@ -377,7 +375,7 @@ def solve_planar_step(
     solver: Any, model: PlanarModel, work: PlanarWorkspace, steps: Steps, count: int
 ) -> tuple[int, Outcome]:
     """
-    Solve the first `count` contacts and, if links land on pegs, the impact.
+    Solve the first `count` contacts and, if links land on pegs, once more.
 
     As `stepping.moreau.solve_step`; return the contacts of the last solution, and its outcome.
     `work.moving` has the velocities that move the coordinates.
@@ -392,7 +390,6 @@ def solve_planar_step(
                 break
         if lands:
             break
-        joint_impulses_in_plane(model, work)
         end_planar_velocities(work, work.moving)
         if outcome.iterations >= left or not outcome.converged:
             break
@@ -403,7 +400,6 @@ def solve_planar_step(
         lands, count = True, floor + kept
         note_outcome(outcome, report)
         peg_velocities(pegs[:kept], work)
-        begin_planar_impact(model, work)
     return count, outcome
 
 

@@ -27,11 +27,17 @@ if find_spec('control_msgs') is None:  # it is not on PyPI; test_trajectory_acti
 
 
 def pytest_configure(config):
-    """Heed SIGINT."""
+    """Heed SIGINT, and keep the order of files."""
     # A script that starts the tests with & has it ignored, and then all their processes ignore it.
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    config.option.loadscopereorder = False
     CodeCache.shares_work = True  # with the other process of the tests
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with the files that take minutes, so that both processes end together."""
+    items.sort(key=lambda item: item.get_closest_marker('long') is None)
 
 
 @pytest.hookimpl(hookwrapper=True, tryfirst=True)

@@ -16,6 +16,8 @@ from short_run import short_run
 from snake_sim_ros.scene import PACKAGE
 from snake_sim_ros.stepping.state import named_arrays
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).resolve().parent.parent
 PHYSICS = {'scene', 'dynamics', 'contact', 'stepping'}
 

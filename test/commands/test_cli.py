@@ -329,7 +329,7 @@ def test_nodes_say_that_they_need_ros(name, start):
 def test_without_ffmpeg_no_run_begins(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, 'imageio_ffmpeg', None)
     monkeypatch.setattr(shutil, 'which', lambda name: None)
-    monkeypatch.setattr(scenes, 'run', None)  # it would be called
+    monkeypatch.setattr(scenes, 'simulate', None)  # it would be called
     file = str(tmp_path / 'run.mp4')
     assert main(['run', 'lateral_undulation', '--mp4', file]) == 2
     assert 'an .mp4 needs ffmpeg' in capsys.readouterr().err

@@ -33,6 +33,8 @@ from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
 from snake_sim_ros.stepping.state import initial_state, named_arrays
 
+pytestmark = pytest.mark.long
+
 RESIDUAL = 1e-9  # m/s, the tolerance of all scenes
 # Steps that do not converge, far beyond Painleve's threshold (0.978 for one link and lower with
 # impulses from the joints) or with rolling friction, and where it is said with what residual.

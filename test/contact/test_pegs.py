@@ -48,6 +48,8 @@ from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
 from snake_sim_ros.stepping.state import initial_state
 
+pytestmark = pytest.mark.long
+
 PEG = 0.03  # radius of a single peg [m]
 FREE = 25.0  # far above the floor [m]
 # A method that adds laws of a stiffness 1/(1e-5 G) to the inertia of a link loses up to six digits

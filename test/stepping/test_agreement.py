@@ -28,6 +28,8 @@ from snake_sim_ros.stepping.methods import empty_history, METHODS
 from snake_sim_ros.stepping.model import PROXIMAL
 from snake_sim_ros.stepping.state import initial_state, named_arrays
 
+pytestmark = pytest.mark.long
+
 # Laws of the paper as printed, and with the selection rule and the activation tolerance.
 RULE: dict[str, float] = {}
 # Both methods do the same arithmetic in another order. The dense one solves a system with a

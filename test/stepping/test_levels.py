@@ -23,6 +23,8 @@ from snake_sim_ros.stepping.methods import empty_history, make_stepper
 from snake_sim_ros.stepping.simulation import simulate
 from snake_sim_ros.stepping.state import initial_state
 
+pytestmark = pytest.mark.long
+
 CASE_A = load_scene('lateral_undulation')
 CASE_B = load_scene('lateral_undulation_isotropic')
 DT = 1 / 1000

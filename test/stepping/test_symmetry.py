@@ -21,6 +21,8 @@ from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.state import initial_state
 
+pytestmark = pytest.mark.long
+
 LINKS = 6
 FRICTION = {
     'isotropic': Friction(longitudinal=0.4, transversal=0.4),

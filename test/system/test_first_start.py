@@ -26,6 +26,8 @@ from snake_sim_ros.nodes.sim_node import look_at_compiler, REPORT_PERIOD, SimNod
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.posture import initial_coordinates, joint_angles
 
+pytestmark = pytest.mark.long
+
 WHOLE_CACHE = 300.0  # s for a level to be compiled on a busy machine
 PLANAR, SPATIAL = 'stepping.planar/moreau.advance_in_plane', 'stepping/moreau.advance_moreau-'
 

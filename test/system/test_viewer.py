@@ -22,6 +22,8 @@ from snake_sim_ros.commands.main import main
 from snake_sim_ros.nodes.messages import joint_names
 from snake_sim_ros.scene.robot_description import robot_description
 
+pytestmark = pytest.mark.long
+
 pytest.importorskip('viser')
 PNG = b'\x89PNG\r\n\x1a\n'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -96,7 +96,7 @@ def predict_gaps(closed_gap: float, dt: float, closed: Array, contacts: Table) -
 
 
 @inlined
-def keep_closed_contacts(closed_gap: float, closed: Array, contacts: Table) -> int:
+def keep_closed_contacts(closed: Array, contacts: Table) -> int:
     """
     Return how many contacts are closed after contacts with gaps have landed, 0 if none has.
 
@@ -109,8 +109,6 @@ def keep_closed_contacts(closed_gap: float, closed: Array, contacts: Table) -> i
 
     Parameters
     ----------
-    closed_gap : float
-        As of `closed_gap` [m].
     closed, contacts
         Those of a `problem.Problem` that is solved. The numbers of closed contacts are moved to
         the front of `closed`, and their shifts set to 0.
@@ -123,7 +121,7 @@ def keep_closed_contacts(closed_gap: float, closed: Array, contacts: Table) -> i
         return 0
     count = 0
     for a in closed:
-        if contacts.gap[a] <= closed_gap or contacts.impulse[a, 0] > 0.0:
+        if contacts.shift[a] == 0.0 or contacts.impulse[a, 0] > 0.0:
             contacts.shift[a] = 0.0
             closed[count] = a
             count += 1

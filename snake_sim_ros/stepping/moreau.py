@@ -161,14 +161,10 @@ def solve_step(
             outcome = solve_contacts(solver, model, problem, steps.history, left)
             if not solve_again(model, work, outcome, attempt, left, report):
                 break
-        if (
-            lands
-            or outcome.iterations >= left
-            or not (outcome.converged and turns_are_small(model.dt, work.chain.twist, report))
-        ):
+        if lands or outcome.iterations >= left or not outcome.converged:
             break
-        count = keep_closed_contacts(model.closed_gap, problem.closed, problem.contacts)
-        if count == 0:
+        count = keep_closed_contacts(problem.closed, problem.contacts)
+        if count == 0 or not turns_are_small(model.dt, work.chain.twist, report):
             break
         end_velocities(work.chain.twist, work.R, work.center, work.moving)
         note_outcome(outcome, report)

@@ -214,10 +214,10 @@ class Solution(NamedTuple):
 
 
 def closed_contacts(
-    terms: Terms, rule: SelectionRule, P: Array, closed_gap: float
+    terms: Terms, rule: SelectionRule, P: Array
 ) -> tuple[Terms, SelectionRule, Array]:
     """Return what belongs to the contacts that are closed after a landing, without shifts."""
-    kept = (terms.gap <= closed_gap) | (P[:, 0] > 0.0)
+    kept = (terms.shift == 0.0) | (P[:, 0] > 0.0)
     return (
         terms._replace(
             active=terms.active[kept],
@@ -289,7 +289,6 @@ class DenseStepper:
         of_joints, angle_M = make_joint_laws(robot), posture.joint_angles(q_M)
         low = np.where(angle_M <= -of_joints.stop, 0.0, -np.inf)
         high = np.where(angle_M >= of_joints.stop, 0.0, np.inf)
-        closed = closed_gap(scene.solver.activation_tolerance, dt)
         laws = dense_laws(of_joints, dt, dt * torque, dt * damping, low, high)
 
         first: Solution | None = None  # in which contacts land
@@ -299,8 +298,7 @@ class DenseStepper:
             P = history.impulse[terms.active]
             rule = self.selection_rule(terms, state.u.ravel(), P)
             if first is not None:
-                P = first.P
-                terms, rule, P = closed_contacts(terms, rule, P, closed)
+                terms, rule, P = closed_contacts(terms, rule, first.P)
             P, last_P, u_E, iterations, converged = self.iterate(terms, rule, P, limit)
             found = Solution(terms, rule, P, last_P, u_E, converged)
             return (terms.W_tau.T @ u_E).reshape(-1, 2), found, iterations

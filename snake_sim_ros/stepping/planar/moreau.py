@@ -394,7 +394,7 @@ def solve_planar_step(
         if outcome.iterations >= left or not outcome.converged:
             break
         pegs = work.closed[floor:count]
-        kept = keep_closed_contacts(model.closed_gap, pegs, work.contacts)
+        kept = keep_closed_contacts(pegs, work.contacts)
         if kept == 0:
             break
         lands, count = True, floor + kept

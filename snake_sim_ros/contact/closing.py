@@ -21,7 +21,7 @@ import math
 from typing import Any
 
 from snake_sim_ros.contact.delassus import Delassus, eliminate
-from snake_sim_ros.contact.detection import gap_at
+from snake_sim_ros.contact.detection import gap_at, penetration
 from snake_sim_ros.contact.linear_problem import solve_linear
 from snake_sim_ros.contact.newton import Operator
 from snake_sim_ros.contact.problem import Problem
@@ -36,10 +36,13 @@ from snake_sim_ros.scene.parameters import Array
 CLOSED_ACCELERATION = 2.5
 LEFT_SHARE = 1 / 16  # share of that gap which closed contacts may keep
 ROUNDING = 1e-13  # of a gap [m]
-# A step closes no more of a gap than this; more is not the error of a step [m].
-MOST_CLOSED = 1e-2
+# A step closes no more of a gap than this, nor than this speed closes in it. More is not the error
+# of a step; a sphere may have left its cell.
+MOST_CLOSED = 1e-2  # [m]
+CLOSING_SPEED = 1.0  # [m/s]
 DEEP = 1e-6  # penetration at the start of a step, beyond its own motion, that is not undone [m]
 MOST_MOVES = 2  # moves of the configuration in a step of the paper that close gaps
+GAP_GROWTH = 2.0  # of the largest gap or penetration by such a move, which is else taken back
 
 # The normal directions of a stiff chain may depend on each other. A little compliance, relative to
 # the Delassus operator, then leaves the smallest impulses.
@@ -66,6 +69,12 @@ def closed_gap(tolerance: float, dt: float) -> float:
 def left_gap(closed_gap: float) -> float:
     """Return the gap that a contact may keep at the end of a step [m], at least rounding."""
     return max(LEFT_SHARE * closed_gap, ROUNDING)
+
+
+@compiled
+def most_closed(dt: float) -> float:
+    """Return the gap up to which a step of dt [s] closes one [m]."""
+    return min(MOST_CLOSED, CLOSING_SPEED * dt)
 
 
 @inlined
@@ -129,11 +138,15 @@ def keep_closed_contacts(closed: Array, contacts: Table) -> int:
 
 
 @merged
-def close_step(model: Any, center: Array, problem: Problem, furthest: Array, q: Array) -> None:
+def close_step(
+    model: Any, center: Array, problem: Problem, furthest: Array, q: Array, q_before: Array
+) -> float:
     """
     Move the coordinates at the end of a step of the paper until loaded contacts have no gaps.
 
-    Contacts inside an obstacle are closed, too.
+    Contacts inside an obstacle are closed, too. A move after which the largest gap or
+    penetration is much larger is taken back: contacts that depend on each other may need large
+    moves, for which the chain is not linear.
 
     Parameters
     ----------
@@ -146,20 +159,46 @@ def close_step(model: Any, center: Array, problem: Problem, furthest: Array, q: 
         Largest joint angles to either side; see `joint_drift.close_joints`.
     q : ndarray, shape (n, 7)
         Coordinates; corrected.
+    q_before : ndarray, shape (n, 7)
+        Room for those before a move.
+
+    Returns
+    -------
+    float
+        Penetration of the robot at the end [m].
 
     """
     _, closed, contacts, chain = problem
     offset, radius = model.contact_offset, model.contact_radius
     for a in closed:
         contacts.is_loaded[a] = contacts.impulse[a, 0] > 0.0
-    for _move in range(MOST_MOVES):
+    depth = penetration(model.obstacles, offset, radius, q)
+    before = depth_before = math.inf
+    for move in range(MOST_MOVES + 1 if model.closed_gap > 0.0 else 0):
         for a in closed:
             contacts.end_gap[a] = gap_at(model.obstacles, offset, radius, q, contacts, a)
-        if not gaps_to_close(closed, contacts) > left_gap(model.closed_gap):
+        to_close, worst = gaps_to_close(most_closed(model.dt), closed, contacts)
+        worst = max(worst, depth)
+        if worst > GAP_GROWTH * before:
+            keep_coordinates(q_before, q)
+            return depth_before
+        if move == MOST_MOVES or not to_close > left_gap(model.closed_gap):
             break
+        before, depth_before = worst, depth
+        keep_coordinates(q, q_before)
         close_on_links(problem, 1.0)
         move_links(chain.twist, center, q)
         close_joints(model.drift_correction, model.half_length, model.mass, furthest, q)
+        depth = penetration(model.obstacles, offset, radius, q)
+    return depth
+
+
+@inlined
+def keep_coordinates(q: Array, to: Array) -> None:
+    """Copy coordinates (n, 7)."""
+    for i in range(len(q)):
+        for k in range(7):
+            to[i, k] = q[i, k]
 
 
 @inlined
@@ -176,22 +215,32 @@ def move_links(twist: Array, center: Array, q: Array) -> None:
 
 
 @inlined
-def gaps_to_close(closed: Array, contacts: Table) -> float:
+def gaps_to_close(most: float, closed: Array, contacts: Table) -> tuple[float, float]:
     """
-    Mark the contacts whose end gaps must be closed by ``S_N = 1``; return the largest of the gaps.
+    Mark the contacts whose end gaps must be closed by ``S_N = 1``.
 
     They carry load and rest, or they are inside an obstacle. Their end gaps become those that are
-    to be closed, which begin at `start_gap`.
+    to be closed, which begin at `start_gap`. `most` is that of `most_closed` [m].
+
+    Returns
+    -------
+    to_close : float
+        Largest gap of the marked ones [m].
+    worst : float
+        Largest gap of those that carry load, marked or not [m].
+
     """
-    largest = 0.0
+    to_close = worst = 0.0
     for a in closed:
         contacts.end_gap[a] -= contacts.start_gap[a]
-        gap = contacts.end_gap[a]
-        closes = abs(gap) <= MOST_CLOSED and (gap < 0.0 or contacts.is_loaded[a] == 1)
+        gap, is_loaded = abs(contacts.end_gap[a]), contacts.is_loaded[a] == 1
+        closes = gap <= most and (contacts.end_gap[a] < 0.0 or is_loaded)
         contacts.S_N[a] = 1.0 if closes else 0.0
         if closes:
-            largest = max(largest, abs(gap))
-    return largest
+            to_close = max(to_close, gap)
+        if is_loaded and gap < math.inf:  # a sphere that left its cell has none
+            worst = max(worst, gap)
+    return to_close, worst
 
 
 @merged

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.contact.closing import close_step, keep_closed_contacts, predict_gaps
-from snake_sim_ros.contact.detection import find_contacts, penetration, reach_of_step
+from snake_sim_ros.contact.detection import find_contacts, reach_of_step
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.laws import apply_selection_rule, PRESS_SPEED
 from snake_sim_ros.contact.problem import Outcome, Problem, solve_contacts
@@ -210,9 +210,7 @@ def end_step(
     furthest = work.axes.furthest
     close_joints(model.drift_correction, model.half_length, model.mass, furthest, q)
     goes_on = report_end(model, work.chain.twist, q, u, steps.history.settling, report)
-    if model.closed_gap > 0.0:
-        close_step(model, work.center, problem, furthest, q)
-    depth = penetration(model.obstacles, model.contact_offset, model.contact_radius, q)
+    depth = close_step(model, work.center, problem, furthest, q, work.q_mid)
     report.penetration_max = max(report.penetration_max, depth)
     return goes_on
 

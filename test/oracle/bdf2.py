@@ -53,7 +53,7 @@ import numpy as np
 from oracle.contact_laws import solve_laws
 from oracle.joint_laws import dense_laws, DenseLaws, solve_laws_of_axes
 from snake_sim_ros import Robot, Scene, State
-from snake_sim_ros.contact.closing import closed_gap, COMPLIANCE, left_gap, MOST_CLOSED
+from snake_sim_ros.contact.closing import closed_gap, COMPLIANCE, left_gap, most_closed
 from snake_sim_ros.contact.detection import LANDING_SPEED
 from snake_sim_ros.contact.laws import (
     IMPACT_WEIGHTS,
@@ -74,10 +74,10 @@ from snake_sim_ros.dynamics.joint_laws import make_joint_laws
 from snake_sim_ros.scene import obstacles, posture
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.rotations import cross, H_bar, product, rotation_matrices
-from snake_sim_ros.stepping.bdf2.events import DEEP, MOST_CLOSINGS, RESTING_GAP
+from snake_sim_ros.stepping.bdf2.events import DEEP, RESTING_GAP
 from snake_sim_ros.stepping.bdf2.formula import AFTER_EVENT, ANEW, SMOOTH, TICKS, UNKNOWN
 from snake_sim_ros.stepping.bdf2.motion import Bdf2Memory, CONSISTENT_SPEED, Motion
-from snake_sim_ros.stepping.bdf2.step import PRESS_SPEED
+from snake_sim_ros.stepping.bdf2.step import MOST_CLOSINGS, PRESS_SPEED
 from snake_sim_ros.stepping.model import MOST_CONDENSED, PROXIMAL
 from snake_sim_ros.stepping.pushes import NO_PUSHES, not_pushed, Pushed, PushTable, STEP, Stretch
 from snake_sim_ros.stepping.state import History
@@ -401,7 +401,7 @@ def placed(
     left = left_gap(closed_gap(scene.solver.activation_tolerance, scene.dt))
     for attempt in range(MOST_CLOSINGS + 1):
         gap = gap - start_gap
-        closes = (np.abs(gap) <= MOST_CLOSED) & ((gap < 0.0) | contacts.loaded)
+        closes = (np.abs(gap) <= most_closed(scene.dt)) & ((gap < 0.0) | contacts.loaded)
         if attempt < MOST_CLOSINGS and np.abs(gap[closes]).max(initial=0.0) > left:
             W_N = contacts.W[:, closes, 0]
             u = u + closing_velocities(scene, dynamics, W_N, gap[closes], terms.h_q, few)

@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """How gaps are closed by a move of the configuration, as in `closing`, in dense NumPy."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from oracle.joint_drift import without_drift
 from snake_sim_ros import Scene
-from snake_sim_ros.contact.closing import closed_gap, left_gap, MOST_CLOSED, MOST_MOVES
+from snake_sim_ros.contact.closing import closed_gap, GAP_GROWTH, left_gap, most_closed, MOST_MOVES
 from snake_sim_ros.dynamics.force_directions import scene_gaps
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.rotations import product
@@ -56,11 +57,17 @@ def with_closed_gaps(
 
     """
     q, closed = q.copy(), closed_gap(scene.solver.activation_tolerance, scene.dt)
-    for _ in range(MOST_MOVES if closed > 0.0 else 0):
+    before, q_before = math.inf, q
+    for move_number in range(MOST_MOVES + 1 if closed > 0.0 else 0):
         gap = scene_gaps(scene, q)[active] - start_gap
-        closes = (np.abs(gap) <= MOST_CLOSED) & ((gap < 0.0) | loaded)
-        if not np.abs(gap[closes]).max(initial=0.0) > left_gap(closed):
+        closes = (np.abs(gap) <= most_closed(scene.dt)) & ((gap < 0.0) | loaded)
+        worst = np.abs(gap[loaded]).max(initial=-scene_gaps(scene, q).min(initial=0.0))
+        if worst > GAP_GROWTH * before:
+            return q_before
+        to_close = np.abs(gap[closes]).max(initial=0.0)
+        if move_number == MOST_MOVES or not to_close > left_gap(closed):
             break
+        before, q_before = worst, q.copy()
         move, turn = closing.moves(closes, gap)
         p = np.hstack([np.ones((len(q), 1)), turn / 2])
         q[:, :3] += move

@@ -18,7 +18,7 @@ deep in an obstacle is repeated with them.
 
 from typing import NamedTuple
 
-from snake_sim_ros.contact.closing import close_gaps, gaps_to_close, left_gap
+from snake_sim_ros.contact.closing import close_gaps, gaps_to_close, left_gap, most_closed
 from snake_sim_ros.contact.detection import find_contacts, gap_at
 from snake_sim_ros.contact.laws import IMPACT_WEIGHTS
 from snake_sim_ros.contact.newton import condense_anew
@@ -39,7 +39,6 @@ from snake_sim_ros.stepping.model import Model, Workspace
 # become a velocity. Beyond, the contact is open, and may land.
 RESTING_GAP = 1e-4  # [m]
 DEEP = 1e-6  # penetration at the end of a step with which it is repeated [m]
-MOST_CLOSINGS = 3  # moves of the configuration in a step that close gaps
 
 
 @inlined
@@ -188,15 +187,16 @@ def place_end(
     problem: Problem,
     count: int,
     h_q: float,
+    most_closings: int,
     was_deep: bool,
     q_start: Array,
 ) -> None:
     """
     Fill the coordinates at the end, with the gaps of the contacts closed that carry load.
 
-    The solver has the first `count` contacts of the problem, and then all that close, too.
-    If a contact is deep in an obstacle at the start, at q_start, all return to their depths there:
-    the step undoes no more than it did.
+    The solver has the first `count` contacts of the problem, and then all that close, too. There
+    are at most `most_closings` moves. If a contact is deep in an obstacle at the start, at
+    q_start, all return to their depths there: the step undoes no more than it did.
     """
     laws, closed, contacts, chain = problem
     offset, radius, move = model.contact_offset, model.contact_radius, own.closing
@@ -206,9 +206,9 @@ def place_end(
         if was_deep:
             gap = gap_at(model.obstacles, offset, radius, q_start, contacts, a)
             contacts.start_gap[a] = min(gap, 0.0)
-    for attempt in range(MOST_CLOSINGS + 1):
-        largest = gaps_to_close(closed, contacts)
-        if largest > left_gap(model.closed_gap) and attempt < MOST_CLOSINGS:
+    for attempt in range(most_closings + 1):
+        to_close, _ = gaps_to_close(most_closed(model.dt), closed, contacts)
+        if to_close > left_gap(model.closed_gap) and attempt < most_closings:
             more = add_closing(closed, count, contacts)
             closing = Problem(laws, closed[:more], contacts, chain)
             if more > count:

@@ -127,6 +127,10 @@ from snake_sim_ros.stepping.steps import (
 # flat robot follow the heights of its links through the stiff joints, so that these must not sink.
 PRESS_SPEED = 3e-8  # [m/s]
 
+# Moves of the configuration in a part that close gaps. There are none at the iteration limit: such
+# a part is not repeated if they drive links into an obstacle.
+MOST_CLOSINGS = 3
+
 # Where the controller may act. For both the method takes it at the end of the step.
 IMPLICIT_SCHEMES = ('average', 'end')
 
@@ -377,7 +381,9 @@ def one_part(
         model, own, work, problem, h, h_q, contact_history, report, most
     )
     if is_small:
-        place_end(model, own, work, problem, count, h_q, memory.depth[0] > DEEP, steps.q)
+        most_closings = MOST_CLOSINGS if report.iterations < most else 0
+        was_deep = memory.depth[0] > DEEP
+        place_end(model, own, work, problem, count, h_q, most_closings, was_deep, steps.q)
         depth = penetration(model.obstacles, model.contact_offset, model.contact_radius, own.q)
     return Part(is_small, found, h, depth)
 

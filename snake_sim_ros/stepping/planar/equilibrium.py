@@ -10,7 +10,14 @@ are found as `contact.detection` finds them in space.
 import math
 from typing import Any
 
-from snake_sim_ros.contact.closing import gaps_to_close, left_gap, MOST_MOVES, predict_gaps
+from snake_sim_ros.contact.closing import (
+    GAP_GROWTH,
+    gaps_to_close,
+    left_gap,
+    most_closed,
+    MOST_MOVES,
+    predict_gaps,
+)
 from snake_sim_ros.contact.detection import fill_grip, peg_contact, reach_of_step
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges, HingeChain, solve_hinges
@@ -324,12 +331,18 @@ def close_pegs(model: PlanarModel, work: PlanarWorkspace, closed: Array, q: Arra
 
     """
     chain, contacts, n = work.chain, work.contacts, len(work.heading)
-    depth = peg_gaps(model, contacts, q)
+    depth, before = peg_gaps(model, contacts, q), math.inf
     for a in closed:
         contacts.is_loaded[a] = contacts.impulse[a, 0] > 0.0
-    for _move in range(MOST_MOVES if model.closed_gap > 0.0 else 0):
-        if not gaps_to_close(closed, contacts) > left_gap(model.closed_gap):
+    for move in range(MOST_MOVES + 1 if model.closed_gap > 0.0 else 0):
+        to_close, worst = gaps_to_close(most_closed(model.dt), closed, contacts)
+        worst = max(worst, depth)
+        if worst > GAP_GROWTH * before:
+            move_links_in_plane(work, -1.0, q)
+            return peg_gaps(model, contacts, q)
+        if move == MOST_MOVES or not to_close > left_gap(model.closed_gap):
             break
+        before = worst
         for i in range(n):
             for k in range(6):
                 chain.inertia[i, k] = work.bare[i, k]
@@ -340,12 +353,19 @@ def close_pegs(model: PlanarModel, work: PlanarWorkspace, closed: Array, q: Arra
             add_peg_law(chain, contacts, a, -S_N * contacts.end_gap[a], 0.0, S_N, 0.0)
         factor_hinges(chain)
         solve_hinges(chain, work.no_torque)
-        for i in range(n):
-            q[2 + i] += chain.twist[i, 0]
-        q[0] += chain.twist[0, 1] - chain.twist[0, 0] * work.center[0, 1]
-        q[1] += chain.twist[0, 2] + chain.twist[0, 0] * work.center[0, 0]
+        move_links_in_plane(work, 1.0, q)
         depth = peg_gaps(model, contacts, q)
     return depth
+
+
+@inlined
+def move_links_in_plane(work: PlanarWorkspace, h: float, q: Array) -> None:
+    """Move links, coordinates q (n+2,), with the small twists of the chain for a time h."""
+    twist, center = work.chain.twist, work.center
+    for i in range(len(center)):
+        q[2 + i] += h * twist[i, 0]
+    q[0] += h * (twist[0, 1] - twist[0, 0] * center[0, 1])
+    q[1] += h * (twist[0, 2] + twist[0, 0] * center[0, 0])
 
 
 @merged

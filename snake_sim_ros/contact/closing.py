@@ -29,6 +29,7 @@ from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
 from snake_sim_ros.dynamics.free_chain import unfold_free
 from snake_sim_ros.dynamics.joint_drift import close_joints, turn_link
+from snake_sim_ros.dynamics.kinematics import keep_coordinates
 from snake_sim_ros.scene.parameters import Array
 
 # A contact counts as closed up to the way that this acceleration, a fourth of gravity, makes in a
@@ -191,14 +192,6 @@ def close_step(
         close_joints(model.drift_correction, model.half_length, model.mass, furthest, q)
         depth = penetration(model.obstacles, offset, radius, q)
     return depth
-
-
-@inlined
-def keep_coordinates(q: Array, to: Array) -> None:
-    """Copy coordinates (n, 7)."""
-    for i in range(len(q)):
-        for k in range(7):
-            to[i, k] = q[i, k]
 
 
 @inlined

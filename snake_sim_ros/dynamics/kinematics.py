@@ -112,6 +112,14 @@ def middle_coordinates(dt: float, q: Array, u: Array, q_mid: Array) -> None:
 
 
 @inlined
+def keep_coordinates(q: Array, to: Array) -> None:
+    """Copy coordinates (n, 7)."""
+    for i in range(len(q)):
+        for k in range(7):
+            to[i, k] = q[i, k]
+
+
+@inlined
 def end_coordinates(dt: float, q_mid: Array, u: Array, q: Array) -> None:
     """
     Fill the coordinates at the end of a step, eq. (83), with Euler parameters of length 1 (VII-C).

@@ -23,6 +23,7 @@ from snake_sim_ros.dynamics.kinematics import (
     end_velocities,
     half_rotation,
     joint_coordinates,
+    keep_coordinates,
     link_frames,
     mean_of_links,
     rates_in_inertial_frame,
@@ -247,9 +248,8 @@ def make_arrays(n: int, contacts: int) -> Bdf2Arrays:
 @inlined
 def keep_state(q: Array, u: Array, q_to: Array, u_to: Array) -> None:
     """Copy q (n, 7) and u (n, 6) to q_to and u_to."""
-    for i in range(len(q)):
-        for k in range(7):
-            q_to[i, k] = q[i, k]
+    keep_coordinates(q, q_to)
+    for i in range(len(u)):
         for k in range(6):
             u_to[i, k] = u[i, k]
 

@@ -296,7 +296,7 @@ def test_rows_have_spread_cost_and_doubt_of_all_trials():
     assert found.error_rms == pytest.approx(math.sqrt((4 + 16 + 16) / 3) / 100)
     assert (found.error_median, found.error_quantile) == pytest.approx((0.04, 0.04))
     assert found.reference_error == pytest.approx(math.sqrt((1 + 4 + 4) / 3) / 1000)
-    assert found.seconds_per_second == pytest.approx(0.02)
+    assert found.seconds_per_second == pytest.approx(0.01 + 0.2 * 0.01)  # 10 % of trials below
     assert (found.trials, found.unconverged, found.status) == (3, 6, 'max_iterations')
 
 

@@ -18,9 +18,9 @@ class Row:
 
     Times are wall times, and errors are the largest at any time. `error_path` and the other errors
     of paths are relative to the distance of the middle link from start to end. In the parts
-    `ensemble`, `cycle` and `robust`, `seconds_per_second` is the median over trials of the
-    processor time of one thread in one compiled call. The error of a `cycle` is that at its end,
-    and `error_path` of `robust` is the largest of its trials.
+    `ensemble`, `cycle`, `robust` and `accuracy`, `seconds_per_second` is the processor time of one
+    thread in one compiled call, the 10 % quantile of trials. The error of a `cycle` is that at its
+    end, and `error_path` of `robust` is the largest of its trials.
     """
 
     part: str

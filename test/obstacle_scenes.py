@@ -122,8 +122,7 @@ def check_agreement(scene: Scene, state: State, rng: np.random.Generator, method
     # Residuals of 1e-10 m/s, also of sweeps to 1e-12 N s over r_T = 0.01 kg; nearly dependent
     # contacts, eigenvalues of G from below 0.1 to above 10 1/kg, make up to 1e-7 m/s of them. The
     # method `paper` does the same sweeps: its rounding is that on a flat floor, 1e-10.
-    # `newton_dense` circles at 1e-9 m/s in some of these steps: its elimination loses digits.
-    residual = 1e-8 if method == 'newton_dense' else 1e-10
+    residual = 1e-10
     solver = Solver(
         tolerance=1e-12,
         residual_tolerance=residual,

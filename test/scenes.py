@@ -36,6 +36,8 @@ SPEED = TOLERANCE / 0.01  # m/s
 # Methods that stop at a natural-map residual, |P - prox(P - r gamma)|/r, stop at the same speed:
 # where a contact stays closed, sticks or rolls, the residual is |gamma|.
 SWEEPING = ('paper', ORACLE)  # stop by (93), at a change of impulses
+# Solve the paper's step for its laws. The laboratory runs tests of these with solvers of its own.
+NEWTON = [name for name in METHODS if name not in (*SWEEPING, 'bdf2')]
 PRINTED = {'normal_compliance': 0.0, 'activation_tolerance': 0.0}  # laws as the paper prints them
 TIGHT = Solver(tolerance=TOLERANCE, residual_tolerance=SPEED, **PRINTED)
 # A contact whose gap is exactly 0 may open by rounding and would then be closed one step later.

@@ -22,8 +22,6 @@ ROOT = Path(__file__).resolve().parent.parent
 PHYSICS = {'scene', 'dynamics', 'contact', 'stepping'}
 
 
-# `newton_dense` is made of the same functions; its elimination passes a last bit on with a factor
-# of 1e5 and more.
 @pytest.mark.parametrize(
     ('level', 'method'), [('spatial', 'newton'), ('spatial', 'paper'), ('auto', 'newton')]
 )

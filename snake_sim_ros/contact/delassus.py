@@ -16,7 +16,6 @@ contact is `width`: 3, or 5 with rolling friction. `contacts.shift` is in none o
 so that it may change while they serve.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -140,36 +139,6 @@ def condensed_velocities(closed: Array, width: int, contacts: Table, delassus: D
     for a in closed:
         for j in range(width):
             contacts.gamma[a, j] = packed[contacts.row[a] + j]
-
-
-@compiled
-def solve_condensed(closed: Array, width: int, contacts: Table, delassus: Delassus) -> bool:
-    """
-    Fill impulses and velocities with the solution of ``P = P_0 - S (G P + gamma_free)``.
-
-    G and gamma_free are those that `condense` filled, P_0 and S the linear laws of the contacts.
-
-    Returns
-    -------
-    bool
-        Whether the solution is finite.
-
-    """
-    rows = width * len(closed)
-    B = delassus.system
-    condensed_system(closed, width, contacts, delassus)
-    for k, a in enumerate(closed):
-        for j in range(width):
-            row = width * k + j
-            B[row, rows] = contacts.P_0[a, j] - B[row, rows]
-    eliminate(B, rows)
-    finite = 0.0
-    for k, a in enumerate(closed):
-        for j in range(width):
-            contacts.impulse[a, j] = B[width * k + j, rows]
-            finite += B[width * k + j, rows]
-    condensed_velocities(closed, width, contacts, delassus)
-    return math.isfinite(finite)
 
 
 @merged

@@ -8,8 +8,7 @@ An iteration makes the laws linear about a trial velocity and solves the chain w
 contacts are condensed instead: their Delassus operator is formed once a step
 (`delassus.condense`), some sweeps over the contacts improve the prediction, and an iteration
 solves a small dense system. The iterates satisfy the dynamics and the joints to rounding. Only the
-laws are iterated for, and `laws.natural_map` judges them. The methods `newton` and `newton_dense`
-differ in how they solve the linear problem.
+laws are iterated for, and `laws.natural_map` judges them.
 
 Far from the solution the method may cycle. Then the line between two iterates is searched. If that
 fails, the radii of the friction discs are held for a while, which makes the problem convex: an
@@ -94,7 +93,7 @@ class Newton(NamedTuple):
     operator: Operator | None  # None: always on the chain, and only that is compiled
 
 
-def make_operator(most: int, width: int, links: int, swept: int = MOST_SWEPT) -> Operator:
+def make_operator(most: int, width: int, links: int) -> Operator:
     """
     Return the arrays for contacts on the Delassus operator.
 
@@ -106,16 +105,13 @@ def make_operator(most: int, width: int, links: int, swept: int = MOST_SWEPT) ->
         Components of a contact: 3, or 5 with rolling friction.
     links : int
         Number of links.
-    swept : int
-        How often sweeps over the contacts are tried. Where more contacts stick than hold a robot,
-        they leave impulses of friction that press its links against each other.
 
     """
     return Operator(
         make_delassus(width * most, links),
         make_reduced(width * most),
         most,
-        swept,
+        MOST_SWEPT,
         np.zeros(1, np.int64),
     )
 

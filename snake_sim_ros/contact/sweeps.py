@@ -12,39 +12,9 @@ import math
 from typing import Any
 
 from snake_sim_ros.contact.delassus import condensed_velocities, Delassus
-from snake_sim_ros.contact.laws import (
-    Disc,
-    grip,
-    Laws,
-    prox_disc,
-    prox_ellipse,
-    prox_half_line,
-    rolling_disc,
-    sliding_disc,
-)
+from snake_sim_ros.contact.laws import Disc, grip, Laws, prox_half_line, rolling_disc, sliding_disc
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
 from snake_sim_ros.scene.parameters import Array
-
-
-@merged
-def sweep(
-    laws: Laws, closed: Array, width: int, contacts: Table, delassus: Delassus, impulse: Array
-) -> None:
-    """Project the impulse of every closed contact once, with up-to-date velocities."""
-    G, gamma, rows = delassus.operator, delassus.packed, width * len(closed)
-    for k, a in enumerate(closed):
-        row = width * k
-        P_N = project_normal(laws, G, gamma, rows, row, contacts, impulse, a)
-        radius = grip(laws.other, contacts, a) * P_N
-        project_sliding(laws, G, gamma, rows, row, impulse, a, radius)
-        if width == 5:
-            r = 1.0 / largest_eigenvalue(G, row + 3)
-            x, y = impulse[a, 3] - r * gamma[row + 3], impulse[a, 4] - r * gamma[row + 4]
-            x, y = prox_disc(x, y, rolling_disc(laws, laws.other, a).mu_x * radius)
-            set_impulse(G, gamma, rows, row + 3, impulse, a, 3, x)
-            set_impulse(G, gamma, rows, row + 4, impulse, a, 4, y)
-        else:
-            impulse[a, 3] = impulse[a, 4] = 0.0
 
 
 @inlined
@@ -89,24 +59,6 @@ def project_normal(
 
 
 @compiled
-def project_sliding(
-    laws: Laws, G: Array, gamma: Array, rows: int, row: int, impulse: Array, a: int, radius: float
-) -> None:
-    """
-    Project the sliding impulse of contact a.
-
-    Parameters are those of `project_normal`; `radius` is the normal impulse of the contact times
-    its grip [N s].
-    """
-    r = 1.0 / largest_eigenvalue(G, row + 1)
-    x, y = impulse[a, 1] - r * gamma[row + 1], impulse[a, 2] - r * gamma[row + 2]
-    disc = sliding_disc(laws, laws.other, a, x)
-    x, y = prox_ellipse(x, y, disc.mu_x * radius, disc.mu_y * radius)
-    set_impulse(G, gamma, rows, row + 1, impulse, a, 1, x)
-    set_impulse(G, gamma, rows, row + 2, impulse, a, 2, y)
-
-
-@compiled
 def set_impulse(
     G: Array, gamma: Array, rows: int, column: int, impulse: Array, a: int, j: int, P: float
 ) -> None:
@@ -121,13 +73,6 @@ def set_impulse(
     if change != 0.0:
         for row in range(rows):
             gamma[row] += G[column, row] * change
-
-
-@compiled
-def largest_eigenvalue(G: Array, k: int) -> float:
-    """Return the larger eigenvalue of the 2x2 block of G that begins at k."""
-    half, off = 0.5 * (G[k, k] - G[k + 1, k + 1]), G[k, k + 1]
-    return 0.5 * (G[k, k] + G[k + 1, k + 1]) + math.sqrt(half * half + off * off)
 
 
 @merged

@@ -227,7 +227,7 @@ class Method:
     ----------
     spatial, planar : callable
         Make the stepper of a scene, as `spatial.SpatialStepper` and `planar.stepper.PlanarStepper`
-        do.
+        do. The method has no planar level if `planar` is None.
     where_impulses_acted : callable
         ``where_impulses_acted(scene, q, u)`` returns the coordinates (m, n, 7) at which the
         impulses acted in the steps before m states, with their q (m, n, 7) and u (m, n, 6).
@@ -241,7 +241,7 @@ class Method:
     """
 
     spatial: Callable[[Scene], Any]
-    planar: Callable[[Scene], Any]
+    planar: Callable[[Scene], Any] | None
     where_impulses_acted: Callable[[Scene, Array, Array], Array]
     what_is_not_possible: Callable[[Scene], str] = _everything
     planar_pegs: bool = False

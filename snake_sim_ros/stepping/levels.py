@@ -48,6 +48,8 @@ def what_is_not_planar(scene: Scene, name: str, method: Method) -> str:
     method : Method
 
     """
+    if method.planar is None:
+        return f'method {name} has no planar level'
     gx, gy, gz = scene.gravity
     if gx != 0.0 or gy != 0.0 or gz >= 0.0:
         return f'gravity ({gx:g}, {gy:g}, {gz:g}) m/s^2 is not straight down'
@@ -359,11 +361,11 @@ def stepper_of_level(scene: Scene, method: Method) -> Stepper:
 
     """
     reason = what_is_not_planar(scene, scene.method, method)
-    if scene.level == 'planar':
-        if reason:
-            raise ParameterError(f'level planar: {reason}; choose level spatial or auto')
-        return FlatStepper(scene, method.planar(scene))
-    if scene.level == 'spatial' or reason:
+    if reason and scene.level == 'planar':
+        raise ParameterError(f'level planar: {reason}; choose level spatial or auto')
+    if method.planar is None or reason or scene.level == 'spatial':
         stepper: Stepper = method.spatial(scene)
         return stepper
+    if scene.level == 'planar':
+        return FlatStepper(scene, method.planar(scene))
     return LevelStepper(scene, method.planar(scene), method.spatial(scene))

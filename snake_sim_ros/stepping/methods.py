@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 from snake_sim_ros.contact.delassus import Delassus, make_delassus
-from snake_sim_ros.contact.gauss_seidel import GaussSeidel
 from snake_sim_ros.contact.newton import Newton
 from snake_sim_ros.contact.prox_iteration import MOST_CONDENSED_ROWS, ProxIteration
 from snake_sim_ros.dynamics.records import Loop
@@ -19,13 +18,8 @@ from snake_sim_ros.stepping.accuracy import USUAL_ACCURACY, with_accuracy
 from snake_sim_ros.stepping.base import Method, Stepper
 from snake_sim_ros.stepping.bdf2 import step as bdf2
 from snake_sim_ros.stepping.bdf2.motion import make_arrays, make_memory
-from snake_sim_ros.stepping.model import whole_operator
 from snake_sim_ros.stepping.planar import bdf2 as planar_bdf2, moreau as planar_moreau
-from snake_sim_ros.stepping.planar.solvers import (
-    PlanarGaussSeidel,
-    PlanarNewton,
-    PlanarProxIteration,
-)
+from snake_sim_ros.stepping.planar.solvers import PlanarNewton, PlanarProxIteration
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
 from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.state import History
@@ -41,11 +35,6 @@ def _spatial(solver: Make) -> Callable[[Scene], SpatialStepper]:
 def _planar(solver: Make) -> Callable[[Scene], PlanarStepper]:
     """Return the maker of a stepper for the paper's step in the plane with a contact solver."""
     return lambda scene: PlanarStepper(scene, Loop(planar_moreau.advance_in_plane, solver(scene)))
-
-
-def _delassus(scene: Scene) -> Delassus:
-    """Return the arrays of the Delassus operator of all contacts of a scene."""
-    return make_delassus(5 * contact_count(scene), scene.robot.link_count)
 
 
 def _small_delassus(scene: Scene) -> Delassus:
@@ -69,7 +58,7 @@ METHODS: dict[str, Method] = {
     # Semismooth Newton iteration through the chain of links.
     'newton': Method(
         spatial=_spatial(lambda scene: Newton(None)),
-        planar=_planar(lambda scene: PlanarNewton(None)),
+        planar=_planar(lambda scene: PlanarNewton()),
         where_impulses_acted=moreau.where_impulses_acted,
         planar_pegs=True,
     ),
@@ -80,18 +69,6 @@ METHODS: dict[str, Method] = {
         where_impulses_acted=bdf2.where_impulses_acted,
         what_is_not_possible=bdf2.what_is_not_possible,
         energy_balance=False,
-    ),
-    # The same solver on the Delassus operator of any number of contacts.
-    'newton_dense': Method(
-        spatial=_spatial(lambda scene: Newton(whole_operator(scene))),
-        planar=_planar(lambda scene: PlanarNewton(_delassus(scene))),
-        where_impulses_acted=moreau.where_impulses_acted,
-    ),
-    # Projections, one contact after the other, and Newton's method where they share loads.
-    'gauss_seidel': Method(
-        spatial=_spatial(lambda scene: GaussSeidel(whole_operator(scene))),
-        planar=_planar(lambda scene: PlanarGaussSeidel(_delassus(scene))),
-        where_impulses_acted=moreau.where_impulses_acted,
     ),
     # The paper's iteration: projections of all contacts at once.
     'paper': Method(

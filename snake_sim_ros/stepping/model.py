@@ -130,17 +130,8 @@ def operator_of(scene: Scene) -> Operator:
     """Return the operator for a scene, which condenses few contacts, of a large step."""
     most = MOST_CONDENSED if scene.dt > SMALL_STEP else 0
     count = min(most, contact_count(scene))
-    return make_operator(count, _width(scene), scene.robot.link_count)
-
-
-def whole_operator(scene: Scene) -> Operator:
-    """Return the operator for all contacts of a scene."""
-    return make_operator(contact_count(scene), _width(scene), scene.robot.link_count, swept=0)
-
-
-def _width(scene: Scene) -> int:
-    """Return the number of components of a contact."""
-    return 5 if scene.friction.rolling > 0.0 else 3
+    width = 5 if scene.friction.rolling > 0.0 else 3  # components of a contact
+    return make_operator(count, width, scene.robot.link_count)
 
 
 def make_workspace(scene: Scene) -> Workspace:

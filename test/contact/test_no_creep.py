@@ -55,9 +55,7 @@ def test_the_selection_rule_is_on_by_default():
 
 @each_direction
 @pytest.mark.parametrize('compliance', [1e-4, 0.0])
-@pytest.mark.parametrize(
-    ('method', 'seconds'), [('newton', 60), ('newton_dense', 1), ('bdf2', 10)]
-)
+@pytest.mark.parametrize(('method', 'seconds'), [('newton', 60), ('bdf2', 10)])
 def test_nothing_sinks_or_creeps_on_a_slope(method, seconds, compliance, direction):
     robot = OnSlope(method, direction, compliance)
     robot.rest(2.0)
@@ -85,7 +83,7 @@ def test_a_robot_that_comes_to_rest_is_held_from_then_on():
     assert np.abs(robot.state.q - start)[:, 2].max() <= 0.1 * PRESS_SPEED
 
 
-@pytest.mark.parametrize('method', ['newton', 'newton_dense', 'bdf2', 'gauss_seidel'])
+@pytest.mark.parametrize('method', ['newton', 'bdf2'])
 @pytest.mark.parametrize('velocity', [(6.0, 0.0), (0.0, 6.0)])
 def test_t13_a_sliding_link_does_not_lift(velocity, method):
     scene = Scene(robot=Robot(link_count=1), friction=HELD, method=method, level='spatial')
@@ -108,7 +106,7 @@ def test_t13_a_sliding_link_does_not_lift(velocity, method):
         assert state.u[0, 0] == pytest.approx(6.0 - lost, abs=slack + 2 * PRESS_SPEED)
 
 
-@pytest.mark.parametrize('method', ['newton', 'newton_dense', 'bdf2', 'gauss_seidel'])
+@pytest.mark.parametrize('method', ['newton', 'bdf2'])
 @pytest.mark.parametrize('rule', ['paper', 'center_of_mass'])
 def test_joints_are_closed_after_every_step(rule, method):
     settings = {'method': method, 'dt': DT, 'level': 'spatial', 'drift_correction': rule}
@@ -120,8 +118,7 @@ def test_joints_are_closed_after_every_step(rule, method):
     state = State(start.q, spin)  # fast, so that a step opens the joints
     angle = np.zeros((1, 10, 2))
     drift = 0.0
-    # Sweeps take long for all joints of the robot; the others go on while it tears at them.
-    for _ in range(20 if method == 'gauss_seidel' else 80):
+    for _ in range(80):
         state, history, report = stepper.advance(state, history, angle, angle)
         drift = max(drift, report.joint_gap_max)
         # Centers are sums of lengths up to n L = 1.3 m, 11 roundings: 3e-15; angles alike.

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 from dense_step import dense_step, EPS, one_step
 import numpy as np
-from oracle import empty_history, make_stepper, ORACLE
+from oracle import empty_history, make_stepper
 import pytest
 from random_states import random_robot
+from scenes import NEWTON, SWEEPING
 from scipy.optimize import nnls
 
 from snake_sim_ros import Friction, Gait, Robot, Scene, Solver, State
@@ -27,7 +28,7 @@ DELTA = 1e-4  # default of Solver.normal_compliance
 RESIDUAL = 1e-9  # m/s
 TIGHT = 1e-13  # m/s
 SCENE = replace(load_scene('lateral_undulation'), level='spatial')
-each_method = pytest.mark.parametrize('method', ['newton', 'newton_dense'])
+each_method = pytest.mark.parametrize('method', NEWTON)
 
 
 def lying(scene):
@@ -245,7 +246,7 @@ def test_mean_delassus_is_that_of_the_step():
 # ---- activation tolerance -----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('method', ['newton', 'newton_dense', 'gauss_seidel', 'paper', ORACLE])
+@pytest.mark.parametrize('method', [*NEWTON, *SWEEPING])
 @pytest.mark.parametrize('tolerance', [1e-6, 1e-8, 0.0])
 def test_a_contact_lands_without_a_gap(method, tolerance):
     # A link at rest over the floor. Up to the gap that counts as closed it stays where it is.

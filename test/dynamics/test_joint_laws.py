@@ -231,7 +231,7 @@ def test_a_limit_gives_no_energy(method):
     assert energies[-1] <= energies[0] * (1 + allowed)
 
 
-@pytest.mark.parametrize('method', ['newton', 'newton_dense', 'gauss_seidel', 'paper', 'bdf2'])
+@pytest.mark.parametrize('method', METHODS)
 def test_levels_agree_with_a_limit_and_with_stops(method):
     limited = {'robot.yaw_torque_limit': 0.6, 'robot.joint_viscous_friction': 0.01}
     stopped = {'robot.joint_stop': True, 'robot.joint_limit': 0.53}

@@ -24,12 +24,10 @@ from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
 from snake_sim_ros.stepping.state import initial_state
 
 GAITS = ('lateral_undulation', 'sidewinding', 'sinus_lifting')  # A and B, C, D
-# Steps without friction. `paper` and `gauss_seidel` sweep for long.
+# Steps without friction. `paper` sweeps for long.
 STEPS = {
     'newton': 1_000_000,
     'bdf2': 30_000,
-    'newton_dense': 500,
-    'gauss_seidel': 500,
     'paper': 500,
 }
 
@@ -99,8 +97,6 @@ def flight_errors(scene, start, time):
         # What the step of the paper loses at 1/4000 s: omega^2 dt k t of the energy as in
         # test_robot_physics, of both links at up to 5 rad/s relative to each other.
         ('newton', 1, 25 / 4000),
-        ('newton_dense', 1, 25 / 4000),
-        ('gauss_seidel', 1, 25 / 4000),
         ('paper', 1, 25 / 4000),
         # (omega dt)^2, for each radian.
         ('bdf2', 2, 5 * (5 / 4000) ** 2),

@@ -20,7 +20,7 @@ from snake_sim_ros.stepping.methods import METHODS
 
 RESIDUAL = 1e-9  # m/s
 LIMIT = 500  # iterations
-SWEEPS = {'paper': 20000, 'gauss_seidel': 20000, ORACLE: 2000}
+SWEEPS = {'paper': 20000, ORACLE: 2000}
 often = settings(
     derandomize=True,
     deadline=None,
@@ -132,8 +132,6 @@ def scene_of(method, scene):
     solver = scene.solver
     if method in SWEEPING:
         solver = replace(solver, tolerance=1e-11, iteration_limit=SWEEPS[method])
-    if method == 'gauss_seidel':
-        solver = replace(solver, iteration_limit=SWEEPS[method])
     return replace(scene, method=method, solver=solver)
 
 
@@ -161,8 +159,6 @@ def follow(method, case):
     [
         ('newton', 25),
         ('bdf2', 50),
-        ('newton_dense', 10),
-        ('gauss_seidel', 10),
         ('paper', 10),
         (ORACLE, 4),
     ],

@@ -20,6 +20,7 @@ from snake_sim_benchmarks.comparison.timing import energy_error, timed, TimedRun
 from snake_sim_ros import ParameterError, Scene
 from snake_sim_ros.scene.parameters import steps_in, with_settings
 from snake_sim_ros.stepping.base import Stepper
+from snake_sim_ros.stepping.methods import METHODS
 
 # Steps a second.
 SMALL_STEP_RATES = (16000, 8000, 4000, 2000, 1000)
@@ -199,7 +200,11 @@ def ours() -> list[Contender]:
     limit = ('as printed', replace(printed, rates=(4000, 8000)))
     return [
         *(replace(c, own_limit=limit) if 'as printed' in c.setting else c for c in spatial),
-        *(replace(c, level='planar') for c in spatial if 'as printed' not in c.setting),
+        *(
+            replace(c, level='planar')
+            for c in spatial
+            if METHODS[c.method].planar and 'as printed' not in c.setting
+        ),
     ]
 
 

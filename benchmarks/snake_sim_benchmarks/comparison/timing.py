@@ -435,7 +435,7 @@ def planar_stages(model: Any, work: Any, steps: Steps, stamps: Array) -> None:
         stamps[k, 0] = cycle_counter()
         count = planar.begin_planar_step(model, work, steps, k)
         stamps[k, 1] = cycle_counter()
-        count, outcome = planar.solve_planar_step(PlanarNewton(None), model, work, steps, count)
+        count, outcome = planar.solve_planar_step(PlanarNewton(), model, work, steps, count)
         stamps[k, 2] = cycle_counter()
         if not planar.end_planar_step(model, work, steps, count, outcome):
             break

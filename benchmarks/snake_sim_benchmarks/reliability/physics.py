@@ -32,10 +32,7 @@ from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.stepping.samples import make_samples, Samples
 
-KINDS = (
-    *((FLAT, 'newton'), (FLAT, 'bdf2'), (OBSTACLES, 'newton'), (OBSTACLES, 'bdf2')),
-    *((FLAT, 'newton_dense'), (OBSTACLES, 'newton_dense')),
-)
+KINDS = ((FLAT, 'newton'), (FLAT, 'bdf2'), (OBSTACLES, 'newton'), (OBSTACLES, 'bdf2'))
 FEW_KINDS, SHORT = 2, 120.0  # these kinds only, if an attack takes less than so many seconds
 JUDGED = 3  # steps of a run that are judged one by one
 LONGEST_STEP = 1.0  # s; 5000 iterations of 11 links that touch each other take a fifth of it

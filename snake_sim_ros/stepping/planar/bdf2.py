@@ -137,7 +137,7 @@ def make_planar_arrays(n: int, contacts: int) -> PlanarBdf2Arrays:
         angle,
         rate,
         np.zeros((3, contacts, 5)),
-        PlanarNewton(None),
+        PlanarNewton(),
     )
 
 

@@ -176,30 +176,6 @@ def planar_twists(model: PlanarModel, work: PlanarWorkspace) -> None:
     planar_contact_velocities(model, work)
 
 
-@compiled
-def condense_sliding(model: PlanarModel, work: PlanarWorkspace, delassus: Any) -> None:
-    """Fill the Delassus operator and the free velocities of sliding, with zeros for P_N."""
-    contacts, closed, free = work.contacts, work.closed, delassus.free_velocity
-    for a in closed:
-        contacts.impulse[a, 1] = contacts.impulse[a, 2] = 0.0
-    planar_twists(model, work)
-    for k, a in enumerate(closed):
-        contacts.row[a] = 3 * k
-        for j in range(3):
-            free[3 * k + j] = contacts.gamma[a, j]
-    for k, a in enumerate(closed):
-        for j in range(3):
-            if j > 0:
-                contacts.impulse[a, j] = 1.0
-                planar_twists(model, work)
-                contacts.impulse[a, j] = 0.0
-            for other, b in enumerate(closed):
-                for i in range(3):
-                    row = 3 * other + i
-                    velocity = contacts.gamma[b, i] - free[row] if j > 0 else 0.0
-                    delassus.operator[3 * k + j, row] = velocity
-
-
 @inlined
 def find_loads(model: PlanarModel, work: PlanarWorkspace) -> None:
     """

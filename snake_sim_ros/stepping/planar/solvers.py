@@ -11,15 +11,13 @@ than itself, as under long robots. A short or nearly straight robot may tip or r
 step then does not converge. `laws.natural_map` judges the result, as for any other solver. A step
 starts from the history of the last one, as in `contact.sweeps`.
 
-**Projections**: one contact after the other, as in `contact.gauss_seidel`, and all at once, the
-paper's iteration, as in `contact.prox_iteration`.
+**Projections** of all contacts at once: the paper's iteration, as in `contact.prox_iteration`.
 """
 
 import math
 from typing import Any, NamedTuple
 
 from snake_sim_ros.contact.admissible import anchor_disc
-from snake_sim_ros.contact.delassus import condensed_velocities, Delassus, solve_condensed
 from snake_sim_ros.contact.laws import (
     anchored_disc,
     anchored_side,
@@ -44,13 +42,11 @@ from snake_sim_ros.contact.newton import (
 )
 from snake_sim_ros.contact.problem import Outcome, SLIDING
 from snake_sim_ros.contact.prox_iteration import copy_impulses
-from snake_sim_ros.contact.sweeps import project_sliding
 from snake_sim_ros.dynamics.compilation import compiled, Dispatched, inlined, merged, Table
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges, solve_hinges
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.planar.equilibrium import (
     add_peg_law,
-    condense_sliding,
     factor_bare,
     find_loads,
     peg_velocities,
@@ -243,21 +239,14 @@ def add_peg_laws(model: PlanarModel, work: PlanarWorkspace, closed: Array, again
 
 @inlined
 def planar_linear_step(
-    model: PlanarModel, work: PlanarWorkspace, closed: Array, delassus: Any, again: bool
+    model: PlanarModel, work: PlanarWorkspace, closed: Array, again: bool
 ) -> None:
     """
     Fill velocities, impulses and twists with the solution for the linear laws.
 
-    `delassus` is as in `contact.linear_problem.linear_step`, and `again` as in `add_sliding_laws`.
+    `again` is as in `add_sliding_laws`.
     """
-    laws, contacts, chain, n = model.laws, work.contacts, work.chain, len(work.heading)
-    if delassus is not None:
-        for a in closed:
-            radius = grip(laws.other, contacts, a) * contacts.disc_radius[a]
-            linearize_disc(anchored_disc(laws, laws.other, contacts, a), contacts, a, radius, 0.0)
-            contacts.P_0[a, 0], contacts.S_N[a] = contacts.impulse[a, 0], 0.0
-        solve_condensed(closed, 3, contacts, delassus)
-        return
+    contacts, chain, n = work.contacts, work.chain, len(work.heading)
     pegs = closed[2 * n :]
     add_sliding_laws(model, work, again)
     add_peg_laws(model, work, pegs, again)
@@ -326,14 +315,14 @@ def settle_loads(model: PlanarModel, work: PlanarWorkspace, closed: Array) -> No
 
 @merged
 def iterate_coupled_in_plane(
-    model: PlanarModel, work: PlanarWorkspace, closed: Array, delassus: Any, limit: int
+    model: PlanarModel, work: PlanarWorkspace, closed: Array, limit: int
 ) -> tuple[int, float]:
     """Iterate with the loads of the last iteration; return iterations and residual [m/s]."""
     laws, contacts = model.laws, work.contacts
     residual, iterations, steps = math.inf, 0, COUPLED_ITERATIONS
     while iterations < min(steps, limit):
         before = residual
-        planar_linear_step(model, work, closed, delassus, iterations > 0)
+        planar_linear_step(model, work, closed, iterations > 0)
         find_loads(model, work)
         residual = residual_in_plane(model, closed, contacts)
         iterations += 1
@@ -352,7 +341,6 @@ def iterate_held_in_plane(
     model: PlanarModel,
     work: PlanarWorkspace,
     closed: Array,
-    delassus: Any,
     tolerance: float,
     again: bool,
     limit: int,
@@ -363,7 +351,7 @@ def iterate_held_in_plane(
         contacts.impulse[a, 0] = contacts.iterate[a, 0] = contacts.anchor[a, 0]
     iterations = 0
     while iterations < min(HELD_ITERATIONS, limit):
-        planar_linear_step(model, work, closed, delassus, again or iterations > 0)
+        planar_linear_step(model, work, closed, again or iterations > 0)
         iterations += 1
         fraction = line_search(laws, closed, contacts) if again or iterations > 1 else 1.0
         if fraction == 0.0:
@@ -397,9 +385,9 @@ def anchor_what_moves(laws: Laws, closed: Array, contacts: Table, still: float) 
 
 
 class PlanarNewton(NamedTuple):
-    """Newton's method on the chain of links or, with arrays for it, on the Delassus operator."""
+    """Newton's method on the chain of links; it needs no arrays of its own."""
 
-    delassus: Delassus | None
+    no_arrays: None = None
 
 
 @solve_in_plane.register(PlanarNewton)
@@ -413,10 +401,9 @@ def solve_planar_contacts(
     limit: int,
 ) -> Outcome:
     """Solve the contacts of a step; see `solve_in_plane`."""
-    laws, contacts, delassus = model.laws, work.contacts, solver.delassus
+    laws, contacts = model.laws, work.contacts
     predict_sliding(closed, contacts, history)
-    begin_condensed_in_plane(model, work, delassus)
-    iterations, residual = iterate_coupled_in_plane(model, work, closed, delassus, limit)
+    iterations, residual = iterate_coupled_in_plane(model, work, closed, limit)
     rounds, relaxation, before = 0, 1.0, 0.0
     while residual > model.residual_tolerance and iterations < limit:
         if rounds == 0:
@@ -427,7 +414,7 @@ def solve_planar_contacts(
             contacts.disc_radius[a] = contacts.held_radius[a]
         inner = (1e2 if rounds < INEXACT_ROUNDS else 0.1) * model.residual_tolerance
         iterations += iterate_held_in_plane(
-            model, work, closed, delassus, inner, rounds > 0, limit - iterations
+            model, work, closed, inner, rounds > 0, limit - iterations
         )
         find_loads(model, work)
         residual, _ = natural_map(laws, closed, contacts, model.residual_tolerance)
@@ -440,81 +427,9 @@ def solve_planar_contacts(
                 0.0, contacts.held_radius[a] + relaxation * contacts.radius_step[a]
             )
         rounds += 1
-    end_condensed_in_plane(model, work, delassus)
     remember_sliding(closed, contacts, history)
     converged = residual <= model.residual_tolerance
     return Outcome(iterations, converged, residual, residual, rounds > 0)
-
-
-@inlined
-def begin_condensed_in_plane(model: PlanarModel, work: PlanarWorkspace, delassus: Any) -> None:
-    """Form the Delassus operator of sliding contacts, if there is one."""
-    if delassus is not None:
-        factor_bare(work)
-        condense_sliding(model, work, delassus)
-
-
-@inlined
-def end_condensed_in_plane(model: PlanarModel, work: PlanarWorkspace, delassus: Any) -> None:
-    """Fill the twists and the loads, if the impulses come from a Delassus operator."""
-    if delassus is not None:
-        planar_twists(model, work)
-        find_loads(model, work)
-
-
-@merged
-def sweep_in_plane(
-    model: PlanarModel, work: PlanarWorkspace, delassus: Any, impulse: Array, limit: int
-) -> Outcome:
-    """
-    Sweep until the friction laws hold, with loads that follow from the friction.
-
-    They follow by half of their change: the load of a nearly straight robot changes by more than
-    its friction, and both would oscillate.
-    """
-    closed, contacts = work.closed, work.contacts
-    tolerance, rows = model.residual_tolerance, 3 * len(closed)
-    factor_bare(work)
-    condense_sliding(model, work, delassus)
-    iterations = 0
-    while True:
-        copy_impulses(closed, impulse, contacts)
-        condensed_velocities(closed, 3, contacts, delassus)
-        find_loads(model, work)
-        residual, printed = natural_map(model.laws, closed, contacts, tolerance)
-        if residual <= tolerance or iterations >= limit:
-            break
-        for k, a in enumerate(closed):
-            last = impulse[a, 0] if impulse[a, 0] > 0.0 else contacts.impulse[a, 0]
-            impulse[a, 0] = 0.5 * (last + contacts.impulse[a, 0])
-            radius = prox_half_line(impulse[a, 0]) * grip(model.laws.other, contacts, a)
-            G, gamma = delassus.operator, delassus.packed
-            project_sliding(model.laws, G, gamma, rows, 3 * k, impulse, a, radius)
-        iterations += 1
-    planar_twists(model, work)
-    for a in closed:
-        impulse[a, 0] = contacts.impulse[a, 0]
-    return Outcome(iterations, residual <= tolerance, residual, printed, False)
-
-
-class PlanarGaussSeidel(NamedTuple):
-    """Projected Gauss-Seidel iteration on the Delassus operator, with its arrays."""
-
-    delassus: Delassus
-
-
-@solve_in_plane.register(PlanarGaussSeidel)
-@inlined
-def solve_plane_with_sweeps(
-    solver: 'PlanarGaussSeidel',
-    model: PlanarModel,
-    work: PlanarWorkspace,
-    closed: Array,
-    history: History,
-    limit: int,
-) -> Outcome:
-    """Solve the contacts of a step; see `solve_in_plane`."""
-    return sweep_in_plane(model, work, solver.delassus, history.impulse, limit)
 
 
 @merged

@@ -14,20 +14,86 @@ slide and open, and Newton's method on the same operator goes on from there.
    problems", 1998.
 """
 
+import math
 from typing import Any, NamedTuple
 
+from snake_sim_benchmarks.comparison.baselines.dense_newton import whole_operator
 from snake_sim_ros.contact.admissible import without_gain
-from snake_sim_ros.contact.delassus import condense, condensed_twists, condensed_velocities
-from snake_sim_ros.contact.laws import Laws, natural_map
+from snake_sim_ros.contact.delassus import (
+    condense,
+    condensed_twists,
+    condensed_velocities,
+    Delassus,
+)
+from snake_sim_ros.contact.laws import (
+    grip,
+    Laws,
+    natural_map,
+    prox_disc,
+    prox_ellipse,
+    rolling_disc,
+    sliding_disc,
+)
 from snake_sim_ros.contact.newton import is_negligible, iterate_laws, Operator
 from snake_sim_ros.contact.problem import Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.prox_iteration import copy_impulses, forget_open
-from snake_sim_ros.contact.sweeps import sweep
-from snake_sim_ros.dynamics.compilation import compiled, inlined, Table
+from snake_sim_ros.contact.sweeps import project_normal, set_impulse
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
+from snake_sim_ros.dynamics.records import Loop
 from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.stepping import moreau
+from snake_sim_ros.stepping.base import Method
+from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.spatial import SpatialStepper
 
 SWEEPS = 100  # sweeps between two tries of Newton's method
 NEWTON_ITERATIONS = 20  # of one try, at most
+
+
+@merged
+def sweep(
+    laws: Laws, closed: Array, width: int, contacts: Table, delassus: Delassus, impulse: Array
+) -> None:
+    """Project the impulse of every closed contact once, with up-to-date velocities."""
+    G, gamma, rows = delassus.operator, delassus.packed, width * len(closed)
+    for k, a in enumerate(closed):
+        row = width * k
+        P_N = project_normal(laws, G, gamma, rows, row, contacts, impulse, a)
+        radius = grip(laws.other, contacts, a) * P_N
+        project_sliding(laws, G, gamma, rows, row, impulse, a, radius)
+        if width == 5:
+            r = 1.0 / largest_eigenvalue(G, row + 3)
+            x, y = impulse[a, 3] - r * gamma[row + 3], impulse[a, 4] - r * gamma[row + 4]
+            x, y = prox_disc(x, y, rolling_disc(laws, laws.other, a).mu_x * radius)
+            set_impulse(G, gamma, rows, row + 3, impulse, a, 3, x)
+            set_impulse(G, gamma, rows, row + 4, impulse, a, 4, y)
+        else:
+            impulse[a, 3] = impulse[a, 4] = 0.0
+
+
+@compiled
+def project_sliding(
+    laws: Laws, G: Array, gamma: Array, rows: int, row: int, impulse: Array, a: int, radius: float
+) -> None:
+    """
+    Project the sliding impulse of contact a.
+
+    Parameters are those of `project_normal`; `radius` is the normal impulse of the contact times
+    its grip [N s].
+    """
+    r = 1.0 / largest_eigenvalue(G, row + 1)
+    x, y = impulse[a, 1] - r * gamma[row + 1], impulse[a, 2] - r * gamma[row + 2]
+    disc = sliding_disc(laws, laws.other, a, x)
+    x, y = prox_ellipse(x, y, disc.mu_x * radius, disc.mu_y * radius)
+    set_impulse(G, gamma, rows, row + 1, impulse, a, 1, x)
+    set_impulse(G, gamma, rows, row + 2, impulse, a, 2, y)
+
+
+@compiled
+def largest_eigenvalue(G: Array, k: int) -> float:
+    """Return the larger eigenvalue of the 2x2 block of G that begins at k."""
+    half, off = 0.5 * (G[k, k] - G[k + 1, k + 1]), G[k, k + 1]
+    return 0.5 * (G[k, k] + G[k + 1, k + 1]) + math.sqrt(half * half + off * off)
 
 
 @inlined
@@ -102,3 +168,12 @@ def solve_with_sweeps(
         keep_impulses(closed, contacts, impulse)
     forget_open(closed, contacts, impulse)
     return outcome
+
+
+METHODS['gauss_seidel'] = Method(
+    spatial=lambda scene: SpatialStepper(
+        scene, Loop(moreau.advance_moreau, GaussSeidel(whole_operator(scene)))
+    ),
+    planar=None,
+    where_impulses_acted=moreau.where_impulses_acted,
+)

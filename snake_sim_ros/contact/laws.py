@@ -100,6 +100,8 @@ class Laws(NamedTuple):
     r_N: float  # prox parameters: normal, sliding, rolling [kg]
     r_T: float
     r_V: float
+    residual_tolerance: float  # residual up to which the laws hold [m/s]
+    change_tolerance: float  # change of impulses at which the paper's iteration stops, (93) [N s]
     other: OtherFriction | None = None  # None on a flat floor
 
 
@@ -451,5 +453,5 @@ def apply_selection_rule(
         )
     return Laws(
         laws.sliding, laws.rolling, compliance, laws.least_compliance, laws.proximal_compliance,
-        laws.r_N, laws.r_T, laws.r_V, laws.other,
+        laws.r_N, laws.r_T, laws.r_V, laws.residual_tolerance, laws.change_tolerance, laws.other,
     )  # fmt: skip

@@ -28,7 +28,7 @@ Where rounding does, the residual alone decides whether the step converged.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -51,7 +51,7 @@ from snake_sim_ros.contact.linear_problem import (
     normal_law,
     Reduced,
 )
-from snake_sim_ros.contact.problem import FREE, Outcome, Problem, solve_contacts
+from snake_sim_ros.contact.problem import ContactHistory, FREE, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.sweeps import improve, predict, remember
 from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
@@ -241,9 +241,9 @@ def largest_load(closed: Array, contacts: Table) -> float:
 
 
 @inlined
-def small_load(closed: Array, contacts: Table, tolerance: float) -> float:
-    """Return what may be wrong of a normal impulse [N s], for a tolerance of the residual."""
-    share = LOAD_ACCURACY * max(1.0, tolerance / USUAL_TOLERANCE)
+def small_load(laws: Laws, closed: Array, contacts: Table) -> float:
+    """Return what may be wrong of a normal impulse [N s]."""
+    share = LOAD_ACCURACY * max(1.0, laws.residual_tolerance / USUAL_TOLERANCE)
     return share * largest_load(closed, contacts)
 
 
@@ -257,9 +257,7 @@ def largest_correction(closed: Array, contacts: Table) -> float:
 
 
 @compiled
-def is_negligible(
-    laws: Laws, closed: Array, contacts: Table, residual: float, tolerance: float
-) -> bool:
+def is_negligible(laws: Laws, closed: Array, contacts: Table, residual: float) -> bool:
     """
     Return whether any velocities up to a residual [m/s] leave the loads accurate.
 
@@ -268,22 +266,20 @@ def is_negligible(
     """
     if laws.compliance <= 1e-2 * laws.proximal_compliance:
         return True
-    return residual <= laws.compliance * small_load(closed, contacts, tolerance)
+    return residual <= laws.compliance * small_load(laws, closed, contacts)
 
 
 @compiled
-def loads_are_accurate(
-    laws: Laws, closed: Array, contacts: Table, residual: float, tolerance: float
-) -> bool:
+def loads_are_accurate(laws: Laws, closed: Array, contacts: Table, residual: float) -> bool:
     """
     Return whether a residual [m/s] that is left of friction alone leaves the loads accurate.
 
     Iterates of Newton's method satisfy the normal laws to rounding; other parameters are those of
     `is_negligible`.
     """
-    if is_negligible(laws, closed, contacts, residual, tolerance):
+    if is_negligible(laws, closed, contacts, residual):
         return True
-    wrong = small_load(closed, contacts, tolerance)
+    wrong = small_load(laws, closed, contacts)
     return friction_is_accurate(laws, closed, contacts, residual, wrong)
 
 
@@ -352,7 +348,6 @@ def refines(
     closed: Array,
     contacts: Table,
     residual: float,
-    tolerance: float,
     best: float,
     before: float,
 ) -> tuple[float, float, bool]:
@@ -363,8 +358,8 @@ def refines(
     ----------
     laws, closed, contacts
         Those of a `problem.Problem`; `iterate` of the contacts has the impulses before.
-    residual, tolerance : float
-        The last residual, and the tolerance for it [m/s].
+    residual : float
+        The last residual [m/s].
     best, before : float
         Smallest residual and correction of the loads so far, as returned; infinite at first.
 
@@ -376,10 +371,10 @@ def refines(
     """
     if residual > REFINES * best:
         return best, before, False
-    if loads_are_accurate(laws, closed, contacts, residual, tolerance):
+    if loads_are_accurate(laws, closed, contacts, residual):
         return best, before, False
     correction = largest_correction(closed, contacts)
-    wrong = small_load(closed, contacts, tolerance)
+    wrong = small_load(laws, closed, contacts)
     return residual, correction, not corrections_end(correction, before, wrong)
 
 
@@ -427,9 +422,7 @@ def iterate_laws(
             residual, printed = natural_map(laws, closed, contacts, tolerance)
             goes_on = False
             if residual <= tolerance and exact:
-                best, last, goes_on = refines(
-                    laws, closed, contacts, residual, tolerance, best, last
-                )
+                best, last, goes_on = refines(laws, closed, contacts, residual, best, last)
                 if not goes_on:
                     break
         fraction = 1.0
@@ -453,15 +446,13 @@ def iterate_laws(
 
 
 @merged
-def iterate(problem: Problem, tolerance: float, limit: int, operator: Operator | None) -> Outcome:
+def iterate(problem: Problem, limit: int, operator: Operator | None) -> Outcome:
     """
     Find impulses and twists that satisfy the contact laws, from what `predict` filled.
 
     Parameters
     ----------
     problem : Problem
-    tolerance : float
-        Natural-map residual at which the iteration stops [m/s].
     limit : int
         Largest number of iterations.
     operator : Operator or None
@@ -473,6 +464,7 @@ def iterate(problem: Problem, tolerance: float, limit: int, operator: Operator |
 
     """
     laws, closed, contacts, chain = problem
+    tolerance = laws.residual_tolerance
     iterations, fell_back, held, done, refined = 0, False, False, False, False
     residual = printed = math.inf
     relaxation, before = 1.0, 0.0
@@ -499,7 +491,7 @@ def iterate(problem: Problem, tolerance: float, limit: int, operator: Operator |
         done = residual <= tolerance and exact
         if done and held and not refined:
             refined = True  # once, with radii that follow
-            done = loads_are_accurate(laws, closed, contacts, residual, tolerance)
+            done = loads_are_accurate(laws, closed, contacts, residual)
         if done or (held and residual == math.inf):
             break
         if held:
@@ -611,11 +603,11 @@ def next_relaxation(relaxation: float, along: float, before: float, rounds: int)
 @solve_contacts.register(Newton)
 @inlined
 def solve_with_newton(
-    solver: Newton, model: Any, problem: Problem, history: Any, limit: int
+    solver: Newton, problem: Problem, history: ContactHistory, limit: int
 ) -> Outcome:
     """Solve the contacts of a step; see `problem.solve_contacts`."""
     prepare_contacts(solver.operator, problem)
-    return solve_prepared(solver.operator, model, problem, history, limit)
+    return solve_prepared(solver.operator, problem, history, limit)
 
 
 @inlined
@@ -642,12 +634,12 @@ def condense_anew(operator: Operator, problem: Problem) -> None:
 
 @merged
 def solve_prepared(
-    operator: Operator | None, model: Any, problem: Problem, history: Any, limit: int
+    operator: Operator | None, problem: Problem, history: ContactHistory, limit: int
 ) -> Outcome:
     """Solve contacts after `prepare_contacts`; see `problem.solve_contacts`."""
     laws, closed, contacts, chain = problem
     predict(laws, closed, contacts, history)
-    outcome = iterate(problem, model.residual_tolerance, limit, operator)
+    outcome = iterate(problem, limit, operator)
     fill_twists(laws, closed, contacts, chain, operator)
     outcome = without_gain(problem, outcome)
     remember(closed, contacts, history)

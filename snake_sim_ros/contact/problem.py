@@ -14,7 +14,7 @@ Compiled functions take the table as `contacts`, and the numbers of the closed c
 the middle link, in axes of I.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -101,8 +101,31 @@ class Outcome(NamedTuple):
     fell_back: bool  # whether a slower method had to help
 
 
+class ContactHistory(Protocol):
+    """
+    The contacts of the last step, from which a solver starts; see `stepping.state.History`.
+
+    Attributes
+    ----------
+    impulse, velocity, change : ndarray, shape (contacts, 5)
+        Impulses [N s], relative velocities [m/s], and how both changed in the step.
+
+    """
+
+    @property
+    def impulse(self) -> Array: ...  # noqa: D102
+
+    @property
+    def velocity(self) -> Array: ...  # noqa: D102
+
+    @property
+    def change(self) -> Array: ...  # noqa: D102
+
+
 @Dispatched
-def solve_contacts(solver: Any, model: Any, problem: Problem, history: Any, limit: int) -> Outcome:  # type: ignore[empty-body]
+def solve_contacts(  # type: ignore[empty-body]
+    solver: Any, problem: Problem, history: ContactHistory, limit: int
+) -> Outcome:
     """
     Solve the contact problem of a step with the method that belongs to the type of `solver`.
 
@@ -112,13 +135,10 @@ def solve_contacts(solver: Any, model: Any, problem: Problem, history: Any, limi
     ----------
     solver : NamedTuple
         Arrays of the method.
-    model : Model
-        Tolerances and time step; see `stepping.model`.
     problem : Problem
         Its contacts and chain are filled with the solution.
-    history : History
-        Impulses of the last step, from which the method starts; see `stepping.state`. They are
-        replaced by those of this step.
+    history : ContactHistory
+        Replaced by that of this step.
     limit : int
         Most iterations that it may take, at least 1.
 

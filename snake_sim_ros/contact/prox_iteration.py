@@ -3,7 +3,7 @@
 """The paper's iteration, compiled: projections of all contacts at once, eqs. (84)-(93)."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from snake_sim_ros.contact.delassus import condense, condensed_velocities, Delassus, end_twists
 from snake_sim_ros.contact.laws import (
@@ -16,7 +16,7 @@ from snake_sim_ros.contact.laws import (
     rolling_disc,
     sliding_disc,
 )
-from snake_sim_ros.contact.problem import Outcome, Problem, solve_contacts
+from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
 from snake_sim_ros.scene.parameters import Array
@@ -92,7 +92,7 @@ class ProxIteration(NamedTuple):
 @solve_contacts.register(ProxIteration)
 @inlined
 def solve_with_projections(
-    solver: ProxIteration, model: Any, problem: Problem, history: Any, limit: int
+    solver: ProxIteration, problem: Problem, history: ContactHistory, limit: int
 ) -> Outcome:
     """
     Iterate impulses and twists until the contact laws hold; see `problem.solve_contacts`.
@@ -100,7 +100,7 @@ def solve_with_projections(
     The residual is that of the impulses before the last projection, to which the twists belong.
     """
     laws, closed, contacts, chain = problem
-    delassus, impulse, tolerance = solver.delassus, history.impulse, model.tolerance
+    delassus, impulse, tolerance = solver.delassus, history.impulse, laws.change_tolerance
     reset_chain(chain)
     factor_chain(chain)
     width = 5 if laws.rolling.mu_x > 0.0 else 3

@@ -9,10 +9,10 @@ its contacts are predicted, and where they are condensed, some sweeps improve th
 """
 
 import math
-from typing import Any
 
 from snake_sim_ros.contact.delassus import condensed_velocities, Delassus
 from snake_sim_ros.contact.laws import Disc, grip, Laws, prox_half_line, rolling_disc, sliding_disc
+from snake_sim_ros.contact.problem import ContactHistory
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
 from snake_sim_ros.scene.parameters import Array
 
@@ -76,7 +76,7 @@ def set_impulse(
 
 
 @merged
-def predict(laws: Laws, closed: Array, contacts: Table, history: Any) -> None:
+def predict(laws: Laws, closed: Array, contacts: Table, history: ContactHistory) -> None:
     """
     Fill trial velocities and anchors: impulses and velocities continue to change as they did.
 
@@ -180,7 +180,7 @@ def project_scaled(
 
 
 @merged
-def remember(closed: Array, contacts: Table, history: Any) -> None:
+def remember(closed: Array, contacts: Table, history: ContactHistory) -> None:
     """
     Fill the history with impulses, velocities and changes of the closed contacts, 0 for open ones.
 

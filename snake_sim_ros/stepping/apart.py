@@ -115,7 +115,7 @@ def compile_search(scene: Scene, level: str) -> None:
         operator = first.operator if isinstance(first, Newton) else stepper.work.operator
         compile_call(linear_step, _problem(stepper), type_of(operator), type_of(True))
         compile_call(without_gain, _problem(stepper), OUTCOME_TYPE)
-    compile_call(natural_map, *contacts, type_of(stepper.model.residual_tolerance))
+    compile_call(natural_map, *contacts, type_of(stepper.model.laws.residual_tolerance))
     compile_call(line_search, *contacts)
 
 

@@ -54,8 +54,6 @@ class Model(NamedTuple):
     laws: Laws  # of the contacts
     closed_gap: float  # gap up to which a contact counts as closed [m]
     dt: float  # [s]
-    tolerance: float  # [N s]
-    residual_tolerance: float  # [m/s]
     iteration_limit: int  # of a step
     pd_scheme: int  # index in PD_SCHEMES
     path_tolerance: float  # error that a step may make in the path [m]; 0: steps are not divided
@@ -106,6 +104,8 @@ def make_model(scene: Scene) -> Model:
         r_N=solver.r_normal,
         r_T=solver.r_sliding,
         r_V=solver.r_rolling,
+        residual_tolerance=solver.residual_tolerance,
+        change_tolerance=solver.tolerance,
         other=make_other_friction(scene, PROXIMAL * size),
     )
     return Model(
@@ -115,8 +115,6 @@ def make_model(scene: Scene) -> Model:
         laws=laws,
         closed_gap=closed_gap(solver.activation_tolerance, scene.dt),
         dt=scene.dt,
-        tolerance=solver.tolerance,
-        residual_tolerance=solver.residual_tolerance,
         iteration_limit=solver.iteration_limit,
         pd_scheme=PD_SCHEMES.index(scene.pd_scheme),
         path_tolerance=path_tolerance(scene),

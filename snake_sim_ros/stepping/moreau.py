@@ -158,7 +158,7 @@ def solve_step(
     while True:  # one call of the solver, which is compiled where it is called
         for attempt in range(MOST_CHANGES):
             left = iterations_left(most, report)
-            outcome = solve_contacts(solver, model, problem, steps.history, left)
+            outcome = solve_contacts(solver, problem, steps.history, left)
             if not solve_again(model, work, outcome, attempt, left, report):
                 break
         if lands or outcome.iterations >= left or not outcome.converged:

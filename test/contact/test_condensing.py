@@ -14,14 +14,15 @@ from snake_sim_ros import Friction, Scene, Solver, State
 from snake_sim_ros.contact.delassus import end_twists
 from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities
 from snake_sim_ros.contact.linear_problem import linear_step
-from snake_sim_ros.contact.newton import prepare_contacts, solve_prepared
+from snake_sim_ros.contact.newton import make_operator, prepare_contacts, solve_prepared
 from snake_sim_ros.contact.problem import Problem
 from snake_sim_ros.contact.sweeps import predict
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain, solve_chain
 from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.stepping.methods import empty_history
-from snake_sim_ros.stepping.model import make_model, make_workspace, whole_operator
+from snake_sim_ros.stepping.model import make_model, make_workspace
 from snake_sim_ros.stepping.moreau import begin_step
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.steps import make_steps, Record
@@ -82,7 +83,7 @@ def solved_again(model, problem, some, operator, history, fresh):
     """Solve for some of the contacts, on the operator of all of them or on their own."""
     part = Problem(problem.laws, some, problem.contacts, problem.chain)
     prepare_contacts(operator, part if fresh else problem)
-    return solve_prepared(operator, model, part, history, model.iteration_limit).converged
+    return solve_prepared(operator, part, history, model.iteration_limit).converged
 
 
 def scenes():
@@ -119,7 +120,9 @@ def started(name):
     steps = make_steps(state.q.copy(), state.u.copy(), history, still, still, record)
     closed = work.closed[: shifted_problem(model, work, steps)]
     problem = Problem(model.laws, closed, work.contacts, work.chain)
-    return scene, model, problem, history, whole_operator(scene)
+    width = 5 if scene.friction.rolling else 3
+    operator = make_operator(contact_count(scene), width, scene.robot.link_count)
+    return scene, model, problem, history, operator
 
 
 @each_case

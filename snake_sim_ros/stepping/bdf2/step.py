@@ -298,7 +298,7 @@ def solve_landing(
         for attempt in range(MOST_CHANGES):
             prepare_contacts(work.operator, landing)
             left = iterations_left(most, report)
-            outcome = solve_prepared(work.operator, model, landing, history, left)
+            outcome = solve_prepared(work.operator, landing, history, left)
             if not axes_change(model.joint_laws, work, outcome, attempt, left, report):
                 break
         note_outcome(outcome, report)

@@ -189,7 +189,7 @@ def find_loads(model: PlanarModel, work: PlanarWorkspace) -> None:
         c, s = work.heading[i, 0], work.heading[i, 1]
         along = contacts.impulse[i, 1] + contacts.impulse[n + i, 1]
         across = contacts.impulse[i, 2] + contacts.impulse[n + i, 2]
-        if abs(across) <= model.mass[i] * model.residual_tolerance:
+        if abs(across) <= model.mass[i] * model.laws.residual_tolerance:
             across = 0.0
         upright.wrench[i, 0] = work.weight[i, 0] + model.radius * (s * along + c * across)
         upright.wrench[i, 1] = work.weight[i, 1] - model.radius * (c * along - s * across)

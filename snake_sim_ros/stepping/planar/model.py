@@ -90,8 +90,6 @@ class PlanarModel(NamedTuple):
     share: Array  # (n,) weights [1] of the links in the point that section VII-C holds
     laws: Laws
     dt: float  # [s]
-    tolerance: float  # [N s]
-    residual_tolerance: float  # [m/s]
     iteration_limit: int
     path_tolerance: float  # error that a step may make in the path [m]; 0: steps are not divided
     most_roll: float  # largest roll of a planar step [rad]
@@ -163,8 +161,6 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         share=share,
         laws=spatial.laws._replace(compliance=0.0),
         dt=dt,
-        tolerance=scene.solver.tolerance,
-        residual_tolerance=scene.solver.residual_tolerance,
         iteration_limit=scene.solver.iteration_limit,
         path_tolerance=spatial.path_tolerance,
         most_roll=ROLL_LIMIT,

@@ -283,7 +283,7 @@ def residual_in_plane(model: PlanarModel, closed: Array, contacts: Table) -> flo
 
     The bound costs a tenth. If it is near the tolerance, the residual itself may be below.
     """
-    enough = model.residual_tolerance
+    enough = model.laws.residual_tolerance
     residual, _ = sliding_bound(model.laws, model.laws.other, closed, contacts)
     if residual <= enough or (residual > 4.0 * enough and residual < math.inf):
         return residual
@@ -326,13 +326,13 @@ def iterate_coupled_in_plane(
         find_loads(model, work)
         residual = residual_in_plane(model, closed, contacts)
         iterations += 1
-        if residual <= model.residual_tolerance or not math.isfinite(residual):
+        if residual <= model.laws.residual_tolerance or not math.isfinite(residual):
             break
         if residual < 0.5 * before and steps < MOST_COUPLED_ITERATIONS:
             steps += 1
         settle_loads(model, work, closed)
         move_trial(closed, contacts, 1.0)
-        anchor_what_moves(laws, closed, contacts, STILL_SHARE * model.residual_tolerance)
+        anchor_what_moves(laws, closed, contacts, STILL_SHARE * model.laws.residual_tolerance)
     return iterations, residual
 
 
@@ -405,21 +405,21 @@ def solve_planar_contacts(
     predict_sliding(closed, contacts, history)
     iterations, residual = iterate_coupled_in_plane(model, work, closed, limit)
     rounds, relaxation, before = 0, 1.0, 0.0
-    while residual > model.residual_tolerance and iterations < limit:
+    while residual > model.laws.residual_tolerance and iterations < limit:
         if rounds == 0:
             predict_sliding(closed, contacts, history)
             for a in closed:
                 contacts.held_radius[a], contacts.radius_step[a] = contacts.disc_radius[a], 0.0
         for a in closed:
             contacts.disc_radius[a] = contacts.held_radius[a]
-        inner = (1e2 if rounds < INEXACT_ROUNDS else 0.1) * model.residual_tolerance
+        inner = (1e2 if rounds < INEXACT_ROUNDS else 0.1) * model.laws.residual_tolerance
         iterations += iterate_held_in_plane(
             model, work, closed, inner, rounds > 0, limit - iterations
         )
         find_loads(model, work)
-        residual, _ = natural_map(laws, closed, contacts, model.residual_tolerance)
+        residual, _ = natural_map(laws, closed, contacts, model.laws.residual_tolerance)
         move_trial(closed, contacts, 1.0)
-        anchor_what_moves(laws, closed, contacts, STILL_SHARE * model.residual_tolerance)
+        anchor_what_moves(laws, closed, contacts, STILL_SHARE * model.laws.residual_tolerance)
         along, size = find_radius_steps(closed, contacts)
         relaxation, before = next_relaxation(relaxation, along, before, rounds), size
         for a in closed:
@@ -428,7 +428,7 @@ def solve_planar_contacts(
             )
         rounds += 1
     remember_sliding(closed, contacts, history)
-    converged = residual <= model.residual_tolerance
+    converged = residual <= model.laws.residual_tolerance
     return Outcome(iterations, converged, residual, residual, rounds > 0)
 
 
@@ -457,14 +457,14 @@ def project_in_plane(
     """Iterate until the friction laws hold, with loads that follow from the friction."""
     factor_bare(work)
     iterations, change = 0, math.inf
-    while not change < model.tolerance and iterations < limit:
+    while not change < model.laws.change_tolerance and iterations < limit:
         copy_impulses(work.closed, impulse, work.contacts)
         planar_twists(model, work)
         find_loads(model, work)
         change = prox_friction(model, work, impulse)
         iterations += 1
     residual, printed = natural_map(model.laws, work.closed, work.contacts, 0.0)
-    return Outcome(iterations, change < model.tolerance, residual, printed, False)
+    return Outcome(iterations, change < model.laws.change_tolerance, residual, printed, False)
 
 
 class PlanarProxIteration(NamedTuple):

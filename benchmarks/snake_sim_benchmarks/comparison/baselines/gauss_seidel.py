@@ -15,7 +15,7 @@ slide and open, and Newton's method on the same operator goes on from there.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from snake_sim_benchmarks.comparison.baselines.dense_newton import whole_operator
 from snake_sim_ros.contact.admissible import without_gain
@@ -35,7 +35,7 @@ from snake_sim_ros.contact.laws import (
     sliding_disc,
 )
 from snake_sim_ros.contact.newton import is_negligible, iterate_laws, Operator
-from snake_sim_ros.contact.problem import Outcome, Problem, solve_contacts
+from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.prox_iteration import copy_impulses, forget_open
 from snake_sim_ros.contact.sweeps import project_normal, set_impulse
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
@@ -125,11 +125,11 @@ class GaussSeidel(NamedTuple):
 @solve_contacts.register(GaussSeidel)
 @inlined
 def solve_with_sweeps(
-    solver: GaussSeidel, model: Any, problem: Problem, history: Any, limit: int
+    solver: GaussSeidel, problem: Problem, history: ContactHistory, limit: int
 ) -> Outcome:
     """Sweep until the contact laws hold; see `problem.solve_contacts`."""
     laws, closed, contacts, chain = problem
-    operator, impulse, tolerance = solver.operator, history.impulse, model.residual_tolerance
+    operator, impulse, tolerance = solver.operator, history.impulse, laws.residual_tolerance
     delassus = operator.delassus
     width = 5 if laws.rolling.mu_x > 0.0 else 3
     condense(closed, width, contacts, chain, delassus)
@@ -140,7 +140,7 @@ def solve_with_sweeps(
         condensed_velocities(closed, width, contacts, delassus)  # anew: rounding does not add up
         residual, printed = natural_map(laws, closed, contacts, tolerance)
         ends = residual <= tolerance
-        converged = ends and is_negligible(laws, closed, contacts, residual, tolerance)
+        converged = ends and is_negligible(laws, closed, contacts, residual)
         if converged or iterations >= limit:
             break
         if ends or sweeps == SWEEPS:

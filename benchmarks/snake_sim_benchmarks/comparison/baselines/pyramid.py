@@ -11,7 +11,7 @@ sliding, and up to sqrt(2) times too large for isotropic friction. It turns a bo
 an angle toward the axis in which it is faster.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from snake_sim_benchmarks.comparison.baselines.penalty import BOUND
 from snake_sim_ros.contact.delassus import (
@@ -21,7 +21,7 @@ from snake_sim_ros.contact.delassus import (
     Delassus,
 )
 from snake_sim_ros.contact.laws import grip, Laws, natural_map, prox_half_line, sliding_disc
-from snake_sim_ros.contact.problem import Outcome, Problem, solve_contacts
+from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.prox_iteration import copy_impulses
 from snake_sim_ros.contact.sweeps import project_normal, set_impulse
 from snake_sim_ros.dynamics.compilation import inlined, merged, Table
@@ -78,7 +78,7 @@ class Pyramid(NamedTuple):
 @solve_contacts.register(Pyramid)
 @inlined
 def solve_with_pyramid(
-    solver: Pyramid, model: Any, problem: Problem, history: Any, limit: int
+    solver: Pyramid, problem: Problem, history: ContactHistory, limit: int
 ) -> Outcome:
     """
     Sweep until the laws of the pyramid hold; see `problem.solve_contacts`.
@@ -86,7 +86,7 @@ def solve_with_pyramid(
     Its residual is that of the pyramid, and its printed residual that of the paper's laws.
     """
     laws, closed, contacts, chain = problem
-    delassus, impulse, tolerance = solver.delassus, history.impulse, model.residual_tolerance
+    delassus, impulse, tolerance = solver.delassus, history.impulse, laws.residual_tolerance
     condense(closed, 3, contacts, chain, delassus)
     for a in closed:
         impulse[a, 3] = impulse[a, 4] = 0.0

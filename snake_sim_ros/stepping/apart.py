@@ -81,7 +81,7 @@ def compile_solver(scene: Scene, level: str) -> None:
     model, history = type_of(stepper.model), type_of_record(without_memory(stepper.empty))
     if function is moreau.advance_moreau:
         whole = type_of(stepper.empty)
-        compile_call(solve_contacts, type_of(first), model, _problem(stepper), whole, type_of(1))
+        compile_call(solve_contacts, type_of(first), _problem(stepper), whole, type_of(1))
     elif function is bdf2.advance_bdf2:
         rest = _problem(stepper), type_of(1.0), type_of(1.0), history, REPORT_TYPE, type_of(1)
         compile_call(bdf2.solve_landing, model, type_of(first), work, *rest)

@@ -33,9 +33,10 @@ print(len(names), 'scipy.linalg' in sys.modules)
 
 def compiled_functions(cache: Path, sources: Path) -> int:
     """Return how many functions a process compiles, which imports SciPy only if it compiles."""
+    inherited = {name: value for name, value in os.environ.items() if name != 'NUMBA_CACHE_DIR'}
     done = subprocess.run(
         [sys.executable, '-c', PROGRAM],
-        env={**os.environ, 'XDG_CACHE_HOME': str(cache), 'PYTHONPATH': str(sources)},
+        env={**inherited, 'XDG_CACHE_HOME': str(cache), 'PYTHONPATH': str(sources)},
         cwd=sources,
         capture_output=True,
         text=True,

@@ -58,7 +58,7 @@ def test_newton_dense_finds_the_velocities_of_newton(name):
     assert np.abs(u - other_u).max() <= errors + balance + rounding
 
 
-@pytest.mark.parametrize('name', OPEN['newton_dense'])
+@pytest.mark.parametrize('name', sorted(OPEN['newton_dense']))
 def test_what_newton_dense_leaves_open_it_says(name):
     step, P, u, report = solved(name, 'newton_dense')
     residual = step.residual(P, step.gamma(u), step.compliance)

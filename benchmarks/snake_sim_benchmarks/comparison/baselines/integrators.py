@@ -102,7 +102,9 @@ def make_semi_implicit(scene: Scene, penalty: Penalty) -> Stepper:
     refuse_rolling(scene)
     # Its contacts are inside the floor: no gap is closed.
     scene = with_settings(scene, {'solver.activation_tolerance': 0.0})
-    return SpatialStepper(scene, partial(moreau.advance_moreau, make_law(penalty)))
+    mass = scene.robot.per_link('link_mass')
+    springs = regularized.Springs(make_law(penalty), mass, scene.dt)
+    return SpatialStepper(scene, partial(moreau.advance_moreau, springs))
 
 
 def make_pyramid(scene: Scene) -> Stepper:

@@ -10,11 +10,11 @@ that do not belong to the robot limits the step.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from snake_sim_ros.contact.delassus import end_twists
 from snake_sim_ros.contact.laws import grip, Laws, link_of, natural_map, sliding_disc
-from snake_sim_ros.contact.problem import Outcome, Problem, solve_contacts
+from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
 from snake_sim_ros.scene.parameters import Array
@@ -79,10 +79,18 @@ def make_impulses(dt: float, closed: Array, contacts: Table, impulse: Array) -> 
             impulse[a, j] = contacts.impulse[a, j]
 
 
-@solve_contacts.register(PenaltyLaw)
+class Springs(NamedTuple):
+    """The regularized law as a solver of steps."""
+
+    law: PenaltyLaw
+    mass: Array  # (n,) of the links [kg]
+    dt: float  # [s]
+
+
+@solve_contacts.register(Springs)
 @inlined
 def solve_with_springs(
-    law: PenaltyLaw, model: Any, problem: Problem, history: Any, limit: int
+    springs: Springs, problem: Problem, history: ContactHistory, limit: int
 ) -> Outcome:
     """
     Fill contact impulses and the velocities that follow from them; see `problem.solve_contacts`.
@@ -91,8 +99,8 @@ def solve_with_springs(
     is that of the set-valued laws, for these impulses and the velocities that follow.
     """
     laws, closed, contacts, chain = problem
-    penalty_forces(law, laws, closed, contacts, model.mass)
-    make_impulses(model.dt, closed, contacts, history.impulse)
+    penalty_forces(springs.law, laws, closed, contacts, springs.mass)
+    make_impulses(springs.dt, closed, contacts, history.impulse)
     reset_chain(chain)
     factor_chain(chain)
     end_twists(closed, contacts, chain)

@@ -208,6 +208,23 @@ def dense_step(
     )
 
 
+def solved_step(
+    scene: Scene, state: State, history: History, angle: Array, rate: Array
+) -> tuple[MoreauStep, Array, Array, Report]:
+    """Return the dense step, impulses and velocities of a scene's method, and its report."""
+    step = dense_step(scene, state, history, angle, rate)
+    end, history, report = one_step(scene, state, history, angle, rate)
+    step = step.after_landing(history.impulse[step.active])
+    return step, history.impulse[step.active], end.u, report
+
+
+def rounding(P: Array, u: Array) -> float:
+    """Return a bound for what rounding makes of a residual [m/s]."""
+    # A contact velocity sums over a dozen products, 100 EPS |u| is ample; an impulse is rounded to
+    # EPS |P|, and the residual divides it by r_T = 0.01 kg.
+    return float(100 * EPS * (np.abs(u).max() + np.abs(P).max(initial=0.0) / 0.01))
+
+
 def one_step(
     scene: Scene, state: State, history: History, angle: Array, rate: Array
 ) -> tuple[State, History, Report]:

@@ -14,6 +14,8 @@ from snake_sim_ros.stepping import simulation
 
 TIME = 0.3  # s
 KINDS = ('push', 'landing', 'stop', 'peg', 'push and landing')
+SEEDS = (0, 25, 30, 16, 31, 36, 2, 7, 12, 18, 23, 33, 4, 14, 24)  # three of each kind
+WITHOUT_PEGS = [seed for seed in SEEDS if KINDS[seed % len(KINDS)] != 'peg']
 
 
 def eventful(seed: int) -> tuple[Scene, State, tuple[int, Array]]:

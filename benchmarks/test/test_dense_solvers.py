@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The dense solvers: on hard contact problems they find what `newton` finds."""
 
-from dense_step import dense_step, EPS, one_step
+from dense_step import EPS, rounding, solved_step
 from hard_contacts import load_problems
+from limits import path, WITHOUT_PEGS
 import numpy as np
 import pytest
 
 import snake_sim_benchmarks.comparison.baselines  # noqa: F401, it adds the solvers
+from snake_sim_ros import Solver
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.stepping.methods import METHODS
 
@@ -24,13 +26,10 @@ OPEN = {
 }
 
 
-def solved(name, method):
+def solved(name, method, **settings):
     """Return the dense step, the impulses and velocities of a method, and its report."""
     scene, *start = PROBLEMS[name]
-    step = dense_step(scene, *start[:2], *start[2:])
-    state, history, report = one_step(with_settings(scene, {'method': method}), *start)
-    step = step.after_landing(history.impulse[step.active])
-    return step, history.impulse[step.active], state.u, report
+    return solved_step(with_settings(scene, {'method': method, **settings}), *start)
 
 
 @pytest.mark.parametrize('name', sorted({*PROBLEMS} - {NOT_UNIQUE, *set().union(*OPEN.values())}))
@@ -52,10 +51,7 @@ def test_newton_dense_finds_the_velocities_of_newton(name):
     elimination = 9 * 1.4e5 * heavy * EPS * max(1e-3, np.abs(u).max())
     assert np.abs(step.velocities(other_P) - other_u.ravel()).max() <= elimination
     balance = step.balance_error(P, u) + elimination
-    # Contact velocities sum over a dozen products; an impulse is rounded to EPS |P|, and the
-    # residual divides it by r_T = 0.01 kg.
-    rounding = 100 * EPS * (np.abs(u).max() + np.abs(P).max(initial=0.0) / 0.01)
-    assert np.abs(u - other_u).max() <= errors + balance + rounding
+    assert np.abs(u - other_u).max() <= errors + balance + rounding(P, u)
 
 
 @pytest.mark.parametrize('name', sorted(OPEN['newton_dense']))
@@ -69,16 +65,21 @@ def test_what_newton_dense_leaves_open_it_says(name):
 @pytest.mark.parametrize('name', PROBLEMS)
 def test_gauss_seidel_is_honest(name):
     # In 300 sweeps it mostly is not done, and says so.
-    scene, *start = PROBLEMS[name]
-    limited = {'method': 'gauss_seidel', 'solver.iteration_limit': 300}
-    step = dense_step(scene, *start[:2], *start[2:])
-    state, history, report = one_step(with_settings(scene, limited), *start)
-    step = step.after_landing(history.impulse[step.active])
-    P = history.impulse[step.active]
-    rounding = 100 * EPS * (np.abs(state.u).max() + np.abs(P).max(initial=0.0) / 0.01)
+    step, P, u, report = solved(name, 'gauss_seidel', **{'solver.iteration_limit': 300})
     assert report.unconverged == (report.residual_max > RESIDUAL)
-    residual = step.residual(P, step.gamma(state.u), step.compliance)
-    assert residual <= report.residual_max + rounding
+    residual = step.residual(P, step.gamma(u), step.compliance)
+    assert residual <= report.residual_max + rounding(P, u)
+
+
+@pytest.mark.parametrize('method', ['newton_dense', 'gauss_seidel'])
+@pytest.mark.parametrize('seed', WITHOUT_PEGS)
+def test_they_have_the_path_of_newton(seed, method):
+    # As test_solvers_of_one_step_have_one_path says; sweeps that give up say so.
+    solver = Solver(residual_tolerance=1e-9, tolerance=1e-11, iteration_limit=20000)
+    expected, _ = path(seed, 'newton', 480, solver=solver)
+    places, unconverged = path(seed, method, 480, solver=solver)
+    assert not unconverged or method != 'newton_dense'
+    assert unconverged or np.abs(places - expected).max() < 1e-6
 
 
 def test_they_have_no_planar_level():

@@ -55,7 +55,7 @@ from snake_sim_ros.contact.problem import ContactHistory, FREE, Outcome, Problem
 from snake_sim_ros.contact.sweeps import improve, predict, remember
 from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
-from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Array, Scene
 
 # Of normal impulses, relative to the largest one of a step. Estimates may be five times off.
 LOAD_ACCURACY = 2e-7
@@ -93,23 +93,12 @@ class Newton(NamedTuple):
     operator: Operator | None  # None: always on the chain, and only that is compiled
 
 
-def make_operator(most: int, width: int, links: int) -> Operator:
-    """
-    Return the arrays for contacts on the Delassus operator.
-
-    Parameters
-    ----------
-    most : int
-        Largest number of closed contacts for which the Delassus operator is formed.
-    width : int
-        Components of a contact: 3, or 5 with rolling friction.
-    links : int
-        Number of links.
-
-    """
+def make_operator(most: int, scene: Scene) -> Operator:
+    """Return the arrays for up to `most` closed contacts of a scene on the Delassus operator."""
+    rows = most * (5 if scene.friction.rolling > 0.0 else 3)
     return Operator(
-        make_delassus(width * most, links),
-        make_reduced(width * most),
+        make_delassus(rows, scene.robot.link_count),
+        make_reduced(rows),
         most,
         MOST_SWEPT,
         np.zeros(1, np.int64),

@@ -27,14 +27,36 @@ from snake_sim_ros.stepping.state import History
 Make = Callable[[Scene], Any]  # a contact solver for a scene
 
 
-def _spatial(solver: Make) -> Callable[[Scene], SpatialStepper]:
-    """Return the maker of a stepper for the paper's step with a contact solver."""
-    return lambda scene: SpatialStepper(scene, Loop(moreau.advance_moreau, solver(scene)))
+def paper_method(
+    solver: Make, in_plane: Make | None = None, *, planar_pegs: bool = False
+) -> Method:
+    """
+    Return the method that takes the paper's step with a contact solver.
 
+    Parameters
+    ----------
+    solver : callable
+        Makes the solver of a scene in space; see `contact.problem.solve_contacts`.
+    in_plane : callable, optional
+        Makes that of the planar level; None: the method has no planar level.
+    planar_pegs : bool, optional
+        Whether it solves contacts with pegs in the plane.
 
-def _planar(solver: Make) -> Callable[[Scene], PlanarStepper]:
-    """Return the maker of a stepper for the paper's step in the plane with a contact solver."""
-    return lambda scene: PlanarStepper(scene, Loop(planar_moreau.advance_in_plane, solver(scene)))
+    """
+
+    def spatial(scene: Scene) -> SpatialStepper:
+        return SpatialStepper(scene, Loop(moreau.advance_moreau, solver(scene)))
+
+    def planar(scene: Scene) -> PlanarStepper:
+        assert in_plane
+        return PlanarStepper(scene, Loop(planar_moreau.advance_in_plane, in_plane(scene)))
+
+    return Method(
+        spatial=spatial,
+        planar=planar if in_plane else None,
+        where_impulses_acted=moreau.where_impulses_acted,
+        planar_pegs=planar_pegs,
+    )
 
 
 def _small_delassus(scene: Scene) -> Delassus:
@@ -56,11 +78,8 @@ def _planar_bdf2(scene: Scene) -> PlanarStepper:
 
 METHODS: dict[str, Method] = {
     # Semismooth Newton iteration through the chain of links.
-    'newton': Method(
-        spatial=_spatial(lambda scene: Newton(None)),
-        planar=_planar(lambda scene: PlanarNewton()),
-        where_impulses_acted=moreau.where_impulses_acted,
-        planar_pegs=True,
+    'newton': paper_method(
+        lambda scene: Newton(None), lambda scene: PlanarNewton(), planar_pegs=True
     ),
     # The same solver in a method of second order, for large steps.
     'bdf2': Method(
@@ -71,10 +90,8 @@ METHODS: dict[str, Method] = {
         energy_balance=False,
     ),
     # The paper's iteration: projections of all contacts at once.
-    'paper': Method(
-        spatial=_spatial(lambda scene: ProxIteration(_small_delassus(scene))),
-        planar=_planar(lambda scene: PlanarProxIteration()),
-        where_impulses_acted=moreau.where_impulses_acted,
+    'paper': paper_method(
+        lambda scene: ProxIteration(_small_delassus(scene)), lambda scene: PlanarProxIteration()
     ),
 }
 

@@ -127,9 +127,7 @@ def make_model(scene: Scene) -> Model:
 def operator_of(scene: Scene) -> Operator:
     """Return the operator for a scene, which condenses few contacts, of a large step."""
     most = MOST_CONDENSED if scene.dt > SMALL_STEP else 0
-    count = min(most, contact_count(scene))
-    width = 5 if scene.friction.rolling > 0.0 else 3  # components of a contact
-    return make_operator(count, width, scene.robot.link_count)
+    return make_operator(min(most, contact_count(scene)), scene)
 
 
 def make_workspace(scene: Scene) -> Workspace:

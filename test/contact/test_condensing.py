@@ -120,9 +120,7 @@ def started(name):
     steps = make_steps(state.q.copy(), state.u.copy(), history, still, still, record)
     closed = work.closed[: shifted_problem(model, work, steps)]
     problem = Problem(model.laws, closed, work.contacts, work.chain)
-    width = 5 if scene.friction.rolling else 3
-    operator = make_operator(contact_count(scene), width, scene.robot.link_count)
-    return scene, model, problem, history, operator
+    return scene, model, problem, history, make_operator(contact_count(scene), scene)
 
 
 @each_case

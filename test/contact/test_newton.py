@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tracemalloc
 
-from dense_step import dense_step, EPS, one_step
+from dense_step import EPS, one_step, rounding, solved_step
 from hard_contacts import load_problems
 from numba.core.errors import NumbaError
 import numpy as np
@@ -59,17 +59,7 @@ each_method = pytest.mark.parametrize('method', NEWTON)
 def solved(name, method):
     """Return the dense step, the impulses and velocities of a method, and its report."""
     scene, *start = PROBLEMS[name]
-    step = dense_step(scene, *start[:2], *start[2:])
-    state, history, report = one_step(with_settings(scene, {'method': method}), *start)
-    step = step.after_landing(history.impulse[step.active])
-    return step, history.impulse[step.active], state.u, report
-
-
-def rounding(P, u):
-    """Return a bound for what rounding makes of a residual [m/s]."""
-    # A contact velocity sums over a dozen products, 100 EPS |u| is ample; an impulse is rounded to
-    # EPS |P|, and the residual divides it by r_T = 0.01 kg.
-    return 100 * EPS * (np.abs(u).max() + np.abs(P).max(initial=0.0) / 0.01)
+    return solved_step(with_settings(scene, {'method': method}), *start)
 
 
 @each_problem

@@ -113,7 +113,7 @@ def test_steps_agree_with_the_dense_step(rule, pd_scheme):
             settings = {'robot': robot, 'friction': friction, 'drift_correction': rule}
             scene = flat_scene(ORACLE, pd_scheme=pd_scheme, **settings)
             taken += check_with_dense_step(scene, *start)
-    assert taken >= 20
+    assert taken >= 10 * (len(COMPILED) - 1)
 
 
 @pytest.mark.parametrize('link_count', [3, 5, 12])

@@ -326,13 +326,13 @@ def iterate_coupled_in_plane(
         find_loads(model, work)
         residual = residual_in_plane(model, closed, contacts)
         iterations += 1
-        if residual <= model.laws.residual_tolerance or not math.isfinite(residual):
+        if residual <= laws.residual_tolerance or not math.isfinite(residual):
             break
         if residual < 0.5 * before and steps < MOST_COUPLED_ITERATIONS:
             steps += 1
         settle_loads(model, work, closed)
         move_trial(closed, contacts, 1.0)
-        anchor_what_moves(laws, closed, contacts, STILL_SHARE * model.laws.residual_tolerance)
+        anchor_what_moves(laws, closed, contacts)
     return iterations, residual
 
 
@@ -366,14 +366,15 @@ def iterate_held_in_plane(
 
 
 @inlined
-def anchor_what_moves(laws: Laws, closed: Array, contacts: Table, still: float) -> None:
+def anchor_what_moves(laws: Laws, closed: Array, contacts: Table) -> None:
     """
-    Fill the anchors as `anchor_at_iterate`, except for friction of contacts below `still` [m/s].
+    Fill the anchors as `anchor_at_iterate`, except for friction of contacts that are still.
 
     Contacts that stick share a load in many ways. Rounding, which leaves them a velocity, would
     shift it a little in every round, and the normal loads with it. Where the friction against
     sliding forward and backward differs, the anchor must still be on the side of the impulse.
     """
+    still = STILL_SHARE * laws.residual_tolerance
     for a in closed:
         P_N = max(0.0, contacts.iterate[a, 0])
         contacts.anchor[a, 0] = P_N
@@ -405,21 +406,21 @@ def solve_planar_contacts(
     predict_sliding(closed, contacts, history)
     iterations, residual = iterate_coupled_in_plane(model, work, closed, limit)
     rounds, relaxation, before = 0, 1.0, 0.0
-    while residual > model.laws.residual_tolerance and iterations < limit:
+    while residual > laws.residual_tolerance and iterations < limit:
         if rounds == 0:
             predict_sliding(closed, contacts, history)
             for a in closed:
                 contacts.held_radius[a], contacts.radius_step[a] = contacts.disc_radius[a], 0.0
         for a in closed:
             contacts.disc_radius[a] = contacts.held_radius[a]
-        inner = (1e2 if rounds < INEXACT_ROUNDS else 0.1) * model.laws.residual_tolerance
+        inner = (1e2 if rounds < INEXACT_ROUNDS else 0.1) * laws.residual_tolerance
         iterations += iterate_held_in_plane(
             model, work, closed, inner, rounds > 0, limit - iterations
         )
         find_loads(model, work)
-        residual, _ = natural_map(laws, closed, contacts, model.laws.residual_tolerance)
+        residual, _ = natural_map(laws, closed, contacts, laws.residual_tolerance)
         move_trial(closed, contacts, 1.0)
-        anchor_what_moves(laws, closed, contacts, STILL_SHARE * model.laws.residual_tolerance)
+        anchor_what_moves(laws, closed, contacts)
         along, size = find_radius_steps(closed, contacts)
         relaxation, before = next_relaxation(relaxation, along, before, rounds), size
         for a in closed:
@@ -428,7 +429,7 @@ def solve_planar_contacts(
             )
         rounds += 1
     remember_sliding(closed, contacts, history)
-    converged = residual <= model.laws.residual_tolerance
+    converged = residual <= laws.residual_tolerance
     return Outcome(iterations, converged, residual, residual, rounds > 0)
 
 

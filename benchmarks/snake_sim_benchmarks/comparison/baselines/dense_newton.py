@@ -9,12 +9,8 @@ the same iteration, at a cost that grows with the number of contacts instead of 
 
 from snake_sim_ros import Scene
 from snake_sim_ros.contact.newton import make_operator, Newton, Operator
-from snake_sim_ros.dynamics.records import Loop
 from snake_sim_ros.scene.obstacles import contact_count
-from snake_sim_ros.stepping import moreau
-from snake_sim_ros.stepping.base import Method
-from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.spatial import SpatialStepper
+from snake_sim_ros.stepping.methods import METHODS, paper_method
 
 
 def whole_operator(scene: Scene) -> Operator:
@@ -24,15 +20,7 @@ def whole_operator(scene: Scene) -> Operator:
     No sweeps begin a step. Where more contacts stick than hold a robot, they would leave impulses
     of friction that press its links against each other.
     """
-    width = 5 if scene.friction.rolling > 0.0 else 3
-    operator = make_operator(contact_count(scene), width, scene.robot.link_count)
-    return operator._replace(swept=0)
+    return make_operator(contact_count(scene), scene)._replace(swept=0)
 
 
-METHODS['newton_dense'] = Method(
-    spatial=lambda scene: SpatialStepper(
-        scene, Loop(moreau.advance_moreau, Newton(whole_operator(scene)))
-    ),
-    planar=None,
-    where_impulses_acted=moreau.where_impulses_acted,
-)
+METHODS['newton_dense'] = paper_method(lambda scene: Newton(whole_operator(scene)))

@@ -39,12 +39,8 @@ from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solv
 from snake_sim_ros.contact.prox_iteration import copy_impulses, forget_open
 from snake_sim_ros.contact.sweeps import project_normal, set_impulse
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
-from snake_sim_ros.dynamics.records import Loop
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.stepping import moreau
-from snake_sim_ros.stepping.base import Method
-from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.spatial import SpatialStepper
+from snake_sim_ros.stepping.methods import METHODS, paper_method
 
 SWEEPS = 100  # sweeps between two tries of Newton's method
 NEWTON_ITERATIONS = 20  # of one try, at most
@@ -170,10 +166,4 @@ def solve_with_sweeps(
     return outcome
 
 
-METHODS['gauss_seidel'] = Method(
-    spatial=lambda scene: SpatialStepper(
-        scene, Loop(moreau.advance_moreau, GaussSeidel(whole_operator(scene)))
-    ),
-    planar=None,
-    where_impulses_acted=moreau.where_impulses_acted,
-)
+METHODS['gauss_seidel'] = paper_method(lambda scene: GaussSeidel(whole_operator(scene)))

@@ -21,6 +21,8 @@ os.environ['PYTHONPATH'] = os.pathsep.join(
     [str(ROOT), FOLDERS[0], *filter(None, [os.environ.get('PYTHONPATH')])]
 )
 
+import snake_sim_benchmarks.comparison.baselines  # noqa: E402, F401, adds its solvers to METHODS
+
 collect_ignore = []
 if find_spec('pydrake') is None:  # Drake needs Python 3.12
     collect_ignore.append('test_drake_runs.py')

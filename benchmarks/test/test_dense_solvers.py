@@ -8,7 +8,6 @@ from limits import path, WITHOUT_PEGS
 import numpy as np
 import pytest
 
-import snake_sim_benchmarks.comparison.baselines  # noqa: F401, it adds the solvers
 from snake_sim_ros import Solver
 from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.stepping.methods import METHODS

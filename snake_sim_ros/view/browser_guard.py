@@ -1,7 +1,7 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Which connections and which messages of browsers the server of the page accepts.
+Which connections and messages of browsers the server of the page accepts, and how it wakes up.
 
 viser takes whatever comes: it casts values, sets any field of a control, opens a tunnel to a
 server outside when it is asked for a link to share, and prints a traceback for what it cannot
@@ -13,8 +13,9 @@ the name by which it found the server in `Host`. A script has no `Origin`: it is
 could claim any. No website may show the page in a frame, where a click could be meant for another.
 """
 
+import asyncio
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from http import HTTPStatus
 from ipaddress import ip_address
 import math
@@ -242,3 +243,31 @@ def _is_own(name: str, bound: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+# ---- updates ------------------------------------------------------------------------------------
+
+
+class WakeUp(asyncio.Event):
+    """
+    An event that any thread may set: the loop itself does it.
+
+    viser sets an `asyncio.Event` from the thread that changes the page. Between the moment when
+    the loop looks at it and the moment when it begins to wait, such a call wakes nobody, and no
+    later one does, since the event counts as set: the page would stand still for good.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        super().__init__()
+        self._own_loop = loop
+
+    def set(self) -> None:
+        """Have the loop set the event, unless it has ended."""
+        with suppress(RuntimeError):
+            self._own_loop.call_soon_threadsafe(super().set)
+
+
+def wake_from_any_thread(server: Any) -> None:
+    """Have a server of viser, to which no browser is connected yet, lose no update."""
+    buffer = server._websock_server._broadcast_buffer
+    buffer.message_event = WakeUp(buffer.event_loop)

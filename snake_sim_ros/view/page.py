@@ -21,7 +21,7 @@ import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.view.browser_guard import BrowserMessages, own_pages_only
+from snake_sim_ros.view.browser_guard import BrowserMessages, own_pages_only, wake_from_any_thread
 from snake_sim_ros.view.frames import at_rest, curves, Frame, Trace, UPWARD_SCALE
 from snake_sim_ros.view.stage import Stage
 
@@ -75,6 +75,7 @@ class Page:
         messages = BrowserMessages()
         with redirect_stdout(StringIO()), own_pages_only(host, messages.heeds):
             self._server = make_server(host=host, port=port, label=title, verbose=False)
+        wake_from_any_thread(self._server)
         self.url = f'http://{host}:{self._server.get_port()}'
         self.gui = self._server.gui
         messages.controls = self.gui._gui_input_handle_from_uuid

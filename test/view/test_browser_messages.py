@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages of a browser to the page, on a real server: what it heeds, and what it says."""
 
+import asyncio
+from collections import deque
 import re
+from threading import Thread
 import time
 from urllib.request import urlopen
 
@@ -16,7 +19,7 @@ import numpy as np
 import viser
 from websockets.sync.client import connect
 
-from snake_sim_ros.view.browser_guard import BrowserMessages, CAMERA, LONGEST_MESSAGE
+from snake_sim_ros.view.browser_guard import BrowserMessages, CAMERA, LONGEST_MESSAGE, WakeUp
 from snake_sim_ros.view.page import Page
 from snake_sim_ros.view.playback import Player
 
@@ -160,3 +163,27 @@ KINDS = st.sampled_from(['ViewerCameraMessage', 'GuiUpdateMessage'])
 )  # fmt: skip
 def test_no_message_is_an_error(message):
     assert BrowserMessages().heeds(message) in (True, False)
+
+
+def test_update_between_look_and_wait_of_the_server_wakes_it():
+    """A thread sets the event after the loop found it unset, just before the loop waits for it."""
+
+    class Waiters(deque):
+        def append(self, waiter):
+            thread = Thread(target=event.set)
+            thread.start()
+            thread.join()
+            super().append(waiter)
+
+    async def wait():
+        nonlocal event
+        event = WakeUp(asyncio.get_running_loop())
+        event._waiters = Waiters()
+        await asyncio.wait_for(event.wait(), 10)
+
+    event = None
+    asyncio.run(wait())
+
+
+def test_page_wakes_up_from_any_thread(page):
+    assert isinstance(page._server._websock_server._broadcast_buffer.message_event, WakeUp)

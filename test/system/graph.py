@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 ROOT = Path(__file__).parents[2]
-START_TIMEOUT = 60.0  # s for a node to start, which may have to compile the physics
+START_TIMEOUT = 120.0  # s for a node to start, which may have to compile the physics
 TIMEOUT = 20.0  # s for everything else; discovery takes up to 3.3 s on an idle machine
 _counter = itertools.count()
 

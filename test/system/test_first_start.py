@@ -9,6 +9,7 @@ import shutil
 import time
 from types import SimpleNamespace
 
+from graph import START_TIMEOUT
 import numpy as np
 from offline import nanoseconds
 import pytest
@@ -136,7 +137,7 @@ def test_a_robot_waits_for_the_level_that_it_needs(start):
 
 def test_the_compiler_of_a_node_that_runs_has_its_priority(start):
     sim = start(PLANAR, SPATIAL)
-    sim.process.wait_for('physics ready', 60.0)
+    sim.process.wait_for('physics ready', START_TIMEOUT)
     graph = sim.graph
     graph.until(lambda: children_of(sim.process), 'a process that compiles the other level')
     for _ in range(10):  # It may have to start first.

@@ -4,6 +4,7 @@
 
 from array import array
 
+from graph import START_TIMEOUT
 import pytest
 from rclpy.node import Node
 from test_graph_commands import started as command
@@ -82,11 +83,11 @@ def test_null_is_none_only_where_a_value_may_be_missing():
 def test_the_dump_of_a_live_node_starts_another_one(make_graph, tmp_path):
     graph = make_graph()
     sim = graph.start('sim', 'scene:=lateral_undulation')
-    sim.wait_for('physics ready', 60.0)
+    sim.wait_for('physics ready', START_TIMEOUT)
     dump = command(graph, 'param', 'dump', '/sim')
     assert dump.wait() == 0, dump.output
     assert sim.stop() == 0
     path = tmp_path / 'dump.yaml'
     path.write_text(dump.output)
     again = make_graph().start('sim', f'--params-file {path}')
-    again.wait_for('physics ready', 60.0)
+    again.wait_for('physics ready', START_TIMEOUT)

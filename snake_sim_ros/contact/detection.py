@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.laws import make_disc, OtherFriction
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
 from snake_sim_ros.dynamics.kinematics import axis_z, floor_penetration
 from snake_sim_ros.scene.obstacles import first_pair, first_peg, is_flat, pair_contacts
@@ -129,23 +128,6 @@ def make_obstacles(scene: Scene) -> Obstacles | None:
         first_pair=first_pair(scene),
         pair_count=len(pair_contacts(scene)),
         patches=make_patches(scene),
-    )
-
-
-def make_other_friction(scene: Scene, proximal: float) -> OtherFriction | None:
-    """Return friction backward, of pegs and between links, for a compliance [1/kg]."""
-    if is_flat(scene):
-        return None
-    floor = scene.friction
-    mu, mu_pair = scene.pegs.friction, scene.self_contact_friction
-    return OtherFriction(
-        first_peg=first_peg(scene),
-        first_pair=first_pair(scene),
-        peg=make_disc(1, mu, mu, proximal),
-        pair=make_disc(1, mu_pair, mu_pair, proximal),
-        rolling=make_disc(3, 0.0, 0.0, proximal),
-        backward=make_disc(1, floor.against_backward, floor.transversal, proximal),
-        has_sides=floor.has_direction,
     )
 
 

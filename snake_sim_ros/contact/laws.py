@@ -24,7 +24,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled, inlined, Table
-from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.obstacles import first_pair, first_peg, is_flat
+from snake_sim_ros.scene.parameters import Array, Scene
 
 FRICTIONLESS = 1e-100  # coefficients whose squares would underflow count as zero
 PRESS_SPEED = 5e-7  # velocity at which the selection rule may press a contact into the floor [m/s]
@@ -87,6 +88,23 @@ class OtherFriction(NamedTuple):
     rolling: Disc  # zero: such contacts have no rolling friction
     backward: Disc
     has_sides: bool  # whether `backward` differs from `Laws.sliding`
+
+
+def make_other_friction(scene: Scene, proximal: float) -> OtherFriction | None:
+    """Return friction backward, of pegs and between links, for a compliance [1/kg]."""
+    if is_flat(scene):
+        return None
+    floor = scene.friction
+    mu, mu_pair = scene.pegs.friction, scene.self_contact_friction
+    return OtherFriction(
+        first_peg=first_peg(scene),
+        first_pair=first_pair(scene),
+        peg=make_disc(1, mu, mu, proximal),
+        pair=make_disc(1, mu_pair, mu_pair, proximal),
+        rolling=make_disc(3, 0.0, 0.0, proximal),
+        backward=make_disc(1, floor.against_backward, floor.transversal, proximal),
+        has_sides=floor.has_direction,
+    )
 
 
 class Laws(NamedTuple):

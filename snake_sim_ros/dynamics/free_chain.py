@@ -437,16 +437,19 @@ def add_links(
     Array,
     Array,
 ]:
-    """Return A plus the inertias of two links, of which six numbers are 0 about any point."""
+    """Return A plus the inertias of two links; entries of the upper half, row by row."""
     return (
         A[0] + pair(bare[0, 0], other[0, 0]), A[1] + pair(bare[0, 1], other[0, 1]),
-        A[2] + pair(bare[0, 2], other[0, 2]), A[3], A[4] + pair(bare[0, 4], other[0, 4]),
-        A[5] + pair(bare[0, 5], other[0, 5]), A[6] + pair(bare[1, 1], other[1, 1]),
-        A[7] + pair(bare[1, 2], other[1, 2]), A[8] + pair(bare[1, 3], other[1, 3]), A[9],
+        A[2] + pair(bare[0, 2], other[0, 2]), A[3] + pair(bare[0, 3], other[0, 3]),
+        A[4] + pair(bare[0, 4], other[0, 4]), A[5] + pair(bare[0, 5], other[0, 5]),
+        A[6] + pair(bare[1, 1], other[1, 1]), A[7] + pair(bare[1, 2], other[1, 2]),
+        A[8] + pair(bare[1, 3], other[1, 3]), A[9] + pair(bare[1, 4], other[1, 4]),
         A[10] + pair(bare[1, 5], other[1, 5]), A[11] + pair(bare[2, 2], other[2, 2]),
-        A[12] + pair(bare[2, 3], other[2, 3]), A[13] + pair(bare[2, 4], other[2, 4]), A[14],
-        A[15] + pair(bare[3, 3], other[3, 3]), A[16], A[17],
-        A[18] + pair(bare[4, 4], other[4, 4]), A[19], A[20] + pair(bare[5, 5], other[5, 5]),
+        A[12] + pair(bare[2, 3], other[2, 3]), A[13] + pair(bare[2, 4], other[2, 4]),
+        A[14] + pair(bare[2, 5], other[2, 5]), A[15] + pair(bare[3, 3], other[3, 3]),
+        A[16] + pair(bare[3, 4], other[3, 4]), A[17] + pair(bare[3, 5], other[3, 5]),
+        A[18] + pair(bare[4, 4], other[4, 4]), A[19] + pair(bare[4, 5], other[4, 5]),
+        A[20] + pair(bare[5, 5], other[5, 5]),
     )  # fmt: skip
 
 

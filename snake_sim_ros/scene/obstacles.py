@@ -39,10 +39,10 @@ def is_flat(scene: Scene) -> bool:
     """
     Return whether there is nothing but the floor z = 0, with one ellipse of friction.
 
-    Friction that differs forward and backward or in patches needs the code for obstacles.
+    Any other friction, also that of patches, needs the code for obstacles.
     """
     obstacles = scene.ground.heights or scene.pegs.x or scene.self_contact
-    return not (obstacles or scene.friction.has_direction or scene.patches.factors)
+    return not (obstacles or scene.patches.factors) and scene.friction.is_one_ellipse
 
 
 def first_peg(scene: Scene) -> int:

@@ -78,6 +78,11 @@ class Friction(CheckedRecord):
         """Whether forward and backward sliding differ."""
         return self.against_backward != self.longitudinal
 
+    @property
+    def is_one_ellipse(self) -> bool:
+        """Whether the ellipse of `longitudinal` and `transversal` is all that resists sliding."""
+        return not self.has_direction
+
 
 @dataclass(frozen=True, kw_only=True)
 class Pegs(CheckedRecord):

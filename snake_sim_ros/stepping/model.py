@@ -9,8 +9,8 @@ import numpy as np
 
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.delassus import make_delassus
-from snake_sim_ros.contact.detection import make_obstacles, make_other_friction, Obstacles
-from snake_sim_ros.contact.laws import Laws, LEAST_COMPLIANCE, make_disc
+from snake_sim_ros.contact.detection import make_obstacles, Obstacles
+from snake_sim_ros.contact.laws import Laws, LEAST_COMPLIANCE, make_disc, make_other_friction
 from snake_sim_ros.contact.newton import make_operator, Operator
 from snake_sim_ros.contact.problem import make_table
 from snake_sim_ros.dynamics.articulated_body import Chain

@@ -30,6 +30,23 @@ ROOT_HOLD = 1e-10
 
 
 @inlined
+def in_axes_of_I(
+    c: float, s: float, S: tuple[float, float, float, float, float]
+) -> tuple[float, float, float, float, float]:
+    """
+    Return entries xx, xy, yy, xw, yw of a link's inertia about its center, in axes of I.
+
+    S are the entries along-along, along-across, across-across, along-turning and across-turning in
+    axes of the link, with heading (c, s).
+    """
+    S_aa, S_ac, S_cc, S_aw, S_cw = S
+    xx = c * c * S_aa - 2.0 * c * s * S_ac + s * s * S_cc
+    xy = c * s * (S_aa - S_cc) + (c * c - s * s) * S_ac
+    yy = s * s * S_aa + 2.0 * c * s * S_ac + c * c * S_cc
+    return xx, xy, yy, c * S_aw - s * S_cw, s * S_aw + c * S_cw
+
+
+@inlined
 def fill_momentum(model: PlanarModel, work: PlanarWorkspace, u: Array, u_start: Array) -> None:
     """Fill inertias and momenta of links with velocities u (n, 3), and gamma of u_start (n, 3)."""
     n = len(u)

@@ -49,6 +49,7 @@ from snake_sim_ros.stepping.planar.equilibrium import (
     add_peg_law,
     factor_bare,
     find_loads,
+    in_axes_of_I,
     peg_velocities,
     planar_contact_velocities,
     planar_twists,
@@ -200,10 +201,7 @@ def add_sliding_laws(model: PlanarModel, work: PlanarWorkspace, again: bool) -> 
         c, s = work.heading[i, 0], work.heading[i, 1]
         x, y = work.center[i, 0], work.center[i, 1]
         px, py = c * along - s * across, s * along + c * across
-        xx = c * c * S_aa - 2.0 * c * s * S_ac + s * s * S_cc
-        xy = c * s * (S_aa - S_cc) + (c * c - s * s) * S_ac
-        yy = s * s * S_aa + 2.0 * c * s * S_ac + c * c * S_cc
-        xw, yw = c * S_aw - s * S_cw, s * S_aw + c * S_cw
+        xx, xy, yy, xw, yw = in_axes_of_I(c, s, (S_aa, S_ac, S_cc, S_aw, S_cw))
         A, bare = chain.inertia[i], work.bare[i]
         a_x, a_y = xw - y * xx + x * xy, yw - y * xy + x * yy
         A[0] = bare[0] + S_ww + (x * yw - y * xw) + (x * a_y - y * a_x)

@@ -126,9 +126,9 @@ def contact_friction(scene: Scene, contacts: Array, q: Array) -> Array:
 
     Returns
     -------
-    ndarray, shape (k, 4)
+    ndarray, shape (k, 5)
         mu along e_x of the contact frame, against sliding forward and backward; mu along e_y, and
-        that of rolling.
+        that of rolling; the factor of patches that is in them.
 
     """
     n, first, found = scene.robot.link_count, first_peg(scene), []
@@ -137,16 +137,16 @@ def contact_friction(scene: Scene, contacts: Array, q: Array) -> Array:
         if a >= first:
             is_pair = a >= first_pair(scene)
             mu = scene.self_contact_friction if is_pair else scene.pegs.friction
-            found.append((mu, mu, mu, 0.0))
+            found.append((mu, mu, mu, 0.0, 1.0))
             continue
         slot, i = divmod(a, n)
         front = slot == 0 or 2 <= slot < 2 + NEIGHBOR_SLOTS // 2
         x, y, _ = center[i] + (1 if front else -1) * offset[i] * axis[i]
         found.append(floor_friction(scene, x, y))
-    return np.array(found).reshape(-1, 4)
+    return np.array(found).reshape(-1, 5)
 
 
-def floor_friction(scene: Scene, x: float, y: float) -> tuple[float, float, float, float]:
+def floor_friction(scene: Scene, x: float, y: float) -> tuple[float, float, float, float, float]:
     """Return the coefficients of the ground at (x, y) of I [m], as `contact_friction` does."""
     patches, floor, factor = scene.patches, scene.friction, 1.0
     column = math.floor((x - patches.origin[0]) / patches.cell)
@@ -154,7 +154,7 @@ def floor_friction(scene: Scene, x: float, y: float) -> tuple[float, float, floa
     if 0 <= row < len(patches.factors) and 0 <= column < len(patches.factors[0]):
         factor = patches.factors[row][column]
     along, back = factor * floor.longitudinal, factor * floor.against_backward
-    return along, back, factor * floor.transversal, factor * floor.rolling
+    return along, back, factor * floor.transversal, factor * floor.rolling, factor
 
 
 def cell_height(ground: Ground, column: int, row: int) -> float:

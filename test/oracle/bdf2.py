@@ -299,7 +299,7 @@ def contacts_of(
     mu = obstacles.contact_friction(scene, active, q)
     along = mu[:, :2].max(axis=1, keepdims=True)
     share = np.divide(mu[:, :2], along, out=np.ones((len(mu), 2)), where=along > 0.0)
-    friction = np.hstack([np.ones((len(mu), 1)), along, mu[:, 2:], mu[:, 3:]])
+    friction = np.hstack([np.ones((len(mu), 1)), along, mu[:, 2:4], mu[:, 3:4]])
     loaded = last > 0.0
     return Contacts(
         active, W, gap, approach, last, loaded, shift, friction, share, compliance, center

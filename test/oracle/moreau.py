@@ -174,7 +174,7 @@ class Terms(NamedTuple):
     gap: Array  # (k,) [m]
     shift: Array  # (k,) velocities that gaps allow, see `closing.predict_gaps` [m/s]
     start_gap: Array  # (k,) gap of a contact that is deep at the start, else 0 [m]
-    friction: Array  # (k, 4) as `obstacles.contact_friction` returns it
+    friction: Array  # (k, 4) mu forward, backward, across the link and of rolling
     W_N: Array  # (6n, k)
     W_T: Array  # (6n, 2k)
     W_V: Array  # (6n, 2k)
@@ -373,7 +373,7 @@ class DenseStepper:
             gap=gap,
             shift=np.where(gap > closed, gap / (dt / 2), 0.0),
             start_gap=np.where(deep, gap - way, 0.0),
-            friction=obstacles.contact_friction(scene, active, q_M),
+            friction=obstacles.contact_friction(scene, active, q_M)[:, :4],
             W_N=W_N,
             W_T=W_T,
             W_V=W_V,

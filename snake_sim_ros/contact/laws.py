@@ -23,6 +23,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.contact.directions import direction
+from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined, Table
 from snake_sim_ros.scene.obstacles import first_pair, first_peg, is_flat
 from snake_sim_ros.scene.parameters import Array, Scene
@@ -88,6 +90,9 @@ class OtherFriction(NamedTuple):
     rolling: Disc  # zero: such contacts have no rolling friction
     backward: Disc
     has_sides: bool  # whether `backward` differs from `Laws.sliding`
+    is_viscous: bool  # whether there is viscous friction on the ground
+    viscous_x: float  # that of a contact along its link and across it [N s/m]
+    viscous_y: float
 
 
 def make_other_friction(scene: Scene, proximal: float) -> OtherFriction | None:
@@ -104,6 +109,9 @@ def make_other_friction(scene: Scene, proximal: float) -> OtherFriction | None:
         rolling=make_disc(3, 0.0, 0.0, proximal),
         backward=make_disc(1, floor.against_backward, floor.transversal, proximal),
         has_sides=floor.has_direction,
+        is_viscous=floor.is_viscous,
+        viscous_x=0.5 * floor.viscous_longitudinal,
+        viscous_y=0.5 * floor.viscous_transversal,
     )
 
 
@@ -171,6 +179,48 @@ def changes_side(other: OtherFriction, contacts: Table, a: int) -> bool:
 def grip(other: OtherFriction | None, contacts: Table, a: int) -> float:
     """Return the factor of all friction of contact a: 1 but for patches of the ground."""
     return 1.0 if other is None else contacts.grip[a]
+
+
+@inlined
+def viscosity(other: OtherFriction, h: float, contacts: Table, a: int) -> tuple[float, float]:
+    """Return viscous impulse in a time h [s] over velocity, along and across a link [kg]."""
+    factor = h * grip(other, contacts, a)
+    return factor * other.viscous_x, factor * other.viscous_y
+
+
+@inlined
+def add_viscous_friction(
+    other: OtherFriction | None, h: float, closed: Array, contacts: Table, chain: Chain
+) -> None:
+    """
+    Add the viscous friction of a step to the inertias of the links, ``M + sum_k c_k h w_k w_k^T``.
+
+    Viscous friction is no inclusion: the impulse -c h gamma_T follows from the velocity at the end
+    of the step, as momentum does. So the links resist this velocity, and the impulses of all other
+    laws are those without the viscous part. Contacts that are yet to close have none.
+
+    Parameters
+    ----------
+    other : OtherFriction or None
+        ``laws.other``.
+    h : float
+        Time for which the impulses of the step act [s].
+    closed, contacts, chain
+        Those of a `problem.Problem`, with shifts; ``chain.bare`` is added to.
+
+    """
+    if other is None:
+        return
+    for k in range(len(closed) if other.is_viscous else 0):
+        a = closed[k]
+        if a < other.first_peg and contacts.shift[a] <= 0.0:
+            resistance = viscosity(other, h, contacts, a)
+            inertia = chain.bare[contacts.link[a]]
+            for axis in range(2):
+                w = direction(contacts.point, chain.frame, a, axis + 1)
+                for i in range(6):
+                    for j in range(6):
+                        inertia[i, j] += resistance[axis] * w[i] * w[j]
 
 
 @inlined

@@ -44,11 +44,14 @@ STICKY = 1e6  # largest friction: with it everything sticks whose load is more t
 @dataclass(frozen=True, kw_only=True)
 class Friction(CheckedRecord):
     """
-    Coefficients of spatial Coulomb friction and of rolling friction.
+    Coefficients of spatial Coulomb friction, of rolling friction and of viscous friction.
 
     A link slides forward along e_z of its frame, from link 1 to link n. What resists that is
     `longitudinal`; `backward` resists sliding the other way, and is equal if it is not given. The
     admissible forces are then two halves of ellipses, which share the half axis `transversal`.
+
+    Viscous friction is added to it: a force against the sliding velocity and proportional to it,
+    whatever the load. A link has half of it at each of its two contacts, while they are closed.
     """
 
     longitudinal: float = quantity(
@@ -67,6 +70,12 @@ class Friction(CheckedRecord):
     rolling: float = quantity(
         0.0, '1', 'rolling friction mu_V (assumption: none)', minimum=0, maximum=STICKY
     )
+    viscous_longitudinal: float = quantity(
+        0.0, 'N s/m', 'viscous friction of a link along it', minimum=0, maximum=STICKY
+    )
+    viscous_transversal: float = quantity(
+        0.0, 'N s/m', 'viscous friction of a link across it', minimum=0, maximum=STICKY
+    )
 
     @property
     def against_backward(self) -> float:
@@ -81,7 +90,12 @@ class Friction(CheckedRecord):
     @property
     def is_one_ellipse(self) -> bool:
         """Whether the ellipse of `longitudinal` and `transversal` is all that resists sliding."""
-        return not self.has_direction
+        return not (self.has_direction or self.is_viscous)
+
+    @property
+    def is_viscous(self) -> bool:
+        """Whether there is viscous friction."""
+        return max(self.viscous_longitudinal, self.viscous_transversal) > 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

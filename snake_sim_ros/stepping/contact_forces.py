@@ -8,8 +8,15 @@ import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.kinematics import axis_z
-from snake_sim_ros.scene.obstacles import contact_count, contact_geometry, contact_links
+from snake_sim_ros.scene.obstacles import (
+    contact_count,
+    contact_friction,
+    contact_geometry,
+    contact_links,
+    first_peg,
+)
 from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.methods import method_of, METHODS
 from snake_sim_ros.stepping.state import check_state, History, State
 
@@ -82,7 +89,32 @@ def sampled_forces(
         points[here] = acted[m, contact_links(scene)[touching, 0], :3] + lever[touching]
         loads = impulse[m, touching, :3] / span[m]
         forces[here] = np.einsum('ak,aki->ai', loads, frame[touching])
+    if scene.friction.is_viscous:
+        add_viscous_forces(scene, acted, u, sample, number, points, forces)
     return sample, number, points, forces
+
+
+def add_viscous_forces(
+    scene: Scene, q: Array, u: Array, sample: Array, number: Array, points: Array, forces: Array
+) -> None:
+    """
+    Add the viscous friction of the ground to forces (k, 3) at points (k, 3).
+
+    It is no part of the impulses; see `laws.add_viscous_friction`. Other arguments are those of
+    `sampled_forces`, for the coordinates at which impulses acted.
+    """
+    coefficient = scene.friction.viscous_longitudinal, scene.friction.viscous_transversal
+    ground = number < first_peg(scene)
+    for m in np.unique(sample[ground]):
+        here = np.flatnonzero(ground & (sample == m))
+        links = contact_links(scene)[number[here], 0]
+        wanted = np.isin(np.arange(contact_count(scene)), number[here])
+        tangents = contact_geometry(scene, q[m], wanted)[2][number[here], 1:]
+        omega = np.einsum('kij,kj->ki', rotation_matrices(q[m, links, 3:]), u[m, links, 3:])
+        velocity = u[m, links, :3] + np.cross(omega, points[here] - q[m, links, :3])
+        factor = contact_friction(scene, number[here], q[m])[:, 4:] / 2
+        resisted = factor * coefficient * np.einsum('kij,kj->ki', tangents, velocity)
+        forces[here] -= np.einsum('ki,kij->kj', resisted, tangents)
 
 
 @compiled

@@ -26,7 +26,7 @@ import numpy as np
 from snake_sim_ros.contact.closing import close_step, keep_closed_contacts, predict_gaps
 from snake_sim_ros.contact.detection import find_contacts, reach_of_step
 from snake_sim_ros.contact.directions import contact_velocities
-from snake_sim_ros.contact.laws import apply_selection_rule, PRESS_SPEED
+from snake_sim_ros.contact.laws import add_viscous_friction, apply_selection_rule, PRESS_SPEED
 from snake_sim_ros.contact.problem import Outcome, Problem, solve_contacts
 from snake_sim_ros.dynamics.balance import (
     axis_loads,
@@ -107,6 +107,7 @@ def begin_step(model: Model, work: Workspace, steps: Steps, k: int) -> Problem:
         model.laws, closed, contacts, model.mass, impulse, PRESS_SPEED, fall
     )
     predict_gaps(model.closed_gap, model.dt, closed, contacts)
+    add_viscous_friction(laws.other, model.dt, closed, contacts, chain)
     return Problem(laws, closed, contacts, chain)
 
 

@@ -50,7 +50,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from oracle.contact_laws import solve_laws
+from oracle.contact_laws import solve_laws, viscosity
 from oracle.joint_laws import dense_laws, DenseLaws, solve_laws_of_axes
 from snake_sim_ros import Robot, Scene, State
 from snake_sim_ros.contact.closing import closed_gap, COMPLIANCE, left_gap, most_closed
@@ -188,6 +188,7 @@ class Contacts(NamedTuple):
     share: Array  # (k, 2) of mu_x in the largest one, against sliding forward and backward
     compliance: float  # of the selection rule [1/kg]
     center: Array  # (k,) normal impulses about which the rule is compliant [N s]
+    viscous: Array  # (6n, 6n) sum of c W W^T over sliding directions, c their viscous friction
 
     def without_gaps(self, kept: Array) -> 'Contacts':
         """Return some of the contacts, by a mask (k,), with shifts 0."""
@@ -214,11 +215,13 @@ class Balance(NamedTuple):
     smooth: Array  # (6n,) M u_hat + h h(u*)
     W_J: Array  # (6n, 4(n-1))
     W_tau: Array  # (6n, 2(n-1))
+    viscous: Array | float = 0.0  # (6n, 6n) impulse of viscous friction per velocity
 
     @property
     def A(self) -> Array:
-        """The mass matrix with the implicit part of the controller."""
-        return np.asarray(self.M + (self.W_tau * self.resistance) @ self.W_tau.T)
+        """The mass matrix with the implicit part of the controller, and viscous friction."""
+        implicit = (self.W_tau * self.resistance) @ self.W_tau.T
+        return np.asarray(self.M + implicit + self.viscous)
 
     @property
     def momentum(self) -> Array:
@@ -300,10 +303,11 @@ def contacts_of(
     along = mu[:, :2].max(axis=1, keepdims=True)
     share = np.divide(mu[:, :2], along, out=np.ones((len(mu), 2)), where=along > 0.0)
     friction = np.hstack([np.ones((len(mu), 1)), along, mu[:, 2:4], mu[:, 3:4]])
-    loaded = last > 0.0
+    loaded, W_T = last > 0.0, W[:, :, 1:3].reshape(u.size, -1)
     return Contacts(
-        active, W, gap, approach, last, loaded, shift, friction, share, compliance, center
-    )
+        active, W, gap, approach, last, loaded, shift, friction, share, compliance, center,
+        (W_T * viscosity(scene, active, mu[:, 4], shift)) @ W_T.T,
+    )  # fmt: skip
 
 
 def selection_rule(
@@ -439,7 +443,8 @@ def problem(
     last = history.impulse * (terms.h / (memory.span[0] or scene.dt))
     asked = np.zeros(len(last), dtype=bool) if takes_part is None else takes_part
     contacts = contacts_of(scene, q_star, u_star, terms, dt, last, asked)
-    return terms, contacts, balance(scene, R, terms, angle, rate, pushed)
+    dynamics = balance(scene, R, terms, angle, rate, pushed)
+    return terms, contacts, dynamics._replace(viscous=terms.h * contacts.viscous)
 
 
 def part(

@@ -14,7 +14,8 @@ import math
 import numpy as np
 
 from snake_sim_ros.contact.laws import prox_ellipse
-from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.obstacles import first_peg
+from snake_sim_ros.scene.parameters import Array, Scene
 
 EPS = float(np.finfo(float).eps)
 ROUNDS, SWEEPS, ITERATIONS = 40, 25, 30
@@ -143,3 +144,11 @@ def prox_half_ellipses(
     point lies on the side of x, and is that of the whole ellipse of this side, which is symmetric.
     """
     return prox_ellipse(x, y, backward if x > 0.0 else forward, b)
+
+
+def viscosity(scene: Scene, active: Array, factor: Array, shift: Array | float) -> Array:
+    """Return the viscous friction of active contacts along and across, shape (2k,) [N s/m]."""
+    floor = scene.friction
+    acts = (active < first_peg(scene)) & (shift <= 0.0)
+    per_contact = np.array([floor.viscous_longitudinal, floor.viscous_transversal]) / 2
+    return np.asarray(np.outer(np.where(acts, factor, 0.0), per_contact).ravel())

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from oracle.closing import Closing, with_closed_gaps
-from oracle.contact_laws import prox_half_ellipses
+from oracle.contact_laws import prox_half_ellipses, viscosity
 from oracle.joint_drift import furthest_angles, without_drift
 from oracle.joint_laws import dense_laws, solve_laws_of_axes
 from snake_sim_ros import Report, Scene, Solver, State
@@ -367,19 +367,24 @@ class DenseStepper:
         h += pushes.generalized(pushes.step(), R)
         # (75): M (u_E - u_A) - h dt - S - W_J P_J = tau_C dt. What an implicit controller takes
         # from u_E joins the mass matrix.
+        friction = obstacles.contact_friction(scene, active, q_M)
+        shift = np.where(gap > closed, gap / (dt / 2), 0.0)
+        viscous = dt * viscosity(scene, active, friction[:, 4], shift)
         return Terms(
             active=active,
             R=R,
             gap=gap,
-            shift=np.where(gap > closed, gap / (dt / 2), 0.0),
+            shift=shift,
             start_gap=np.where(deep, gap - way, 0.0),
-            friction=obstacles.contact_friction(scene, active, q_M)[:, :4],
+            friction=friction[:, :4],
             W_N=W_N,
             W_T=W_T,
             W_V=W_V,
             W_J=joint_directions(robot, R),
             W_tau=W_tau,
-            M_inv=np.linalg.inv(mass_matrix(robot) + (W_tau * damping) @ W_tau.T),
+            M_inv=np.linalg.inv(
+                mass_matrix(robot) + (W_tau * damping) @ W_tau.T + (W_T * viscous) @ W_T.T
+            ),
             momentum=mass_matrix(robot) @ state.u.ravel() + h * dt + W_tau @ torque,
         )
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from oracle.contact_laws import prox_half_ellipses
+from oracle.contact_laws import prox_half_ellipses, viscosity
 from oracle.joint_laws import dense_laws, DenseLaws, solve_laws_of_axes
 from snake_sim_ros import Scene
 from snake_sim_ros.dynamics.joint_control import pd_law
@@ -162,6 +162,7 @@ class Terms(NamedTuple):
     M: Array  # (3n, 3n)
     momentum: Array  # (3n,) without the joint axes
     laws: DenseLaws  # of the yaw axes (n-1, 1)
+    viscous: Array  # (4n,) impulse of viscous friction per velocity along and across [kg]
     M_inv: Array  # (3n, 3n) with the implicit part of the laws of the axes
 
 
@@ -230,7 +231,7 @@ class DenseLoop:
         center = centers(np.concatenate([q[:2] + dt / 2 * u[0, :2], theta]), model.half_length)
         arm = model.offset[:, None] * np.column_stack([np.cos(theta), np.sin(theta)])
         points = np.vstack([center + arm, center - arm])
-        friction = np.array([floor_friction(self.scene, *point)[:3] for point in points])
+        floor = np.array([floor_friction(self.scene, *point) for point in points])
         mass = np.column_stack([model.mass, model.mass, model.inertia]).ravel()
         start, turn = np.diff(q[2:]), np.diff(u[:, 2])
         law = [
@@ -245,13 +246,15 @@ class DenseLoop:
         laws = dense_laws(model.joint_laws, dt, torque, damping, low, high)
         force = pushes.generalized(pushes.step(), flat_frames(theta)).reshape(-1, 6)
         M, momentum = np.diag(mass), mass * u.ravel() + dt * force[:, [0, 1, 4]].ravel()
-        return Terms(theta, friction, W_J, W_T, W_tau, M, momentum, laws, M)
+        viscous = dt * viscosity(self.scene, np.arange(2 * len(theta)), floor[:, 4], 0.0)
+        return Terms(theta, floor[:, :3], W_J, W_T, W_tau, M, momentum, laws, viscous, M)
 
     def with_law(self, terms: Terms, torque: Array, damping: Array) -> Terms:
         """Return the terms with impulses (n-1,) [N m s] and dampings of the yaw axes."""
-        W_tau = terms.W_tau
+        W_tau, W_T = terms.W_tau, terms.W_T
+        resisting = (W_tau * damping) @ W_tau.T + (W_T * terms.viscous) @ W_T.T
         return terms._replace(
-            M_inv=np.linalg.inv(terms.M + (W_tau * damping) @ W_tau.T),
+            M_inv=np.linalg.inv(terms.M + resisting),
             momentum=terms.momentum + W_tau @ torque,
         )
 
@@ -259,7 +262,7 @@ class DenseLoop:
         self, model: PlanarModel, terms: Terms, normal: Array, tangential: Array, limit: int
     ) -> Solution:
         """Iterate loads and friction from some impulses, up to `limit` times, eqs. (84)-(93)."""
-        solver, (theta, _, W_J, W_T, _, _, momentum, _, M_inv) = self.scene.solver, terms
+        solver, (theta, _, W_J, W_T, _, _, momentum, *_, M_inv) = self.scene.solver, terms
         n, half, offset = len(theta), model.half_length, model.offset
         reaction = M_inv @ W_J @ np.linalg.inv(W_J.T @ M_inv @ W_J) if n > 1 else W_J
         c, s = np.cos(theta), np.sin(theta)
@@ -267,7 +270,8 @@ class DenseLoop:
         while not change < solver.tolerance and iterations < limit:
             u_E = M_inv @ (momentum + W_T @ tangential.ravel())
             u_E = u_E - reaction @ (W_J.T @ u_E)
-            along, across = (tangential[:n] + tangential[n:]).T
+            total = tangential - (terms.viscous * (W_T.T @ u_E)).reshape(-1, 2)
+            along, across = (total[:n] + total[n:]).T
             wrench = np.zeros((n, 3))
             wrench[:, 0] = model.mass * model.fall
             wrench[:, 1] = model.radius * (s * along + c * across)

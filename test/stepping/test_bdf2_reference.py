@@ -255,7 +255,9 @@ def beside_links(rng, scene, q, count):
 def among_obstacles(seed, links):
     """Return a random step among pegs, cells and links, or None if one is inside of another."""
     rng, patches = np.random.default_rng([seed, 3]), np.random.default_rng([seed, 8])
-    friction = replace(FRICTIONS['rolling'], backward=0.4)
+    friction = replace(
+        FRICTIONS['rolling'], backward=0.4, viscous_longitudinal=1.0, viscous_transversal=3.0
+    )
     pegs = Pegs(x=(9.0, 9.1), y=(9.0, 9.0), radius=0.02, friction=0.3)
     scene, state, *others = random_case(
         [seed, 4], links, friction, SMOOTH, 1.0, bend=(0.9, 1.3), pegs=pegs,

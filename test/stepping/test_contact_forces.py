@@ -10,7 +10,7 @@ import pytest
 from random_states import moved
 from scenes import DT, isotropic, slope
 
-from snake_sim_ros import Gait, Scene, Simulation
+from snake_sim_ros import Friction, Gait, Scene, Simulation
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.stepping.contact_forces import contact_forces
@@ -73,12 +73,15 @@ def test_at_rest_the_contacts_carry_the_weight(level):
     assert np.abs(points[:, 2]).max() < 1e-9
 
 
+VISCOUS = Friction(viscous_longitudinal=0.2, viscous_transversal=0.6)
 SCENES = {
     'planar': replace(CASE_A, level='planar'),
     'spatial': replace(CASE_A, level='spatial'),
     'lifting': load_scene('sidewinding'),
     'slope': replace(CASE_A, gravity=slope(0.2), friction=isotropic(0.1)),
     'pegs': load_scene('obstacle_aided'),
+    'viscous': replace(CASE_A, level='planar', friction=VISCOUS),
+    'viscous, spatial': replace(CASE_A, level='spatial', friction=VISCOUS),
 }
 
 

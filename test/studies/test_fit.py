@@ -125,6 +125,17 @@ def test_it_finds_the_exact_truth_without_noise(recording):
     assert max(judgement.size.values()) < 0.01
 
 
+def test_it_finds_viscous_friction_beside_that_of_coulomb(tmp_path):
+    names = ['friction.viscous_longitudinal', 'friction.viscous_transversal']
+    truth = dict(zip(names, [0.3, 1.0], strict=True))
+    recording = recording_of(with_settings(load_scene('lateral_undulation'), truth), tmp_path)
+    replay = replay_of(recording, **dict(zip(names, [0.6, 0.6], strict=True)))
+    exact = fit(replay, unknowns_of(replay.scene, names))
+    # As above; viscous friction is a tenth of all friction here.
+    assert exact.values == pytest.approx([*truth.values()], rel=1e-2)
+    assert judge(exact).failures == ()
+
+
 def test_threads_and_repetitions_give_the_same_bits(recording):
     values = []
     for threads in (1, 2):

@@ -46,7 +46,7 @@ from typing import Any, NamedTuple
 
 from snake_sim_ros.contact.detection import find_contacts, LANDING_SPEED, penetration
 from snake_sim_ros.contact.directions import contact_velocities
-from snake_sim_ros.contact.laws import apply_selection_rule
+from snake_sim_ros.contact.laws import add_viscous_friction, apply_selection_rule
 from snake_sim_ros.contact.newton import prepare_contacts, solve_prepared
 from snake_sim_ros.contact.problem import Outcome, Problem
 from snake_sim_ros.dynamics.balance import joint_rates, link_inertia, smooth_momentum
@@ -248,6 +248,7 @@ def begin_part(
         contacts.takes_part[a] = 1
     contact_velocities(closed, contacts, chain.frame, chain.twist)
     leave_gaps(model, h_q, late, closed, contacts, history.impulse)
+    add_viscous_friction(model.laws.other, h, closed, contacts, chain)
     laws = apply_selection_rule(
         model.laws, closed, contacts, model.mass, history.impulse, PRESS_SPEED,
         -h * model.gravity[2],

@@ -19,6 +19,7 @@ from snake_sim_ros.contact.closing import (
     predict_gaps,
 )
 from snake_sim_ros.contact.detection import fill_grip, peg_contact, reach_of_step
+from snake_sim_ros.contact.laws import OtherFriction, viscosity
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges, HingeChain, solve_hinges
 from snake_sim_ros.scene.parameters import Array
@@ -61,6 +62,49 @@ def fill_momentum(model: PlanarModel, work: PlanarWorkspace, u: Array, u_start: 
         c, s = work.heading[i, 0], work.heading[i, 1]
         vx, vy, omega = u_start[i, 0], u_start[i, 1], u_start[i, 2]
         fill_link_velocities(work.contacts, i, n, model.offset[i], c, s, vx, vy, omega)
+    add_viscous_friction_in_plane(model.laws.other, model, work)
+
+
+@inlined
+def add_viscous_friction_in_plane(
+    other: OtherFriction | None, model: PlanarModel, work: PlanarWorkspace
+) -> None:
+    """Add the viscous friction to the inertias of links; see `laws.add_viscous_friction`."""
+    if other is None:
+        return
+    h, n = model.dt * work.standing.part[0], len(work.heading)
+    for i in range(n if other.is_viscous else 0):
+        front, rear = (
+            viscosity(other, h, work.contacts, i),
+            viscosity(other, h, work.contacts, n + i),
+        )
+        along, across = front[0] + rear[0], front[1] + rear[1]
+        turning, offset = model.offset[i] * (front[1] - rear[1]), model.offset[i]
+        c, s = work.heading[i, 0], work.heading[i, 1]
+        x, y = work.center[i, 0], work.center[i, 1]
+        xx, xy, yy, xw, yw = in_axes_of_I(c, s, (along, 0.0, across, 0.0, turning))
+        a_x, a_y = xw - y * xx + x * xy, yw - y * xy + x * yy
+        A = work.bare[i]
+        A[0] += offset * offset * across + (x * yw - y * xw) + (x * a_y - y * a_x)
+        A[1] += a_x
+        A[2] += a_y
+        A[3] += xx
+        A[4] += xy
+        A[5] += yy
+
+
+@inlined
+def viscous_impulses(
+    other: OtherFriction | None, h: float, contacts: Table, i: int, n: int
+) -> tuple[float, float]:
+    """Return the impulse of viscous friction in a time h [s] along and across link i of n."""
+    if other is None:
+        return 0.0, 0.0
+    along = across = 0.0
+    for a in (i, n + i):
+        c_x, c_y = viscosity(other, h, contacts, a)
+        along, across = along - c_x * contacts.gamma[a, 1], across - c_y * contacts.gamma[a, 2]
+    return along, across
 
 
 @inlined
@@ -202,10 +246,12 @@ def find_loads(model: PlanarModel, work: PlanarWorkspace) -> None:
     link within the tolerance of the solver is neglected: nothing holds a single link against it.
     """
     contacts, upright, n = work.contacts, work.upright, len(work.heading)
+    h = model.dt * work.standing.part[0]
     for i in range(n):
         c, s = work.heading[i, 0], work.heading[i, 1]
-        along = contacts.impulse[i, 1] + contacts.impulse[n + i, 1]
-        across = contacts.impulse[i, 2] + contacts.impulse[n + i, 2]
+        along, across = viscous_impulses(model.laws.other, h, contacts, i, n)
+        along += contacts.impulse[i, 1] + contacts.impulse[n + i, 1]
+        across += contacts.impulse[i, 2] + contacts.impulse[n + i, 2]
         if abs(across) <= model.mass[i] * model.laws.residual_tolerance:
             across = 0.0
         upright.wrench[i, 0] = work.weight[i, 0] + model.radius * (s * along + c * across)

@@ -92,7 +92,7 @@ class Bdf2Step(DenseStep):
         It is this one, after an impact without a landing, or the impact of the contacts that are
         closed at its end, with the torques (n-1, 2) that the joints had in the step [N m].
         """
-        u, P = dense_bdf2.solve_contacts(self.dynamics, self.contacts)
+        u, P = dense_bdf2.solve_falling(self.scene, self.dynamics, self.contacts)
         if not self.shift[P[:, 0] > 0.0].any():
             return self
         gap = dense_bdf2.end_gaps(self.contacts, u, self.terms.h_q)

@@ -80,7 +80,7 @@ class OtherFriction(NamedTuple):
     negative, against sliding forward, and `backward` while it is positive. Both have the same half
     axis across, so that the admissible set, half of each, is convex, and the ellipse in which an
     impulse lies has the same normals. The friction of a contact with the ground is multiplied by
-    its `grip` in the table; see `grip`. Contacts with pegs follow, then those of two links.
+    a factor; see `grip`. Contacts with pegs follow, then those of two links.
     """
 
     first_peg: int  # number of the first contact with a peg
@@ -93,6 +93,9 @@ class OtherFriction(NamedTuple):
     is_viscous: bool  # whether there is viscous friction on the ground
     viscous_x: float  # that of a contact along its link and across it [N s/m]
     viscous_y: float
+    falls: bool  # whether sliding friction on the ground falls with speed
+    kinetic_ratio: float  # at high speed, over that at rest
+    stribeck_speed: float  # at which it has fallen half way [m/s]
 
 
 def make_other_friction(scene: Scene, proximal: float) -> OtherFriction | None:
@@ -112,6 +115,9 @@ def make_other_friction(scene: Scene, proximal: float) -> OtherFriction | None:
         is_viscous=floor.is_viscous,
         viscous_x=0.5 * floor.viscous_longitudinal,
         viscous_y=0.5 * floor.viscous_transversal,
+        falls=floor.falls,
+        kinetic_ratio=floor.kinetic_ratio,
+        stribeck_speed=floor.stribeck_speed,
     )
 
 
@@ -177,14 +183,39 @@ def changes_side(other: OtherFriction, contacts: Table, a: int) -> bool:
 
 @inlined
 def grip(other: OtherFriction | None, contacts: Table, a: int) -> float:
-    """Return the factor of all friction of contact a: 1 but for patches of the ground."""
-    return 1.0 if other is None else contacts.grip[a]
+    """
+    Return the factor of all friction of contact a: that of patches, and of its sliding speed.
+
+    The speed is that of `gamma`: an iteration takes the one that it has found last, and where it
+    ends, the residual of the laws is that for the factor at the end of the step.
+    """
+    if other is None:
+        return 1.0
+    factor = contacts.grip[a]
+    if other.falls and a < other.first_peg:
+        factor *= stribeck_factor(
+            other.kinetic_ratio, other.stribeck_speed, contacts.gamma[a, 1], contacts.gamma[a, 2]
+        )
+    return factor
+
+
+@inlined
+def stribeck_factor(ratio: float, speed: float, x: float, y: float) -> float:
+    """
+    Return sliding friction at a velocity (x, y) [m/s] over that at rest.
+
+    The law is that of [1]_; it has fallen half way to `ratio` at `speed` [m/s].
+
+    .. [1] D. P. Hess, A. Soom, "Friction at a lubricated line contact operating at oscillating
+       sliding velocities", J. Tribology 112(1), 1990.
+    """
+    return ratio + (1.0 - ratio) / (1.0 + (x * x + y * y) / (speed * speed))
 
 
 @inlined
 def viscosity(other: OtherFriction, h: float, contacts: Table, a: int) -> tuple[float, float]:
     """Return viscous impulse in a time h [s] over velocity, along and across a link [kg]."""
-    factor = h * grip(other, contacts, a)
+    factor = h * contacts.grip[a]
     return factor * other.viscous_x, factor * other.viscous_y
 
 

@@ -52,6 +52,9 @@ class Friction(CheckedRecord):
 
     Viscous friction is added to it: a force against the sliding velocity and proportional to it,
     whatever the load. A link has half of it at each of its two contacts, while they are closed.
+
+    While a contact slides, the coefficients may fall with its speed v, from those given to their
+    `kinetic_ratio` r, by the factor ``r + (1 - r)/(1 + (v/stribeck_speed)^2)``.
     """
 
     longitudinal: float = quantity(
@@ -77,6 +80,28 @@ class Friction(CheckedRecord):
         0.0, 'N s/m', 'viscous friction of a link across it', minimum=0, maximum=STICKY
     )
 
+    kinetic_ratio: float = quantity(
+        1.0, '1', 'sliding coefficients at high speed over those at rest', minimum=0, maximum=1
+    )
+    stribeck_speed: float = quantity(
+        0.01, 'm/s', 'speed at which sliding coefficients have fallen half way', above=0,
+        minimum=1e-6,
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        """Check every field, and that coefficients that fall are those of sliding alone."""
+        super().__post_init__()
+        if self.falls and self.rolling > 0.0:
+            raise ParameterError(
+                f'kinetic_ratio {self.kinetic_ratio:g} needs rolling 0, got {self.rolling:g}: '
+                f'rolling friction does not fall with speed'
+            )
+
+    @property
+    def falls(self) -> bool:
+        """Whether sliding coefficients fall with speed."""
+        return self.kinetic_ratio < 1.0
+
     @property
     def against_backward(self) -> float:
         """Coefficient along a link that slides backward."""
@@ -90,7 +115,7 @@ class Friction(CheckedRecord):
     @property
     def is_one_ellipse(self) -> bool:
         """Whether the ellipse of `longitudinal` and `transversal` is all that resists sliding."""
-        return not (self.has_direction or self.is_viscous)
+        return not (self.has_direction or self.is_viscous or self.falls)
 
     @property
     def is_viscous(self) -> bool:

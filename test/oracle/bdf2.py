@@ -50,7 +50,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from oracle.contact_laws import solve_laws, viscosity
+from oracle.contact_laws import falling, solve_laws, viscosity
 from oracle.joint_laws import dense_laws, DenseLaws, solve_laws_of_axes
 from snake_sim_ros import Robot, Scene, State
 from snake_sim_ros.contact.closing import closed_gap, COMPLIANCE, left_gap, most_closed
@@ -81,6 +81,8 @@ from snake_sim_ros.stepping.bdf2.step import MOST_CLOSINGS, PRESS_SPEED
 from snake_sim_ros.stepping.model import MOST_CONDENSED, PROXIMAL
 from snake_sim_ros.stepping.pushes import NO_PUSHES, not_pushed, Pushed, PushTable, STEP, Stretch
 from snake_sim_ros.stepping.state import History
+
+FALLS = 200  # iterations of factors of friction, at most
 
 
 def motion_of(robot: Robot, state: State) -> Motion:
@@ -345,6 +347,25 @@ def solve_contacts(terms: Balance, contacts: Contacts) -> tuple[Array, Array]:
     return u_E.reshape(-1, 6), P.reshape(-1, 5) * contacts.friction
 
 
+def solve_falling(scene: Scene, terms: Balance, contacts: Contacts) -> tuple[Array, Array]:
+    """
+    Return what `solve_contacts` does, where sliding friction falls with speed.
+
+    The factor of each contact is found by iteration: it is larger where the contact is slower, and
+    the contact is slower where it is larger, so that the iterates go one way.
+    """
+    factor = np.ones((len(contacts.active), 1))
+    for _ in range(FALLS):
+        friction = contacts.friction.copy()
+        friction[:, 1:] *= factor
+        u_E, P = solve_contacts(terms, contacts._replace(friction=friction))
+        gamma = np.einsum('rkj,r->kj', contacts.W, u_E.ravel())
+        before, factor = factor, falling(scene, contacts.active, gamma)
+        if np.abs(factor - before).max(initial=0.0) <= 1e-15:
+            break
+    return u_E, P
+
+
 def solve_all(
     scene: Scene, dynamics: Balance, contacts: Contacts, laws: DenseLaws, rate: Array
 ) -> tuple[tuple[Array, Array, Balance], Array, Array, int, bool]:
@@ -352,7 +373,7 @@ def solve_all(
 
     def solve(torque: Array, damping: Array, limit: int) -> tuple[Array, object, int]:
         terms = dynamics._replace(torque=torque.ravel(), resistance=damping.ravel())
-        u_E, P = solve_contacts(terms, contacts)
+        u_E, P = solve_falling(scene, terms, contacts)
         return (terms.W_tau.T @ u_E.ravel()).reshape(-1, 2), (u_E, P, terms), 0
 
     return solve_laws_of_axes(laws, make_joint_laws(scene.robot).inertia, rate, solve, 1)

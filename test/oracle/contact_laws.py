@@ -152,3 +152,11 @@ def viscosity(scene: Scene, active: Array, factor: Array, shift: Array | float) 
     acts = (active < first_peg(scene)) & (shift <= 0.0)
     per_contact = np.array([floor.viscous_longitudinal, floor.viscous_transversal]) / 2
     return np.asarray(np.outer(np.where(acts, factor, 0.0), per_contact).ravel())
+
+
+def falling(scene: Scene, active: Array, gamma: Array) -> Array:
+    """Return friction of active contacts that slide (k, 5) over that at rest, shape (k, 1)."""
+    floor, on_ground = scene.friction, active < first_peg(scene)
+    share = 1.0 / (1.0 + (np.hypot(gamma[:, 1], gamma[:, 2]) / floor.stribeck_speed) ** 2)
+    factor = floor.kinetic_ratio + (1.0 - floor.kinetic_ratio) * share
+    return np.where(on_ground, factor, 1.0)[:, None]

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from oracle.closing import Closing, with_closed_gaps
-from oracle.contact_laws import prox_half_ellipses, viscosity
+from oracle.contact_laws import falling, prox_half_ellipses, viscosity
 from oracle.joint_drift import furthest_angles, without_drift
 from oracle.joint_laws import dense_laws, solve_laws_of_axes
 from snake_sim_ros import Report, Scene, Solver, State
@@ -330,7 +330,8 @@ class DenseStepper:
         g_J = joint_gaps(robot, without_drift(robot, q_free, 'none', furthest))
 
         def residual(compliance: float) -> float:
-            each = zip(terms.friction, rule.center, last_P, gamma, strict=True)
+            friction = terms.friction * falling(scene, terms.active, gamma)
+            each = zip(friction, rule.center, last_P, gamma, strict=True)
             found = (contact_natural_map(scene.solver, compliance, *contact) for contact in each)
             return max(found, default=0.0)
 
@@ -419,7 +420,6 @@ class DenseStepper:
 
         """
         solver, centers = self.scene.solver, rule.center.tolist()
-        friction = terms.friction.tolist()
         *_, W_N, W_T, W_V, W_J, _, M_inv, momentum = terms
         G_J = W_J.T @ M_inv @ W_J
         last_P, u_E, iterations, change = P, M_inv @ momentum, 0, math.inf
@@ -429,8 +429,9 @@ class DenseStepper:
             right = W_J.T @ M_inv @ (momentum + S)
             P_J = -np.linalg.solve(G_J, right)
             u_E = M_inv @ (momentum + S + W_J @ P_J)  # (86)
-            gamma = terms.shifted_velocities(u_E).tolist()
-            each = zip(friction, centers, P.tolist(), gamma, strict=True)
+            gamma = terms.shifted_velocities(u_E)
+            friction = terms.friction * falling(self.scene, terms.active, gamma)
+            each = zip(friction.tolist(), centers, P.tolist(), gamma.tolist(), strict=True)
             P_new = [contact_prox(solver, rule.compliance, *contact) for contact in each]
             step = np.reshape(P_new, P.shape) - P
             change = sum(float(np.linalg.norm(step[:, k])) for k in ([0], [1, 2], [3, 4]))  # (93)

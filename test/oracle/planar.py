@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from oracle.contact_laws import prox_half_ellipses, viscosity
+from oracle.contact_laws import falling, prox_half_ellipses, viscosity
 from oracle.joint_laws import dense_laws, DenseLaws, solve_laws_of_axes
 from snake_sim_ros import Scene
 from snake_sim_ros.dynamics.joint_control import pd_law
@@ -277,7 +277,9 @@ class DenseLoop:
             wrench[:, 1] = model.radius * (s * along + c * across)
             wrench[:, 2] = -model.radius * (c * along - s * across)
             P_N, held, roll = loads_from_friction(theta, half, offset, self.pitch, wrench.ravel())
-            P_T = self.project(tangential, (W_T.T @ u_E).reshape(-1, 2), P_N, terms.friction)
+            gamma = np.pad((W_T.T @ u_E).reshape(-1, 2), ((0, 0), (1, 2)))
+            friction = terms.friction * falling(self.scene, np.arange(2 * n), gamma)
+            P_T = self.project(tangential, gamma[:, 1:3], P_N, friction)
             change = float(np.linalg.norm(P_N - normal) + np.linalg.norm(P_T - tangential))
             residual = float(np.linalg.norm(P_T - tangential, axis=1).max() / solver.r_sliding)
             normal, tangential = P_N, P_T

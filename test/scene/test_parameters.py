@@ -274,8 +274,8 @@ def test_misspelt_keys_name_the_nearest(mapping, where, wrong, right):
 def test_keys_like_none_name_all():
     message = refusal(from_mapping, Friction, {'x': 1}, 'friction')
     assert message == (
-        "friction: unknown key 'x'; choose from: backward, longitudinal, rolling, transversal, "
-            "viscous_longitudinal, viscous_transversal"
+        "friction: unknown key 'x'; choose from: backward, kinetic_ratio, longitudinal, rolling, "
+        'stribeck_speed, transversal, viscous_longitudinal, viscous_transversal'
     )
     assert refusal(from_mapping, Scene, {7: 1}, 'scene').startswith(
         'scene: unknown key 7; choose '

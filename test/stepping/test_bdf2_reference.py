@@ -252,12 +252,16 @@ def beside_links(rng, scene, q, count):
     return (q[i, :2] + (apart / np.hypot(*across.T))[:, None] * across).T
 
 
-def among_obstacles(seed, links):
+SIDES_AND_VISCOUS = replace(
+    FRICTIONS['rolling'], backward=0.4, viscous_longitudinal=1.0, viscous_transversal=3.0
+)
+# So little that impacts have one solution.
+FALLING = replace(SIDES_AND_VISCOUS, rolling=0.0, kinetic_ratio=0.9, stribeck_speed=0.5)
+
+
+def among_obstacles(seed, links, friction=SIDES_AND_VISCOUS):
     """Return a random step among pegs, cells and links, or None if one is inside of another."""
     rng, patches = np.random.default_rng([seed, 3]), np.random.default_rng([seed, 8])
-    friction = replace(
-        FRICTIONS['rolling'], backward=0.4, viscous_longitudinal=1.0, viscous_transversal=3.0
-    )
     pegs = Pegs(x=(9.0, 9.1), y=(9.0, 9.0), radius=0.02, friction=0.3)
     scene, state, *others = random_case(
         [seed, 4], links, friction, SMOOTH, 1.0, bend=(0.9, 1.3), pegs=pegs,
@@ -285,8 +289,9 @@ def check_among_obstacles(cases):
     assert kinds == {'floor', 'cell', 'peg', 'pair'}
 
 
-def test_it_is_among_pegs_cells_and_links():
-    check_among_obstacles(among_obstacles(seed, (3, 5)[seed % 2]) for seed in range(60))
+@pytest.mark.parametrize('friction', [SIDES_AND_VISCOUS, FALLING], ids=['sides', 'falling'])
+def test_it_is_among_pegs_cells_and_links(friction):
+    check_among_obstacles(among_obstacles(seed, (3, 5)[seed % 2], friction) for seed in range(60))
 
 
 def test_a_given_state_is_recognized():

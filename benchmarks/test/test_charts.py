@@ -11,7 +11,7 @@ from snake_sim_benchmarks.__main__ import main
 from snake_sim_benchmarks.comparison import artefacts
 from snake_sim_benchmarks.comparison.bench_rows import COLUMNS, rows_of
 from snake_sim_benchmarks.comparison.bench_tables import LOOP, RUN
-from snake_sim_benchmarks.comparison.chart_style import METHOD_STYLES
+from snake_sim_benchmarks.comparison.chart_style import ends, METHOD_STYLES
 from snake_sim_benchmarks.comparison.charts import draw_artefacts
 from snake_sim_benchmarks.comparison.contenders import all_contenders
 from snake_sim_benchmarks.comparison.csv_tables import read_table
@@ -71,7 +71,7 @@ def test_axes_have_units_and_figures_say_where_they_are_from(drawn):
     header = read_table(STORED / 'bench.csv').header
     for name in FIGURES:
         text = (drawn / f'{name}.svg').read_text(encoding='utf-8')
-        assert header['commit'] in text and header['processor'] in text
+        assert all(ends(header[key]) in text for key in ('commit', 'processor', 'date'))
         assert '[s]' in text or '[us]' in text or '[m/s]' in text or 'simulated time' in text
 
 

@@ -45,14 +45,20 @@ CHART_STYLE = {'font.size': 8.5, 'svg.hashsalt': 'snake_sim_ros', 'svg.fonttype'
 
 def save(figure: Figure, path: Path, header: Mapping[str, str]) -> list[Path]:
     """Write a figure as SVG and PNG, with processor, date and commit of the data at its top."""
-    where = ', '.join(header[key] for key in ('processor', 'date') if key in header)
-    commit = header.get('commit', 'unknown')
+    where = ', '.join(ends(header[key]) for key in ('processor', 'date') if key in header)
+    commit = ends(header.get('commit', 'unknown'))
     figure.suptitle(f'commit {commit}, {where}', fontsize=6.5, x=0.99, ha='right', color='#555555')
     FigureCanvasAgg(figure)
     files = [path.with_suffix(suffix) for suffix in ('.svg', '.png')]
     write_figure(figure, files[0], dpi=220, metadata={'Date': None})
     write_figure(figure, files[1], dpi=110)
     return files
+
+
+def ends(listed: str) -> str:
+    """Return an entry of a head as it is if it lists up to two items, else the first and last."""
+    items = listed.split(' and ')
+    return listed if len(items) <= 2 else f'{items[0]} to {items[-1]}'
 
 
 def panels(count: int, columns: int, height: float) -> tuple[Figure, list[Axes]]:

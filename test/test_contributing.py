@@ -29,7 +29,8 @@ def trajectory(method, **settings):
     assert (report.steps, report.failure, report.unconverged) == (3, '', 0), report
     return found
 """
-# What follows the Python of each recipe.
+# What comes before the Python of a recipe that shows functions of the package, and what follows.
+NAMES = {'Add a contact law': 'from snake_sim_ros.contact.laws import *'}
 CHECKS = {
     'Add a gait': """
 table = scene.gait.table
@@ -59,20 +60,25 @@ assert (readings == measured_tilt(lying, noisy)).all()  # a seed gives the same 
     + """
 from snake_sim_ros import Simulation, State
 
-one = with_settings(SHORT, {'method': 'viscous', 'robot.link_count': 1})
-simulation = Simulation(one)
-u = simulation.state.u.copy()
-u[0, :2] = 0.1, 0.05
-simulation.state = State(simulation.state.q, u)
-none = np.zeros((3, 0, 2))
-report = simulation.advance(none, none)
-assert report.steps == 3 and not report.unconverged
-v, roll, robot = simulation.state.u[0, :2], simulation.state.u[0, 5], one.robot
-m, r, theta = robot.link_mass, robot.contact_radius, robot.inertia_axial
-rate = 2 * np.array([ALONG / m, ACROSS * (1 / m + r**2 / theta)])
-expected = np.array([0.1, 0.05]) / (1 + rate * one.dt) ** 3
-error = abs(v + [0.0, r * roll] - expected).max()
-assert error < 3 * 2 * one.solver.residual_tolerance, error
+ALONG, ACROSS = 4.0, 12.0  # N s/m
+viscous = {'friction.viscous_longitudinal': ALONG, 'friction.viscous_transversal': ACROSS}
+alone = {'friction.longitudinal': 0.0, 'friction.transversal': 0.0, 'robot.link_count': 1}
+alone |= {'solver.tolerance': 1e-13}
+for method in ('newton', 'paper'):
+    one = with_settings(SHORT, {'method': method, **alone, **viscous})
+    simulation = Simulation(one)
+    u = simulation.state.u.copy()
+    u[0, :2] = 0.1, 0.05
+    simulation.state = State(simulation.state.q, u)
+    none = np.zeros((3, 0, 2))
+    report = simulation.advance(none, none)
+    assert report.steps == 3 and not report.unconverged
+    v, roll, robot = simulation.state.u[0, :2], simulation.state.u[0, 5], one.robot
+    m, r, theta = robot.link_mass, robot.contact_radius, robot.inertia_axial
+    rate = np.array([ALONG / m, ACROSS * (1 / m + r**2 / theta)])
+    expected = np.array([0.1, 0.05]) / (1 + rate * one.dt) ** 3
+    error = abs(v + [0.0, r * roll] - expected).max()
+    assert error < 3 * 2 * one.solver.residual_tolerance, error
 """,
     # A link that is pushed sideways: more links share loads, for which sweeps alone are too slow.
     # Residuals are at most 1e-9 m/s, so that positions agree to 3e-12 m after 3 ms.
@@ -109,10 +115,18 @@ def test_every_recipe_is_checked():
     assert set(recipes()) == set(CHECKS)
 
 
+def test_the_recipe_of_a_law_shows_the_laws_of_the_package():
+    laws = (ROOT / 'snake_sim_ros' / 'contact' / 'laws.py').read_text(encoding='utf-8')
+    functions = re.split(r'^(?=@inlined)', recipes()['Add a contact law'], flags=re.MULTILINE)[1:]
+    assert len(functions) == 4
+    for function in functions:
+        assert function.strip() in laws, function
+
+
 @pytest.mark.parametrize('heading', CHECKS)
 def test_a_recipe_does_what_it_says(heading):
     environment = {**os.environ, 'NUMBA_DISABLE_JIT': '1', 'PYTHONPATH': str(ROOT)}
-    script = f'{recipes()[heading]}\n{CHECKS[heading]}'
+    script = f'{NAMES.get(heading, "")}\n{recipes()[heading]}\n{CHECKS[heading]}'
     done = subprocess.run(
         [sys.executable, '-c', script], env=environment, capture_output=True, text=True
     )

@@ -18,10 +18,10 @@ however small the gap is.
 """
 
 import math
-from typing import Any
+from typing import Protocol
 
 from snake_sim_ros.contact.delassus import Delassus, eliminate
-from snake_sim_ros.contact.detection import gap_at, penetration
+from snake_sim_ros.contact.detection import gap_at, Obstacles, penetration
 from snake_sim_ros.contact.linear_problem import solve_linear
 from snake_sim_ros.contact.newton import Operator
 from snake_sim_ros.contact.problem import Problem
@@ -30,6 +30,7 @@ from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
 from snake_sim_ros.dynamics.free_chain import unfold_free
 from snake_sim_ros.dynamics.joint_drift import close_joints, turn_link
 from snake_sim_ros.dynamics.kinematics import keep_coordinates
+from snake_sim_ros.dynamics.mechanism import Mechanism
 from snake_sim_ros.scene.parameters import Array
 
 # A contact counts as closed up to the way that this acceleration, a fourth of gravity, makes in a
@@ -138,9 +139,28 @@ def keep_closed_contacts(closed: Array, contacts: Table) -> int:
     return count
 
 
+class StepModel(Protocol):
+    """What closing needs of the numbers of a scene; see `stepping.model.Model`."""
+
+    @property
+    def robot(self) -> Mechanism: ...  # noqa: D102
+
+    @property
+    def obstacles(self) -> Obstacles | None: ...  # noqa: D102
+
+    @property
+    def closed_gap(self) -> float: ...  # noqa: D102
+
+    @property
+    def dt(self) -> float: ...  # noqa: D102
+
+    @property
+    def drift_correction(self) -> int: ...  # noqa: D102
+
+
 @merged
 def close_step(
-    model: Any, center: Array, problem: Problem, furthest: Array, q: Array, q_before: Array
+    model: StepModel, center: Array, problem: Problem, furthest: Array, q: Array, q_before: Array
 ) -> float:
     """
     Move the coordinates at the end of a step of the paper until loaded contacts have no gaps.
@@ -151,7 +171,7 @@ def close_step(
 
     Parameters
     ----------
-    model : Model
+    model : StepModel
     center : ndarray, shape (n, 3)
         Link centers from O in the middle of the step, in axes of I [m].
     problem : Problem
@@ -170,7 +190,7 @@ def close_step(
 
     """
     _, closed, contacts, chain = problem
-    offset, radius = model.contact_offset, model.contact_radius
+    offset, radius = model.robot.contact_offset, model.robot.contact_radius
     for a in closed:
         contacts.is_loaded[a] = contacts.impulse[a, 0] > 0.0
     depth = penetration(model.obstacles, offset, radius, q)
@@ -189,7 +209,9 @@ def close_step(
         keep_coordinates(q, q_before)
         close_on_links(problem, 1.0)
         move_links(chain.twist, center, q)
-        close_joints(model.drift_correction, model.half_length, model.mass, furthest, q)
+        close_joints(
+            model.drift_correction, model.robot.half_length, model.robot.mass, furthest, q
+        )
         depth = penetration(model.obstacles, offset, radius, q)
     return depth
 

@@ -21,6 +21,7 @@ import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
 from snake_sim_ros.dynamics.kinematics import axis_z, floor_penetration
+from snake_sim_ros.dynamics.mechanism import Mechanism
 from snake_sim_ros.scene.obstacles import first_pair, first_peg, is_flat, pair_contacts
 from snake_sim_ros.scene.parameters import Array, Scene
 
@@ -139,7 +140,11 @@ def reach_of_step(closed_gap: float, time: float) -> float:
 
 @inlined
 def find_contacts(
-    obstacles: Obstacles | None, tolerance: float, model: Any, work: Any, q: Array
+    obstacles: Obstacles | None,
+    tolerance: float,
+    robot: Mechanism,
+    pose: tuple[Array, Array, Array],
+    found: tuple[Array, Table, Array | None],
 ) -> int:
     """
     Fill the closed contacts, their points and frames.
@@ -152,12 +157,14 @@ def find_contacts(
         None on a flat floor; an argument of its own so that Numba leaves out the branch on None.
     tolerance : float
         Gap up to which a contact counts as closed [m].
-    model : Model
+    robot : Mechanism
         Offsets and radii of the contact spheres [m].
-    work : Workspace
-        Its R and center are read; closed, contacts and chain.frame are filled.
-    q : ndarray, shape (n, 7)
-        Link centers [m, frame I] and unit Euler parameters.
+    pose : tuple of ndarray, shapes (n, 7), (n, 3, 3), (n, 3)
+        Link centers [m, frame I] and unit Euler parameters, link frames in I, and link centers
+        from O [m, axes of I].
+    found : tuple
+        Filled: numbers of the closed contacts, the table of contacts, and their frames as in
+        `articulated_body.Chain`.
 
     Returns
     -------
@@ -165,15 +172,13 @@ def find_contacts(
         Number of closed contacts.
 
     """
-    offset, radius = model.contact_offset, model.contact_radius
+    offset, radius = robot.contact_offset, robot.contact_radius
+    (q, R, center), (closed, contacts, frame) = pose, found
     if obstacles is None:
-        return find_floor_contacts(
-            tolerance, offset, radius, q[:, 2], work.R, work.center, work.closed, work.contacts
-        )
+        return find_floor_contacts(tolerance, offset, radius, q[:, 2], R, center, closed, contacts)
     return find_obstacle_contacts(
-        obstacles, tolerance, offset, radius, q, work.R, work.center, work.closed, work.contacts,
-        work.chain.frame,
-    )  # fmt: skip
+        obstacles, tolerance, offset, radius, q, R, center, closed, contacts, frame
+    )
 
 
 @merged

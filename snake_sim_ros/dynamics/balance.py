@@ -6,61 +6,60 @@ The terms of the balance (75) of the links: inertia, momentum and joint torques,
 O is the center of the middle link; twists, wrenches and inertias are in axes of I.
 """
 
-from typing import Any
-
 from snake_sim_ros.dynamics.compilation import inlined, merged
 from snake_sim_ros.dynamics.joint_control import ControlMemory, held_torque, pd_law
+from snake_sim_ros.dynamics.mechanism import Mechanism
 from snake_sim_ros.scene.parameters import Array
 
 
 @merged
 def control_impulses(
-    model: Any,
+    robot: Mechanism,
+    dt: float,
     control: ControlMemory,
     coordinate: Array,
-    angle: Array,
-    rate: Array,
-    torques: Array,
-    dampings: Array,
+    reference: tuple[Array, Array],
+    loads: tuple[Array, Array],
 ) -> None:
     """
     Fill the impulses and the implicit damping of the controller on every joint axis.
 
     Parameters
     ----------
-    model : Model
-        Gains, PD scheme, control loop and time step; see `stepping.model`.
+    robot : Mechanism
+        Gains, PD scheme and control loop.
+    dt : float
+        Time step [s].
     control : ControlMemory
         That of the control loop, after its sample.
     coordinate : ndarray, shape (2, n-1, 2, 2)
         At start and middle of the step: (yaw, pitch) x (angle [rad], rate [rad/s]).
-    angle, rate : ndarray, shape (n-1, 2)
-        References (yaw, pitch) at the middle of the step [rad], [rad/s].
-    torques : ndarray, shape (n-1, 2)
-        Filled with impulses without their implicit part [N m s].
-    dampings : ndarray, shape (n-1, 2)
-        Filled with the impulse per rate at the end of the step [N m s^2].
+    reference : tuple of ndarray, shape (n-1, 2)
+        Angles and rates (yaw, pitch) at the middle of the step [rad], [rad/s].
+    loads : tuple of ndarray, shape (n-1, 2)
+        Filled with impulses without their implicit part [N m s], and with the impulse per rate at
+        the end of the step [N m s^2].
 
     """
-    start, mid = coordinate[0], coordinate[1]
+    start, mid, (angle, rate), (torques, dampings) = coordinate[0], coordinate[1], reference, loads
     for j in range(len(torques)):
         for k in range(2):
-            held, stiffness, known_rate = 0.0, model.stiffness[j, k], rate[j, k]
-            if model.control.present:
+            held, stiffness, known_rate = 0.0, robot.stiffness[j, k], rate[j, k]
+            if robot.control.present:
                 held, stiffness, known_rate = held_torque(
-                    model.control, control, j, k, stiffness, known_rate
+                    robot.control, control, j, k, stiffness, known_rate
                 )
             torque, damping = pd_law(
-                model.pd_scheme,
-                model.dt,
+                robot.pd_scheme,
+                dt,
                 (start[j, k, 0], start[j, k, 1]),
                 (mid[j, k, 0], mid[j, k, 1]),
                 (angle[j, k], known_rate),
                 stiffness,
-                model.damping[j, k],
+                robot.damping[j, k],
             )
-            torques[j, k] = (held + torque) * model.dt
-            dampings[j, k] = damping * model.dt
+            torques[j, k] = (held + torque) * dt
+            dampings[j, k] = damping * dt
 
 
 @inlined
@@ -122,13 +121,13 @@ def joint_rates(R: Array, twist: Array, rate: Array) -> None:
 
 
 @inlined
-def link_inertia(model: Any, R: Array, center: Array, inertia: Array) -> None:
+def link_inertia(robot: Mechanism, R: Array, center: Array, inertia: Array) -> None:
     """
     Fill the inertia of every link about O, eqs. (47), (48).
 
     Parameters
     ----------
-    model : Model
+    robot : Mechanism
         Masses and moments of inertia.
     R : ndarray, shape (n, 3, 3)
         Link frames in I.
@@ -139,8 +138,8 @@ def link_inertia(model: Any, R: Array, center: Array, inertia: Array) -> None:
 
     """
     for i in range(len(R)):
-        m, transversal = model.mass[i], model.inertia_transversal[i]
-        slender = model.inertia_axial[i] - transversal
+        m, transversal = robot.mass[i], robot.inertia_transversal[i]
+        slender = robot.inertia_axial[i] - transversal
         x, y, z = center[i, 0], center[i, 1], center[i, 2]
         square = x * x + y * y + z * z
         A = inertia[i]
@@ -161,14 +160,14 @@ def link_inertia(model: Any, R: Array, center: Array, inertia: Array) -> None:
 
 @inlined
 def smooth_momentum(
-    model: Any, dt: float, u: Array, u_h: Array, R: Array, center: Array, momentum: Array
+    robot: Mechanism, dt: float, u: Array, u_h: Array, R: Array, center: Array, momentum: Array
 ) -> None:
     """
     Fill the momentum ``M u + h(u_h) dt`` of every link as a wrench about O, eq. (75).
 
     Parameters
     ----------
-    model : Model
+    robot : Mechanism
         Masses, moments of inertia and gravity.
     dt : float
         Time over which gravity and gyroscopic torques act [s].
@@ -184,14 +183,14 @@ def smooth_momentum(
 
     """
     for i in range(len(u)):
-        slender = (model.inertia_axial[i] - model.inertia_transversal[i]) * dt
+        slender = (robot.inertia_axial[i] - robot.inertia_transversal[i]) * dt
         wx, wy, wz = u_h[i, 3], u_h[i, 4], u_h[i, 5]
-        lx = model.inertia_transversal[i] * u[i, 3] - slender * wy * wz
-        ly = model.inertia_transversal[i] * u[i, 4] + slender * wz * wx
-        lz = model.inertia_axial[i] * u[i, 5]
-        px = model.mass[i] * (u[i, 0] + dt * model.gravity[0])
-        py = model.mass[i] * (u[i, 1] + dt * model.gravity[1])
-        pz = model.mass[i] * (u[i, 2] + dt * model.gravity[2])
+        lx = robot.inertia_transversal[i] * u[i, 3] - slender * wy * wz
+        ly = robot.inertia_transversal[i] * u[i, 4] + slender * wz * wx
+        lz = robot.inertia_axial[i] * u[i, 5]
+        px = robot.mass[i] * (u[i, 0] + dt * robot.gravity[0])
+        py = robot.mass[i] * (u[i, 1] + dt * robot.gravity[1])
+        pz = robot.mass[i] * (u[i, 2] + dt * robot.gravity[2])
         x, y, z = center[i, 0], center[i, 1], center[i, 2]
         momentum[i, 0] = R[i, 0, 0] * lx + R[i, 0, 1] * ly + R[i, 0, 2] * lz + y * pz - z * py
         momentum[i, 1] = R[i, 1, 0] * lx + R[i, 1, 1] * ly + R[i, 1, 2] * lz + z * px - x * pz

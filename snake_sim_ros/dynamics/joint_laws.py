@@ -254,25 +254,39 @@ def begin_axis_impact(
 
 
 @merged
-def begin_joint_laws(model: Any, work: Any, q: Array) -> None:
+def begin_joint_laws(
+    laws: JointLaws, axes: AxisLaws, dt: float, mid: Array, loads: tuple[Array, Array], q: Array
+) -> None:
     """
-    Begin a step of the paper with the laws of the joints; work has those of the controller.
+    Begin a step of the paper of dt [s] with the laws of the joints.
 
-    Of `stepping.model.Workspace`, torque and damping are replaced, and axes is filled. The
-    coordinates q are those at the start of the step.
+    Parameters
+    ----------
+    laws : JointLaws
+    axes : AxisLaws
+        Filled.
+    dt : float
+        [s]
+    mid : ndarray, shape (n-1, 2, 2)
+        Joint x (yaw, pitch) x (angle [rad], rate [rad/s]) at the middle of the step.
+    loads : tuple of ndarray, shape (n-1, 2)
+        As `balance.control_impulses` fills them; replaced.
+    q : ndarray, shape (n, 7)
+        Coordinates at the start of the step.
+
     """
-    laws, axes, mid = model.joint_laws, work.axes, work.coordinate[1]
+    torque, damping = loads
     for j in range(len(axes.rate)):
         for k in range(2):
-            axes.torque[j, k], axes.damping[j, k] = work.torque[j, k], work.damping[j, k]
+            axes.torque[j, k], axes.damping[j, k] = torque[j, k], damping[j, k]
             axes.rate[j, k] = mid[j, k, 1]
-            begin_axis(laws, axes, model.dt, j, k)
+            begin_axis(laws, axes, dt, j, k)
             axes.furthest[j, k] = furthest_angle(laws.stop, q, j, k, mid[j, k, 0])
             if mid[j, k, 0] >= laws.stop:
                 axes.high[j, k] = 0.0
             elif mid[j, k, 0] <= -laws.stop:
                 axes.low[j, k] = 0.0
-            work.torque[j, k], work.damping[j, k] = first_law(laws.inertia, axes, j, k)
+            torque[j, k], damping[j, k] = first_law(laws.inertia, axes, j, k)
 
 
 @inlined

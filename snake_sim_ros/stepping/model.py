@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The numbers of a scene and the arrays of a step, as compiled code takes them."""
 
-from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,10 +16,10 @@ from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.compilation import Table
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.dynamics.free_chain import make_free_chain
-from snake_sim_ros.dynamics.joint_control import ControlLoop, make_control_loop
-from snake_sim_ros.dynamics.joint_laws import AxisLaws, JointLaws, make_axis_laws, make_joint_laws
+from snake_sim_ros.dynamics.joint_laws import AxisLaws, make_axis_laws
+from snake_sim_ros.dynamics.mechanism import make_mechanism, Mechanism
 from snake_sim_ros.scene.obstacles import contact_count, is_flat, pair_contacts
-from snake_sim_ros.scene.parameters import Array, DRIFT_CORRECTIONS, PD_SCHEMES, Robot, Scene
+from snake_sim_ros.scene.parameters import Array, DRIFT_CORRECTIONS, Scene
 from snake_sim_ros.stepping.accuracy import path_tolerance
 
 # Compliance of the proximal point method, relative to the Delassus operator. It changes no
@@ -40,22 +39,11 @@ class Model(NamedTuple):
     Compiled functions of this package take this record as `model`.
     """
 
-    half_length: Array  # (n,) half of the link lengths [m]
-    mass: Array  # (n,) [kg]
-    inertia_transversal: Array  # (n,) [kg m^2]
-    inertia_axial: Array  # (n,) [kg m^2]
-    contact_offset: Array  # (n,) [m]
-    contact_radius: Array  # (n,) [m]
-    stiffness: Array  # (n-1, 2) of the joints (yaw, pitch) [N m/rad]
-    damping: Array  # (n-1, 2) [N m s/rad]
-    joint_laws: JointLaws  # of all axes
-    control: ControlLoop  # of the robot
-    gravity: Array  # (3,) in I [m/s^2]
+    robot: Mechanism
     laws: Laws  # of the contacts
     closed_gap: float  # gap up to which a contact counts as closed [m]
     dt: float  # [s]
     iteration_limit: int  # of a step
-    pd_scheme: int  # index in PD_SCHEMES
     path_tolerance: float  # error that a step may make in the path [m]; 0: steps are not divided
     drift_correction: int  # index in DRIFT_CORRECTIONS
     settle_steps: int  # steps to lie flat and still before the loop ends; 0: it does not end so
@@ -81,20 +69,9 @@ class Workspace(NamedTuple):
     contacts: Table  # (c,) table of all contacts, see `contact.problem`
 
 
-@lru_cache(maxsize=64)
-def robot_arrays(robot: Robot) -> dict[str, Any]:
-    """Return the fields of a model that belong to its robot; models share them."""
-    links = ('mass', 'inertia_transversal', 'inertia_axial', 'contact_offset', 'contact_radius')
-    arrays = {name: robot.per_link('link_mass' if name == 'mass' else name) for name in links}
-    arrays |= {name: robot.per_joint(name) for name in ('stiffness', 'damping')}
-    half_length = robot.per_link('link_length') / 2
-    return {'half_length': half_length, 'joint_laws': make_joint_laws(robot), **arrays}
-
-
 def make_model(scene: Scene) -> Model:
     """Return the model of a scene; its arrays must not be changed."""
-    robot, friction, solver = scene.robot, scene.friction, scene.solver
-    size = mean_delassus(robot)
+    friction, solver, size = scene.friction, scene.solver, mean_delassus(scene.robot)
     laws = Laws(
         sliding=make_disc(1, friction.longitudinal, friction.transversal, PROXIMAL * size),
         rolling=make_disc(3, friction.rolling, friction.rolling, PROXIMAL * size),
@@ -109,14 +86,11 @@ def make_model(scene: Scene) -> Model:
         other=make_other_friction(scene, PROXIMAL * size),
     )
     return Model(
-        **robot_arrays(robot),
-        control=make_control_loop(scene),
-        gravity=np.array(scene.gravity),
+        robot=make_mechanism(scene),
         laws=laws,
         closed_gap=closed_gap(solver.activation_tolerance, scene.dt),
         dt=scene.dt,
         iteration_limit=solver.iteration_limit,
-        pd_scheme=PD_SCHEMES.index(scene.pd_scheme),
         path_tolerance=path_tolerance(scene),
         drift_correction=DRIFT_CORRECTIONS.index(scene.drift_correction),
         settle_steps=0,

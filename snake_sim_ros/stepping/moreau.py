@@ -75,36 +75,38 @@ def begin_step(model: Model, work: Workspace, steps: Steps, k: int) -> Problem:
     """Return the contact problem of step k, section VII, with the velocities at its start."""
     q, u, R, chain = steps.q, steps.u, work.R, work.chain
     middle_coordinates(model.dt, q, u, work.q_mid)
-    if model.pd_scheme == START:
+    if model.robot.pd_scheme == START:
         link_frames(q[:, 3:], R)
         rates_in_inertial_frame(R, u, work.omega)
         joint_coordinates(R, work.omega, work.coordinate[0])
     link_frames(work.q_mid[:, 3:], R)
     rates_in_inertial_frame(R, u, work.omega)
     joint_coordinates(R, work.omega, work.coordinate[1])
-    chain_geometry(model.half_length, R, work.center, chain.axis)
+    chain_geometry(model.robot.half_length, R, work.center, chain.axis)
     control = steps.history.control
     mid = work.coordinate[1]
     start = mid[:, :, 0], mid[:, :, 1], 0.5 * model.dt
-    angle, rate = read_by_controllers(
-        model.control, control, model.dt, start, steps.angle[k], steps.rate[k]
+    reference = read_by_controllers(
+        model.robot.control, control, model.dt, start, steps.angle[k], steps.rate[k]
     )
-    control_impulses(model, control, work.coordinate, angle, rate, work.torque, work.damping)
-    if model.joint_laws.present:
-        begin_joint_laws(model, work, q)
+    loads = work.torque, work.damping
+    control_impulses(model.robot, model.dt, control, work.coordinate, reference, loads)
+    if model.robot.joint_laws.present:
+        begin_joint_laws(model.robot.joint_laws, work.axes, model.dt, mid, loads, q)
     axis_loads(chain.axis, work.torque, work.damping, chain.torque, chain.damping)
-    link_inertia(model, R, work.center, chain.bare)
-    smooth_momentum(model, model.dt, u, u, R, work.center, chain.momentum)
+    link_inertia(model.robot, R, work.center, chain.bare)
+    smooth_momentum(model.robot, model.dt, u, u, R, work.center, chain.momentum)
     stretch = whole_step(steps.pushes, k)
     add_pushes(steps.pushes, stretch, model.dt, R, work.center, chain.momentum)
     twists(u, work.omega, work.center, chain.twist)
     reach = reach_of_step(model.closed_gap, 0.5 * model.dt)
-    count = find_contacts(model.obstacles, reach, model, work, work.q_mid)
+    pose, found = (work.q_mid, R, work.center), (work.closed, work.contacts, chain.frame)
+    count = find_contacts(model.obstacles, reach, model.robot, pose, found)
     closed, contacts = work.closed[:count], work.contacts
     contact_velocities(closed, contacts, chain.frame, chain.twist)
-    fall, impulse = -model.dt * model.gravity[2], steps.history.impulse
+    fall, impulse = -model.dt * model.robot.gravity[2], steps.history.impulse
     laws = apply_selection_rule(
-        model.laws, closed, contacts, model.mass, impulse, PRESS_SPEED, fall
+        model.laws, closed, contacts, model.robot.mass, impulse, PRESS_SPEED, fall
     )
     predict_gaps(model.closed_gap, model.dt, closed, contacts)
     add_viscous_friction(laws.other, model.dt, closed, contacts, chain)
@@ -129,8 +131,15 @@ def solve_again(
     """Return whether the laws of the joints need another solution, and prepare it."""
     chain = work.chain
     joint_rates(work.R, chain.twist, work.axes.rate)
-    if not model.joint_laws.present or not joint_laws_change(
-        model.joint_laws, work.axes, work.torque, work.damping, outcome, attempt, left, report
+    if not model.robot.joint_laws.present or not joint_laws_change(
+        model.robot.joint_laws,
+        work.axes,
+        work.torque,
+        work.damping,
+        outcome,
+        attempt,
+        left,
+        report,
     ):
         return False
     axis_loads(chain.axis, work.torque, work.damping, chain.torque, chain.damping)
@@ -179,7 +188,7 @@ def controller_impulses(model: Model, work: Workspace) -> None:
     rate = work.axes.rate
     for j in range(len(rate)):
         for k in range(2):
-            if model.joint_laws.present:
+            if model.robot.joint_laws.present:
                 work.applied[j, k] = controller_impulse(work.axes, j, k)
             else:
                 work.applied[j, k] = work.torque[j, k] - work.damping[j, k] * rate[j, k]
@@ -209,7 +218,7 @@ def end_step(
     report.contacts = len(problem.closed)
     note_joints(model, q, report)
     furthest = work.axes.furthest
-    close_joints(model.drift_correction, model.half_length, model.mass, furthest, q)
+    close_joints(model.drift_correction, model.robot.half_length, model.robot.mass, furthest, q)
     goes_on = report_end(model, work.chain.twist, q, u, steps.history.settling, report)
     depth = close_step(model, work.center, problem, furthest, q, work.q_mid)
     report.penetration_max = max(report.penetration_max, depth)
@@ -230,7 +239,7 @@ def turns_are_small(dt: float, twist: Array, report: Any) -> bool:
 @inlined
 def note_joints(model: Model, q: Array, report: Any) -> None:
     """Report how far the joints are open."""
-    gap, twist = joint_violation(model.half_length, q)
+    gap, twist = joint_violation(model.robot.half_length, q)
     report.joint_gap_max = max(report.joint_gap_max, gap)
     report.joint_twist_max = max(report.joint_twist_max, twist)
 
@@ -251,7 +260,7 @@ def report_end(
     report.steps += 1
     if model.settle_steps == 0:
         return True
-    lies = lies_flat_and_still(model.contact_offset, model.contact_radius, q, u, twist)
+    lies = lies_flat_and_still(model.robot.contact_offset, model.robot.contact_radius, q, u, twist)
     left = settling[0] - 1.0 if lies else model.settle_steps
     settling[0] = left
     return left > 0.0

@@ -122,8 +122,8 @@ class Events(NamedTuple):
 def events(model: Model, h: float, closed: Array, contacts: Table) -> Events:
     """Return the `Events` of a step in which forces acted for a time h [s]."""
     weight = largest = 0.0
-    for m in model.mass:
-        weight -= m * h * model.gravity[2]
+    for m in model.robot.mass:
+        weight -= m * h * model.robot.gravity[2]
     for a in closed:
         largest = max(largest, contacts.last_normal_impulse[a])
     jumps, lands, count = False, False, 0
@@ -199,7 +199,7 @@ def place_end(
     q_start, all return to their depths there: the step undoes no more than it did.
     """
     laws, closed, contacts, chain = problem
-    offset, radius, move = model.contact_offset, model.contact_radius, own.closing
+    offset, radius, move = model.robot.contact_offset, model.robot.contact_radius, own.closing
     for a in closed:
         contacts.is_loaded[a] = contacts.impulse[a, 0] > 0.0
         contacts.start_gap[a] = 0.0
@@ -219,8 +219,10 @@ def place_end(
             add_velocities(move, own.moving)
         elif attempt > 0:
             break
-        reach_end(h_q, model.mass, own.star.pose, own.hat, own.moving)
-        chain_coordinates(model.half_length, model.mass, own.moving.pose, own.moving.angle, own.q)
+        reach_end(h_q, model.robot.mass, own.star.pose, own.hat, own.moving)
+        chain_coordinates(
+            model.robot.half_length, model.robot.mass, own.moving.pose, own.moving.angle, own.q
+        )
         for a in closed:
             contacts.end_gap[a] = gap_at(model.obstacles, offset, radius, own.q, contacts, a)
 
@@ -234,7 +236,8 @@ def deep_contacts_take_part(model: Model, work: Workspace, q: Array) -> bool:
     """
     found, contacts = False, work.contacts
     link_frames(q[:, 3:], work.R)
-    count = find_contacts(model.obstacles, -DEEP, model, work, q)
+    pose, table = (q, work.R, work.center), (work.closed, contacts, work.chain.frame)
+    count = find_contacts(model.obstacles, -DEEP, model.robot, pose, table)
     for a in work.closed[:count]:
         if contacts.takes_part[a] == 0:
             contacts.takes_part[a], found = 1, True

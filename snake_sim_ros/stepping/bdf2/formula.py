@@ -32,9 +32,9 @@ GROW_SHARE = 0.15  # share of the tolerance of the path below which the next par
 
 
 @inlined
-def least_iterations(model: Any) -> int:
+def least_iterations(limit: int) -> int:
     """Return how many iterations a solution has if those before used up the limit of the step."""
-    return min(LEAST_ITERATIONS, model.iteration_limit)
+    return min(LEAST_ITERATIONS, limit)
 
 
 @inlined

@@ -138,10 +138,10 @@ def predict_end(
 ) -> None:
     """Fill own.star, and the geometry of the chain and its twists at the predicted end."""
     star, chain = own.star, work.chain
-    reach_end(h_q, model.mass, memory.end.pose, own.hat, star)
-    chain_coordinates(model.half_length, model.mass, star.pose, star.angle, work.q_mid)
+    reach_end(h_q, model.robot.mass, memory.end.pose, own.hat, star)
+    chain_coordinates(model.robot.half_length, model.robot.mass, star.pose, star.angle, work.q_mid)
     link_frames(work.q_mid[:, 3:], work.R)
-    chain_geometry(model.half_length, work.R, work.center, chain.axis)
+    chain_geometry(model.robot.half_length, work.R, work.center, chain.axis)
     if memory.phase[0] == UNKNOWN:  # the rates of the joints do not tell the velocities of links
         rates_in_inertial_frame(work.R, star.u, work.omega)
         twists(star.u, work.omega, work.center, chain.twist)
@@ -271,11 +271,15 @@ def recognize(model: Model, work: Workspace, q: Array, u: Array, memory: Bdf2Mem
         return
     link_frames(q[:, 3:], work.R)
     rates_in_inertial_frame(work.R, u, work.omega)
-    agrees = joint_violation_rate(model.half_length, work.R, u, work.omega) <= CONSISTENT_SPEED
+    agrees = (
+        joint_violation_rate(model.robot.half_length, work.R, u, work.omega) <= CONSISTENT_SPEED
+    )
     memory.phase[0], memory.ticks[0] = ANEW if agrees else UNKNOWN, 0.0
-    memory.depth[0] = penetration(model.obstacles, model.contact_offset, model.contact_radius, q)
+    memory.depth[0] = penetration(
+        model.obstacles, model.robot.contact_offset, model.robot.contact_radius, q
+    )
     joint_coordinates(work.R, work.omega, work.coordinate[1])
-    end.pose[0], end.pose[1], end.pose[2] = mean_of_links(model.mass, q)
+    end.pose[0], end.pose[1], end.pose[2] = mean_of_links(model.robot.mass, q)
     for k in range(3, 7):
         end.pose[k] = q[n // 2, k]
     for j in range(n - 1):

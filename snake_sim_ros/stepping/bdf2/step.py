@@ -226,23 +226,24 @@ def begin_part(
     chain = work.chain
     for j in range(len(own.end_angle)):
         for k in range(2):
-            stiffness, damping = model.stiffness[j, k], model.damping[j, k]
+            stiffness, damping = model.robot.stiffness[j, k], model.robot.damping[j, k]
             torque, rate = 0.0, own.end_rate[j, k]
-            if model.control.present:
+            if model.robot.control.present:
                 torque, stiffness, rate = held_torque(
-                    model.control, control, j, k, stiffness, rate
+                    model.robot.control, control, j, k, stiffness, rate
                 )
             torque += stiffness * (own.end_angle[j, k] - own.hat.angle[j, k])
             torque += damping * rate
             resistance = damping + h_q * stiffness
             chain.torque[j, k], chain.damping[j, 2 * k] = h * torque, h * resistance
         chain.damping[j, 1] = 0.0
-    if model.joint_laws.present:
-        begin_axes(model.joint_laws, own, work, angle, h, h_q)
-    link_inertia(model, work.R, work.center, chain.bare)
-    smooth_momentum(model, h, own.hat.u, own.star.u, work.R, work.center, chain.momentum)
+    if model.robot.joint_laws.present:
+        begin_axes(model.robot.joint_laws, own, work, angle, h, h_q)
+    link_inertia(model.robot, work.R, work.center, chain.bare)
+    smooth_momentum(model.robot, h, own.hat.u, own.star.u, work.R, work.center, chain.momentum)
     reach = max(model.closed_gap, LANDING_SPEED * h_q)
-    count = find_contacts(model.obstacles, reach, model, work, work.q_mid)
+    pose, found = (work.q_mid, work.R, work.center), (work.closed, work.contacts, chain.frame)
+    count = find_contacts(model.obstacles, reach, model.robot, pose, found)
     closed, contacts = work.closed[:count], work.contacts
     for a in closed:
         contacts.takes_part[a] = 1
@@ -250,8 +251,8 @@ def begin_part(
     leave_gaps(model, h_q, late, closed, contacts, history.impulse)
     add_viscous_friction(model.laws.other, h, closed, contacts, chain)
     laws = apply_selection_rule(
-        model.laws, closed, contacts, model.mass, history.impulse, PRESS_SPEED,
-        -h * model.gravity[2],
+        model.laws, closed, contacts, model.robot.mass, history.impulse, PRESS_SPEED,
+        -h * model.robot.gravity[2],
     )  # fmt: skip
     return Problem(laws, closed, contacts, chain)
 
@@ -295,12 +296,12 @@ def solve_landing(
         count = likely_to_push(closed, contacts)
     while True:  # one call of the solver, which is compiled where it is called
         landing = Problem(laws, closed[:count], contacts, chain)
-        most = max(most, report.iterations + least_iterations(model))
+        most = max(most, report.iterations + least_iterations(model.iteration_limit))
         for attempt in range(MOST_CHANGES):
             prepare_contacts(work.operator, landing)
             left = iterations_left(most, report)
             outcome = solve_prepared(work.operator, landing, history, left)
-            if not axes_change(model.joint_laws, work, outcome, attempt, left, report):
+            if not axes_change(model.robot.joint_laws, work, outcome, attempt, left, report):
                 break
         note_outcome(outcome, report)
         if impact and not outcome.converged:
@@ -317,7 +318,7 @@ def solve_landing(
             continue
         keep_velocities(work, own.moving)
         keep(own.moving, own.end)
-        meets = joints_meet_stops(model.joint_laws, own.moving.rate, work)
+        meets = joints_meet_stops(model.robot.joint_laws, own.moving.rate, work)
         find_end_gaps(h_q, closed, contacts)
         found = events(model, h, closed, contacts)
         if meets:
@@ -325,7 +326,7 @@ def solve_landing(
         if not (found.lands and outcome.converged):
             break
         count, impact = closed_at_end(model.closed_gap, closed, contacts), True
-        begin_impact(model.joint_laws, work)
+        begin_impact(model.robot.joint_laws, work)
     return True, found, count
 
 
@@ -358,7 +359,7 @@ def one_part(
     report, history = steps.report[0], steps.history
     memory, depth = history.memory, 0.0
     span = memory.span[0]
-    h, h_q = formula(model.mass, dt, memory, own)
+    h, h_q = formula(model.robot.mass, dt, memory, own)
     predict_end(model, h_q, memory, own, work)
     scale = h / (span if span > 0.0 else model.dt)
     for a in range(len(history.impulse)):
@@ -385,7 +386,9 @@ def one_part(
         most_closings = MOST_CLOSINGS if report.iterations < most else 0
         was_deep = memory.depth[0] > DEEP
         place_end(model, own, work, problem, count, h_q, most_closings, was_deep, steps.q)
-        depth = penetration(model.obstacles, model.contact_offset, model.contact_radius, own.q)
+        depth = penetration(
+            model.obstacles, model.robot.contact_offset, model.robot.contact_radius, own.q
+        )
     return Part(is_small, found, h, depth)
 
 
@@ -420,9 +423,9 @@ def bdf2_step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: i
     report, memory = steps.report[0], steps.history.memory
     start = memory.end.angle, memory.end.rate, 0.0
     angle, rate = read_by_controllers(
-        model.control, steps.history.control, model.dt, start, steps.angle[k], steps.rate[k]
+        model.robot.control, steps.history.control, model.dt, start, steps.angle[k], steps.rate[k]
     )
-    if memory.phase[0] == SMOOTH and torques_jump(model.control, steps.history.control):
+    if memory.phase[0] == SMOOTH and torques_jump(model.robot.control, steps.history.control):
         memory.phase[0] = ANEW
     known, before = memory.span[0] > 0.0, noted(report)
     most = before[0] + model.iteration_limit

@@ -320,7 +320,7 @@ def planar_part(
     add_pushes_in_plane(steps.pushes, stretch, h, work.heading, work.center, work.momentum)
     contact_history, meets = without_memory(history), False
     for impact in range(2):  # one call of the solver, which is compiled where it is called
-        most = max(most, report.iterations + least_iterations(model))
+        most = max(most, report.iterations + least_iterations(model.iteration_limit))
         for attempt in range(MOST_CHANGES):
             left = iterations_left(most, report)
             outcome = solve_planar_contacts(

@@ -137,8 +137,8 @@ LIMP_STIFFNESS = 1e-6  # pitch stiffness up to which joints do not hold the robo
 def make_planar_model(scene: Scene) -> PlanarModel:
     """Return the model of a planar scene."""
     spatial, n = make_model(scene), scene.robot.link_count
-    half, mass, dt = spatial.half_length, spatial.mass, scene.dt
-    stiffness, damping = spatial.stiffness, spatial.damping
+    half, mass, dt = spatial.robot.half_length, spatial.robot.mass, scene.dt
+    stiffness, damping = spatial.robot.stiffness, spatial.robot.damping
     pitch = stiffness[:, 1]
     stiffest = pitch.max(initial=LIMP_STIFFNESS)
     hold = HOLD * float(half.min()) ** 2
@@ -148,13 +148,13 @@ def make_planar_model(scene: Scene) -> PlanarModel:
     return PlanarModel(
         half_length=half,
         mass=mass,
-        inertia=spatial.inertia_transversal,
-        inertia_axial=spatial.inertia_axial,
-        offset=spatial.contact_offset,
-        radius=float(spatial.contact_radius[0]),
+        inertia=spatial.robot.inertia_transversal,
+        inertia_axial=spatial.robot.inertia_axial,
+        offset=spatial.robot.contact_offset,
+        radius=float(spatial.robot.contact_radius[0]),
         stiffness=np.ascontiguousarray(stiffness[:, 0]),
         damping=np.ascontiguousarray(damping[:, 0]),
-        joint_laws=spatial.joint_laws,
+        joint_laws=spatial.robot.joint_laws,
         hold=hold * pitch / stiffest,
         roll_compliance=hold / (stiffest * dt),
         fall=dt * scene.gravity[2],

@@ -163,8 +163,8 @@ def balance(model: Model, work: Workspace, motion: LinkVelocities) -> None:
         rest[i, 2] = -rest[i, 2] - (wx * u[i, 1] - wy * u[i, 0])
         for k in range(3, 6):
             rest[i, k] = -rest[i, k]
-    smooth_momentum(model, 1.0, rest, u, work.R, work.center, work.chain.momentum)
-    link_inertia(model, work.R, work.center, work.chain.bare)
+    smooth_momentum(model.robot, 1.0, rest, u, work.R, work.center, work.chain.momentum)
+    link_inertia(model.robot, work.R, work.center, work.chain.bare)
 
 
 @merged
@@ -176,8 +176,8 @@ def joint_torques(model: Model, waves: Any, t: float, y: Array, torque: Array) -
         for k in range(2):
             angle, rate = wave_at(waves[0][k], fade, t, j)
             joint_rate = y[begin + 2 * j + k]
-            torque[j, k] = model.stiffness[j, k] * (angle - y[ANGLES + 2 * j + k])
-            torque[j, k] += model.damping[j, k] * (rate - joint_rate)
+            torque[j, k] = model.robot.stiffness[j, k] * (angle - y[ANGLES + 2 * j + k])
+            torque[j, k] += model.robot.damping[j, k] * (rate - joint_rate)
             power += torque[j, k] * joint_rate
     return power
 
@@ -220,13 +220,14 @@ def rate_of_change(
     """
     chain, contacts, n = work.chain, work.contacts, len(work.R)
     root, begin = n // 2, rates_begin(n)
-    place_links(model.half_length, y, work)
+    place_links(model.robot.half_length, y, work)
     move_links(y, work, motion.u)
     balance(model, work, motion)
     y_dot[-2] = joint_torques(model, waves, t, y, chain.torque)
-    closed = work.closed[: find_contacts(model.obstacles, 0.0, model, work, work.q_mid)]
+    pose, found = (work.q_mid, work.R, work.center), (work.closed, work.contacts, chain.frame)
+    closed = work.closed[: find_contacts(model.obstacles, 0.0, model.robot, pose, found)]
     contact_velocities(closed, contacts, chain.frame, chain.twist)
-    penalty_forces(law, model.laws, closed, contacts, model.mass)
+    penalty_forces(law, model.laws, closed, contacts, model.robot.mass)
     y_dot[-1] = 0.0
     for a in closed:
         for k in range(3):
@@ -269,6 +270,8 @@ def rates_of_change(
 @compiled
 def configuration(model: Model, work: Workspace, motion: LinkVelocities, y: Array) -> float:
     """Fill work.q_mid and motion.u of all links from y; return the largest penetration [m]."""
-    place_links(model.half_length, y, work)
+    place_links(model.robot.half_length, y, work)
     move_links(y, work, motion.u)
-    return penetration(model.obstacles, model.contact_offset, model.contact_radius, work.q_mid)
+    return penetration(
+        model.obstacles, model.robot.contact_offset, model.robot.contact_radius, work.q_mid
+    )

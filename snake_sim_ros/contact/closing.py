@@ -38,8 +38,9 @@ from snake_sim_ros.scene.parameters import Array
 CLOSED_ACCELERATION = 2.5
 LEFT_SHARE = 1 / 16  # share of that gap which closed contacts may keep
 ROUNDING = 1e-13  # of a gap [m]
-# A step closes no more of a gap than this, nor than this speed closes in it. More is not the error
-# of a step; a sphere may have left its cell.
+# A step closes no more of a gap than this, nor than this speed closes in it, unless the contact
+# came in faster by its own motion. More is not the error of a step: a sphere may have left its
+# cell.
 MOST_CLOSED = 1e-2  # [m]
 CLOSING_SPEED = 1.0  # [m/s]
 DEEP = 1e-6  # penetration at the start of a step, beyond its own motion, that is not undone [m]
@@ -94,11 +95,12 @@ def predict_gaps(closed_gap: float, dt: float, closed: Array, contacts: Table) -
         As of `closed_gap` [m], [s].
     closed, contacts
         Those of a `problem.Problem`, with gaps in the middle of the step and velocities at its
-        start; shift and start_gap are filled.
+        start; shift, start_gap and approach_velocity are filled.
 
     """
     for a in closed:
         gap, way = contacts.gap[a], 0.5 * dt * contacts.gamma[a, 0]
+        contacts.approach_velocity[a] = contacts.gamma[a, 0]
         start = gap - way
         contacts.start_gap[a] = start if start < -2.0 * abs(way) - DEEP else 0.0
         if gap > closed_gap:
@@ -198,7 +200,7 @@ def close_step(
     for move in range(MOST_MOVES + 1 if model.closed_gap > 0.0 else 0):
         for a in closed:
             contacts.end_gap[a] = gap_at(model.obstacles, offset, radius, q, contacts, a)
-        to_close, worst = gaps_to_close(most_closed(model.dt), closed, contacts)
+        to_close, worst = gaps_to_close(most_closed(model.dt), model.dt, closed, contacts)
         worst = max(worst, depth)
         if worst > GAP_GROWTH * before:
             keep_coordinates(q_before, q)
@@ -230,12 +232,13 @@ def move_links(twist: Array, center: Array, q: Array) -> None:
 
 
 @inlined
-def gaps_to_close(most: float, closed: Array, contacts: Table) -> tuple[float, float]:
+def gaps_to_close(most: float, time: float, closed: Array, contacts: Table) -> tuple[float, float]:
     """
     Mark the contacts whose end gaps must be closed by ``S_N = 1``.
 
     They carry load and rest, or they are inside an obstacle. Their end gaps become those that are
-    to be closed, which begin at `start_gap`. `most` is that of `most_closed` [m].
+    to be closed, which begin at `start_gap`. Those up to `most`, that of `most_closed` [m], are
+    closed, and those that the approach before the step makes in a time [s].
 
     Returns
     -------
@@ -249,7 +252,8 @@ def gaps_to_close(most: float, closed: Array, contacts: Table) -> tuple[float, f
     for a in closed:
         contacts.end_gap[a] -= contacts.start_gap[a]
         gap, is_loaded = abs(contacts.end_gap[a]), contacts.is_loaded[a] == 1
-        closes = gap <= most and (contacts.end_gap[a] < 0.0 or is_loaded)
+        way = max(most, -time * contacts.approach_velocity[a])
+        closes = gap <= way and (contacts.end_gap[a] < 0.0 or is_loaded)
         contacts.S_N[a] = 1.0 if closes else 0.0
         if closes:
             to_close = max(to_close, gap)

@@ -38,6 +38,7 @@ from scenes import (
 )
 
 from snake_sim_ros import Gait, Robot, Scene, Simulation, Solver, State, Wave
+from snake_sim_ros.contact.closing import closed_gap, left_gap
 from snake_sim_ros.contact.laws import IMPACT_WEIGHTS, LEAST_COMPLIANCE, PRESS_SPEED, REST_SPEED
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.scene.rotations import product, rotation_matrices
@@ -301,3 +302,19 @@ def test_a_landing_of_links_with_joints_is_that_of_the_dense_step(method, laws):
         assert np.abs(end.q - dense.q).max() < 1e-8 * scene.dt
         assert np.abs(report.joint_torque - dense_report.joint_torque).max() < 1e-6
     assert judged > 8
+
+
+@each_method
+@pytest.mark.parametrize('speed', [0.5, 2.0, 6.0])
+def test_a_fall_of_any_speed_ends_on_the_floor(method, dt, speed):
+    # The floor is met at any moment of a step, up to 0.5 dt v below it in its middle; what is left
+    # is what a contact may keep.
+    for late in (0.05, 0.35, 0.65, 0.95):
+        solver = replace(TIGHT, activation_tolerance=Solver().activation_tolerance)
+        scene = link_scene(method, dt, solver=solver)
+        state = lying((0.0, 0.0, -speed))
+        state.q[0, 2] += late * speed * dt
+        end, _, report = run(scene, state, 4)
+        assert not report.unconverged and not report.failure
+        closed = closed_gap(scene.solver.activation_tolerance, dt)
+        assert abs(end.q[0, 2] - RADIUS) <= left_gap(closed) + 10 * EPS, late

@@ -35,8 +35,8 @@ class Closing(NamedTuple):
 
 
 def with_closed_gaps(
-    scene: Scene, closing: Closing, active: Array, start_gap: Array, loaded: Array, q: Array,
-    furthest: Array,
+    scene: Scene, closing: Closing, active: Array, start: tuple[Array, Array], loaded: Array,
+    q: Array, furthest: Array,
 ) -> Array:  # fmt: skip
     """
     Return the coordinates at the end of a step of the paper, without gaps of loaded contacts.
@@ -47,8 +47,8 @@ def with_closed_gaps(
     closing : Closing
     active : ndarray, shape (k,)
         Numbers of the contacts of the step.
-    start_gap : ndarray, shape (k,)
-        Gap of a contact that is deep at the start, else 0 [m].
+    start : tuple of ndarray, shape (k,)
+        Gaps of contacts that are deep at the start, else 0 [m], and normal velocities there [m/s].
     loaded : ndarray, shape (k,)
         Mask of those that carry load. Others are closed if they are inside.
     q : ndarray, shape (n, 7)
@@ -57,10 +57,11 @@ def with_closed_gaps(
 
     """
     q, closed = q.copy(), closed_gap(scene.solver.activation_tolerance, scene.dt)
-    before, q_before = math.inf, q
+    (start_gap, approach), before, q_before = start, math.inf, q
+    most = np.maximum(most_closed(scene.dt), -scene.dt * approach)
     for move_number in range(MOST_MOVES + 1 if closed > 0.0 else 0):
         gap = scene_gaps(scene, q)[active] - start_gap
-        closes = (np.abs(gap) <= most_closed(scene.dt)) & ((gap < 0.0) | loaded)
+        closes = (np.abs(gap) <= most) & ((gap < 0.0) | loaded)
         worst = np.abs(gap[loaded]).max(initial=-scene_gaps(scene, q).min(initial=0.0))
         if worst > GAP_GROWTH * before:
             return q_before

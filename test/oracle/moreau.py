@@ -324,9 +324,8 @@ class DenseStepper:
         furthest = furthest_angles(of_joints.stop, posture.joint_angles(state.q), angle_M)
         q_E = without_drift(robot, q_free, scene.drift_correction, furthest)
         closing = Closing(terms.W_N, terms.W_J, terms.M_inv, terms.R, PROXIMAL * self.size)
-        q_E = with_closed_gaps(
-            scene, closing, terms.active, terms.start_gap, P[:, 0] > 0.0, q_E, furthest
-        )
+        start = terms.start_gap, terms.W_N.T @ state.u.ravel()
+        q_E = with_closed_gaps(scene, closing, terms.active, start, P[:, 0] > 0.0, q_E, furthest)
         g_J = joint_gaps(robot, without_drift(robot, q_free, 'none', furthest))
 
         def residual(compliance: float) -> float:

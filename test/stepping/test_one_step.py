@@ -281,6 +281,6 @@ def test_what_is_no_error_of_a_step_is_not_closed_by_a_move():
     contacts = make_table(6)
     for a in range(6):
         contacts.end_gap[a], contacts.is_loaded[a] = gaps[a], int(a < 4)
-    to_close, _ = gaps_to_close(MOST_CLOSED, np.arange(6), contacts)
+    to_close, _ = gaps_to_close(MOST_CLOSED, 0.0, np.arange(6), contacts)
     assert to_close == pytest.approx(0.99 * MOST_CLOSED)
     assert [contacts.S_N[a] for a in range(6)] == [0.0, 1.0, 1.0, 0.0, 1.0, 0.0]

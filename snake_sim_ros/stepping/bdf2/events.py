@@ -207,7 +207,7 @@ def place_end(
             gap = gap_at(model.obstacles, offset, radius, q_start, contacts, a)
             contacts.start_gap[a] = min(gap, 0.0)
     for attempt in range(most_closings + 1):
-        to_close, _ = gaps_to_close(most_closed(model.dt), closed, contacts)
+        to_close, _ = gaps_to_close(most_closed(model.dt), 0.0, closed, contacts)
         if to_close > left_gap(model.closed_gap) and attempt < most_closings:
             more = add_closing(closed, count, contacts)
             closing = Problem(laws, closed[:more], contacts, chain)

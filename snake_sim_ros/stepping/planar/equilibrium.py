@@ -374,7 +374,7 @@ def close_pegs(model: PlanarModel, work: PlanarWorkspace, closed: Array, q: Arra
     for a in closed:
         contacts.is_loaded[a] = contacts.impulse[a, 0] > 0.0
     for move in range(MOST_MOVES + 1 if model.closed_gap > 0.0 else 0):
-        to_close, worst = gaps_to_close(most_closed(model.dt), closed, contacts)
+        to_close, worst = gaps_to_close(most_closed(model.dt), model.dt, closed, contacts)
         worst = max(worst, depth)
         if worst > GAP_GROWTH * before:
             move_links_in_plane(work, -1.0, q)

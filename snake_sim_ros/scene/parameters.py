@@ -122,6 +122,11 @@ class Friction(CheckedRecord):
         """Whether there is viscous friction."""
         return max(self.viscous_longitudinal, self.viscous_transversal) > 0.0
 
+    @property
+    def viscous_of_contact(self) -> tuple[float, float]:
+        """Viscous friction of one of both contacts of a link, along and across it [N s/m]."""
+        return 0.5 * self.viscous_longitudinal, 0.5 * self.viscous_transversal
+
 
 @dataclass(frozen=True, kw_only=True)
 class Pegs(CheckedRecord):

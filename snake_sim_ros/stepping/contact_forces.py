@@ -103,8 +103,7 @@ def add_viscous_forces(
     It is no part of the impulses; see `laws.add_viscous_friction`. Other arguments are those of
     `sampled_forces`, for the coordinates at which impulses acted.
     """
-    coefficient = scene.friction.viscous_longitudinal, scene.friction.viscous_transversal
-    ground = number < first_peg(scene)
+    floor, ground = scene.friction, number < first_peg(scene)
     for m in np.unique(sample[ground]):
         here = np.flatnonzero(ground & (sample == m))
         links = contact_links(scene)[number[here], 0]
@@ -112,8 +111,8 @@ def add_viscous_forces(
         tangents = contact_geometry(scene, q[m], wanted)[2][number[here], 1:]
         omega = np.einsum('kij,kj->ki', rotation_matrices(q[m, links, 3:]), u[m, links, 3:])
         velocity = u[m, links, :3] + np.cross(omega, points[here] - q[m, links, :3])
-        factor = contact_friction(scene, number[here], q[m])[:, 4:] / 2
-        resisted = factor * coefficient * np.einsum('kij,kj->ki', tangents, velocity)
+        viscous = contact_friction(scene, number[here], q[m])[:, 4:] * floor.viscous_of_contact
+        resisted = viscous * np.einsum('kij,kj->ki', tangents, velocity)
         forces[here] -= np.einsum('ki,kij->kj', resisted, tangents)
 
 

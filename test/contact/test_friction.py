@@ -195,6 +195,46 @@ def test_passive_wheels_roll_freely_along(method, level):
         assert abs(velocity[1]) < left_over(20)
 
 
+def agreeing_methods(scene, state, angle):
+    """
+    Check that methods of the paper's step take the dense one; return how many, 0 if it fails.
+
+    `scene` is that of the dense step, and `angle`, shape (1, n-1, 2), are the references.
+    """
+    ends = {}
+    for method in [ORACLE, *(name for name in HERE if name != 'bdf2')]:
+        each = replace(scene, method=method)
+        start = state, empty_history(each), angle, np.zeros(angle.shape)
+        ends[method] = make_stepper(each).advance(*start)
+    end, history, report = ends.pop(ORACLE)
+    if report.failure:
+        assert all(news.failure for _, _, news in ends.values())
+        return 0
+    for other, memory, news in ends.values():
+        assert not news.unconverged
+        # Velocities of 1 m/s, impulses of 1e-3 N s: see test_planar.py.
+        assert np.abs(memory.impulse - history.impulse).max() < 1e-8
+        assert np.abs(other.u - end.u).max() < 1e-7
+    return len(ends)
+
+
+def agreeing_at_both_levels(friction, seed, speed):
+    """Return the sum of `agreeing_methods` of random flat robots, at both levels."""
+    taken = 0
+    cases = [(links, level) for links in (1, 3, 5) for level in ('planar', 'spatial')]
+    for number, (links, level) in enumerate(cases):
+        rng = np.random.default_rng([number, seed])
+        robot = flat_robot(rng, links)
+        state = crooked(rng, robot, speed=speed)
+        angle = joint_angles(state.q)[None] + np.array([0.03, 0.0])
+        solver = replace(EXACT, tolerance=1e-12, normal_compliance=1e-2, iteration_limit=500)
+        scene = Scene(
+            robot=robot, friction=friction, level=level, method=ORACLE, solver=solver, dt=DT
+        )
+        taken += agreeing_methods(scene, state, angle)
+    return taken
+
+
 def test_methods_take_the_dense_step_in_the_plane():
     # As in test_planar.py, with sides and patches. The spatial level has both in test_pegs.py and
     # test_ground.py, and `bdf2` in test_bdf2_reference.py.
@@ -212,21 +252,7 @@ def test_methods_take_the_dense_step_in_the_plane():
         settings = {'robot': robot, 'friction': friction, 'patches': patches, 'level': 'planar'}
         solver = replace(EXACT, tolerance=1e-12, normal_compliance=1e-2, iteration_limit=500)
         scene = Scene(method=ORACLE, solver=solver, dt=DT, **settings)
-        ends = {}
-        for method in [ORACLE, *(name for name in HERE if name != 'bdf2')]:
-            each = replace(scene, method=method)
-            start = state, empty_history(each), angle, np.zeros(angle.shape)
-            ends[method] = make_stepper(each).advance(*start)
-        end, history, report = ends.pop(ORACLE)
-        if report.failure:
-            assert all(news.failure for _, _, news in ends.values())
-            continue
-        for other, memory, news in ends.values():
-            assert not news.unconverged
-            # Velocities of 1 m/s, impulses of 1e-3 N s: see test_planar.py.
-            assert np.abs(memory.impulse - history.impulse).max() < 1e-8
-            assert np.abs(other.u - end.u).max() < 1e-7
-            taken += 1
+        taken += agreeing_methods(scene, state, angle)
     assert taken >= 2 * (len(HERE) - 2)
 
 

@@ -5,19 +5,24 @@
 from dataclasses import replace
 import math
 
-from flat_states import crooked, flat_robot
 import numpy as np
 from obstacle_scenes import COARSE, HERE
-from oracle import empty_history, make_stepper, ORACLE
 import pytest
-from scenes import course, DT, G, slope
-from test_friction import block_scene, border, each_level, EXACT, heading, left_over, sliding
+from scenes import course, G, slope
+from test_friction import (
+    agreeing_at_both_levels,
+    block_scene,
+    border,
+    each_level,
+    heading,
+    left_over,
+    sliding,
+)
 from test_viscous_friction import first_or_second, order
 
 from snake_sim_ros import Friction, ParameterError, Scene
 from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.parameters import scene_from_text, scene_to_text, with_settings
-from snake_sim_ros.scene.posture import joint_angles
 
 STATIC, RATIO, SPEED = 0.4, 0.25, 0.1  # m/s
 FALLING = Friction(
@@ -134,34 +139,10 @@ def test_patches_scale_it(method, level):
 @pytest.mark.parametrize('ratio', [0.9, 0.3])
 def test_all_methods_take_the_dense_step(ratio):
     # A step of 1/1000 s, in which friction falls by less than it takes to change the speed.
-    taken = 0
     friction = Friction(
         longitudinal=0.02, transversal=0.1, kinetic_ratio=ratio, stribeck_speed=0.02
     )
-    for seed, (links, level) in enumerate(
-        (links, level) for links in (1, 3, 5) for level in ('planar', 'spatial')
-    ):
-        rng = np.random.default_rng([seed, 8])
-        robot = flat_robot(rng, links)
-        state = crooked(rng, robot, speed=0.05)
-        angle = joint_angles(state.q)[None] + np.array([0.03, 0.0])
-        solver = replace(EXACT, tolerance=1e-12, normal_compliance=1e-2, iteration_limit=500)
-        scene = Scene(
-            robot=robot, friction=friction, level=level, method=ORACLE, solver=solver, dt=DT
-        )
-        ends = {}
-        for method in [ORACLE, *(name for name in HERE if name != 'bdf2')]:
-            each = replace(scene, method=method)
-            start = state, empty_history(each), angle, np.zeros(angle.shape)
-            ends[method] = make_stepper(each).advance(*start)
-        end, history, report = ends.pop(ORACLE)
-        if report.failure:
-            continue
-        for other, memory, news in ends.values():
-            assert not news.unconverged
-            assert np.abs(memory.impulse - history.impulse).max() < 1e-8
-            assert np.abs(other.u - end.u).max() < 1e-7
-            taken += 1
+    taken = agreeing_at_both_levels(friction, 8, 0.05)
     assert taken >= 4 * (len(HERE) - 1)
 
 

@@ -8,15 +8,22 @@ import math
 from flat_states import crooked, flat_robot
 import numpy as np
 from obstacle_scenes import HERE
-from oracle import empty_history, make_stepper, ORACLE
+from oracle import empty_history, make_stepper
 import pytest
-from scenes import course, DT, G, kinetic_energy, MASS, slope
-from test_friction import BLOCK, block_scene, border, each_level, EXACT, heading, sliding
+from scenes import course, G, kinetic_energy, MASS, slope
+from test_friction import (
+    agreeing_at_both_levels,
+    BLOCK,
+    block_scene,
+    border,
+    each_level,
+    heading,
+    sliding,
+)
 
 from snake_sim_ros import Friction, ParameterError, Scene, Solver
 from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.parameters import scene_from_text, scene_to_text, with_settings
-from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.stepping.contact_forces import contact_forces
 
 ALONG, ACROSS = 1.5, 6.0  # N s/m
@@ -156,31 +163,7 @@ def test_it_only_takes_energy(method):
 def test_both_levels_take_the_dense_step():
     # As in test_friction.py; `bdf2` is in test_bdf2_reference.py.
     friction = replace(VISCOUS, longitudinal=0.02, transversal=0.1)
-    taken = 0
-    for seed, (links, level) in enumerate(
-        (links, level) for links in (1, 3, 5) for level in ('planar', 'spatial')
-    ):
-        rng = np.random.default_rng([seed, 6])
-        robot = flat_robot(rng, links)
-        state = crooked(rng, robot, speed=0.3)
-        angle = joint_angles(state.q)[None] + np.array([0.03, 0.0])
-        solver = replace(EXACT, tolerance=1e-12, normal_compliance=1e-2, iteration_limit=500)
-        scene = Scene(
-            robot=robot, friction=friction, level=level, method=ORACLE, solver=solver, dt=DT
-        )
-        ends = {}
-        for method in [ORACLE, *(name for name in HERE if name != 'bdf2')]:
-            each = replace(scene, method=method)
-            start = state, empty_history(each), angle, np.zeros(angle.shape)
-            ends[method] = make_stepper(each).advance(*start)
-        end, history, report = ends.pop(ORACLE)
-        if report.failure:
-            continue
-        for other, memory, news in ends.values():
-            assert not news.unconverged
-            assert np.abs(memory.impulse - history.impulse).max() < 1e-8
-            assert np.abs(other.u - end.u).max() < 1e-7
-            taken += 1
+    taken = agreeing_at_both_levels(friction, 6, 0.3)
     assert taken >= 4 * (len(HERE) - 1)
 
 

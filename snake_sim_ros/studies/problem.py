@@ -51,6 +51,8 @@ PROBLEM_KEYS = (
 MEASURES = ('worst', 'mean')
 ROBUST_EXAMPLE = '{over: {friction: 0.3}, measure: worst}'
 MOST_SCENES = 1000  # for one evaluation
+# How friction falls with speed, not how large it is: a factor of all friction leaves it alone.
+SHAPES = ('friction.kinetic_ratio', 'friction.stribeck_speed')
 
 
 @dataclass(frozen=True)
@@ -141,7 +143,10 @@ def _group(name: Any, given: Any, scene: Scene) -> list[dict[str, float]]:
     flat = flat_fields(scene)
     plain = str(name).removesuffix('_deg')
     inside = [plain] if plain in flat else [key for key in flat if key.startswith(f'{plain}.')]
-    inside = [key for key in inside if key == plain or flat[key][0] is not None]
+    inside = [
+        key for key in inside
+        if key == plain or (flat[key][0] is not None and key not in SHAPES)
+    ]  # fmt: skip
     if not inside:
         raise ParameterError(f'robust: over: unknown name {quoted(name)}; {nearest(plain, flat)}')
     for key in inside:

@@ -170,7 +170,8 @@ def swung_particle(method, count, gravity, mu):
     acts = 1.0 if method == 'bdf2' else 0.5  # part of a step at which forces are taken
     for k in range(count):
         # A new stepper for every gravity would take ten times as long as its step.
-        stepper.model = stepper.model._replace(gravity=np.array(gravity((k + acts) * dt)))
+        robot = stepper.model.robot._replace(gravity=np.array(gravity((k + acts) * dt)))
+        stepper.model = stepper.model._replace(robot=robot)
         state, history, _ = stepper.advance(state, history, still, still)
         path.append([*state.q[0, :2], np.abs(state.u[0, :2]).max() < 1e-10])
     return np.array(path)[count // 20 - 1 :: count // 20]

@@ -192,6 +192,16 @@ def test_parts_of_a_scene_change_together_and_names_combine():
     }
 
 
+def test_a_factor_of_friction_leaves_alone_how_it_falls_with_speed():
+    falling = {'friction.kinetic_ratio': 0.9, 'friction.stribeck_speed': 0.05}
+    scene = with_settings(load_scene('lateral_undulation'), falling)
+    robust = robust_of({'over': {'friction': 0.25}}, scene)
+    for k, factor in enumerate((0.75, 1.0, 1.25)):
+        friction = with_settings(scene, robust.settings(scene, {}, k)).friction
+        assert friction.longitudinal == factor * scene.friction.longitudinal
+        assert (friction.kinetic_ratio, friction.stribeck_speed) == (0.9, 0.05)
+
+
 # ---- fronts -------------------------------------------------------------------------------------
 
 

@@ -9,6 +9,8 @@ import pytest
 from random_states import EPS, free_links, jointed_links, moved, random_robot, rate_of
 
 from snake_sim_ros import Robot, State
+from snake_sim_ros.contact.directions import contact_velocities
+from snake_sim_ros.contact.problem import make_table
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.dynamics.force_directions import E_X, E_Y, E_Z
 from snake_sim_ros.scene import posture
@@ -88,6 +90,25 @@ def test_sliding_directions(free):
         across = np.array([-along[1], along[0], 0.0])
         velocity = rate_of(point, state)
         assert np.abs(gamma_T[a] - [along @ velocity, across @ velocity]).max() < POINT
+
+
+def test_compiled_velocities_on_the_floor_are_those_of_the_directions(free):
+    robot, state = free
+    R, n = frames(state), robot.link_count
+    omega = np.einsum('nij,nj->ni', R, state.u[:, 3:])
+    twist = np.column_stack([omega, state.u[:, :3] - np.cross(omega, state.q[:, :3])])
+    table = make_table(2 * n)
+    for a, i, sign in contacts(robot):
+        lever = sign * robot.contact_offset[i] * R[i, :, 2] - robot.contact_radius[i] * E_Z
+        table['point'][a] = state.q[i, :3] + lever
+        table['heading'][a] = force_directions.contact_frame(R, i)[0][:2]
+        table['radius'][a] = robot.contact_radius[i]
+    contact_velocities(np.arange(2 * n), table, None, twist)
+    W_N, W_T, W_V = force_directions.contact_directions(robot, R)
+    expected = np.column_stack(
+        [(W.T @ state.u.ravel()).reshape(2 * n, -1) for W in (W_N, W_T, W_V)]
+    )
+    assert np.abs(table['gamma'] - expected).max() < ROUNDING
 
 
 def test_rolling_directions(free):

@@ -9,7 +9,8 @@ It chooses the method `bdf2`, and by an error estimate the parts in which its st
     tolerance = PATH_SHARE L accuracy^(3/2),
 
 with the mean length L of a link. Parts of length dt that are off by dt^3 each make an error of the
-path of dt^2 over a time, which falls with the power 2/3 of the tolerance.
+path of dt^2 over a time, which falls with the power 2/3 of the tolerance. No contact counts as
+closed with a larger gap than that: stiff pitch joints would carry what the floor should.
 
 What is promised: from rest, with references that begin smoothly (`soft_start` of 0.5 s or more),
 the middle link stays over a cycle of the gait within ``accuracy max(l, L)`` of where the limit of

@@ -121,6 +121,8 @@ class LevelStepper:
     """
     A stepper of the planar level while that is exact, and of the spatial one otherwise.
 
+    In a scene with an accuracy, the planar level may be off by no more than that.
+
     Parameters
     ----------
     scene : Scene
@@ -132,9 +134,14 @@ class LevelStepper:
     def __init__(self, scene: Scene, planar: PlanarStepper, spatial: SpatialStepper) -> None:
         self.scene, self.planar, self.spatial = scene, planar, spatial
         limit = min(scene.solver.iteration_limit, PLANAR_ITERATIONS)
+        slip, share = planar.model.free_slip, AUTO_SLIP_SHARE
+        if scene.accuracy > 0.0:
+            length = float(scene.robot.per_link('link_length').mean())
+            slip, share = min(slip, scene.accuracy * length), min(share, scene.accuracy)
         planar.model = planar.model._replace(
-            most_roll=AUTO_ROLL, most_slip=AUTO_SLIP_SHARE, patient=False, iteration_limit=limit
-        )
+            most_roll=AUTO_ROLL, free_slip=slip, most_slip=share, patient=False,
+            iteration_limit=limit,
+        )  # fmt: skip
         self.level = planar.level
         self.settle_steps = max(1, round(scene.settling_time / scene.dt))
         self.pause_steps = round(SLIP_PAUSE / scene.dt)  # added to settle_steps in history

@@ -85,13 +85,14 @@ def make_model(scene: Scene) -> Model:
         change_tolerance=solver.tolerance,
         other=make_other_friction(scene, PROXIMAL * size),
     )
+    gap, path_error = closed_gap(solver.activation_tolerance, scene.dt), path_tolerance(scene)
     return Model(
         robot=make_mechanism(scene),
         laws=laws,
-        closed_gap=closed_gap(solver.activation_tolerance, scene.dt),
+        closed_gap=min(gap, path_error) if path_error else gap,
         dt=scene.dt,
         iteration_limit=solver.iteration_limit,
-        path_tolerance=path_tolerance(scene),
+        path_tolerance=path_error,
         drift_correction=DRIFT_CORRECTIONS.index(scene.drift_correction),
         settle_steps=0,
         obstacles=make_obstacles(scene),

@@ -19,12 +19,7 @@ from snake_sim_ros import Scene
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.scene.obstacles import floor_friction
 from snake_sim_ros.scene.parameters import Array, PD_SCHEMES
-from snake_sim_ros.stepping.planar.model import (
-    PlanarMemory,
-    PlanarModel,
-    PlanarWorkspace,
-    ROLL_LIMIT,
-)
+from snake_sim_ros.stepping.planar.model import PlanarMemory, PlanarModel, PlanarWorkspace
 from snake_sim_ros.stepping.planar.moreau import SLIP_MEMORY
 from snake_sim_ros.stepping.pushes import PushTable
 from snake_sim_ros.stepping.samples import row_after
@@ -145,7 +140,7 @@ def slips_too_far(model: PlanarModel, roll: float, u: Array, memory: PlanarMemor
         left * memory.way[0] + model.dt * np.linalg.norm(model.mass @ u[:, :2]) / model.mass.sum()
     )
     slip = left * memory.slip[0] + model.radius * abs(roll - memory.roll[0])
-    if slip > model.radius * ROLL_LIMIT + model.most_slip * way:
+    if slip > model.free_slip + model.most_slip * way:
         return True
     memory.roll[0], memory.slip[0], memory.way[0] = roll, slip, way
     return False

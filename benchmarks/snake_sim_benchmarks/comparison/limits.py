@@ -209,8 +209,9 @@ class Paths:
 
     @property
     def best(self) -> Array:
-        """The path that is nearest to the limit."""
-        return self.of('bdf2', RATES['bdf2'][-1])
+        """The path that is nearest to the limit: of the smallest steps of `bdf2` so far."""
+        rates = [rate for method, rate in self._known if method == 'bdf2']
+        return self.of('bdf2', max([RATES['bdf2'][-1], *rates]))
 
     @property
     def length(self) -> float:
@@ -268,12 +269,12 @@ def distances(paths: Paths) -> dict[str, float]:
     auto, _ = paths.run({'method': 'bdf2', 'dt': 1 / RATES['bdf2'][-1], 'level': 'auto'})
     found['levels'] = paths.distance(auto, paths.best)
     found['small_push'] = paths.ahead(SMALL_PUSH)
-    for accuracy in ASKED:
-        path, _ = paths.run({}, accuracy)
-        found[accuracy_column(accuracy)] = paths.distance(path, paths.best)
     settled = max(found['apart_128'], found['bdf2_8'], found['settings']) < LIMIT
     insensitive = not settled and found['small_push'] <= GROWTH
     found['refined'] = refined(paths) if insensitive else math.nan
+    for accuracy in ASKED:  # once the best path is known
+        path, _ = paths.run({}, accuracy)
+        found[accuracy_column(accuracy)] = paths.distance(path, paths.best)
     settled = settled or found['refined'] < LIMIT
     found['jump'] = math.nan if settled else largest_jump(paths)
     return found

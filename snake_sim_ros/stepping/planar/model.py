@@ -28,7 +28,7 @@ STANDING = np.dtype(
         ('slips', np.int64),  # whether the step is not planar only because of slip by rolling
     ]
 )
-ROLL_LIMIT = 1e-3  # largest roll of a robot that lies flat; its slip is always neglected [rad]
+ROLL_LIMIT = 1e-3  # largest roll of a robot that lies flat; its slip is neglected [rad]
 SLIP_SHARE = 5e-3  # share of the way up to which the slip by rolling is neglected
 
 
@@ -93,7 +93,8 @@ class PlanarModel(NamedTuple):
     iteration_limit: int
     path_tolerance: float  # error that a step may make in the path [m]; 0: steps are not divided
     most_roll: float  # largest roll of a planar step [rad]
-    most_slip: float  # share [1] of the way of the center of mass up to which slip is neglected
+    free_slip: float  # slip by rolling that is always neglected [m]
+    most_slip: float  # share [1] of the way of the center of mass that is neglected beside it
     held: bool  # whether pitch joints hold the robot; if not, its roll is rounding
     patient: bool  # whether a step that does not converge is taken, and counted
     pd_scheme: int  # index in PD_SCHEMES
@@ -145,13 +146,14 @@ def make_planar_model(scene: Scene) -> PlanarModel:
     held = scene.drift_correction == DRIFT_CORRECTIONS[CENTER_OF_MASS]
     keeps_center = held or scene.method == 'bdf2'
     share = mass / mass.sum() if keeps_center else np.eye(n)[0]
+    radius = float(spatial.robot.contact_radius[0])
     return PlanarModel(
         half_length=half,
         mass=mass,
         inertia=spatial.robot.inertia_transversal,
         inertia_axial=spatial.robot.inertia_axial,
         offset=spatial.robot.contact_offset,
-        radius=float(spatial.robot.contact_radius[0]),
+        radius=radius,
         stiffness=np.ascontiguousarray(stiffness[:, 0]),
         damping=np.ascontiguousarray(damping[:, 0]),
         joint_laws=spatial.robot.joint_laws,
@@ -164,6 +166,7 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         iteration_limit=scene.solver.iteration_limit,
         path_tolerance=spatial.path_tolerance,
         most_roll=ROLL_LIMIT,
+        free_slip=radius * ROLL_LIMIT,
         most_slip=SLIP_SHARE,
         held=bool(pitch.max(initial=0.0) > LIMP_STIFFNESS),
         patient=True,

@@ -55,12 +55,7 @@ from snake_sim_ros.stepping.planar.equilibrium import (
     peg_velocities,
     place_links_in_plane,
 )
-from snake_sim_ros.stepping.planar.model import (
-    PlanarMemory,
-    PlanarModel,
-    PlanarWorkspace,
-    ROLL_LIMIT,
-)
+from snake_sim_ros.stepping.planar.model import PlanarMemory, PlanarModel, PlanarWorkspace
 from snake_sim_ros.stepping.planar.solvers import solve_in_plane
 from snake_sim_ros.stepping.pushes import add_pushes_in_plane, whole_step
 from snake_sim_ros.stepping.state import without_memory
@@ -260,8 +255,8 @@ def slips_too_far(model: PlanarModel, work: PlanarWorkspace, memory: PlanarMemor
     """
     Return whether contacts slip too far by rolling; if not, add slip and way to the memory.
 
-    The slip of a roll of ROLL_LIMIT is always neglected, since a gait begins with a roll and no
-    way. In addition, a share of the way of the center of mass is neglected.
+    Some slip is always neglected, since a gait begins with a roll and no way. In addition, a share
+    of the way of the center of mass is neglected.
     """
     mass = p_x = p_y = 0.0
     for i in range(len(work.twist)):
@@ -274,7 +269,7 @@ def slips_too_far(model: PlanarModel, work: PlanarWorkspace, memory: PlanarMemor
     turn = abs(work.standing.roll[0] - memory.roll[0])
     slip = left * memory.slip[0] + model.radius * turn
     way = left * memory.way[0] + h * math.sqrt(p_x * p_x + p_y * p_y) / mass
-    if not slip <= model.radius * ROLL_LIMIT + model.most_slip * way:
+    if not slip <= model.free_slip + model.most_slip * way:
         return True
     memory.roll[0], memory.slip[0], memory.way[0] = work.standing.roll[0], slip, way
     return False

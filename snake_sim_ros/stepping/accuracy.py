@@ -15,8 +15,8 @@ closed with a larger gap than that: stiff pitch joints would carry what the floo
 What is promised: from rest, with references that begin smoothly (`soft_start` of 0.5 s or more),
 the middle link stays over a cycle of the gait within ``accuracy max(l, L)`` of where the limit of
 small steps has it, with the length l of its path, wherever that limit is known to a quarter of
-this. It is no bound: the constants below are calibrated in 200 random scenes, of which some miss;
-`comparison.limits` judges others, and docs/speed_accuracy.md has the numbers.
+this. It is no bound: the constants below are calibrated in 200 random scenes, of which 1 in 100
+misses; `comparison.limits` judges others, and docs/speed_accuracy.md has the numbers.
 """
 
 from collections.abc import Container

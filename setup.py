@@ -3,9 +3,16 @@
 """Package metadata, read by pip and by colcon alike."""
 
 from glob import glob
+from importlib.util import find_spec
+import os
 from pathlib import Path
+import platform
+import shutil
+import subprocess
+import sys
 
-from setuptools import find_packages, setup
+from setuptools import Distribution, find_packages, setup
+from setuptools.command.build_py import build_py
 
 package_name = 'snake_sim_ros'
 # The folder of the sources: colcon runs a link to this file elsewhere with --symlink-install.
@@ -40,7 +47,43 @@ studies = ['polars>=1,<3', 'distributed>=2023.5', 'cma>=4,<5']
 # The site: Sphinx, which rosdoc2 runs as well, with its theme and pages in Markdown.
 docs = ['sphinx>=7', 'myst-parser>=3', 'sphinx-rtd-theme>=2']
 
+# With 0 the package brings no machine code, and compiles what a start needs on the user's machine.
+brings_machine_code = (
+    os.environ.get('SNAKE_SIM_MACHINE_CODE', '1') != '0'
+    and platform.machine() == 'x86_64'
+    and all(find_spec(name) for name in ('numba', 'scipy', 'tqdm', 'yaml'))
+)
+
+
+class WithMachineCode(Distribution):
+    """Makes wheels for one version of Python and one kind of processor."""
+
+    def has_ext_modules(self):
+        """Return whether the package brings machine code."""
+        return brings_machine_code
+
+
+class BuildWithMachineCode(build_py):
+    """Compiles the steps, so that an installed package starts without its compiler."""
+
+    def run(self):
+        """Build the package; then compile it, which takes two minutes of two cores."""
+        super().run()
+        if not brings_machine_code or getattr(self, 'editable_mode', False):
+            return
+        library = Path(self.build_lib).resolve()
+        target = library / package_name / 'machine_code'
+        shutil.rmtree(target, ignore_errors=True)
+        command = [sys.executable, '-m', f'{package_name}.stepping.machine_code', str(target)]
+        environment = {**os.environ, 'PYTHONPATH': str(library)}
+        done = subprocess.run(command, cwd=library, env=environment)
+        if done.returncode:
+            print('the package brings no machine code: it compiles when it first starts')
+
+
 setup(
+    cmdclass={'build_py': BuildWithMachineCode},
+    distclass=WithMachineCode,
     name=package_name,
     version='1.0.0',
     description='Simulation of snake robots without wheels: rigid contact, exact friction.',

@@ -54,4 +54,4 @@ def test_version_is_the_same_everywhere(monkeypatch):
     assert f'\nversion: {version}\n' in read('CITATION.cff')
     assert f'version = "{version}"' in read('pixi.toml')
     assert f'\n{version} (' in read('CHANGELOG.rst')
-    assert f'snake_sim_ros-{version}-py3' in read('docs/installation.md')
+    assert f'snake_sim_ros-{version}-cp' in read('docs/installation.md')

@@ -8,6 +8,10 @@ file, and it keeps the code of every installation apart. Here a folder is named 
 of all modules in ROOMS and the versions of the compiler. Every installation of the same sources
 finds it, and whatever is in it is up to date. What comes from another package, such as the
 laboratory or a user's own method, is found by the contents of that package as well.
+
+An installed package brings such a folder, SHIPPED, with what a start needs; see
+`stepping.machine_code`. It is only read. All code is for one kind of processor, PORTABLE, if this
+one is of that kind, and gives the same bits on all of them.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -17,6 +21,7 @@ from functools import cache
 import hashlib
 import os
 from pathlib import Path
+import platform
 import shutil
 import stat
 import sys
@@ -24,9 +29,15 @@ import tempfile
 from typing import Any, ClassVar, IO
 
 import llvmlite
+from llvmlite.binding import get_host_cpu_features
 import numba
 from numba.core import config
-from numba.core.caching import _CacheLocator, CompileResultCacheImpl, FunctionCache
+from numba.core.caching import (
+    _CacheLocator,
+    CompileResultCacheImpl,
+    FunctionCache,
+    IndexDataCacheFile,
+)
 import numpy as np
 
 from snake_sim_ros.scene import PACKAGE
@@ -35,6 +46,31 @@ from snake_sim_ros.scene import PACKAGE
 ROOMS = ('scene', 'dynamics', 'gaits', 'contact', 'stepping')
 COMPILERS = (numba, llvmlite, np)  # libraries that determine the code
 GENERATIONS = 4  # folders of other sources that are kept, those that were used last
+SHIPPED = PACKAGE / 'machine_code'  # folders of machine code that came with the package
+MADE_FOR = 'made_for.txt'  # file in such a folder: what its code is for, as of `versions`
+# x86_64 with AVX2 and FMA, from 2013 on. Code for the very processor would be no faster, and among
+# pegs its bits depend on whether it has AVX-512.
+PORTABLE = 'x86-64-v3'
+PORTABLE_NEEDS = ('avx', 'avx2', 'bmi', 'bmi2', 'f16c', 'fma', 'lzcnt', 'movbe')
+
+
+def is_portable() -> bool:
+    """Return whether code is compiled for PORTABLE, as this processor can run it."""
+    if 'NUMBA_CPU_NAME' in os.environ or platform.machine() not in ('x86_64', 'AMD64'):
+        return False
+    features = get_host_cpu_features()
+    return all(features.get(name, False) for name in PORTABLE_NEEDS)
+
+
+if is_portable():
+    config.CPU_NAME, config.CPU_FEATURES = PORTABLE, ''
+
+
+def versions() -> str:
+    """Return for what code is compiled in this process, as a clause."""
+    libraries = ', '.join(f'{library.__name__} {library.__version__}' for library in COMPILERS)
+    python = '.'.join(map(str, sys.version_info[:2]))
+    return f'Python {python}, {libraries} and {config.CPU_NAME or "this processor"}'
 
 
 def identity(places: Sequence[str] = ROOMS) -> str:
@@ -136,6 +172,25 @@ def remove_old(folder: Path) -> None:
 FOLDER = None if config.DISABLE_JIT else cache_folder()
 
 
+def shipped_folder() -> Path | None:
+    """Return the folder of machine code that came with the package; None if there is none."""
+    folder = SHIPPED / identity()
+    return folder if config.CPU_NAME == PORTABLE and folder.is_dir() else None
+
+
+def why_compile() -> str:
+    """Return why machine code that came with the package is of no use; empty if none came."""
+    made_for = sorted(SHIPPED.glob(f'*/{MADE_FOR}'))
+    if not made_for or shipped_folder():
+        return ''
+    known, here = made_for[0].read_text(encoding='utf-8').strip(), versions()
+    missing = 'but its sources have changed' if known == here else f'but not for {here}'
+    return f'the package brings machine code for {known}, {missing}: it is compiled now'
+
+
+SHIPPED_FOLDER = None if config.DISABLE_JIT else shipped_folder()
+
+
 class Locator(_CacheLocator):  # type: ignore[misc]
     """Says where the code of a function is: with its module, wherever that is installed."""
 
@@ -165,6 +220,10 @@ class Locator(_CacheLocator):  # type: ignore[misc]
 class _Form(CompileResultCacheImpl):  # type: ignore[misc]
     _locator_classes: ClassVar = [Locator]
 
+    def reduce(self, data: Any) -> tuple[Any, ...]:
+        """Return what is kept of compiled code, without its text, which names a folder."""
+        return tuple('' if isinstance(part, str) else part for part in super().reduce(data))
+
 
 class CodeCache(FunctionCache):  # type: ignore[misc]
     """
@@ -184,6 +243,11 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
         self._lock: IO[str] | None = None
+        self._shipped: Any = None
+        if SHIPPED_FOLDER and function.__module__.startswith(PACKAGE.name):
+            self._shipped = IndexDataCacheFile(
+                str(SHIPPED_FOLDER / Path(self.cache_path).name), self._impl.filename_base, ''
+            )
 
     def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
         """
@@ -216,9 +280,17 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
                 self.unlock()
         return found
 
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the code for some types that came with the package or is in the user's folder."""
+        if self._shipped:
+            data = self._shipped.load(self._index_key(sig, target_context.codegen()))
+            if data is not None:
+                return self._impl.rebuild(target_context, data)
+        return super()._load_overload(sig, target_context) if FOLDER else None
+
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save the code for some types of arguments, if they can be written."""
-        with suppress(OSError):  # The folder was deleted, or the disk is full.
+        with suppress(OSError):  # There is no folder, it was deleted, or the disk is full.
             # Numba reads the index of a function, and then writes it with one more.
             with locked():
                 super().save_overload(sig, data)
@@ -234,7 +306,8 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
 @contextmanager
 def locked() -> Iterator[None]:
     """Make other processes that write to the folder wait."""
-    assert FOLDER
+    if not FOLDER:
+        raise FileNotFoundError('there is no folder for compiled code')
     with (FOLDER / 'lock').open('w') as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield

@@ -156,7 +156,7 @@ def _constant_of_dispatched(context: Any, builder: Any, kind: Any, function: Any
 
 def _compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
     wrapper: Callable[..., Any] = numba.njit(no_cfunc_wrapper=True, **OPTIONS, **options)(function)
-    if COMPILES and code_cache.FOLDER and 'inline' not in options:
+    if COMPILES and (code_cache.FOLDER or code_cache.SHIPPED_FOLDER) and 'inline' not in options:
         # As `enable_caching` of the wrapper does with the cache of Numba.
         vars(wrapper)['_cache'] = code_cache.CodeCache(function)
     return wrapper

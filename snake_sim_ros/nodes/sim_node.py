@@ -15,6 +15,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from snake_sim_ros.dynamics.code_cache import why_compile
 from snake_sim_ros.dynamics.compilation import watched
 from snake_sim_ros.gaits.joint_reference import compile_sampling, start_posture
 from snake_sim_ros.nodes.command_inbox import CommandInbox
@@ -109,6 +110,8 @@ class SimNode(Node):
         missing = [level for level in levels if not is_loaded(partial(self._load, level))]
         if missing:
             self.compiler = Compiler(scene, self._load, missing, single=self.steps == 1)
+            if reason := why_compile():
+                self.get_logger().info(reason)
         if self.compiler and levels[0] in missing:
             self.compiler.needed = 1
         else:

@@ -2,8 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bar of the compiler on stderr, where a run has to compile before it can begin."""
 
+import sys
+
 from tqdm import tqdm
 
+from snake_sim_ros.dynamics.code_cache import why_compile
 from snake_sim_ros.dynamics.compilation import watched
 from snake_sim_ros.stepping.apart import function_counts
 from snake_sim_ros.stepping.levels import is_vertical
@@ -31,6 +34,8 @@ def compile_with_bar(simulation: Simulation, *, single: bool) -> None:
     def tell(name: str) -> None:
         nonlocal bar
         if bar is None:
+            if reason := why_compile():
+                print(reason, file=sys.stderr)
             counts.update(function_counts(simulation.scene, level))
             bar = tqdm(total=sum(counts.values()), bar_format=LAYOUT, leave=False)
         bar.update(min(counts.get(name, 0), bar.total - bar.n))

@@ -61,6 +61,39 @@ def test_installations_of_the_same_sources_share_it(tmp_path):
     assert compiled_functions(cache, copy) > 3
 
 
+def test_what_came_with_the_package_is_loaded_and_never_written(tmp_path):
+    copy, cache = tmp_path / 'copy', tmp_path / 'cache'
+    shutil.copytree(PACKAGE, copy / PACKAGE.name, symlinks=False)
+    assert compiled_functions(cache, copy) > 3
+    shipped = copy / PACKAGE.name / code_cache.SHIPPED.name
+    shutil.copytree(cache / PACKAGE.name, shipped)
+    before = {path: path.stat().st_mtime_ns for path in shipped.rglob('*')}
+    empty = tmp_path / 'empty'
+    assert compiled_functions(empty, copy) == 0
+    assert not list(empty.rglob('*.nbc'))
+    assert {path: path.stat().st_mtime_ns for path in shipped.rglob('*')} == before
+    # It is of these sources only.
+    (copy / PACKAGE.name / 'contact' / 'closing.py').write_text('# nothing any more\n')
+    assert compiled_functions(empty, copy) > 3
+
+
+def test_code_that_came_for_something_else_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(code_cache, 'SHIPPED', tmp_path)
+    assert code_cache.why_compile() == ''
+    (tmp_path / 'other').mkdir()
+    made_for = tmp_path / 'other' / code_cache.MADE_FOR
+    made_for.write_text('Python 3.9, numba 0.1 and x86-64-v3\n')
+    assert code_cache.why_compile() == (
+        'the package brings machine code for Python 3.9, numba 0.1 and x86-64-v3, but not for '
+        f'{code_cache.versions()}: it is compiled now'
+    )
+    made_for.write_text(f'{code_cache.versions()}\n')
+    assert 'but its sources have changed' in code_cache.why_compile()
+    (tmp_path / code_cache.identity()).mkdir()
+    if code_cache.is_portable():
+        assert code_cache.why_compile() == ''
+
+
 def test_code_for_types_of_an_absent_package_is_in_nobodys_way(tmp_path):
     law = (
         'from snake_sim_ros.dynamics.compilation import compiled\n\n\n@compiled\ndef first(way):\n'

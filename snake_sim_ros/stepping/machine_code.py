@@ -1,0 +1,143 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The machine code that an installed package brings, so that it starts without compiling.
+
+    python -m snake_sim_ros.stepping.machine_code FOLDER
+
+compiles the loops of all methods and levels, on a flat floor and among obstacles, in a cache of
+its own, with as many processes as there are cores. What a start loads goes to a folder in FOLDER
+that has the name of the sources and the compiler; see `dynamics.code_cache`. Nothing of the
+machine goes with it. What is called by other compiled functions only stays behind: it is in them.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+import os
+from pathlib import Path
+import subprocess
+import sys
+import tempfile
+import time
+
+import numba
+from tqdm import tqdm
+
+from snake_sim_ros.dynamics.code_cache import (
+    CodeCache,
+    identity,
+    is_portable,
+    MADE_FOR,
+    PORTABLE,
+    versions,
+)
+from snake_sim_ros.dynamics.compilation import COMPILES, watched
+from snake_sim_ros.gaits.joint_reference import compile_sampling
+from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
+from snake_sim_ros.stepping.apart import function_counts
+from snake_sim_ros.stepping.simulation import LEVELS, Simulation
+
+# Scenes by which compiled code differs, those that take longest first.
+FORMS = (
+    ('obstacle_aided', 'newton'),
+    ('obstacle_aided', 'bdf2'),
+    ('lateral_undulation', 'newton'),
+    ('lateral_undulation', 'bdf2'),
+    ('obstacle_aided', 'paper'),
+    ('lateral_undulation', 'paper'),
+    ('patches', 'bdf2'),  # in the plane; pegs are in space with this method
+)
+LAYOUT = 'compiling |{bar}| {elapsed}, {remaining} left'
+LOOK = 0.5  # s between two looks at the children
+
+
+def scene_of(number: int) -> Scene:
+    """Return the scene of one of FORMS."""
+    name, method = FORMS[number]
+    return with_settings(load_scene(name), {'method': method})
+
+
+def compile_form(number: int) -> None:
+    """Compile or load everything for one of FORMS; print the name of what was compiled."""
+    CodeCache.shares_work = True
+    with watched(lambda name: print(name, flush=True), at_end=True):
+        compile_sampling(scene_of(number))
+        Simulation(scene_of(number)).compile(single=True)
+
+
+def loaded() -> Iterator[CodeCache]:
+    """Yield the caches of all functions whose code was loaded in this process."""
+    for name, module in list(sys.modules.items()):
+        if name.startswith(f'{__package__.partition(".")[0]}.'):
+            for function in vars(module).values():
+                if getattr(function, '_cache_hits', None):
+                    yield function._cache
+
+
+def keep_loaded(folder: Path) -> None:
+    """Load everything, and copy it to the folder of these sources in another folder."""
+    for number in range(len(FORMS)):
+        compile_form(number)
+    to = folder / identity()
+    # Errors in functions of Numba name its files: of the same length, since lengths are kept.
+    here = str(Path(numba.__file__).parents[1]).encode()
+    for cache in loaded():
+        room = to / Path(cache.cache_path).name
+        room.mkdir(parents=True, exist_ok=True)
+        for path in Path(cache.cache_path).glob(f'{cache._impl.filename_base}.*nb[ci]'):
+            content = path.read_bytes().replace(here, b'/' * len(here))
+            (room / path.name).write_bytes(content)
+    (to / MADE_FOR).write_text(f'{versions()}\n', encoding='utf-8')
+
+
+def compile_all(environment: dict[str, str]) -> None:
+    """Compile FORMS in child processes with a cache of their own, with a bar."""
+    counts = [
+        sum(sum(function_counts(scene_of(k), level).values()) for level in LEVELS)
+        for k in range(len(FORMS))
+    ]
+    waiting, children = list(range(len(FORMS))), dict[int, subprocess.Popen[bytes]]()
+    with tqdm(total=sum(counts), bar_format=LAYOUT) as bar:
+        while waiting or children:
+            while waiting and len(children) < (os.cpu_count() or 1):
+                number = waiting.pop(0)
+                command = [sys.executable, '-m', __spec__.name, '--form', str(number)]
+                children[number] = subprocess.Popen(
+                    command, env=environment, stdout=subprocess.DEVNULL
+                )
+            for number, child in list(children.items()):
+                if child.poll() is not None:
+                    if child.returncode:
+                        raise RuntimeError(f'compiling {FORMS[number]} ended with an error')
+                    del children[number]
+                    bar.update(counts[number])
+            bar.refresh()
+            time.sleep(LOOK)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Fill a folder, or do a part of that; return the exit code."""
+    match arguments:
+        case ['--form', number]:
+            compile_form(int(number))
+        case ['--keep', folder]:
+            keep_loaded(Path(folder))
+        case [folder]:
+            if not (COMPILES and is_portable()):
+                print(f'this processor or environment cannot compile for {PORTABLE}')
+                return 1
+            with tempfile.TemporaryDirectory() as cache:
+                environment = {**os.environ, 'NUMBA_CACHE_DIR': cache}
+                compile_all(environment)
+                command = [sys.executable, '-m', __spec__.name, '--keep', folder]
+                subprocess.run(command, env=environment, check=True, stdout=subprocess.DEVNULL)
+        case _:
+            print(f'usage: python -m {__spec__.name} FOLDER', file=sys.stderr)
+            return 2
+    return 0
+
+
+if __name__ == '__main__':
+    with suppress(KeyboardInterrupt):
+        sys.exit(main(sys.argv[1:]))
+    sys.exit(130)

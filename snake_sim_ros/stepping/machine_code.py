@@ -12,13 +12,13 @@ machine goes with it. What is called by other compiled functions only stays behi
 """
 
 from collections.abc import Iterator, Sequence
+from concurrent.futures import as_completed, ThreadPoolExecutor
 from contextlib import suppress
 import os
 from pathlib import Path
 import subprocess
 import sys
 import tempfile
-import time
 
 import numba
 from tqdm import tqdm
@@ -31,11 +31,10 @@ from snake_sim_ros.dynamics.code_cache import (
     PORTABLE,
     versions,
 )
-from snake_sim_ros.dynamics.compilation import COMPILES, watched
+from snake_sim_ros.dynamics.compilation import COMPILES
 from snake_sim_ros.gaits.joint_reference import compile_sampling
 from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
-from snake_sim_ros.stepping.apart import function_counts
-from snake_sim_ros.stepping.simulation import LEVELS, Simulation
+from snake_sim_ros.stepping.simulation import Simulation
 
 # Scenes by which compiled code differs, those that take longest first.
 FORMS = (
@@ -47,8 +46,6 @@ FORMS = (
     ('lateral_undulation', 'paper'),
     ('patches', 'bdf2'),  # in the plane; pegs are in space with this method
 )
-LAYOUT = 'compiling |{bar}| {elapsed}, {remaining} left'
-LOOK = 0.5  # s between two looks at the children
 
 
 def scene_of(number: int) -> Scene:
@@ -58,11 +55,10 @@ def scene_of(number: int) -> Scene:
 
 
 def compile_form(number: int) -> None:
-    """Compile or load everything for one of FORMS; print the name of what was compiled."""
+    """Compile or load everything for one of FORMS."""
     CodeCache.shares_work = True
-    with watched(lambda name: print(name, flush=True), at_end=True):
-        compile_sampling(scene_of(number))
-        Simulation(scene_of(number)).compile(single=True)
+    compile_sampling(scene_of(number))
+    Simulation(scene_of(number)).compile(single=True)
 
 
 def loaded() -> Iterator[CodeCache]:
@@ -90,29 +86,17 @@ def keep_loaded(folder: Path) -> None:
     (to / MADE_FOR).write_text(f'{versions()}\n', encoding='utf-8')
 
 
+def call(environment: dict[str, str], *arguments: str) -> None:
+    """Call this program in another process; raise an error if it fails."""
+    subprocess.run([sys.executable, '-m', __spec__.name, *arguments], env=environment, check=True)
+
+
 def compile_all(environment: dict[str, str]) -> None:
-    """Compile FORMS in child processes with a cache of their own, with a bar."""
-    counts = [
-        sum(sum(function_counts(scene_of(k), level).values()) for level in LEVELS)
-        for k in range(len(FORMS))
-    ]
-    waiting, children = list(range(len(FORMS))), dict[int, subprocess.Popen[bytes]]()
-    with tqdm(total=sum(counts), bar_format=LAYOUT) as bar:
-        while waiting or children:
-            while waiting and len(children) < (os.cpu_count() or 1):
-                number = waiting.pop(0)
-                command = [sys.executable, '-m', __spec__.name, '--form', str(number)]
-                children[number] = subprocess.Popen(
-                    command, env=environment, stdout=subprocess.DEVNULL
-                )
-            for number, child in list(children.items()):
-                if child.poll() is not None:
-                    if child.returncode:
-                        raise RuntimeError(f'compiling {FORMS[number]} ended with an error')
-                    del children[number]
-                    bar.update(counts[number])
-            bar.refresh()
-            time.sleep(LOOK)
+    """Compile FORMS, each in a process, with a bar."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        runs = [pool.submit(call, environment, '--form', str(k)) for k in range(len(FORMS))]
+        for run in tqdm(as_completed(runs), total=len(runs), desc='compiling', unit=' forms'):
+            run.result()
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -129,8 +113,7 @@ def main(arguments: Sequence[str]) -> int:
             with tempfile.TemporaryDirectory() as cache:
                 environment = {**os.environ, 'NUMBA_CACHE_DIR': cache}
                 compile_all(environment)
-                command = [sys.executable, '-m', __spec__.name, '--keep', folder]
-                subprocess.run(command, env=environment, check=True, stdout=subprocess.DEVNULL)
+                call(environment, '--keep', folder)
         case _:
             print(f'usage: python -m {__spec__.name} FOLDER', file=sys.stderr)
             return 2

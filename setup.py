@@ -75,7 +75,8 @@ class BuildWithMachineCode(build_py):
         target = library / package_name / 'machine_code'
         shutil.rmtree(target, ignore_errors=True)
         command = [sys.executable, '-m', f'{package_name}.stepping.machine_code', str(target)]
-        environment = {**os.environ, 'PYTHONPATH': str(library)}
+        path = os.pathsep.join([str(library), *filter(None, sys.path)])  # pip adds folders to it
+        environment = {**os.environ, 'PYTHONPATH': path}
         done = subprocess.run(command, cwd=library, env=environment)
         if done.returncode:
             print('the package brings no machine code: it compiles when it first starts')

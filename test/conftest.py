@@ -17,6 +17,7 @@ os.environ['OPENBLAS_NUM_THREADS'] = '1'
 # All kinds of contacts are compiled anew for every method; it takes longer than all of their tests
 # without the compiler. test_without_compiler.py runs these without it, for every method, and those
 # that are here twice: with it they are longer, for the methods that are most used.
+FAST = 'pytest.mark.fast'
 collect_ignore = []
 if not os.environ.get('NUMBA_DISABLE_JIT'):
     collect_ignore += ['contact/test_condensing.py', 'contact/test_friction.py']
@@ -33,6 +34,13 @@ def pytest_configure(config):
         signal.signal(signal.SIGINT, signal.default_int_handler)
     config.option.loadscopereorder = False
     CodeCache.shares_work = True  # with the other process of the tests
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Leave out files without the mark if only fast tests are asked for: importing takes longer."""
+    if config.option.markexpr == 'fast' and collection_path.suffix == '.py':
+        return True if FAST not in collection_path.read_text(encoding='utf-8') else None
+    return None
 
 
 def pytest_collection_modifyitems(items):

@@ -9,6 +9,8 @@ import re
 from processes import python
 import pytest
 
+pytestmark = pytest.mark.fast
+
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / 'snake_sim_ros'
 MODULES = sorted(PACKAGE.rglob('*.py'))

@@ -13,6 +13,8 @@ import setuptools
 from snake_sim_ros import ParameterError, Robot
 from snake_sim_ros.stepping.methods import LARGE_STEP
 
+pytestmark = pytest.mark.fast
+
 ROOT = Path(__file__).resolve().parent.parent
 
 

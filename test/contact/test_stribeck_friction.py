@@ -24,6 +24,8 @@ from snake_sim_ros import Friction, ParameterError, Scene
 from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.parameters import scene_from_text, scene_to_text, with_settings
 
+pytestmark = pytest.mark.fast
+
 STATIC, RATIO, SPEED = 0.4, 0.25, 0.1  # m/s
 FALLING = Friction(
     longitudinal=STATIC, transversal=STATIC, kinetic_ratio=RATIO, stribeck_speed=SPEED

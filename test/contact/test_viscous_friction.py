@@ -26,6 +26,8 @@ from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.parameters import scene_from_text, scene_to_text, with_settings
 from snake_sim_ros.stepping.contact_forces import contact_forces
 
+pytestmark = pytest.mark.fast
+
 ALONG, ACROSS = 1.5, 6.0  # N s/m
 VISCOUS = Friction(
     longitudinal=0.0, transversal=0.0, viscous_longitudinal=ALONG, viscous_transversal=ACROSS

@@ -16,6 +16,8 @@ from snake_sim_ros.dynamics.force_directions import E_X, E_Y, E_Z
 from snake_sim_ros.scene import posture
 from snake_sim_ros.scene.rotations import about, FLAT, product, rotation_matrices
 
+pytestmark = pytest.mark.fast
+
 # Central differences with step h = 1e-5 of r + R b: the third derivative of R b is |omega|^3 |b|.
 # Here |omega| <= 2 sqrt(3) = 3.5 rad/s and |b| <= 0.12 m, the longest lever: h^2/6 |omega|^3 |b|
 # is 8e-11. Positions up to 1 m are rounded by a few eps: 4 eps/h = 9e-11. Together, for points:

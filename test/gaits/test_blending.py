@@ -15,6 +15,8 @@ from snake_sim_ros.gaits.blending import Blend, check_limits, largest_values, sh
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import load_scene
 
+pytestmark = pytest.mark.fast
+
 ROBOT = Robot()
 JOINTS = 10
 LARGEST = largest_values(ROBOT)

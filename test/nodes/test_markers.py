@@ -12,6 +12,8 @@ from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.state_publishers import SceneMarkers
 from snake_sim_ros.recording.from_messages import FORCE_SCALE
 
+pytestmark = pytest.mark.fast
+
 STAMP = stamp_from(5_000_000)
 NOTHING = np.zeros((0, 3))
 POINTS = np.array([[0.1, 0.2, 0.0], [0.3, 0.4, 0.0]])

@@ -15,6 +15,8 @@ from snake_sim_ros import ParameterError
 from snake_sim_ros.nodes.graph import as_yaml, filled, interface
 from snake_sim_ros.scene.files import parse_yaml
 
+pytestmark = pytest.mark.fast
+
 # Every kind of field that the interfaces of the robot have.
 MESSAGES = [
     (Twist, '{linear: {x: 1, y: 1e-3, z: .inf}, angular: {z: -2.5}}'),

@@ -22,6 +22,8 @@ from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.scene.rotations import rotation_matrices
 
+pytestmark = pytest.mark.fast
+
 
 class State:
     STATE_STOPPED, STATE_PLAYING, STATE_PAUSED = 0, 1, 2

@@ -24,6 +24,8 @@ from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.rotations import FLAT, rotation_matrices
 from snake_sim_ros.stepping.sampling import joint_motion
 
+pytestmark = pytest.mark.fast
+
 ROBOT = Robot()
 NAMES = joint_names(11)
 # Sums of a few products of numbers up to 1, each with one rounding.

@@ -19,6 +19,8 @@ from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.robot_description import robot_description, robot_of
 from snake_sim_ros.stepping.state import initial_state
 
+pytestmark = pytest.mark.fast
+
 LISTS = {
     'link_length': (0.1, 0.2, 0.15, 0.12),
     'link_mass': (0.5, 0.6, 0.7, 0.8),

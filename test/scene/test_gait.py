@@ -13,6 +13,8 @@ from snake_sim_ros.scene import gait, posture
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.rotations import rotation_matrices
 
+pytestmark = pytest.mark.fast
+
 SCENES = ['lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting']
 JOINTS = 10
 # Angles up to 1 rad from a phase up to 100 rad, whose rounding the sine passes on.

@@ -20,6 +20,8 @@ from snake_sim_ros.scene.parameters import (
 )
 from snake_sim_ros.stepping.accuracy import longest_step
 
+pytestmark = pytest.mark.fast
+
 OMEGA = 1.4
 WAVES = Gait(
     yaw=Wave(amplitude=0.4, angular_frequency=OMEGA, phase_lag=-0.9),

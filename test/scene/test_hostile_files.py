@@ -21,6 +21,8 @@ from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.studies.problem import load_problem
 from snake_sim_ros.studies.study import load_study
 
+pytestmark = pytest.mark.fast
+
 # Each name stands for ten of the one before: 10^9 values from 300 characters.
 BOMB = 'a: &a [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n' + ''.join(
     f'{name}: &{name} [{", ".join([f"*{before}"] * 10)}]\n'

@@ -12,6 +12,8 @@ from snake_sim_ros import Friction, Gait, Ground, ParameterError, Pegs, Robot, S
 from snake_sim_ros.scene.checked_records import from_mapping
 from snake_sim_ros.scene.parameters import with_settings
 
+pytestmark = pytest.mark.fast
+
 FIELDS = [
     (record, item)
     for record in (Robot, Friction, Ground, Pegs, Wave, Gait, Solver, Scene)

@@ -20,6 +20,8 @@ from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.scene.rotations import product, rotation_matrices
 
+pytestmark = pytest.mark.fast
+
 ROBOTS = {
     'aiko': Robot(),
     'slender': load_scene('slender_undulation').robot,

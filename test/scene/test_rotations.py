@@ -22,6 +22,8 @@ from snake_sim_ros.scene.rotations import (
     tilde,
 )
 
+pytestmark = pytest.mark.fast
+
 # Entries of the matrices are at most 1 and come from at most a dozen operations on numbers up to 1
 # that are themselves rounded, |p|^2 = 1 +- 4 eps: 32 roundings are enough for every product below.
 ROUNDING = 32 * EPS

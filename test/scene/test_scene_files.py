@@ -12,6 +12,8 @@ from snake_sim_ros.scene.checked_records import flat_fields, from_mapping
 from snake_sim_ros.scene.files import CONFIG
 from snake_sim_ros.scene.parameters import load_scene, scene_from_text, scene_to_text
 
+pytestmark = pytest.mark.fast
+
 ROBOTS = ('aiko', 'scaled_snake', 'slender')
 SCENES = sorted(path.stem for path in CONFIG.glob('*.yaml') if path.stem not in ROBOTS)
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')

@@ -18,6 +18,8 @@ from snake_sim_ros.stepping.bdf2.formula import AFTER_EVENT, ANEW, AT_START, SMO
 from snake_sim_ros.stepping.bdf2.motion import Bdf2Memory, make_memory, Motion
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
 
+pytestmark = pytest.mark.fast
+
 FRICTIONS = {
     'isotropic': Friction(longitudinal=0.2, transversal=0.2),
     'orthotropic': Friction(longitudinal=0.1, transversal=0.5),

@@ -47,6 +47,8 @@ from snake_sim_ros.scene.posture import center_of_mass, chain_coordinates, joint
 from snake_sim_ros.stepping.bdf2.formula import ANEW, SMOOTH, UNKNOWN
 from snake_sim_ros.stepping.methods import empty_history
 
+pytestmark = pytest.mark.fast
+
 FRICTION = Friction(longitudinal=0.2, transversal=0.4, backward=0.3, rolling=0.05)
 each_solver = pytest.mark.parametrize('method', MIDDLE)
 # The dense solve of the joints has a condition of 1.4e5 and velocities are below 10 m/s and rad/s.

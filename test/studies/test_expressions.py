@@ -10,6 +10,8 @@ import pytest
 from snake_sim_ros import ParameterError
 from snake_sim_ros.studies.expressions import constraint_of, expression_of
 
+pytestmark = pytest.mark.fast
+
 NUMBERS = {'speed': 0.5, 'cost': 2.0, 'gait.yaw.phase': -3.0, 'void': math.nan}
 
 

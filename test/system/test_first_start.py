@@ -185,12 +185,10 @@ LINES = [
 ]
 
 
-def test_the_readme_in_its_order_on_an_empty_cache(make_graph, tmp_path, monkeypatch):
-    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
-    monkeypatch.delenv('NUMBA_CACHE_DIR', raising=False)
-    start, echo, command, gait, *others = LINES
-    assert start == 'ros2 run snake_sim_ros sim' and 'joint_5_yaw' in command
-    sim = SimClient(make_graph())
+def test_the_readme_in_its_order_where_no_level_is_compiled(start):
+    first, echo, command, gait, *others = LINES
+    assert first == 'ros2 run snake_sim_ros sim' and 'joint_5_yaw' in command
+    sim = start(PLANAR, SPATIAL)
     graph, process = sim.graph, sim.process
     graph.until(lambda: process.count('physics ready'), 'the planar level', WHOLE_CACHE)
     ready = time.monotonic()

@@ -136,6 +136,15 @@ def test_it_finds_viscous_friction_beside_that_of_coulomb(tmp_path):
     assert judge(exact).failures == ()
 
 
+def test_it_finds_how_friction_falls_with_speed(tmp_path):
+    truth = {'friction.kinetic_ratio': 0.6, 'friction.stribeck_speed': 0.02}
+    recording = recording_of(with_settings(load_scene('lateral_undulation'), truth), tmp_path)
+    replay = replay_of(recording, **{**truth, 'friction.kinetic_ratio': 0.9})
+    exact = fit(replay, unknowns_of(replay.scene, ['friction.kinetic_ratio']))
+    assert exact.values == pytest.approx([0.6], rel=1e-2)
+    assert judge(exact).failures == ()
+
+
 def test_threads_and_repetitions_give_the_same_bits(recording):
     values = []
     for threads in (1, 2):

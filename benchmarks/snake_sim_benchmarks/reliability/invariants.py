@@ -158,7 +158,8 @@ def of_step(
     held = np.hstack([W_J, W_tau]) if make_joint_laws(robot).present else W_J
     left = u_E - u_A - (force + contacts.sum(axis=1)) / mass
     off = float(np.abs(projected(mass, held, left)).max())
-    if converged and off > ROUNDING * scale:
+    viscous = scene.friction.viscous_longitudinal or scene.friction.viscous_transversal
+    if converged and not viscous and off > ROUNDING * scale:
         yield f'balance: velocities are off by {off:.3g}, of {scale:.3g}'
     open_rate = float(np.abs(W_J.T @ u_E).max(initial=0.0))
     if open_rate > ROUNDING * scale:

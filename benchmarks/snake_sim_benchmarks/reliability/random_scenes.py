@@ -121,9 +121,16 @@ def _coefficient(rng: Generator) -> float:
 
 def _friction(rng: Generator) -> Case:
     rolling = float(rng.choice([0.0, _between(rng, 1e-3, 0.3)], p=[0.8, 0.2]))
-    return {
+    friction = {
         'longitudinal': _coefficient(rng), 'transversal': _coefficient(rng), 'rolling': rolling
     }  # fmt: skip
+    if rng.random() < 0.15:
+        for axis in ('longitudinal', 'transversal'):
+            friction[f'viscous_{axis}'] = float(rng.choice([0.0, _between(rng, 1e-2, 10.0)]))
+    if rolling == 0.0 and rng.random() < 0.15:
+        friction['kinetic_ratio'] = _short(rng.uniform(0.3, 1.0))
+        friction['stribeck_speed'] = _between(rng, 1e-3, 0.1)
+    return friction
 
 
 def _gait(rng: Generator) -> Case:
